@@ -1,0 +1,1 @@
+"""Runnable cases as data; drift.case finds them by name."""

@@ -1,0 +1,1 @@
+"""drift: forecasts and search plans for things adrift at sea."""

@@ -1,0 +1,267 @@
+"""The command line `drift`: run or check a case, list cases and objects, say how a forcing file was understood.
+
+Exit status: 0, 2 for the user's error (one line), 1 for ours, 130 when interrupted. Nothing heavy is imported before
+the command that needs it, so that help and lists come at once.
+"""
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from geo.errors import UserError
+
+BACKENDS = ("cpu", "cuda", "vulkan", "metal")
+EXAMPLES = """examples:
+  drift run overdue_boat
+  drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
+  drift objects raft deep ballast
+  drift info currents/*.nc --plot currents.png"""
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose complaints are one line, like every other."""
+
+    def error(self, message: str) -> Any:
+        """Refuse the command line."""
+        raise UserError(f"{message}. See: {self.prog} --help")
+
+
+def parser() -> Parser:
+    """Return the command line's grammar."""
+    whole = Parser(
+        prog="drift",
+        description="Forecast where an object adrift at sea may be.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    whole.add_argument("--version", action="store_true", help="print the version")
+    commands = whole.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+
+    run = commands.add_parser("run", help="forecast a case and write maps and tables")
+    _add_case(run)
+    run.add_argument("--out", type=Path, metavar="DIR", help="folder for the results (default: NAME-forecast)")
+    run.add_argument("--threads", type=int, metavar="N", help="CPU threads (default: all); the result doesn't change")
+    run.add_argument("--backend", choices=BACKENDS, default="cpu", help="where the particles move (default: cpu)")
+    run.add_argument("--overwrite", action="store_true", help="replace results that the folder holds")
+
+    check = commands.add_parser("check", help="validate a case and its forcing without running")
+    _add_case(check)
+
+    commands.add_parser("cases", help="list the cases that ship with drift")
+
+    objects = commands.add_parser("objects", help="list leeway classes, or search them")
+    objects.add_argument("words", nargs="*", metavar="WORDS", help="only classes that hold every word")
+
+    info = commands.add_parser("info", help="say how a forcing file was understood")
+    info.add_argument(
+        "files", nargs="+", metavar="FILE", help="files of one source: joined in time, u and v may be apart"
+    )
+    info.add_argument("--plot", type=Path, metavar="PNG", help="draw a map of the first time")
+    return whole
+
+
+def _add_case(command: argparse.ArgumentParser) -> None:
+    command.add_argument("case", metavar="CASE", help="a case file, or the name of a shipped case")
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        dest="changes",
+        metavar="KEY=VALUE",
+        help="change one place of the case, like clock.step='10 min'; lists count from 0; may be repeated",
+    )
+    command.add_argument("--seed", type=int, metavar="N", help="another seed than the case's")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status."""
+    try:
+        return _dispatch(argv)
+    except UserError as error:
+        print(f"drift: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("drift: interrupted; no half file is left", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader left, as in `drift objects | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except SystemExit as leaving:  # argparse's --help
+        return int(leaving.code or 0)
+    except Exception as error:
+        traceback.print_exc()
+        print(f"drift: an error of drift itself: {type(error).__name__}: {error}", file=sys.stderr)
+        return 1
+
+
+def _dispatch(argv: Sequence[str] | None) -> int:
+    whole = parser()
+    given = whole.parse_args(argv)
+    if given.version:
+        from importlib.metadata import version
+
+        print(f"drift {version('casp-drift')}")
+        return 0
+    if given.command is None:
+        whole.print_help()
+        return 0
+    {"run": _run, "check": _check, "cases": _cases, "objects": _objects, "info": _info}[given.command](given)
+    sys.stdout.flush()
+    return 0
+
+
+def _load(given: argparse.Namespace) -> Any:
+    from drift import case
+
+    overrides = {}
+    for change in given.changes:
+        key, equals, value = change.partition("=")
+        if not key.strip() or not equals:
+            raise UserError(f'--set "{change}" must be KEY=VALUE, like clock.step=600')
+        overrides[key.strip()] = value
+    if given.seed is not None:
+        overrides["seed"] = str(given.seed)
+    return case.load(given.case, overrides)
+
+
+def _run(given: argparse.Namespace) -> None:
+    case = _load(given)
+    out = given.out or Path(f"{case.path.stem}-forecast")
+    if given.threads is not None and given.threads < 1:
+        raise UserError(f"--threads {given.threads} must be at least 1")
+    from drift import progress, run, tables
+
+    with progress.shown(case) as report:
+        result = run.run(
+            case, out, threads=given.threads, backend=given.backend, overwrite=given.overwrite, report=report
+        )
+    facts = result.summary["run"]
+    last = {**tables.numbers(result.forecast), "account": result.summary["account"]}
+    _print_facts(case.title, _outcome(last))
+    lost = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
+    print(f"{lost}\nResults in {out}")
+
+
+def _outcome(numbers: dict[str, Any]) -> dict[str, str]:
+    """Return where, how sure and what ended how, at the end of the run."""
+    end = numbers["outputs"][-1]
+    facts = {"time": end["date_time_group"]}
+    for name, key in (("mean position", "mean"), ("datum (most likely)", "datum")):
+        if end[key]:
+            facts[name] = end[key]["text"]
+    for share, area in end["area_nmi2"].items():
+        facts[f"{share} area"] = f"{area:,.0f} nmi2" if area == area else "none"
+    for status, share in numbers["account"].items():
+        if share > 0:
+            facts[status] = f"{share:.1%}"
+    for story in numbers["scenarios"]:
+        facts[f'scenario "{story["name"]}"'] = f"{story['posterior']:.1%} (before: {story['prior']:.1%})"
+    return facts
+
+
+def _check(given: argparse.Namespace) -> None:
+    case = _load(given)
+    from drift import run
+
+    _print_facts(f"{case.title}: ready to run", run.check(case))
+
+
+def _cases(given: argparse.Namespace) -> None:
+    from drift import case
+
+    table = _table("Name", "Title")
+    for name, title in case.shipped():
+        table.add_row(name, title)
+    _show(table)
+
+
+def _objects(given: argparse.Namespace) -> None:
+    from drift import leeway
+
+    words = " ".join(given.words)
+    found = leeway.search(words)
+    if not found:
+        raise UserError(f'no leeway class holds "{words}"; see them all: drift objects')
+    table = _table("Class", "Description")
+    for side in ("Downwind", "Right", "Left"):
+        table.add_column(f"{side}\n% + cm/s", justify="right", no_wrap=True)
+    for drifter in found:
+        lines = (
+            f"{100 * line.slope:.2f} {100 * line.offset:+6.2f}" for line in (drifter.down, drifter.right, drifter.left)
+        )
+        table.add_row(drifter.name, "  " * drifter.level + drifter.description, *lines)
+    _show(table)
+
+
+def _info(given: argparse.Namespace) -> None:
+    from drift import sketch
+    from geo import forcing
+
+    understood, refused = [], []
+    for quantity in ("current", "wind", "stokes"):
+        try:
+            understood.append(forcing.open_source(quantity, given.files, lenient=True))
+        except UserError as error:
+            refused.append(str(error))
+    if not understood:
+        # "No wind in the wind file" says less than "the wind's units are missing".
+        raise UserError(next((text for text in refused if not text.startswith("no ")), refused[0]))
+    for source in understood:
+        print(sketch.describe(source))
+    if given.plot:
+        for source in understood:
+            plot = given.plot
+            if len(understood) > 1:
+                plot = plot.with_name(f"{plot.stem}-{source.quantity}{plot.suffix}")
+            _draw(source, plot)
+            print(f"Map in {plot}")
+
+
+def _draw(source: Any, path: Path) -> None:
+    from drift import maps
+
+    if path.suffix.lower() != ".png" or not path.absolute().parent.is_dir():
+        raise UserError(f"--plot {path}: must be a .png file in a folder that exists")
+    values, grid = source.read(0), source.grid
+    when = f", {source.times[0]}Z" if source.times.size else ""
+    title = f"{source.quantity} {source.name}{when}"
+    maps.draw_field(path, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title)
+
+
+def _print_facts(title: str, facts: dict[str, str]) -> None:
+    table = _table("", "")
+    table.title, table.title_justify, table.show_header = title, "left", False
+    for name, fact in facts.items():
+        table.add_row(name, fact)
+    _show(table)
+
+
+def _show(table: Any) -> None:
+    from rich.console import Console
+
+    if sys.stdout.isatty():
+        Console(highlight=False).print(table)
+        return
+    # A pipe has no width of its own: lines stay whole there, and end where their text does.
+    plain = Console(highlight=False, width=10_000, color_system=None)
+    with plain.capture() as captured:
+        plain.print(table)
+    print("\n".join(line.rstrip() for line in captured.get().splitlines()).strip("\n"))
+
+
+def _table(*headings: str) -> Any:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in headings:
+        table.add_column(heading)
+    return table
+
+
+if __name__ == "__main__":
+    sys.exit(main())

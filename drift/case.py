@@ -1,0 +1,472 @@
+"""The case: who is adrift, since when and where, in which wind and current, and what is asked of the forecast.
+
+`load` turns a TOML file into a Case, a frozen record in SI and UTC. Every error that can be found without opening the
+forcing is found here, and is one line. Cases that ship with the project are found by name.
+"""
+
+import math
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
+
+from drift import fields, messages, units
+from drift.scenario import Scenario, ScenarioTable
+from drift.sources import ForcingSpec, Quantity, SourceTable
+from geo.box import Box
+from geo.errors import UserError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+BYTES_PER_PARTICLE = 100
+MOST_OUTPUTS = 1000
+
+
+@dataclass(frozen=True)
+class Coast:
+    """Where the shoreline comes from ("gshhg", "none" or an absolute path) and what it does to a particle."""
+
+    source: str
+    behaviour: Literal["strand"]
+
+
+@dataclass(frozen=True)
+class ForcingError:
+    """Ornstein-Uhlenbeck error of each component of a wind or current; a zero std switches it off."""
+
+    std: float  # [m/s]
+    time: float  # [s] decorrelation
+
+
+class PlaceWithin(fields.Table):
+    """A position and the distance within which another is expected."""
+
+    of: fields.Position
+    distance: fields.Length
+
+
+class Expect(fields.Table):
+    """What a case expects of its own forecast at the end, for its test; each a range unless absent."""
+
+    adrift: fields.ShareRange | None = None
+    ashore: fields.ShareRange | None = None
+    outside: fields.ShareRange | None = None
+    left: fields.ShareRange | None = None
+    drifted: fields.LengthRange | None = None  # mean distance from release to end [m]
+    area_50: fields.AreaRange | None = None  # containment areas [m2]
+    area_95: fields.AreaRange | None = None
+    mean_position_within: PlaceWithin | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """A validated case. Times are datetime64[s] UTC; start is where the run begins, end where it stops."""
+
+    title: str
+    path: Path
+    text: str  # the file as read, with the overrides as comments
+    start: np.datetime64
+    end: np.datetime64
+    direction: int  # +1, or -1 for a backward run, whose end is before its start
+    particles: int
+    seed: int
+    max_lost: float
+    outputs: NDArray[np.datetime64]  # in order of the run, start and end included
+    trajectories: int
+    step: int | None  # [s], positive also in a backward run; None: choose it
+    scheme: Literal["rk2", "rk4"]
+    tolerance: float  # [m] a day
+    domain: Box | None
+    coast: Coast
+    currents: tuple[ForcingSpec, ...]
+    winds: tuple[ForcingSpec, ...]
+    stokes: tuple[ForcingSpec, ...]
+    current_error: ForcingError
+    wind_error: ForcingError
+    diffusivity: float  # [m2/s]
+    scenarios: tuple[Scenario, ...]
+    expect: Expect
+
+
+class OutputTable(fields.Table):
+    """The [output] table as written."""
+
+    every: fields.Duration | None = None
+    times: list[fields.Time] | None = None
+    trajectories: fields.Count = 200
+
+    @model_validator(mode="after")
+    def one_way(self) -> "OutputTable":
+        """Refuse two ways of giving the times."""
+        if self.every is not None and self.times is not None:
+            raise ValueError("give every or times, not both")
+        if self.trajectories < 0:
+            raise ValueError(f"trajectories {self.trajectories} must be at least 0")
+        return self
+
+
+def _step(value: object) -> int | None:
+    if value == "auto":
+        return None
+    seconds = units.quantity(value, "s", "step", "10 min")
+    if seconds < 1 or seconds != round(seconds) or seconds > 86_400:
+        raise ValueError(f'{value!r} must be "auto" or a whole number of seconds, 1 s to 24 h')
+    return int(seconds)
+
+
+class ClockTable(fields.Table):
+    """The [clock] table as written."""
+
+    step: Annotated[int | None, BeforeValidator(_step)] = None
+    scheme: Literal["rk2", "rk4"] = "rk4"
+    tolerance: Annotated[fields.Length, Field(gt=0)] = 20.0
+
+
+class DomainTable(fields.Table):
+    """The [domain] table as written."""
+
+    west: fields.Longitude
+    south: fields.Latitude
+    east: fields.Longitude
+    north: fields.Latitude
+
+    @model_validator(mode="after")
+    def proper(self) -> "DomainTable":
+        """Refuse an empty box."""
+        if self.south >= self.north:
+            raise ValueError(f"south {self.south:g} is not below north {self.north:g}")
+        return self
+
+    def box(self) -> Box:
+        """Return the box; one whose east is not east of its west lies across the antimeridian or goes round."""
+        west = (self.west + 180) % 360 - 180
+        return Box(west, self.south, west + ((self.east - west) % 360 or 360.0), self.north)
+
+
+class CoastTable(fields.Table):
+    """The [coast] table as written."""
+
+    source: str = "gshhg"
+    behaviour: Literal["strand"] = "strand"
+
+
+class ErrorTable(fields.Table):
+    """Standard deviation and decorrelation time of a forcing's error."""
+
+    std: fields.Speed
+    time: fields.Duration
+
+
+class UncertaintyTable(fields.Table):
+    """The [uncertainty] table as written."""
+
+    current: ErrorTable | None = None
+    wind: ErrorTable | None = None
+    diffusivity: fields.Diffusivity = 0.0
+
+
+def _particles(value: object) -> int:
+    number = fields.count(value)
+    if number < 1:
+        raise ValueError(f"{number} particles; at least 1")
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**34
+    if number > min(memory // BYTES_PER_PARTICLE, 2**31 - 1):
+        most = min(memory // BYTES_PER_PARTICLE, 2**31 - 1)
+        raise ValueError(
+            f"{number:,} particles need {number * BYTES_PER_PARTICLE / 2**30:,.0f} GiB of memory; this machine has "
+            f"{memory / 2**30:.1f} GiB, enough for at most {most:,}"
+        )
+    return number
+
+
+class CaseTable(fields.Table):
+    """The case file as written."""
+
+    title: str | None = None
+    start: fields.Time
+    duration: fields.Duration | None = None
+    end: fields.Time | None = None
+    direction: Literal["forward", "backward"] = "forward"
+    particles: Annotated[int, BeforeValidator(_particles)] = 100_000
+    seed: fields.Count = 1
+    max_lost: fields.Share = 0.2
+    output: OutputTable = OutputTable()
+    clock: ClockTable = ClockTable()
+    domain: DomainTable | None = None
+    coast: CoastTable = CoastTable()
+    current: list[SourceTable] = Field(default_factory=list)
+    wind: list[SourceTable] = Field(default_factory=list)
+    stokes: list[SourceTable] = Field(default_factory=list)
+    uncertainty: UncertaintyTable = UncertaintyTable()
+    scenario: Annotated[list[ScenarioTable], Field(min_length=1)]
+    expect: Expect = Expect()
+
+    @field_validator("seed")
+    @classmethod
+    def fits(cls, value: int) -> int:
+        """Refuse a seed that the generator's 64-bit key does not hold."""
+        if not 0 <= value < 2**63:
+            raise ValueError(f"{value} must be 0 to 2^63 - 1")
+        return value
+
+    @field_validator("start")
+    @classmethod
+    def absolute(cls, value: units.Instant) -> units.Instant:
+        """Refuse a start that is relative to itself."""
+        if not isinstance(value, np.datetime64):
+            raise ValueError('cannot be relative; write it like "211830ZNOV26"')
+        return value
+
+    @model_validator(mode="after")
+    def span(self) -> "CaseTable":
+        """Refuse an end before the start, unless the run is backward."""
+        fields.one_of(self, ("duration", "end"))
+        start, end = self.begin(), self.finish()
+        if end == start:
+            raise ValueError(f"end {units.group(end)} is the start: nothing to forecast")
+        if (end < start) != (self.direction == "backward"):
+            fault = "before" if end < start else "after"
+            cure = 'an end after the start, or direction = "backward"' if end < start else "an end before the start"
+            raise ValueError(
+                f"end {units.group(end)} is {fault} start {units.group(start)} in a {self.direction} run; give {cure}"
+            )
+        return self
+
+    def begin(self) -> np.datetime64:
+        """Return the start."""
+        assert isinstance(self.start, np.datetime64)  # absolute
+        return self.start
+
+    def finish(self) -> np.datetime64:
+        """Return the end."""
+        if self.end is not None:
+            return units.resolve(self.end, self.begin())
+        span = np.timedelta64(round(self.duration or 0.0), "s")
+        return self.begin() - span if self.direction == "backward" else self.begin() + span
+
+
+def shipped() -> list[tuple[str, str]]:
+    """Return (name, title) of the cases that ship with the project."""
+    files = sorted(
+        (file for file in resources.files("cases").iterdir() if file.name.endswith(".toml")), key=lambda f: f.name
+    )
+    return [
+        (file.name.removesuffix(".toml"), str(tomllib.loads(file.read_text(encoding="utf-8")).get("title", "")))
+        for file in files
+    ]
+
+
+def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None) -> Case:
+    """Return the case of a TOML file, or of a shipped case's name.
+
+    overrides: {"clock.step": "10 min", "scenario.0.weight": "0.3"}: places in the file and TOML values.
+    Raises UserError, one line, for whatever is wrong with it.
+    """
+    path, text = _read(name)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{path.name}: not valid TOML: {error}") from None
+    try:
+        for key, value in (overrides or {}).items():
+            _override(data, key, value)
+            text += f"\n# --set {key}={value}"
+        return _build(CaseTable.model_validate(data), path, text)
+    except ValidationError as error:
+        raise UserError(f"{path.name}: {messages.line(error, data)}") from None
+    except UserError as error:
+        raise UserError(f"{path.name}: {error}") from None
+
+
+def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
+    path = Path(name)
+    if path.suffix != ".toml" and path.name == str(name):
+        packaged = resources.files("cases").joinpath(f"{name}.toml")
+        path = path if path.is_file() else Path(str(packaged))
+    try:
+        return path, path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        names = ", ".join(name for name, _ in shipped())
+        raise UserError(f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases') from None
+    except UnicodeDecodeError:
+        raise UserError(f'"{name}" is not a case file: it is not text in UTF-8') from None
+    except OSError as error:
+        raise UserError(f'cannot read case "{name}": {error.strerror}') from None
+
+
+def _override(data: dict[str, Any], key: str, value: str) -> None:
+    """Set one place of the tables as read; numbers in the key count list items from 0."""
+    try:
+        parsed = tomllib.loads(f"value = {value}")
+        new = parsed["value"] if len(parsed) == 1 else value
+    except tomllib.TOMLDecodeError:
+        new = value  # so that --set clock.step="10 min" needs no second pair of quotes
+    *above, last = key.split(".")
+    here: Any = data
+    for part in above:
+        here = here.setdefault(part, {}) if isinstance(here, dict) else here[_index(here, part, key)]
+    if isinstance(here, dict):
+        here[last] = new
+    else:
+        here[_index(here, last, key)] = new
+
+
+def _index(here: Any, part: str, key: str) -> int:
+    if not isinstance(here, list):
+        raise UserError(f'--set {key}: there is nothing called "{part}" inside a value')
+    if not part.isdecimal() or int(part) >= len(here):
+        raise UserError(f'--set {key}: "{part}" is not a number from 0 to {len(here) - 1}')
+    return int(part)
+
+
+def _build(table: CaseTable, path: Path, text: str) -> Case:
+    """Return the record, after what only the whole case can tell."""
+    start, end = table.begin(), table.finish()
+    folder = path.absolute().parent
+    currents = _sources("current", table.current, start, folder)
+    winds = _sources("wind", table.wind, start, folder)
+    stokes = _sources("stokes", table.stokes, start, folder)
+    uncertain = table.uncertainty
+    off = ForcingError(0.0, 21_600.0)
+    return Case(
+        title=table.title or path.stem,
+        path=path,
+        text=text,
+        start=start,
+        end=end,
+        direction=-1 if table.direction == "backward" else 1,
+        particles=table.particles,
+        seed=table.seed,
+        max_lost=table.max_lost,
+        outputs=_outputs(table.output, start, end),
+        trajectories=table.output.trajectories,
+        step=table.clock.step,
+        scheme=table.clock.scheme,
+        tolerance=table.clock.tolerance,
+        domain=table.domain.box() if table.domain else None,
+        coast=Coast(_shore(table.coast.source, folder), table.coast.behaviour),
+        currents=currents,
+        winds=winds,
+        stokes=stokes,
+        current_error=ForcingError(uncertain.current.std, uncertain.current.time) if uncertain.current else off,
+        wind_error=ForcingError(uncertain.wind.std, uncertain.wind.time) if uncertain.wind else off,
+        diffusivity=uncertain.diffusivity,
+        scenarios=_scenarios(table.scenario, start, end, (currents, winds, stokes)),
+        expect=table.expect,
+    )
+
+
+def _outputs(table: OutputTable, start: np.datetime64, end: np.datetime64) -> NDArray[np.datetime64]:
+    sign = 1 if end > start else -1
+    if table.times is not None:
+        times = [units.resolve(time, start) for time in table.times]
+        for time in times:
+            if not min(start, end) <= time <= max(start, end):
+                raise UserError(
+                    f"output.times: {units.group(time)} is outside the run, {units.group(start)} to {units.group(end)}"
+                )
+    else:
+        span = abs((end - start).astype(int))
+        every = max(round(table.every or 21_600.0), 1)
+        if span // every > MOST_OUTPUTS:
+            raise UserError(f"output.every gives {span // every:,} output times; at most {MOST_OUTPUTS}")
+        times = [start + np.timedelta64(sign * k * every, "s") for k in range(span // every + 1)]
+    every_time = np.unique(np.array([start, *times, end], dtype="datetime64[s]"))
+    return every_time[::sign]
+
+
+def _shore(source: str, folder: Path) -> str:
+    if source in {"gshhg", "none"}:
+        return source
+    path = folder / Path(os.path.expandvars(source)).expanduser()
+    if not path.is_file():
+        raise UserError(f'coast.source: "{source}" is not "gshhg", "none" or a shoreline file; looked for {path}')
+    return str(path)
+
+
+def _sources(
+    quantity: Quantity, tables: list[SourceTable], start: np.datetime64, folder: Path
+) -> tuple[ForcingSpec, ...]:
+    specs: list[ForcingSpec] = []
+    for number, table in enumerate(tables, 1):
+        place = f'{quantity} "{table.name}"' if table.name else f"{quantity} {number}"
+        try:
+            spec = table.spec(quantity, number, start, folder)
+        except ValueError as error:
+            raise UserError(f"{place}: {error}") from None
+        if spec.name in {other.name for other in specs}:
+            raise UserError(f"{place}: two sources have this name; give each its own")
+        specs.append(spec)
+    return tuple(specs)
+
+
+def _scenarios(
+    tables: list[ScenarioTable],
+    start: np.datetime64,
+    end: np.datetime64,
+    sources: tuple[tuple[ForcingSpec, ...], ...],
+) -> tuple[Scenario, ...]:
+    total = math.fsum(table.weight for table in tables)
+    if total <= 0:
+        raise UserError("scenario weights add up to 0; at least one must be above 0")
+    names = [table.name for table in tables]
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(f'scenario "{name}": two scenarios have this name; give each its own')
+    return tuple(_scenario(table, table.weight / total, start, end, sources) for table in tables)
+
+
+def _scenario(
+    table: ScenarioTable,
+    weight: float,
+    start: np.datetime64,
+    end: np.datetime64,
+    sources: tuple[tuple[ForcingSpec, ...], ...],
+) -> Scenario:
+    place = f'scenario "{table.name}"'
+    drifter = table.object.drifter()
+    try:
+        prior = table.prior(start)
+    except ValueError as error:
+        raise UserError(f"{place}: {error}") from None
+    for time in (prior.release_start, prior.release_end):
+        if not min(start, end) <= time <= max(start, end):
+            raise UserError(
+                f"{place}: it may go adrift at {units.group(time)}, outside the run, {units.group(start)} to "
+                f"{units.group(end)}; change its times or the case's start and end"
+            )
+    chosen = [
+        _chosen(wanted, specs, f"{place}.{key}")
+        for key, wanted, specs in zip(
+            ("currents", "winds", "stokes"), (table.currents, table.winds, table.stokes), sources, strict=True
+        )
+    ]
+    if not chosen[0]:
+        raise UserError(
+            f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
+            "to say that there is none"
+        )
+    if drifter.uses_wind and not chosen[1]:
+        raise UserError(
+            f'{place}: object "{drifter.name}" drifts with the wind and there is none: add [[wind]] with files, or '
+            'constant = { speed = "12 kn", from = 240 }'
+        )
+    return Scenario(table.name, weight, drifter, table.jibe_rate(drifter), prior, *chosen)
+
+
+def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str) -> tuple[str, ...]:
+    names = tuple(spec.name for spec in specs)
+    for name in wanted or ():
+        if name not in names:
+            raise UserError(f'{place}: no source "{name}"; there are: {", ".join(names) or "none"}')
+    return names if wanted is None else tuple(wanted)

@@ -1,0 +1,170 @@
+"""The contents of forecast.nc: CF-1.11 variables on one grid that covers all output times."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from drift import areas, density
+from drift.cells import Array, Cells
+from drift.snapshot import Means, Snapshot, mapped, means
+from drift.status import Status
+
+AREA = "area: cell_area"
+CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
+
+
+def build(
+    snapshots: Sequence[Snapshot], scenarios: Sequence[str], grid: Cells, maps: Sequence[areas.Area | None]
+) -> xr.Dataset:
+    """Return the forecast as a dataset; times without any probability on the map have zeros and NaN."""
+    area = grid.area()
+    shape = (len(snapshots), *grid.shape)
+    by_scenario = np.zeros((len(snapshots), len(scenarios), *grid.shape), np.float32)
+    probability, ashore, contained = (np.zeros(shape, np.float32) for _ in range(3))
+    contained[:] = np.nan
+    for i, one in enumerate(maps):
+        if one is None:
+            continue
+        part, where = _coarsened(one, grid)
+        total = part.sum(axis=(0, 1))
+        by_scenario[(i, slice(None), *where)] = part.sum(axis=1)
+        probability[(i, *where)] = total
+        ashore[(i, *where)] = part[:, 1].sum(axis=0)
+        contained[i] = 1.0
+        contained[(i, *where)] = _containment(one, total, area[where[0]])
+    statuses = np.array([np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots])
+    weights = np.array([np.bincount(s.scenario, s.probability, minlength=len(scenarios)) for s in snapshots])
+    mean = [means(one, len(scenarios)) for one in snapshots]
+    sizes = np.array([one.areas if one else np.full(len(areas.SHARES), np.nan) for one in maps])
+    held = np.array([one.held_out if one else np.full(len(areas.SHARES), np.nan) for one in maps])
+    here = ("time", "lat", "lon")
+    data: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
+        "probability": (
+            here,
+            probability,
+            {
+                "long_name": "probability that the object is in the cell, adrift or ashore",
+                "units": "1",
+                "cell_measures": AREA,
+                "ancillary_variables": "containment",
+            },
+        ),
+        "probability_ashore": (
+            here,
+            ashore,
+            {"long_name": "probability that the object is ashore in the cell", "units": "1", "cell_measures": AREA},
+        ),
+        "probability_by_scenario": (
+            ("time", "scenario", "lat", "lon"),
+            by_scenario,
+            {
+                "long_name": "probability of the scenario and of the object being in the cell; adds up to probability",
+                "units": "1",
+                "cell_measures": AREA,
+            },
+        ),
+        "containment": (
+            here,
+            contained,
+            {
+                "long_name": "smallest share of the probability on the map whose area contains the cell",
+                "units": "1",
+                "cell_measures": AREA,
+                "comment": CALIBRATED,
+            },
+        ),
+        "cell_area": (
+            ("lat", "lon"),
+            np.repeat(area[:, None], grid.nlon, axis=1),
+            {"standard_name": "cell_area", "long_name": "area of the cell on the sphere", "units": "m2"},
+        ),
+        "containment_area": (
+            ("time", "share"),
+            sizes,
+            {"long_name": "area of the smallest region that holds the share", "units": "m2", "comment": CALIBRATED},
+        ),
+        "held_out": (
+            ("time", "share"),
+            held,
+            {"long_name": "share of particles unseen by map and calibration inside that region", "units": "1"},
+        ),
+        "status_probability": (
+            ("time", "status"),
+            statuses,
+            {"long_name": "probability of each status of the object; adds up to 1", "units": "1"},
+        ),
+        "scenario_probability": (
+            ("time", "scenario"),
+            weights,
+            {"long_name": "probability of each scenario; adds up to 1", "units": "1"},
+        ),
+        "effective_particles": (
+            ("time",),
+            np.array([_effective(one) for one in snapshots]),
+            {"long_name": "effective sample size of the particles on the map", "units": "1"},
+        ),
+        "particles_per_kernel": (
+            ("time",),
+            np.array([one.per_kernel if one else np.nan for one in maps]),
+            {"long_name": "effective particles in a smoothing kernel", "units": "1"},
+        ),
+        **_tracks(mean, grid),
+    }
+    coords = {
+        "time": ("time", np.array([s.time for s in snapshots], "datetime64[ns]"), _axis("time", "T", "time, UTC")),
+        "lat": ("lat", grid.lat(), {**_axis("latitude", "Y", "latitude of the cell's centre"), "units": "degrees_north"}),
+        "lon": ("lon", grid.lon(), {**_axis("longitude", "X", "longitude of the cell's centre"), "units": "degrees_east"}),
+        "scenario": ("scenario", np.array(scenarios, object), {"long_name": "scenario"}),
+        "status": ("status", np.array([s.name.lower() for s in Status], object), {"long_name": "what became of the object"}),
+        "share": ("share", np.array(areas.SHARES), {"long_name": "share of the probability on the map", "units": "1"}),
+    }
+    return xr.Dataset(data, coords)
+
+
+def _axis(name: str, axis: str, words: str) -> dict[str, str]:
+    return {"standard_name": name, "long_name": words, "axis": axis}
+
+
+def _effective(one: Snapshot) -> float:
+    weight = one.probability[mapped(one)]
+    return float(weight.sum() ** 2 / np.sum(weight**2)) if len(weight) else 0.0
+
+
+def _coarsened(one: areas.Area, grid: Cells) -> tuple[Array, tuple[slice, slice]]:
+    """Return the map summed into the common cells, and which of them: rows and columns."""
+    k = grid.width // one.cells.width
+    nlat, nlon = one.cells.nlat // k, one.cells.nlon // k
+    part = one.probability
+    if k > 1:
+        part = part.reshape(*part.shape[:2], nlat, k, nlon, k).sum(axis=(3, 5))
+    x, y = (one.cells.lon0 - grid.lon0) // grid.width, (one.cells.lat0 - grid.lat0) // grid.height
+    return part, (slice(y, y + nlat), slice(x, x + nlon))
+
+
+def _containment(one: areas.Area, total: Array, area: Array) -> Array:
+    """Return the containment on the common cells: the map's own, or anew from the sums of finer cells."""
+    if total.shape == one.cells.shape:
+        return one.containment
+    return areas.containment(total, area, density.Calibration(one.calibration.share))[0]
+
+
+def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    """Return mean positions as variables, longitudes run on from the grid's western edge."""
+    west = grid.lon()[0] - 180
+
+    def both(name: str, dims: tuple[str, ...], positions: Array, words: str) -> dict[str, Any]:
+        lon = west + (positions[..., 0] - west) % 360
+        return {
+            f"{name}_lon": (dims, lon, {"long_name": f"longitude of {words}", "units": "degrees_east"}),
+            f"{name}_lat": (dims, positions[..., 1], {"long_name": f"latitude of {words}", "units": "degrees_north"}),
+        }
+
+    return {
+        **both("mean", ("time",), np.array([m.all for m in mean]), "the mean position, adrift or ashore"),
+        **both("datum", ("time",), np.array([m.adrift for m in mean]), "the datum, the mean position of those adrift"),
+        **both(
+            "scenario_mean", ("time", "scenario"), np.array([m.scenario for m in mean]), "the scenario's mean position"
+        ),
+    }

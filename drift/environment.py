@@ -1,0 +1,180 @@
+"""What a case drifts in: the box it can reach, the winds and currents there, the coast; opened once, checked once."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drift import tables, units
+from drift.case import Case
+from drift.forcing import QUANTITIES, Sources
+from drift.scenario import AreaPrior, PositionPrior, Scenario
+from drift.sources import ForcingSpec
+from geo import coast as shoreline
+from geo import forcing, shore, sphere
+from geo.box import Box
+from geo.errors import UserError
+from geo.forcing import Source
+
+FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
+STRONGEST_WIND = 25.0  # [m/s]
+SPREADS = 5.0  # standard deviations of a prior that lie in its box
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The forcing of each scenario, the coast (None without one), and the box outside which a particle has left."""
+
+    box: Box
+    scenarios: tuple[Sources, ...]
+    sources: tuple[Source, ...]
+    coast: shoreline.Coast | None
+    notes: tuple[str, ...]
+
+
+def open_for(case: Case) -> Environment:
+    """Return the environment of a case.
+
+    Raises UserError when a file can't be understood, when sources leave part of the run without forcing, or when a
+    reported position lies on land.
+    """
+    box = case.domain or reach(case)
+    opened = {spec.name + spec.quantity: _open(spec, box, case) for spec in (*case.currents, *case.winds, *case.stokes)}
+    cells = {spec.name: spec.fill for spec in (*case.currents, *case.winds, *case.stokes)}
+    scenarios = []
+    for scenario in case.scenarios:
+        chosen = [
+            tuple(opened[name + quantity] for name in names)
+            for quantity, names in zip(QUANTITIES, _names(scenario), strict=True)
+        ]
+        scenarios.append(Sources(*chosen, cells))
+    for scenario, sources in zip(case.scenarios, scenarios, strict=True):
+        for quantity in QUANTITIES:
+            if sources.of(quantity):
+                _check_times(case, scenario, quantity, sources.of(quantity))
+    shown = tuple(opened.values())
+    land = shore.land(case.coast.source, _shrunk(box, shown))
+    coast = shoreline.build(land, _shrunk(box, shown)) if land.polygons.size else None
+    if coast is not None:
+        for scenario in case.scenarios:
+            _check_water(scenario, coast)
+    return Environment(box, tuple(scenarios), shown, coast, land.notes)
+
+
+def _names(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
+    wind = scenario.winds if scenario.object.uses_wind else ()
+    return scenario.currents, wind, scenario.stokes
+
+
+def reach(case: Case) -> Box:
+    """Return the box that holds every prior and all that it can reach by the end of the run."""
+    lon, lat, spread = [], [], 0.0
+    for scenario in case.scenarios:
+        prior = scenario.prior
+        if isinstance(prior, PositionPrior):
+            lon.append(prior.lon)
+            lat.append(prior.lat)
+            far = prior.displacement.distance[1] if prior.displacement else 0.0
+            spread = max(spread, SPREADS * prior.major + far)
+        else:
+            lon += prior.lon
+            lat += prior.lat
+            spread = max(spread, 0.0 if isinstance(prior, AreaPrior) else SPREADS * prior.cross_track)
+    slope = max(
+        (max(abs(line.slope) for line in (s.object.down, s.object.right, s.object.left)) for s in case.scenarios),
+        default=0.0,
+    )
+    fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * case.current_error.std
+    duration = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
+    grown = np.degrees((spread + fastest * duration) / sphere.RADIUS)
+    about = np.degrees(lon[0] + np.asarray(sphere.wrap(np.array(lon) - lon[0])))
+    south, north = float(np.degrees(min(lat))), float(np.degrees(max(lat)))
+    highest = min(max(abs(south), abs(north)) + grown, 89.0)
+    west = float((about.min() + 180) % 360 - 180)
+    tight = Box(west, south, west + max(float(np.ptp(about)), 1e-6), north)
+    return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))
+
+
+def _open(spec: ForcingSpec, box: Box, case: Case) -> Source:
+    """Return one source, cropped to the box."""
+    if spec.constant is not None:
+        return forcing.constant(spec.quantity, *spec.constant, name=spec.name)
+    if spec.table is not None:
+        table = spec.table
+        return forcing.table(spec.quantity, np.array(table.times), table.east, table.north, name=spec.name)
+    if spec.analytic is not None:
+        first, last = sorted((case.start, case.end))
+        flow = forcing.analytic(spec.quantity, spec.analytic, box, first, last, **spec.parameters)
+        return replace(flow, name=spec.name)
+    try:
+        return forcing.open_source(
+            spec.quantity,
+            list(spec.files),
+            variables=spec.variables,
+            units=spec.units,
+            times={"start": spec.times.start, "interval": spec.times.every} if spec.times else None,
+            steady=spec.steady,
+            box=box,
+            depth=spec.depth,
+            name=spec.name,
+        )
+    except UserError as error:
+        raise UserError(f'{spec.quantity} "{spec.name}": {error}') from None
+
+
+def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[Source, ...]) -> None:
+    """Refuse a run of which a part, longer than may be lost, has no source of a quantity."""
+    if any(not source.times.size for source in sources):
+        return
+    first, last = sorted((case.start, case.end))
+    spans = sorted((source.times[0], source.times[-1]) for source in sources)
+    covered, reached = np.timedelta64(0, "s"), first
+    for begin, end in spans:
+        begin, end = max(begin, reached), min(end, last)
+        if end > begin:
+            covered, reached = covered + (end - begin), end
+    share = float(covered / (last - first))
+    if share < 1 and (share == 0 or case.max_lost < 1):
+        names = ", ".join(f'"{source.name}"' for source in sources)
+        whole = f"{units.group(min(s[0] for s in spans))} to {units.group(max(s[1] for s in spans))}"
+        raise UserError(
+            f'scenario "{scenario.name}": {quantity} {names} lasts from {whole}, the run from {units.group(first)} to '
+            f"{units.group(last)}: {share:.0%} of it is covered, and without forcing all that is adrift is lost. Change "
+            f"start, duration or end, or add another [[{quantity}]]"
+        )
+
+
+def _shrunk(box: Box, sources: tuple[Source, ...]) -> Box:
+    """Return the part of a box for which there is a current: no coast is needed elsewhere."""
+    extents = [source.grid.box for source in sources if source.quantity == "current"]
+    if any(extent.east - extent.west >= 360 for extent in extents):
+        return box
+    south, north = max(box.south, min(e.south for e in extents)), min(box.north, max(e.north for e in extents))
+    if south >= north:
+        return box
+    # Longitudes relative to the box's west: extents may be written a turn away.
+    begins = [((e.west - box.west + 180) % 360 - 180) for e in extents]
+    ends = [begin + e.east - e.west for begin, e in zip(begins, extents, strict=True)]
+    west, east = max(0.0, min(begins)), min(box.east - box.west, max(ends))
+    if west >= east:
+        return box
+    start = (box.west + west + 180) % 360 - 180
+    return Box(start, south, start + east - west, north)
+
+
+def _check_water(scenario: Scenario, coast: shoreline.Coast) -> None:
+    """Refuse a reported position on land."""
+    prior = scenario.prior
+    if not isinstance(prior, PositionPrior):
+        return
+    lon, lat = float(np.degrees(prior.lon)), float(np.degrees(prior.lat))
+    if not shoreline.is_land(coast, sphere.to_binary(lon), sphere.to_binary(lat)).any():
+        return
+    water = shoreline.nearest_water(coast, lon, lat)
+    hint = (
+        f"the nearest water is {water[2] / 1852:.1f} nmi away, at {tables.position(*water[:2])}"
+        if water
+        else "no water near"
+    )
+    raise UserError(
+        f'scenario "{scenario.name}".position.at: {tables.position(lon, lat)} lies on land; {hint}. Move it, or give an area'
+    )

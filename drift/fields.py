@@ -1,0 +1,144 @@
+"""Types of the case file's fields: what is written, checked and turned into SI at once.
+
+Each is an annotated type for a pydantic model. A refusal says what was given and what is allowed; messages.py says where.
+"""
+
+import difflib
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
+
+from drift import units
+
+
+class Table(BaseModel):
+    """A table of the case file: frozen, and no key that it doesn't know."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def known_keys(cls, data: Any) -> Any:
+        """Refuse unknown keys with the nearest known one, before anything else in the table."""
+        if not isinstance(data, dict):
+            raise ValueError(f"must be a table, not {data!r}")
+        known = [field.alias or name for name, field in cls.model_fields.items()]
+        for key in data:
+            if key not in known:
+                near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.6)
+                hint = f'did you mean "{near[0]}"? ' if near else ""
+                raise ValueError(f'unknown key "{key}"; {hint}Allowed: {", ".join(known)}')
+        return data
+
+
+def one_of(table: BaseModel, names: tuple[str, ...]) -> str:
+    """Return which one of the named keys is given; none or several are refused."""
+    given = [name for name in names if getattr(table, name) is not None]
+    if len(given) != 1:
+        found = " and ".join(given) if given else "none"
+        raise ValueError(f"exactly one of {', '.join(names)} must be given; found {found}")
+    return given[0]
+
+
+def _quantity(
+    unit: str, what: str, example: str, low: float = 0.0, high: float = float("inf"), above: bool = False
+) -> BeforeValidator:
+    """Return a validator of a quantity in [low, high], or (low, high] where `above`."""
+
+    def check(value: object) -> float:
+        number = units.quantity(value, unit, what, example)
+        if number < low or (above and number == low):
+            raise ValueError(f"{what} {value!r} must be {'above' if above else 'at least'} {low:g} {unit}".rstrip())
+        if number > high:
+            raise ValueError(f"{what} {value!r} must be at most {high:g} {unit}".rstrip())
+        return number
+
+    return BeforeValidator(check)
+
+
+def pair_of(single: Callable[[object], float]) -> Callable[[object], tuple[float, float]]:
+    """Return a validator of [low, high], or of one value for both."""
+
+    def check(value: object) -> tuple[float, float]:
+        if not isinstance(value, list | tuple):
+            return single(value), single(value)
+        if len(value) != 2:
+            raise ValueError(f"{list(value)!r} must be one value or [low, high]")
+        return single(value[0]), single(value[1])
+
+    return check
+
+
+def _ordered(single: Callable[[object], float]) -> BeforeValidator:
+    def check(value: object) -> tuple[float, float]:
+        low, high = pair_of(single)(value)
+        if high < low:
+            raise ValueError(f"{value!r} must go from low to high")
+        return low, high
+
+    return BeforeValidator(check)
+
+
+def _direction(value: object) -> float:
+    degrees = units.quantity(value, "deg", "direction", "120 deg")
+    if not 0 <= degrees <= 360:
+        raise ValueError(f"direction {value!r} must be 0 to 360 degrees clockwise from true north")
+    return degrees
+
+
+def _sector(value: object) -> tuple[float, float]:
+    """Return a sector [deg], clockwise from its first to its second edge: [350, 20] is 30 degrees wide."""
+    first, second = pair_of(_direction)(value)
+    return first, second if second >= first else second + 360.0
+
+
+def count(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != int(value):
+        raise ValueError(f"{value!r} is not a whole number")
+    return int(value)
+
+
+def _jibe(value: object) -> float:
+    rate = value / 3600.0 if isinstance(value, int | float) else value  # bare numbers are per hour, as published
+    number = units.quantity(rate, "1/s", "jibing rate", "0.04 / h")
+    if not 0 <= number <= 1 / 60:
+        raise ValueError(f"jibing rate {value!r} must be 0 to 60 per hour")
+    return number
+
+
+def _share(value: object) -> float:
+    number = units.quantity(value, "", "share", "0.2")
+    if not 0 <= number <= 1:
+        raise ValueError(f"{value!r} must be a share, 0 to 1")
+    return number
+
+
+HALF_TURN = 2.0015e7  # [m] half the way round the Earth: no length in a case is longer
+
+_length = _quantity("m", "distance", "5 nmi", high=HALF_TURN)
+_area = _quantity("m^2", "area", "120 nmi2")
+
+Length = Annotated[float, _length]
+Depth = Annotated[float, _quantity("m", "depth", "0 m", high=12_000)]
+Speed = Annotated[float, _quantity("m/s", "speed", "12 kn", high=150)]
+SignedSpeed = Annotated[float, _quantity("m/s", "speed", "2 cm/s", low=-150, high=150)]
+ShipSpeed = Annotated[float, _quantity("m/s", "speed", "8 kn", above=True, high=150)]
+Duration = Annotated[float, _quantity("s", "duration", "48 h", above=True, high=3.2e9)]
+Diffusivity = Annotated[float, _quantity("m^2/s", "diffusivity", "10 m2/s", high=1e6)]
+Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.5, high=0.5)]
+Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]
+Weight = Annotated[float, _quantity("", "weight", "0.5")]
+Share = Annotated[float, BeforeValidator(_share)]
+Count = Annotated[int, BeforeValidator(count)]
+Rate = Annotated[float, BeforeValidator(_jibe)]
+Direction = Annotated[float, BeforeValidator(_direction)]
+Sector = Annotated[tuple[float, float], BeforeValidator(_sector)]
+LengthRange = Annotated[tuple[float, float], _ordered(_length.func)]
+AreaRange = Annotated[tuple[float, float], _ordered(_area.func)]
+ShareRange = Annotated[tuple[float, float], _ordered(_share)]
+LengthPair = Annotated[tuple[float, float], BeforeValidator(pair_of(_length.func))]
+Position = Annotated[tuple[float, float], BeforeValidator(units.position)]  # (lon, lat) [deg]
+Longitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "EW"))]
+Latitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "NS"))]
+Time = Annotated[units.Instant, BeforeValidator(units.time)]

@@ -1,0 +1,87 @@
+"""The winds and currents of a run on the device: which tiles each scenario sees, kept in step with the clock.
+
+Sources of a quantity stand in order of priority. A particle takes the first that knows its place as it is; then the
+first that knows it once missing values next to the coast are filled. So with several sources each has two tiles.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+from geo.forcing import Source
+from geo.stream import Bracket, Key, Slices
+from kernels.sample import Tiles
+
+QUANTITIES = ("current", "wind", "stokes")
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What one scenario drifts in: sources by quantity, in order of priority, and how deep each is filled [cells]."""
+
+    current: tuple[Source, ...] = ()
+    wind: tuple[Source, ...] = ()
+    stokes: tuple[Source, ...] = ()
+    cells: dict[str, int] = field(default_factory=dict)  # by source name
+
+    def of(self, quantity: str) -> tuple[Source, ...]:
+        """Return the sources of a quantity."""
+        sources: tuple[Source, ...] = getattr(self, quantity)
+        return sources
+
+
+class Forcing:
+    """Tiles of all scenarios; `ranges[s]` are the first and last tile of current, wind and Stokes drift of scenario s."""
+
+    def __init__(self, scenarios: list[Sources], direction: int) -> None:
+        self._pool = ThreadPoolExecutor(1, "read-ahead")
+        self._slices: list[Slices] = []
+        self.ranges: list[tuple[int, ...]] = []
+        self._direction = direction
+        known: dict[Any, tuple[int, int]] = {}
+        shared: dict[Any, Slices] = {}
+        for scenario in scenarios:
+            ranges: list[int] = []
+            for quantity in QUANTITIES:
+                sources = scenario.of(quantity)
+                name = (quantity, *(id(s) for s in sources))
+                if name not in known:
+                    first = len(self._slices)
+                    raw = [(s, 0) for s in sources] if len(sources) > 1 else []
+                    for source, cells in raw + [(s, scenario.cells.get(s.name, 0)) for s in sources]:
+                        key = (id(source), cells)
+                        shared.setdefault(key, Slices(source, cells, direction, self._pool))
+                        self._slices.append(shared[key])
+                    known[name] = first, len(self._slices)
+                ranges += known[name]
+            self.ranges.append(tuple(ranges))
+        self.tiles = Tiles([s.source.grid for s in self._slices])
+        self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
+
+    def set(self, low: int, high: int) -> None:
+        """Make the tiles say what the forcing is over the step [low, high] [s since 1970]."""
+        weights: list[tuple[float, float] | None] = []
+        for tile, slices in enumerate(self._slices):
+            bracket = slices.bracket(low, high)
+            if bracket is None:
+                weights.append(None)
+                continue
+            self._load(tile, slices, bracket)
+            ends = (bracket.low, bracket.high)
+            weights.append(ends if self._direction > 0 else ends[::-1])
+        self.tiles.blend(weights)
+
+    def _load(self, tile: int, slices: Slices, bracket: Bracket) -> None:
+        wanted, held = (bracket.earlier, bracket.later), self._held[tile]
+        if wanted == held:
+            return
+        if held is not None and held[1] == wanted[0]:
+            self.tiles.place(tile, slices.get(wanted[1]), later=True, shift=True)
+        else:
+            self.tiles.place(tile, slices.get(wanted[0]), later=False)
+            self.tiles.place(tile, slices.get(wanted[1]), later=True)
+        self._held[tile] = wanted
+
+    def close(self) -> None:
+        """Stop reading ahead."""
+        self._pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,182 @@
+"""The clock: moves an ensemble through the forcing, step by step on a fixed lattice, from one output to the next.
+
+Lattice steps are whole seconds long and counted from 1970, so that noise, keyed by the number of the step, does not
+depend on where a run begins, on its outputs or on how it is cut up. Releases and outputs fall where they may: a particle
+moves from its release on, an output inside a step is interpolated along it.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift import ensemble as record
+from drift.ensemble import Ensemble
+from drift.forcing import Forcing
+from drift.status import Status
+from geo import sphere
+from kernels import advance as kernel
+
+Array = npt.NDArray[Any]
+Progress = Callable[[float], None]
+
+LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
+TRIAL_SIZE = 2000  # particles whose error decides on the step
+TRIAL_SPAN = 86_400  # [s] over which it is measured
+DAY = 86_400
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The time of a run: from start, `duration` seconds forward (direction +1) or backward (-1), in lattice steps."""
+
+    start: int  # [s since 1970]
+    duration: int  # [s]
+    direction: int
+    step: int  # [s]
+    phase: int = 0  # [s] lattice points lie at phase + k step
+
+    def steps(self) -> Iterator[tuple[int, int, kernel.Step]]:
+        """Return (low, high) [s since 1970] and the step, in the order of the run, covering start to end."""
+        inside = (self.start - self.phase) % self.step  # how far the start lies above its lattice point
+        if self.direction > 0:
+            low, elapsed = self.start - inside, -inside
+        else:
+            low = self.start - inside - (self.step if inside == 0 else 0)
+            elapsed = -(low + self.step - self.start)
+        while elapsed < self.duration:
+            number = (low - self.phase) // self.step
+            yield low, low + self.step, kernel.Step(number, elapsed, self.step, self.direction)
+            low += self.direction * self.step
+            elapsed += self.step
+
+
+@dataclass(frozen=True)
+class World:
+    """What does not change in a run and every scenario needs to move: forcing, physics, coast, domain, scheme."""
+
+    forcing: Forcing
+    physics: tuple[kernel.Physics, ...]  # one a scenario
+    coast: Any  # kernels.coast.DeviceCoast or None
+    domain: kernel.Domain
+    scheme: str = "rk4"
+
+    def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step) -> None:
+        """Move all slots over one step, in place."""
+        self.forcing.set(low, high)
+        for slots, ranges, physics in zip(ensemble.scenarios, self.forcing.ranges, self.physics, strict=True):
+            kernel.advance(
+                ensemble, slots, self.forcing.tiles, ranges, physics, step, self.domain, self.coast, self.scheme
+            )
+
+    def without_noise(self) -> "World":
+        """Return the same world in which nothing is left to chance and no coast stops a particle."""
+        physics = tuple(kernel.Physics() for _ in self.physics)
+        return World(self.forcing, physics, None, self.domain, self.scheme)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The ensemble as it is at one time, on the host."""
+
+    elapsed: int  # [s] since the run's start
+    lon: Array  # int32 binary angle (n,)
+    lat: Array
+    status: Array  # int32 (n,)
+
+
+def run(
+    ensemble: Ensemble, world: World, clock: Clock, outputs: Array, progress: Progress | None = None
+) -> Iterator[Moment]:
+    """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
+
+    progress is told the share of the run that is done, after every step.
+    """
+    due = [int(t) for t in outputs]
+    while due and due[0] <= 0:
+        due.pop(0)
+        yield _moment(ensemble, 0, None, 0, 0)
+    for low, high, step in clock.steps():
+        begin, end = step.elapsed, step.elapsed + step.duration
+        within = [t for t in due if t <= end]
+        before = None
+        if within and within[0] < end:
+            before = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
+        world.advance(ensemble, low, high, step)
+        for t in within:
+            due.pop(0)
+            yield _moment(ensemble, t, before, begin, end)
+        if progress:
+            progress(min(end / clock.duration, 1.0))
+
+
+def _moment(ensemble: Ensemble, time: int, before: tuple[Array, Array] | None, begin: int, end: int) -> Moment:
+    """Return the state at `time` within the step [begin, end], on the straight line along which each particle went."""
+    lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
+    release, ended, status = ensemble.release.to_numpy(), ensemble.ended.to_numpy(), ensemble.status.to_numpy()
+    over = (status != Status.ADRIFT) & (status != Status.PENDING)
+    if before is not None and time < end:
+        left = np.maximum(begin, release)
+        there = np.where(over, np.minimum(ended, end), end)
+        share = np.clip((time - left) / np.maximum(there - left, 1), 0.0, 1.0)
+        # int32 differences wrap at the antimeridian as the positions do.
+        lon = before[0] + np.rint(share * (lon - before[0])).astype(np.int32)
+        lat = before[1] + np.rint(share * (lat - before[1])).astype(np.int32)
+    status = np.where(over & (ended > time), int(Status.ADRIFT), status)
+    status = np.where(release > time, int(Status.PENDING), status)
+    return Moment(time, lon, lat, status.astype(np.int32))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Why "auto" chose a step: the 95th percentile of the error [m a day] of each step tried."""
+
+    step: int
+    errors: dict[int, float]
+
+
+def choose_step(
+    ensemble: Ensemble, world: World, clock: Clock, divisor: int, origin: int, longest: float, tolerance: float
+) -> Trial:
+    """Return the largest step of the ladder whose error stays under a tolerance [m a day].
+
+    The ladder's steps divide `divisor` [s], the forcing's interval, and are at most `longest` [s]; lattices pass through
+    `origin` [s since 1970], one of its times. The error of a step is
+    the distance between tracks of a sample with that step and with half of it, noise and coast off, over at most a day:
+    its 95th percentile among those adrift to the end with both (step halving; Hairer, Norsett and Wanner 1993, II.4).
+    """
+    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [int(np.gcd(divisor, 60)) or 1]
+    chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))
+    quiet = world.without_noise()
+    release = ensemble.release.to_numpy()[chosen]
+    span = min(clock.duration, TRIAL_SPAN + int(release.max()))
+    ends: dict[int, tuple[Array, Array, Array]] = {}
+
+    def end_of(step: int) -> tuple[Array, Array, Array]:
+        if step not in ends:
+            trial = record.sample(ensemble, chosen)
+            trial_clock = Clock(clock.start, span, clock.direction, step, origin % step)
+            (moment,) = run(trial, quiet, trial_clock, np.array([span]))
+            ends[step] = moment.lon, moment.lat, moment.status
+        return ends[step]
+
+    errors: dict[int, float] = {}
+    for step in ladder:
+        coarse, fine = end_of(step), end_of(_half(step))
+        adrift = (coarse[2] == Status.ADRIFT) & (fine[2] == Status.ADRIFT)
+        if not adrift.any():
+            errors[step] = 0.0
+            return Trial(step, errors)
+        apart = sphere.distance(*(np.asarray(x[adrift] * sphere.UNIT) for x in (*coarse[:2], *fine[:2])))
+        days = np.maximum(span - np.maximum(release[adrift], 0), 1) / DAY
+        errors[step] = float(np.percentile(apart / np.maximum(days, 1 / 24), 95))
+        if errors[step] <= tolerance:
+            return Trial(step, errors)
+    return Trial(ladder[-1], errors)
+
+
+def _half(step: int) -> int:
+    """Return half a step, or the nearest whole number of seconds below it that divides it."""
+    return step // 2 if step % 2 == 0 else step // 3 if step % 3 == 0 else 1

@@ -1,0 +1,526 @@
+"""Pictures of a forecast: the map that a planner pins up, small multiples by time, and a forcing field.
+
+Land comes from the polygons handed in; nothing is downloaded. Figures are made and drawn without pyplot and leave no
+state behind. Shading runs from light to dark (magma reversed): even steps to the eye and in grey print.
+"""
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import shapely
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, ListedColormap, LogNorm, PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.transforms import Bbox
+
+from drift import chart, tables
+from drift.cells import Array
+from drift.chart import INK, Frame
+from drift.products import Forecast
+
+LINES: dict[float, dict[str, Any]] = {
+    0.5: {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"},
+    0.75: {"color": "#0b4f8a", "linewidth": 1.5, "linestyle": (0, (6, 2))},
+    0.95: {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))},
+}
+TRACK, ASHORE, PRIOR, LAST_KNOWN = "#111111", "#7a1fa2", "#2e7d32", "#c62828"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A point to mark, such as the last known position [deg]."""
+
+    lon: float
+    lat: float
+    label: str = "LKP"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line to draw, such as a prior's area (closed) or a trackline [deg]; longitudes without jumps, (n,)."""
+
+    lon: Sequence[float]
+    lat: Sequence[float]
+    label: str
+    closed: bool = False
+
+
+def _shading() -> Colormap:
+    """Magma reversed, without its nearly black end, so that lines on top stay visible."""
+    return ListedColormap(matplotlib.colormaps["magma_r"](np.linspace(0.03, 0.8, 256)), name="shading")
+
+
+def draw_map(
+    forecast: Forecast,
+    path: Path,
+    *,
+    title: str,
+    polygons: Iterable[Any] = (),
+    marks: Sequence[Mark] = (),
+    lines: Sequence[Line] = (),
+    footer: str = "",
+    synthetic: bool = False,
+    time: int = -1,
+) -> None:
+    """Draw the forecast at one output time (index).
+
+    polygons: shapely land polygons [deg]. footer: a line of where it comes from (case, seed, version).
+    synthetic: says on the map that winds or currents are made up.
+    """
+    figure, canvas = _figure(11.7, 8.3)
+    ax = figure.add_axes((0.055, 0.095, 0.665, 0.775))
+    at = forecast.data.isel(time=time)
+    now = at["time"].values[()]
+    outlines = [c for c in forecast.contours if c.time == now]
+    here = _extent(forecast, [now], marks, lines, aspect=0.665 * 11.7 / (0.775 * 8.3))
+    chart.prepare(ax, here)
+    density = _density(forecast, time)
+    shown = np.where(at["containment"].values <= 0.995, density, np.nan)
+    mesh = _shade(ax, here, forecast, shown, PowerNorm(0.5, 0, _top(at)))
+    land = chart.land_path(here, polygons, 1100)
+    chart.draw_land(ax, land)
+    chart.graticule(ax, here)
+    for line in lines:
+        _polyline(ax, here, line)
+    for outline in outlines:
+        _rings(ax, here, outline.polygon, LINES[outline.share])
+    ashore = _ashore(ax, here, forecast, time)
+    _track_and_labels(ax, here, forecast, time, marks, outlines)
+
+    figure.text(0.055, 0.955, textwrap.shorten(title, 95, placeholder=" …"), fontsize=15, weight="bold", color=INK)
+    valid = f"Valid {tables.group(now)}   ({tables.iso(now)}, UTC)"
+    figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
+    figure.text(0.055, 0.888, _basis(forecast, time), fontsize=9, color=INK)
+    if synthetic:
+        _warning(figure, 0.985, 0.955, "right", 10)
+    _panel(figure, at, mesh, outlines, marks, lines, ashore, land is not None)
+    figure.text(0.055, 0.04, _account(at), fontsize=9.5, color=INK)
+    if footer:
+        figure.text(0.055, 0.015, textwrap.shorten(footer, 190, placeholder=" …"), fontsize=7.5, color="#55606b")
+    _save(canvas, path, title, dpi=140)
+
+
+def draw_snapshots(
+    forecast: Forecast,
+    path: Path,
+    *,
+    title: str,
+    polygons: Iterable[Any] = (),
+    marks: Sequence[Mark] = (),
+    footer: str = "",
+    synthetic: bool = False,
+) -> None:
+    """Draw the output times side by side, at most twelve, on one extent and one colour scale."""
+    count = forecast.data.sizes["time"]
+    picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int))
+    columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
+    rows = -(-len(picks) // columns)
+    wide, gap, head, foot, side = 3.0, 0.14, 1.3 if synthetic else 1.0, 0.5, 0.35
+    width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
+    figure, canvas = _figure(width, height)
+    times = [forecast.data["time"].values[i] for i in picks]
+    here = _extent(forecast, times, marks, (), aspect=1.0)
+    land = chart.land_path(here, polygons, 420)
+    densities = [_density(forecast, i) for i in picks]
+    top = max(_top(forecast.data.isel(time=i)) for i in picks)
+    norm, mesh = LogNorm(top / 1000, top), None
+    for k, (i, density) in enumerate(zip(picks, densities, strict=True)):
+        row, column = divmod(k, columns)
+        left, bottom = side + column * (wide + gap), height - head - (row + 1) * (wide + 0.28) + 0.28
+        ax = figure.add_axes((left / width, bottom / height, wide / width, wide / height))
+        chart.prepare(ax, here)
+        at = forecast.data.isel(time=i)
+        contained = at["containment"].values
+        shown = np.where((contained <= 0.995) & (density > 0), np.maximum(density, top / 1000), np.nan)
+        mesh = _shade(ax, here, forecast, shown, norm)
+        chart.draw_land(ax, land)
+        below = k + columns >= len(picks)
+        chart.graticule(ax, here, lines=3, size=7, labels=(below, column == 0))
+        for outline in forecast.contours:
+            if outline.time == at["time"].values and outline.share in (0.5, 0.95):
+                style = {**LINES[outline.share]}
+                _rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+        _ashore(ax, here, forecast, int(i), scale=0.5)
+        for mark in marks:
+            _mark(ax, here, mark, 6)
+        areas = dict(zip(at["share"].values, at["containment_area"].values / tables.NMI**2, strict=True))
+        ax.set_title(tables.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
+        ax.set_title(
+            f"50 %: {_number(areas[0.5])}   95 %: {_number(areas[0.95])} nmi²", fontsize=7, loc="right", pad=3, color=INK
+        )
+        if k == 0:
+            chart.scale_bar(ax, here, chart.free_corner(here, *_points(here, forecast, times)), small=True)
+    if synthetic:
+        _warning(figure, side / width, 1 - 0.9 / height, "left", 8)
+    figure.text(side / width, 1 - 0.36 / height, _fit(title, width * 9), fontsize=12, weight="bold", color=INK)
+    figure.text(side / width, 1 - 0.62 / height, _fit(_span(times), width * 15), fontsize=8, color=INK)
+    if footer:
+        figure.text(side / width, 0.1 / height, _fit(footer, width * 17), fontsize=7, color="#55606b")
+    if mesh is not None:
+        bar = figure.add_axes((1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height))
+        figure.colorbar(mesh, cax=bar, extend="both")
+        bar.set_title("% per nmi²", fontsize=7, color=INK, pad=8)
+        bar.tick_params(labelsize=7)
+    _save(canvas, path, title, dpi=130)
+
+
+def draw_field(
+    path: Path, lon: Array, lat: Array, east: Array, north: Array, *, title: str, polygons: Iterable[Any] = ()
+) -> None:
+    """Draw a field's speed [m/s] as shading and its direction as arrows; missing values stay blank.
+
+    lon: (nlon,), lat: (nlat,) [deg], ascending; east, north: (nlat, nlon) [m/s].
+    """
+    figure, canvas = _figure(9.0, 7.2)
+    ax = figure.add_axes((0.08, 0.07, 0.76, 0.84))
+    here = chart.frame(lon[[0, -1, 0, -1]], lat[[0, -1, -1, 0]], aspect=0.76 * 9.0 / (0.84 * 7.2), margin=0.02)
+    chart.prepare(ax, here)
+    jump = max(1, max(len(lon), len(lat)) // 800)
+    speed = np.hypot(east, north)[::jump, ::jump]
+    known = speed[np.isfinite(speed)]
+    top = float(np.quantile(known, 0.995)) if len(known) else 1.0
+    mesh = ax.pcolormesh(
+        *here.project(*np.meshgrid(_edges(lon[::jump]), _edges(lat[::jump]))),
+        np.ma.masked_invalid(speed),
+        cmap=matplotlib.colormaps["viridis_r"],
+        vmin=0,
+        vmax=top or 1.0,
+        zorder=1,
+        rasterized=True,
+    )
+    chart.draw_land(ax, chart.land_path(here, polygons, 900))
+    chart.graticule(ax, here)
+    every = (max(1, len(lat) // 22), max(1, len(lon) // 28))
+    some = np.s_[every[0] // 2 :: every[0], every[1] // 2 :: every[1]]
+    x, y = here.project(*np.meshgrid(lon, lat))
+    u, v = _turned(here, lon, lat, east, north, some)
+    ok = np.isfinite(u) & np.isfinite(v)
+    ax.quiver(
+        x[some][ok], y[some][ok], u[ok], v[ok], color=INK, scale=22 * max(top, 1e-9), width=0.002, zorder=7, pivot="mid"
+    )
+    bar = figure.add_axes((0.87, 0.15, 0.02, 0.6))
+    figure.colorbar(mesh, cax=bar, extend="max", label="speed [m/s]")
+    figure.text(0.08, 0.945, _fit(title, 80), fontsize=12, weight="bold", color=INK)
+    _save(canvas, path, title, dpi=110)
+
+
+def _turned(here: Frame, lon: Array, lat: Array, east: Array, north: Array, some: Any) -> tuple[Array, Array]:
+    """Return a sample of vectors in the directions of the projection's axes."""
+    points = np.meshgrid(lon, lat)
+    px, py = points[0][some], points[1][some]
+    u, v = here.crs.transform_vectors(
+        chart.PLATE, (px + 180) % 360 - 180, py, np.where(np.isfinite(east[some]), east[some], 0.0), np.where(np.isfinite(north[some]), north[some], 0.0)
+    )
+    missing = ~(np.isfinite(east[some]) & np.isfinite(north[some]))
+    return np.where(missing, np.nan, u), np.where(missing, np.nan, v)
+
+
+def _warning(figure: Figure, x: float, y: float, side: str, size: float) -> None:
+    figure.text(
+        x,
+        y,
+        "SYNTHETIC wind or current: not for operations",
+        fontsize=size,
+        weight="bold",
+        color="white",
+        ha=side,
+        bbox={"facecolor": LAST_KNOWN, "edgecolor": "none", "boxstyle": "square,pad=0.35"},
+    )
+
+
+def _figure(width: float, height: float) -> tuple[Figure, FigureCanvasAgg]:
+    figure = Figure((width, height), facecolor="white")
+    return figure, FigureCanvasAgg(figure)
+
+
+def _save(canvas: FigureCanvasAgg, path: Path, title: str, dpi: int) -> None:
+    canvas.figure.savefig(path, format="png", dpi=dpi, metadata={"Title": title, "Software": "casp-drift"})
+
+
+def _fit(text: str, characters: float) -> str:
+    return textwrap.shorten(text, int(characters), placeholder=" …")
+
+
+def _edges(centres: Array) -> Array:
+    """Return the edges between centres, and one beyond on both sides."""
+    if len(centres) == 1:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    middle = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
+
+
+def _extent(forecast: Forecast, times: Sequence[Any], marks: Sequence[Mark], lines: Sequence[Line], aspect: float) -> Frame:
+    """Return the frame of the 95 % areas at these times, the mean track and what is marked; not of outliers."""
+    data = forecast.data
+    lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
+    for one in forecast.contours:
+        if one.time in times and one.share == max(c.share for c in forecast.contours) and not one.polygon.is_empty:
+            west, south, east, north = one.polygon.bounds
+            lon.append(np.array([west, east]))
+            lat.append(np.array([south, north]))
+    middle = float(data["lon"].mean())
+    for mark in marks:
+        lon.append(np.array([_near(mark.lon, middle)]))
+        lat.append(np.array([mark.lat]))
+    for line in lines:
+        shift = _near(float(np.mean(line.lon)), middle) - float(np.mean(line.lon))
+        lon.append(np.asarray(line.lon, float) + shift)
+        lat.append(np.asarray(line.lat, float))
+    every_lon, every_lat = np.concatenate(lon), np.concatenate(lat)
+    known = np.isfinite(every_lon) & np.isfinite(every_lat)
+    if not known.any():
+        every_lon, every_lat, known = data["lon"].values[[0, -1]], data["lat"].values[[0, -1]], np.array([True, True])
+    return chart.frame(every_lon[known], every_lat[known], aspect)
+
+
+def _near(lon: float, middle: float) -> float:
+    return (lon - middle + 180) % 360 - 180 + middle
+
+
+def _density(forecast: Forecast, time: int) -> Array:
+    """Return the probability density [% per nmi2] at a time, (nlat, nlon)."""
+    data = forecast.data
+    return np.asarray(
+        100 * data["probability"].values[time].astype(np.float64) / (data["cell_area"].values / tables.NMI**2)
+    )
+
+
+def _top(at: Any) -> float:
+    """Return the density [% per nmi2] that ends the colour scale: the area above it holds a tenth of those adrift.
+
+    The narrow strip of those ashore, marked by symbols, would take most of the scale.
+    """
+    mass = (at["probability"].values.astype(np.float64) - at["probability_ashore"].values).ravel()
+    density = 100 * mass / (at["cell_area"].values.ravel() / tables.NMI**2)
+    order = np.argsort(-density, kind="stable")
+    inside = np.cumsum(mass[order])
+    best = float(density[order[np.searchsorted(inside, 0.1 * inside[-1])]]) if inside[-1] > 0 else 0.0
+    return best if best > 0 else max(float(density.max()), 1e-12)
+
+
+def _shade(ax: Axes, here: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
+    """Shade cells, only the rows and columns that hold anything."""
+    rows, columns = (np.flatnonzero(np.isfinite(values).any(axis=axis)) for axis in (1, 0))
+    lon, lat = _edges(forecast.data["lon"].values), _edges(forecast.data["lat"].values)
+    r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
+    c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
+    x, y = here.project(*np.meshgrid(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1]))
+    return ax.pcolormesh(x, y, np.ma.masked_invalid(values[r, c]), cmap=_shading(), norm=norm, zorder=1, rasterized=True)
+
+
+def _rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str, Any]) -> None:
+    """Draw outlines; islands and holes of less than 1/200 of the whole are left out of the picture (not of the files)."""
+    least = polygon.area / 200
+    rings = [
+        np.array(ring.coords)
+        for part in polygon.geoms
+        for ring in (part.exterior, *part.interiors)
+        if shapely.Polygon(ring).area >= least
+    ]
+    lines = [np.column_stack(here.project(ring[:, 0], ring[:, 1])) for ring in rings]
+    ax.add_collection(
+        LineCollection(
+            lines,
+            colors=style["color"],
+            linewidths=style["linewidth"],
+            linestyles=[style["linestyle"]],
+            path_effects=[patheffects.withStroke(linewidth=style["linewidth"] + 1.6, foreground="white", alpha=0.6)],
+            zorder=3,
+        ),
+        autolim=False,
+    )
+
+
+def _polyline(ax: Axes, here: Frame, line: Line) -> None:
+    lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
+    if line.closed:
+        lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
+    ax.plot(*here.project(lon, lat), color=PRIOR, linewidth=1.4, linestyle=(0, (5, 2, 1, 2)), zorder=8)
+
+
+def _mark(ax: Axes, here: Frame, mark: Mark, size: float) -> None:
+    x, y = here.project(mark.lon, mark.lat)
+    ax.plot(x, y, "o", markersize=size, markerfacecolor="white", markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12)
+    ax.plot(x, y, "+", markersize=size * 1.7, markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12)
+
+
+def _ashore(ax: Axes, here: Frame, forecast: Forecast, time: int, scale: float = 1.0) -> float:
+    """Mark where the object may be ashore, gathered on a coarse net; return the probability of all of it."""
+    ashore = forecast.data["probability_ashore"].values[time].astype(np.float64)
+    rows, columns = np.nonzero(ashore)
+    total = float(ashore.sum())
+    if total < 5e-4:
+        return total
+    x, y = here.project(forecast.data["lon"].values[columns], forecast.data["lat"].values[rows])
+    weight = ashore[rows, columns]
+    net = (here.x[1] - here.x[0]) / 45
+    bins = np.floor((y - here.y[0]) / net) * 1000 + np.floor((x - here.x[0]) / net)
+    _, member = np.unique(bins, return_inverse=True)
+    sums = np.bincount(member, weight)
+    x, y = np.bincount(member, weight * x) / sums, np.bincount(member, weight * y) / sums
+    keep = sums > 1e-3 * total
+    size = scale**2 * (14 + 170 * sums[keep] / max(sums.max(), 0.02))
+    ax.scatter(x[keep], y[keep], size, marker="^", color=ASHORE, edgecolor="white", linewidth=0.5, zorder=9)
+    return total
+
+
+def _points(here: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
+    """Return points [m] of what must not be covered: the outer contours and the track."""
+    xy = [np.column_stack(here.project(forecast.data["mean_lon"].values, forecast.data["mean_lat"].values))]
+    xy += [
+        np.column_stack(here.project(*np.array(part.exterior.coords).T))
+        for one in forecast.contours
+        if one.time in times
+        for part in one.polygon.geoms
+    ]
+    every = np.concatenate(xy)
+    return every[:, 0], every[:, 1]
+
+
+def _track_and_labels(ax: Axes, here: Frame, forecast: Forecast, time: int, marks: Sequence[Mark], outlines: Any) -> None:
+    """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner."""
+    data = forecast.data
+    lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values
+    last = range(len(times))[time]
+    known = [i for i in range(last + 1) if np.isfinite(lat[i])]
+    x, y = here.project(lon[known], lat[known])
+    ax.plot(x, y, color="white", linewidth=3.2, zorder=10, solid_capstyle="round")
+    ax.plot(x, y, color=TRACK, linewidth=1.4, zorder=10.5)
+    ax.plot(x, y, "o", color="white", markeredgecolor=TRACK, markersize=4.5, zorder=11)
+    ax.plot(x[-1:], y[-1:], "o", color=TRACK, markersize=7, zorder=11.5)
+    small = {"fontsize": 8, "color": TRACK}
+    labels: list[tuple[float, float, str, dict[str, Any]]] = []
+    for mark in marks:
+        _mark(ax, here, mark, 9)
+        mx, my = here.project(mark.lon, mark.lat)
+        labels.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
+    first = len(labels)
+    labels += [
+        (float(a), float(b), f"{tables.group(times[i])[:6]}Z", small) for i, a, b in zip(known, x, y, strict=True)
+    ]
+    cx, cy = _points(here, forecast, [o.time for o in outlines])
+    mx, my = here.project([m.lon for m in marks], [m.lat for m in marks])
+    bar = chart.scale_bar(ax, here, chart.free_corner(here, np.append(cx, mx), np.append(cy, my)))
+    chart.place_labels(ax, labels, [bar], must={*range(first), len(labels) - 1})
+
+
+def _panel(
+    figure: Figure,
+    at: Any,
+    mesh: Any,
+    outlines: Sequence[Any],
+    marks: Sequence[Mark],
+    lines: Sequence[Line],
+    ashore: float,
+    land: bool,
+) -> None:
+    """Write the legend beside the map: areas, symbols, colours."""
+    handles: list[Any] = []
+    texts: list[str] = []
+    for one in outlines:
+        handles.append(Line2D([], [], **LINES[one.share]))
+        texts.append(f"{one.share:.0%} area: {_number(one.area / tables.NMI**2)} nmi²".replace("%", " %"))
+    handles.append(
+        Line2D([], [], color=TRACK, linewidth=1.4, marker="o", markersize=4.5, markerfacecolor="white")
+    )
+    texts.append("Mean track, day and time UTC")
+    handles.append(Line2D([], [], color=TRACK, linestyle="none", marker="o", markersize=7))
+    texts.append("Mean position at the valid time")
+    if marks:
+        style: dict[str, Any] = {"color": LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
+        handles.append(
+            (
+                Line2D([], [], marker="o", markersize=8, markerfacecolor="white", **style),
+                Line2D([], [], marker="+", markersize=13, **style),
+            )
+        )
+        texts.append("Last known position" + ("s" if len(marks) > 1 else ""))
+    for line in lines:
+        handles.append(Line2D([], [], color=PRIOR, linewidth=1.4, linestyle=(0, (5, 2, 1, 2))))
+        texts.append(line.label)
+    if ashore >= 5e-4:
+        handles.append(Line2D([], [], color=ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white"))
+        texts.append(f"Ashore, {_percent(ashore)} in all; size by\nprobability")
+    if land:
+        handles.append(Patch(facecolor=chart.LAND, edgecolor=chart.SHORE))
+        texts.append("Land")
+    texts = [textwrap.fill(text, 34) if "\n" not in text else text for text in texts]
+    figure.legend(
+        handles,
+        texts,
+        loc="upper left",
+        bbox_to_anchor=(0.735, 0.875),
+        frameon=False,
+        fontsize=9.5,
+        labelspacing=0.75,
+        handlelength=2.4,
+        labelcolor=INK,
+        borderaxespad=0,
+    )
+    mean = tables.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
+    datum = tables.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
+    figure.text(0.738, 0.40, f"Mean position   {mean}\nDatum (adrift)   {datum}", fontsize=9.5, color=INK, linespacing=1.6)
+    bar = figure.add_axes((0.745, 0.30, 0.215, 0.022))
+    figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="max")
+    bar.set_title("Probability density [% per nmi²]", fontsize=9, loc="left", color=INK)
+    bar.tick_params(labelsize=8)
+    bar.set_xticks([mesh.norm.vmax * f for f in (0, 0.1, 0.35, 1)])
+    bar.set_xticklabels([_number(mesh.norm.vmax * f) for f in (0, 0.1, 0.35, 1)])
+    bar.minorticks_off()
+    figure.text(
+        0.738,
+        0.195,
+        "Areas are the smallest that hold the stated\nshare of the probability adrift or ashore.",
+        fontsize=8,
+        color="#55606b",
+        linespacing=1.4,
+    )
+
+
+def _number(value: float) -> str:
+    """Return a positive number to three digits, without exponents: 1,234 -> 1,230."""
+    if not np.isfinite(value):
+        return "none"
+    if value <= 0:
+        return "0"
+    digits = 2 - int(np.floor(np.log10(value)))
+    return f"{round(value, digits):,.{max(digits, 0)}f}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _account(at: Any) -> str:
+    """Return the account in words: what is adrift, ashore, and lost to the map."""
+    words = {"adrift": "adrift", "ashore": "ashore", "outside": "outside the forcing", "left": "left the domain"}
+    words |= {"sunk": "sunk", "pending": "not yet released"}
+    parts = [
+        f"{words[str(name)]} {_percent(float(value))}"
+        for name, value in zip(at["status"].values, at["status_probability"].values, strict=True)
+        if value >= 5e-4 or name in ("adrift", "ashore")
+    ]
+    return "Account:  " + "   ·   ".join(parts)
+
+
+def _span(times: Sequence[Any]) -> str:
+    """Return in words which times are drawn, and what the numbers over each panel are."""
+    return f"{tables.group(times[0])} to {tables.group(times[-1])}, UTC; areas that hold 50 and 95 % (lines), in nmi²"
+
+
+def _basis(forecast: Forecast, time: int) -> str:
+    """Return in words when the forecast starts and how many particles it stands on."""
+    times = forecast.data["time"].values
+    hours = (times[time] - times[0]) / np.timedelta64(1, "s") / 3600
+    many = float(forecast.data["effective_particles"].values[time])
+    return f"{hours:g} h after {tables.group(times[0])}   ·   worth {many:,.0f} independent particles"

@@ -1,0 +1,171 @@
+"""Scenarios -> the initial ensemble: where, when and what, drawn in water.
+
+Each scenario has a range of slots, about in proportion to its weight but never fewer than a tenth of an equal share, so
+that an unlikely story is still told by enough particles; log weights make up for it.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift import ensemble as record
+from drift.case import Case
+from drift.ensemble import Ensemble
+from drift.leeway import Drifter
+from drift.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
+from geo import sphere
+from geo.errors import UserError
+from kernels import noise, runtime
+from kernels import prior as kernel
+from kernels.coast import DeviceCoast, open_sea
+
+Array = npt.NDArray[Any]
+
+LEAST_SHARE = 0.1  # of an equal share of the particles
+PIECE = 20_000.0  # [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The initial ensemble, and the share of each scenario's prior that lay on land and was left out."""
+
+    ensemble: Ensemble
+    dry: tuple[float, ...]
+
+
+def draw(case: Case, coast: DeviceCoast | None) -> Prior:
+    """Return the initial ensemble of a case, conditioned on water.
+
+    Raises UserError when a scenario's prior holds next to no water.
+    """
+    ensemble = record.empty(case.seed, _bounds(case))
+    key = noise.key(case.seed)
+    dry = []
+    for scenario, slots in zip(case.scenarios, ensemble.scenarios, strict=True):
+        tries = runtime.upload(np.zeros(2, np.int64))
+        _place(case, scenario, ensemble, slots, key, tries, coast)
+        drawn, failed = (int(x) for x in tries.to_numpy())
+        if failed:
+            raise UserError(
+                f'scenario "{scenario.name}": its prior lies on land: {failed} of {slots[1] - slots[0]} particles found '
+                "no water in many tries; move it, or check [coast] source"
+            )
+        dry.append(1.0 - (slots[1] - slots[0]) / drawn)
+        _equip(ensemble, slots, key, scenario.object)
+        for which, error in enumerate((case.current_error, case.wind_error)):
+            kind = ("current", "wind")[which]
+            east, north = (getattr(ensemble, f"{kind}_error_{axis}") for axis in ("east", "north"))
+            kernel.draw_error(*slots, east, north, which, *key, error.std)
+    ensemble.log_weight.from_numpy(_log_weights(case, ensemble))
+    return Prior(ensemble, tuple(dry))
+
+
+def _bounds(case: Case) -> tuple[int, ...]:
+    weights = np.array([scenario.weight for scenario in case.scenarios])
+    share = np.maximum(weights, LEAST_SHARE / weights.size)
+    inner = np.rint(np.cumsum(share / share.sum()) * case.particles).astype(int)
+    return (0, *(int(x) for x in inner))
+
+
+def _log_weights(case: Case, ensemble: Ensemble) -> Array:
+    log_weight = np.empty(ensemble.n, np.float32)
+    for scenario, (first, last) in zip(case.scenarios, ensemble.scenarios, strict=True):
+        if last == first and scenario.weight > 0:
+            raise UserError(
+                f'scenario "{scenario.name}" gets none of the {ensemble.n} particles; raise particles or lower the '
+                "number of scenarios"
+            )
+        with np.errstate(divide="ignore"):
+            log_weight[first:last] = np.log(scenario.weight) - np.log(max(last - first, 1))
+    return log_weight
+
+
+def elapsed(case: Case, time: np.datetime64) -> int:
+    """Return the run's seconds from its start to a time, positive in the direction of the run."""
+    return int((time - case.start) / np.timedelta64(1, "s")) * case.direction
+
+
+def _place(
+    case: Case,
+    scenario: Scenario,
+    ensemble: Ensemble,
+    slots: tuple[int, int],
+    key: tuple[int, int],
+    tries: Any,
+    coast: DeviceCoast | None,
+) -> None:
+    """Draw positions and releases of one scenario's slots."""
+    prior = scenario.prior
+    shore = coast or open_sea()
+    water = (shore.cell, shore.start, shore.edge, shore.frame)
+    common = (coast is not None, *slots, ensemble.lon, ensemble.lat)
+    if isinstance(prior, TracklinePrior):
+        points, courses, lengths, ends = _pieces(prior)
+        mode = -1.0 if prior.mode is None else prior.mode
+        voyage = case.direction * float((prior.arrival - prior.departure) / np.timedelta64(1, "s"))
+        kernel.draw_trackline(
+            *common, ensemble.release, tries, *key, *(runtime.upload(x) for x in (points, courses, lengths, ends)),
+            prior.cross_track, prior.low, prior.high, mode, elapsed(case, prior.departure), voyage, *water,
+        )  # fmt: skip
+        return
+    window = sorted((elapsed(case, prior.release_start), elapsed(case, prior.release_end)))
+    kernel.draw_release(*slots, ensemble.release, *key, *window)
+    if isinstance(prior, PositionPrior):
+        lon, lat = (int(sphere.to_binary(np.degrees(x))) for x in (prior.lon, prior.lat))
+        nearest, farthest, bearing, sector = 0.0, 0.0, 0.0, 0.0
+        if prior.displacement:
+            (nearest, farthest), (bearing, to) = prior.displacement.distance, prior.displacement.direction
+            sector = to - bearing
+        kernel.draw_position(
+            *common, tries, *key, lon, lat, prior.major, prior.minor, prior.orientation,
+            nearest, farthest, bearing, sector, *water,
+        )  # fmt: skip
+    else:
+        vertices, west, south, width, height = _polygon(prior)
+        inside = np.array([south, south + height]) * sphere.UNIT
+        broadest = 1.0 if inside[0] <= 0 <= inside[1] else float(np.cos(np.abs(inside).min()))
+        kernel.draw_area(
+            *common, tries, *key, runtime.upload(vertices), west, south, width, height, broadest, *water
+        )  # fmt: skip
+
+
+def _polygon(prior: AreaPrior) -> tuple[Array, int, int, int, int]:
+    """Return vertices as binary angles and their bounding box (west, south, width, height)."""
+    lon, lat = np.degrees(prior.lon), np.degrees(prior.lat)
+    vertices = np.stack([sphere.to_binary(lon), sphere.to_binary(lat)], axis=1)
+    west, east = (int(x) for x in np.rint(np.array([lon.min(), lon.max()]) * (sphere.TURN / 360)))
+    south, north = int(vertices[:, 1].min()), int(vertices[:, 1].max())
+    wrapped = (west + 2**31) % sphere.TURN - 2**31
+    return vertices.reshape(-1).astype(np.int32), wrapped, south, east - west, north - south
+
+
+def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
+    """Return begins (lon, lat binary), courses [rad], lengths [m], and shares of the voyage done at their ends."""
+    begins, courses, lengths = [], [], []
+    for k in range(len(prior.lon) - 1):
+        a, b = (prior.lon[k], prior.lat[k]), (prior.lon[k + 1], prior.lat[k + 1])
+        east, north = (float(x) for x in sphere.offset(*a, *b))
+        count = max(int(np.ceil(np.hypot(east, north) / PIECE)), 1)
+        share = np.arange(count + 1) / count
+        lon, lat = sphere.destination(*a, east * share, north * share)
+        for i in range(count):
+            east, north = (float(x) for x in sphere.offset(lon[i], lat[i], lon[i + 1], lat[i + 1]))
+            begins.append((lon[i], lat[i]))
+            courses.append(np.arctan2(east, north))
+            lengths.append(np.hypot(east, north))
+    done = np.cumsum(lengths) / np.sum(lengths)
+    points = sphere.to_binary(np.degrees(np.array(begins)))
+    return points, *(np.asarray(x, np.float32) for x in (courses, lengths, done))
+
+
+def _equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:
+    """Draw each particle's own leeway lines and its first side."""
+    for number, name in enumerate(("down", "right", "left")):
+        line = getattr(drifter, name)
+        slope, offset = getattr(ensemble, f"{name}_slope"), getattr(ensemble, f"{name}_offset")
+        kernel.draw_object(
+            *slots, slope, offset, number, *key, line.slope, line.offset, line.slope_std, line.offset_std
+        )
+    kernel.draw_side(*slots, ensemble.side, *key)

@@ -1,0 +1,265 @@
+"""Snapshots of the particles -> what a planner reads: probability maps, containment areas, contours, mean tracks.
+
+Everything here is float64 NumPy on fixed-point deposits, in one order: the same snapshots give the same bits on any
+number of threads. A map holds the object adrift or ashore; what is outside the forcing, has left, sunk or is not yet
+released is in the account (`status_probability`, which adds up to 1) but on no map. Longitudes run on over the
+antimeridian, from the grid's western edge eastward.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+import xarray as xr
+from scipy import ndimage
+
+from drift import areas, cells, density, dataset
+from drift.cells import Array, Cells, Deposit, IsLand
+from drift.snapshot import Snapshot, mapped
+from drift.status import Status
+from geo import sphere
+__all__ = ["Contour", "Forecast", "Snapshot", "build"]
+
+ACROSS = 360  # cells across the forecast's grid at most
+ACROSS_ONE = 600  # and across the finer one of a single snapshot
+METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridian
+
+
+@dataclass(frozen=True)
+class Contour:
+    """Outline of the smallest area that holds a share of the probability at a time [deg, unwrapped]."""
+
+    time: np.datetime64
+    share: float
+    area: float  # [m2]
+    polygon: shapely.MultiPolygon
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """All products: `data` is what forecast.nc holds (see drift.dataset)."""
+
+    data: xr.Dataset
+    contours: tuple[Contour, ...]
+
+    @property
+    def probability(self) -> xr.DataArray:
+        """Probability that the object is in a cell, adrift or ashore (time, lat, lon)."""
+        return self.data["probability"]
+
+
+@dataclass(frozen=True)
+class _Cloud:
+    """The mapped particles of a snapshot: where they are, and how fine they would have the cells."""
+
+    index: Array  # slots
+    west: int  # extent [binary angle], longitudes relative to the common reference
+    east: int
+    south: int
+    north: int
+    spacing: float  # bandwidth [binary angle units]
+
+
+def build(
+    snapshots: Sequence[Snapshot],
+    *,
+    scenarios: Sequence[str],
+    is_land: IsLand | None = None,
+    deposit: Deposit = cells.deposit,
+) -> Forecast:
+    """Return the products of an ensemble's snapshots.
+
+    scenarios: names, in order of their numbers.
+    is_land: int32 binary angles (lon, lat), each (n,) -> bool (n,); particles' own cells always count as reachable.
+    deposit: (lon, lat, weight, cells) -> int64 (nlat, nlon), as `cells.deposit`.
+    """
+    centre = _reference(snapshots)
+    clouds = [_cloud(one, centre) for one in snapshots]
+    windows, grid = _windows(clouds, centre)
+    land = _Land(is_land, grid)
+    maps = [
+        _map(one, cloud, window, len(scenarios), land, deposit) if cloud is not None and window is not None else None
+        for one, cloud, window in zip(snapshots, clouds, windows, strict=True)
+    ]
+    contours = tuple(
+        Contour(one.time, share, float(size), areas.contour(made, share))
+        for one, made in zip(snapshots, maps, strict=True)
+        if made is not None
+        for share, size in zip(areas.SHARES, made.areas, strict=True)
+    )
+    return Forecast(dataset.build(snapshots, scenarios, grid, maps), contours)
+
+
+def _reference(snapshots: Sequence[Snapshot]) -> int:
+    """Return the longitude [binary angle] round which to unwrap: that of the mean position at all times."""
+    x = y = 0.0
+    for one in snapshots:
+        weight = np.where(mapped(one), one.probability, 0.0)
+        lon = one.lon * sphere.UNIT
+        x, y = x + float(np.sum(weight * np.cos(lon))), y + float(np.sum(weight * np.sin(lon)))
+    return int(sphere.to_binary(np.degrees(np.arctan2(y, x))))
+
+
+def _cloud(one: Snapshot, centre: int) -> _Cloud | None:
+    """Return a snapshot's extent and spacing; None if no probability is adrift or ashore."""
+    index = np.flatnonzero(mapped(one))
+    if not len(index):
+        return None
+    # int32 subtraction wraps: longitudes relative to the centre, in [-180, 180) degrees
+    lon, lat = np.subtract(one.lon[index], np.int32(centre)), one.lat[index]
+    shrink = float(np.cos(np.mean(lat) * sphere.UNIT))
+    spacing = density.typical_spacing(lon * shrink, lat.astype(np.float64), one.probability[index])
+    return _Cloud(index, int(lon.min()), int(lon.max()), int(lat.min()), int(lat.max()), spacing)
+
+
+def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells | None], Cells]:
+    """Return each snapshot's own cells and the common ones; the former divide the latter by powers of two."""
+    present = [cloud for cloud in clouds if cloud is not None]
+    if not present:
+        return [None] * len(clouds), Cells(centre, 0, 2**12, 2**12, 1, 1)
+    south, north = min(c.south for c in present), max(c.north for c in present)
+    west, east = min(c.west for c in present), max(c.east for c in present)
+    shrink = max(float(np.cos((south + north) / 2 * sphere.UNIT)), 0.01)
+    across = max(north - south, (east - west) * shrink)
+    wanted = [max(cloud.spacing / 2.5, 0.2 * METRE) for cloud in present]
+    side = max(across / ACROSS, min(*wanted, across / 120) if len(wanted) > 1 else min(wanted[0], across / 120), 32.0)
+    halvings = min(max(int(np.log2(side / 8)), 0), 10)
+    height = _multiple(side, 2**halvings)
+    width = _multiple(side / shrink, 2**halvings)
+
+    def span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
+        """First and last + 1 common cell of an extent with its margin."""
+        margin = reach + 0.04 * (high - low)
+        return int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1
+
+    boxes: list[tuple[int, int, int, int, int] | None] = []
+    for cloud in clouds:
+        if cloud is None:
+            boxes.append(None)
+            continue
+        fine = max(cloud.spacing / 2.5, 0.2 * METRE)
+        x0, x1 = span(cloud.west, cloud.east, width, 15 * fine / shrink)
+        y0, y1 = span(cloud.south, cloud.north, height, 15 * fine)
+        y0, y1 = max(y0, -(2**30) // height), min(y1, 2**30 // height)
+        k = 0
+        while height / 2**k > fine and k < halvings and max(x1 - x0, y1 - y0) * 2 ** (k + 1) <= ACROSS_ONE:
+            k += 1
+        boxes.append((x0, x1, y0, y1, k))
+    known = [box for box in boxes if box is not None]
+    left, right = min(b[0] for b in known), min(max(b[1] for b in known), min(b[0] for b in known) + sphere.TURN // width)
+    low, high = min(b[2] for b in known), max(b[3] for b in known)
+
+    def lon0(x: int) -> int:
+        return centre + x * width
+
+    turns = (lon0(left) + 2**31) // sphere.TURN * sphere.TURN  # the grid's western edge in [-180, 180)
+    grid = Cells(lon0(left) - turns, low * height, width, height, right - left, high - low)
+    windows = [
+        None
+        if box is None
+        else Cells(
+            lon0(box[0]) - turns, box[2] * height, width, height, min(box[1], right) - box[0], box[3] - box[2]
+        ).finer(box[4])
+        for box in boxes
+    ]
+    return windows, grid
+
+
+def _multiple(size: float, quantum: int) -> int:
+    return max(round(size / quantum), 1) * quantum
+
+
+class _Land:
+    """Land at cell centres; looked up once for all snapshots on the common cells."""
+
+    def __init__(self, is_land: IsLand | None, grid: Cells) -> None:
+        self.is_land, self.grid = is_land, grid
+        self.common = None if is_land is None else self._look(grid)
+
+    def _look(self, where: Cells) -> Array:
+        assert self.is_land is not None
+        lon, lat = where.centres()
+        return np.asarray(self.is_land(lon.ravel(), lat.ravel()), bool).reshape(where.shape)
+
+    def on(self, window: Cells) -> Array | None:
+        """Return land (nlat, nlon) on a window of the common cells or finer; None if there is none."""
+        if self.common is None:
+            return None
+        if window.width == self.grid.width:
+            x, y = (window.lon0 - self.grid.lon0) // window.width, (window.lat0 - self.grid.lat0) // window.height
+            land = self.common[y : y + window.nlat, x : x + window.nlon]
+        else:
+            land = self._look(window)
+        return land if land.any() else None
+
+
+def group(n: int) -> Array:
+    """Return the group 0..3 of each slot: held out of a map together. A hash of the slot, in runs of up to 32.
+
+    Resampling lays a particle's offspring side by side: brothers must not sit on both sides of a check.
+    """
+    run = min(max(n // 2048, 1), 32)
+    code = np.arange(n, dtype=np.uint64) // np.uint64(run) + np.uint64(1)
+    with np.errstate(over="ignore"):  # splitmix64 (Steele et al. 2014, doi:10.1145/2660193.2660195)
+        code = code * np.uint64(0x9E3779B97F4A7C15)
+        code = (code ^ (code >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        code = (code ^ (code >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
+
+
+def _map(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, land: _Land, deposit: Deposit) -> areas.Area:
+    """Return the map of one snapshot on its own cells."""
+    index = cloud.index
+    lon, lat, weight = one.lon[index], one.lat[index], one.probability[index]
+    ashore = (one.status[index] == Status.ASHORE).astype(np.int8)
+    amount, heaviest = cells.fixed(weight), float(weight.max())
+    level = bool(weight.min() == heaviest)
+    square = amount if level else cells.fixed(weight * (weight / heaviest))
+
+    def sums(code: Array, number: int, *amounts: Array) -> list[Array]:
+        """Deposits of each class of particles, shape (number, nlat, nlon), for each kind of amount."""
+        made = [np.zeros((number, *window.shape)) for _ in amounts]
+        order = np.argsort(code, kind="stable")
+        ends = np.searchsorted(code[order], np.arange(number + 1))
+        for i in range(number):
+            some = order[ends[i] : ends[i + 1]]
+            if len(some):
+                x, y = lon[some], lat[some]
+                for out, values in zip(made, amounts, strict=True):
+                    out[i] = deposit(x, y, values[some], window) / cells.ONE
+        return made
+
+    code = group(len(one.lon))[index] * 2 + ashore
+    shape = (4, 2, *window.shape)
+    if level:
+        mass = sums(code, 8, amount)[0].reshape(shape)
+        squares = mass * heaviest
+    else:
+        parts = sums(code, 8, amount, square)
+        mass, squares = parts[0].reshape(shape), parts[1].reshape(shape) * heaviest
+    if scenarios == 1:
+        by_scenario = mass.sum(axis=0)[None]
+    else:
+        of_scenario = one.scenario[index].astype(np.int16) * 2 + ashore
+        by_scenario = sums(of_scenario, 2 * scenarios, amount)[0].reshape(scenarios, 2, *window.shape)
+    return areas.build(window, areas.Deposits(mass, squares, by_scenario), _media(mass.sum(axis=0), land.on(window)))
+
+
+def _media(mass: Array, land: Array | None) -> tuple[density.Medium, density.Medium]:
+    """Return where the object can be adrift and ashore: in water joined to a particle's, and along its shoreline."""
+    if land is None:
+        everywhere = density.medium(np.ones(mass.shape[1:], bool))
+        return everywhere, everywhere
+    here = mass.sum(axis=0) > 0
+    basins, count = ndimage.label(~land | here)  # a kernel reaches across a spit, but not into a bay that holds nobody
+    holds = np.zeros(count + 1, bool)
+    holds[np.unique(basins[here])] = True
+    holds[0] = False
+    water = holds[basins]
+    adrift = density.medium(water & ~land | (mass[0] > 0))
+    if not mass[1].any():
+        return adrift, adrift
+    square = np.ones((3, 3), bool)
+    shore = ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square)
+    return adrift, density.medium(shore | (mass[1] > 0))

@@ -1,0 +1,210 @@
+"""Quantities, positions and times as a planner writes them, turned into SI.
+
+A quantity is "12 kn" or a bare SI number. A position is degrees and decimal minutes with hemisphere letters, or
+[lon, lat] in degrees. A time is a date-time group or ISO 8601, always with a zone, or relative to the start of the
+case ("+6 h"). Whatever can be read in two ways ("5 nm": nautical miles or nanometres) is refused. Refusals are
+ValueErrors whose text says what was given and what is allowed; the caller knows where.
+"""
+
+import math
+import re
+from datetime import datetime, timedelta, timezone
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pint
+
+MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
+
+NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
+POWER = re.compile(r"(?<=[A-Za-z])\^?(-?[1-4])(?![\d.])")  # m2/s, nmi^2
+GROUP = re.compile(r"(\d{2})(\d{2})(\d{2})([A-Z])([A-Z]{3})(\d{4}|\d{2})")  # 211830ZNOV26
+ANGLE = re.compile(
+    r"(?P<before>[NSEW])?\s*(?P<degrees>[+-]?\d+(?:\.\d+)?)\s*[°d]?"
+    r"(?:[\s-]*(?P<minutes>\d+(?:\.\d+)?)\s*['′]?)?"
+    r"(?:[\s-]*(?P<seconds>\d+(?:\.\d+)?)\s*(?:[\"″]|'')?)?"
+    r"\s*(?P<after>[NSEW])?"
+)
+
+Instant = np.datetime64 | np.timedelta64  # a time, or an interval after the start of the case
+
+# Mariners' spellings that mean something else, or nothing, to a physicist.
+MISREAD = {"nm": "nmi", "NM": "nmi", "Nm": "nmi", "M": "nmi or m", "miles": "nmi or mi", "mile": "nmi or mi"}
+
+
+@lru_cache(maxsize=1)
+def registry() -> Any:
+    """Return the units in use; built once, at the first quantity that carries a unit."""
+    return pint.UnitRegistry()
+
+
+def quantity(value: object, unit: str, what: str, example: str) -> float:
+    """Return a quantity in SI.
+
+    value: "12 kn", or a bare number already in `unit`. unit: SI unit that the quantity must have ("m/s").
+    what, example: words for the refusal ("speed", "12 kn").
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f'{value!r} is not a {what}; write it like "{example}"')
+    number = _convert(value, unit, what, example) if isinstance(value, str) else float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{value!r} is not a finite {what}")
+    return number
+
+
+def _convert(text: str, unit: str, what: str, example: str) -> float:
+    match = NUMBER.fullmatch(text)
+    if match is None:
+        raise ValueError(f'"{text}" is not a {what}; write a number and a unit, like "{example}"')
+    number, name = float(match[1].replace("_", "")), match[2]
+    if not name:
+        return number
+    if name in MISREAD:
+        raise ValueError(f'"{text}": the unit "{name}" can be misread; write {MISREAD[name]}')
+    try:
+        spelled = re.sub(r"^(/|per\s+)\s*", "1/", name.replace("²", "2"))
+        given = registry().Unit(POWER.sub(r"**\1", spelled))
+        factor = registry().Quantity(1.0, given).to(unit).magnitude
+    except pint.DimensionalityError:
+        raise ValueError(f'"{text}" is not a {what}: "{name}" is of another kind; write it like "{example}"') from None
+    except (pint.errors.PintError, AttributeError, TypeError, ValueError, ArithmeticError, SyntaxError):
+        raise ValueError(f'"{text}": there is no unit "{name}"; write the {what} like "{example}"') from None
+    return number * float(factor)
+
+
+def angle(value: object, letters: str) -> float:
+    """Return a longitude (letters "EW") or latitude ("NS") in degrees: a number or '88 15.0W'."""
+    what, limit = ("latitude", 90.0) if letters == "NS" else ("longitude", 180.0)
+    if isinstance(value, bool):
+        raise ValueError(f"{value!r} is not a {what}")
+    if isinstance(value, int | float):
+        # A bare longitude may count to 360, as the files of the models do.
+        if not (-limit <= value <= limit or (letters == "EW" and 180 < value <= 360)):
+            raise ValueError(f"{what} {value:g} is outside {-limit:g} to {limit:g}")
+        return (value + 180) % 360 - 180 if abs(value) > 180 else float(value)
+    match = ANGLE.fullmatch(str(value).strip().upper().replace("º", "°").replace("’", "'"))
+    if match is None or not (match["before"] or match["after"]) or (match["before"] and match["after"]):
+        raise ValueError(f'"{value}" is not a {what}; write it like {"27 30.5N" if letters == "NS" else "088 15.0W"}')
+    return _signed(match, letters, what, limit)
+
+
+def _signed(match: re.Match[str], letters: str, what: str, limit: float) -> float:
+    letter = match["before"] or match["after"]
+    text = match[0].strip()
+    if letter not in letters:
+        raise ValueError(f'"{text}" is not a {what}: it ends in {letter}, not in {letters[0]} or {letters[1]}')
+    degrees, minutes, seconds = match["degrees"], match["minutes"] or "0", match["seconds"] or "0"
+    if degrees[0] in "+-":
+        raise ValueError(f'"{text}" has both a sign and a letter; leave the sign out')
+    if ("." in degrees and match["minutes"]) or ("." in minutes and match["seconds"]):
+        raise ValueError(f'"{text}": only the last of degrees, minutes and seconds may have decimals')
+    if float(minutes) >= 60 or float(seconds) >= 60:
+        raise ValueError(f'"{text}": minutes and seconds must be below 60')
+    size = float(degrees) + float(minutes) / 60 + float(seconds) / 3600
+    if size > limit:
+        raise ValueError(f'{what} "{text}" is outside {-limit:g} to {limit:g}')
+    return -size if letter in "SW" else size
+
+
+def position(value: object) -> tuple[float, float]:
+    """Return (lon, lat) [deg], lon in [-180, 180).
+
+    value: "27 30.5N 088 15.0W" in either order (the letters tell), [lon, lat] in degrees, or { lat = .., lon = .. }.
+    """
+    if isinstance(value, dict):
+        if set(value) != {"lon", "lat"}:
+            raise ValueError("a position table has exactly the keys lon and lat")
+        lon, lat = angle(value["lon"], "EW"), angle(value["lat"], "NS")
+    elif isinstance(value, list | tuple):
+        if len(value) != 2:
+            raise ValueError(f"{list(value)!r} is not a position; write [lon, lat] in degrees")
+        try:
+            lon, lat = angle(value[0], "EW"), angle(value[1], "NS")
+        except ValueError as error:
+            raise ValueError(f"{error} (the order is [lon, lat])") from None
+    elif isinstance(value, str):
+        lon, lat = _pair(value)
+    else:
+        raise ValueError(f'{value!r} is not a position; write it like "27 30.5N 088 15.0W"')
+    return (lon + 180) % 360 - 180, lat
+
+
+def _pair(text: str) -> tuple[float, float]:
+    """Return (lon, lat) [deg] of two angles with hemisphere letters, all before or all after their numbers."""
+    plain = text.strip().upper().replace("º", "°").replace("’", "'")
+    letters = re.findall(r"[NSEW]", plain)
+    if len(letters) != 2 or (letters[0] in "NS") == (letters[1] in "NS"):
+        raise ValueError(
+            f'position "{text}" is ambiguous: write one of N or S and one of E or W, like "27 30.5N 088 15.0W"'
+        )
+    if plain[0] in "NSEW":
+        halves = re.split(r"[\s,;/]*(?=[NSEW])", plain[1:], maxsplit=1)
+        halves[0] = plain[0] + halves[0]
+    else:
+        halves = re.split(r"(?<=[NSEW])[\s,;/]*", plain, maxsplit=1)
+    latitude_first = letters[0] in "NS"
+    lat, lon = halves if latitude_first else reversed(halves)
+    return angle(lon, "EW"), angle(lat, "NS")
+
+
+def time(value: object) -> Instant:
+    """Return a UTC time [s], or an interval after the start for "+6 h".
+
+    value: "211830ZNOV26" (any military zone letter but J), "2026-11-21T18:30Z" or with an offset, a TOML date-time with
+    an offset, or "+6 h" / "-30 min".
+    """
+    if isinstance(value, datetime):
+        return _utc(value, value.isoformat())
+    if not isinstance(value, str):
+        raise ValueError(f'{value!r} is not a time; write it like "211830ZNOV26" or "2026-11-21T18:30Z"')
+    text = value.strip()
+    if text[:1] in {"+", "-"}:
+        return np.timedelta64(round(quantity(text, "s", "interval after the start", "+6 h")), "s")
+    group = re.sub(r"\s+", "", text.upper())
+    if match := GROUP.fullmatch(group):
+        return _utc(_group(match, text), text)
+    if re.fullmatch(r"\d{6}[A-Z]?([A-Z]{3})?", group):
+        raise ValueError(f'time "{text}" lacks its zone, month or year; write it like "211830ZNOV26"')
+    try:
+        moment = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", text))
+    except ValueError:
+        raise ValueError(
+            f'"{text}" is not a time; write it like "211830ZNOV26", "2026-11-21T18:30Z" or "+6 h" (after the start)'
+        ) from None
+    return _utc(moment, text)
+
+
+def _group(match: re.Match[str], text: str) -> datetime:
+    day, hour, minute, letter, month, year = match.groups()
+    if month not in MONTHS:
+        raise ValueError(f'time "{text}": there is no month "{month}"')
+    if letter == "J":
+        raise ValueError(f'time "{text}": zone J is the reader\'s own; write the zone letter, Z for UTC')
+    # A to M without J are 1 to 12 hours ahead of UTC, N to Y 1 to 12 behind (ACP 121(I), 2010, table of zones).
+    ahead = "ZABCDEFGHIKLM".find(letter)
+    hours = ahead if ahead >= 0 else -("NOPQRSTUVWXY".index(letter) + 1)
+    century = int(year) if len(year) == 4 else 2000 + int(year)
+    zone = timezone(timedelta(hours=hours))
+    try:
+        return datetime(century, MONTHS.index(month) + 1, int(day), int(hour), int(minute), tzinfo=zone)
+    except ValueError as error:
+        raise ValueError(f'time "{text}" does not exist: {error}') from None
+
+
+def _utc(moment: datetime, text: str) -> np.datetime64:
+    if moment.tzinfo is None:
+        raise ValueError(f'time "{text}" has no zone; add Z for UTC, or an offset like +02:00')
+    naive = moment.astimezone(timezone.utc).replace(tzinfo=None)
+    return np.datetime64(naive, "s")
+
+
+def resolve(instant: Instant, start: np.datetime64) -> np.datetime64:
+    """Return a time in UTC: itself, or the start plus an interval."""
+    return start + instant if isinstance(instant, np.timedelta64) else instant
+
+
+def group(moment: np.datetime64) -> str:
+    """Return a time as a date-time group, 211830ZNOV26."""
+    when: datetime = moment.astype("datetime64[s]").item()
+    return f"{when:%d%H%M}Z{MONTHS[when.month - 1]}{when:%y}"

@@ -1,0 +1,243 @@
+"""Built-in flows in closed form: synthetic, for the shipped case, for tests, for a first try without a file.
+
+A flow is placed at points, flow(lon, lat) [deg], and then tells its velocity at any time there:
+velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s]. Its clock is absolute, so that a flow is the same
+whenever a run starts.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from geo import sphere
+from geo.box import Box
+from geo.errors import UserError
+
+Array = NDArray[np.float64]
+Velocity = Callable[[float], tuple[Array, Array]]
+Flow = Callable[[ArrayLike, ArrayLike], Velocity]
+
+EPOCH = np.datetime64("2000-01-01", "s")
+DAY = 86400.0  # [s]
+ROTATION = 7.292115e-5  # [rad/s] of the Earth (GRS80)
+METRES = sphere.RADIUS * np.pi / 180.0  # [m] in a degree of latitude
+
+
+def _centre(box: Box) -> tuple[float, float]:
+    return (box.west + box.east) / 2, (box.south + box.north) / 2
+
+
+def _east_of(lon: ArrayLike, reference: float) -> Array:
+    """Longitudes [deg] relative to a reference, in [-180, 180)."""
+    return np.asarray((np.asarray(lon, float) - reference + 180.0) % 360.0 - 180.0)
+
+
+def solid_rotation(
+    box: Box, speed: float = 0.5, pole_lon: float = 40.0, pole_lat: float = 60.0
+) -> Flow:
+    """Rotation of the whole sphere about an axis through (pole_lon, pole_lat) [deg]; speed [m/s] 90 degrees from it.
+
+    velocity = omega x r: a particle goes round a small circle, back at its start after 2 pi R / speed.
+    """
+    lam, phi = np.radians(pole_lon), np.radians(pole_lat)
+
+    def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
+        d, y = np.radians(np.asarray(lon, float)) - lam, np.radians(np.asarray(lat, float))
+        east = np.asarray(speed * (np.cos(y) * np.sin(phi) - np.sin(y) * np.cos(phi) * np.cos(d)))
+        north = np.asarray(speed * np.cos(phi) * np.sin(d) + 0.0 * y)
+        return lambda seconds: (east, north)
+
+    return flow
+
+
+def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
+    """Stommel's (1948, doi:10.1029/TR029i002p00202) gyre filling the box: slow interior, fast western edge.
+
+    boundary: width of the western layer as a share of the box's; speed [m/s]: the largest northward one.
+    psi = pi sin(pi y) (1 - x - exp(-x / boundary)) on the unit square; the flow is along its contours.
+    """
+    width, height = box.east - box.west, box.north - box.south
+    # without the small exp(-1 / boundary) term the east wall would leak: q makes psi vanish there
+    q = np.exp(-1.0 / boundary)
+
+    def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
+        x = _east_of(lon, _centre(box)[0]) / width + 0.5
+        y = (np.asarray(lat, float) - box.south) / height
+        decay = np.exp(-np.clip(x, -1, 2) / boundary)
+        psi_y = np.pi * np.cos(np.pi * y) * (1 - x - decay + q * x)
+        psi_x = np.sin(np.pi * y) * (-1 + decay / boundary + q)
+        inside = (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1)
+        scale = speed / (1 / boundary - 1)
+        cosine = np.cos(np.radians(np.asarray(lat, float)))  # u = -dpsi/dy, v = dpsi/(cos(lat) dx): no divergence
+        east = np.where(inside, -psi_y * scale * width / height, 0.0)
+        north = np.where(inside, psi_x * scale / cosine, 0.0)
+        return lambda seconds: (east, north)
+
+    return flow
+
+
+def inertial(box: Box, speed: float = 0.3, mean_east: float = 0.05, mean_north: float = 0.0, lat: float | None = None) -> Flow:
+    """An inertial oscillation [m/s] on a uniform mean flow, clockwise in the north, of the period at `lat` [deg]."""
+    f = 2 * ROTATION * np.sin(np.radians(_centre(box)[1] if lat is None else lat))
+
+    def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
+        still = 0.0 * (np.asarray(lon, float) + np.asarray(lat, float))
+
+        def velocity(seconds: float) -> tuple[Array, Array]:
+            turn = f * seconds
+            return mean_east + speed * np.cos(turn) + still, mean_north - speed * np.sin(turn) + still
+
+        return velocity
+
+    return flow
+
+
+# (lon, lat [deg], radius [km], swirl [m/s], positive counterclockwise, drift west and north [km/day]) of the eddies
+EDDIES = (
+    (-89.6, 25.6, 115.0, -0.75, 3.0, 0.3),  # a ring shed by the Loop Current
+    (-85.3, 26.9, 50.0, 0.45, -1.0, -0.8),  # cyclones on its flank
+    (-88.0, 23.9, 55.0, 0.40, 1.0, 0.6),
+    (-92.6, 26.6, 70.0, 0.35, 1.5, 0.0),
+    (-94.3, 24.2, 95.0, -0.40, 2.0, 0.2),
+)
+# the Loop Current's axis [deg]: in through the Yucatan Channel, out through the Straits of Florida
+LOOP = (
+    (-85.6, 20.0), (-85.9, 21.8), (-86.4, 23.4), (-86.9, 25.0), (-86.8, 26.3), (-86.0, 27.1), (-85.0, 26.7),
+    (-84.5, 25.5), (-84.1, 24.4), (-82.9, 23.8), (-81.2, 23.9), (-80.0, 24.6), (-79.6, 26.0), (-79.7, 28.0), (-79.4, 30.5),
+)  # fmt: skip
+# the edge of the shelf [deg], deep water on its right: Texas, Louisiana, Florida, the Keys, Florida's east coast
+SHELF = (
+    (-98.0, 25.0), (-96.6, 27.0), (-94.5, 28.3), (-91.5, 28.4), (-89.0, 29.2), (-87.0, 29.9), (-85.0, 29.0),
+    (-83.7, 27.6), (-83.0, 26.0), (-82.4, 24.7), (-80.9, 24.6), (-80.1, 25.4), (-80.0, 27.0), (-80.6, 30.5),
+)  # fmt: skip
+HALF = 38e3  # [m] half width of the jet
+NUDGE = 1e-3  # [deg] of the streamfunction's central differences: error below 1e-6 of the flow
+TIDE = 86_164.1  # [s] period of K1, nearly inertial in the Gulf
+
+
+def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
+    """A Loop-Current-like jet with drifting eddies over the Gulf of Mexico, and a weak daily tide [m/s].
+
+    Jet and eddies are the curl of one streamfunction, so they have no divergence: the jet is a tanh of the
+    distance from its axis, an eddy a Gaussian; the streamfunction goes to zero over the shelf. An invention that
+    looks like the Gulf; it forecasts nothing. Other waters have only its tide.
+    """
+    axis, shelf = _smooth(LOOP), _smooth(SHELF)
+
+    def streamfunction(lon: Array, lat: Array) -> Callable[[float], Array]:
+        """[m2/s], with east = -d/dy and north = d/dx."""
+        side = _signed_distance(axis, lon, lat)
+        deep = 0.5 + 0.5 * np.tanh((_signed_distance(shelf, lon, lat) - 20e3) / 40e3)
+        near = np.hypot(_east_of(lon, -88.0) * 0.9, lat - 25.0) / 14.0  # the Gulf is all there is
+        deep = deep * np.exp(-np.clip(near - 0.7, 0, None) ** 2 / 0.02)
+
+        def psi(seconds: float) -> Array:
+            days = seconds / DAY
+            loop = side + 12e3 * np.sin(2 * np.pi * days / 27.0)  # the loop breathes
+            total = speed * HALF * (-1 - np.tanh(loop / HALF))
+            phase = 2 * np.pi * days / 60.0  # eddies wander round their places: any date's flow is alike
+            for e_lon, e_lat, radius, swirl, west, north in EDDIES:
+                squeeze = np.cos(np.radians(e_lat))
+                c_lon = e_lon - west * 5e3 * np.sin(phase) / (METRES * squeeze)
+                c_lat = e_lat + north * 5e3 * np.cos(phase) / METRES
+                dx, dy = (lon - c_lon) * METRES * squeeze, (lat - c_lat) * METRES
+                r = radius * 1e3  # where the swirl is fastest
+                total = total - swirl * r * np.exp(0.5 - (dx * dx + dy * dy) / (2 * r * r))
+            return np.asarray(total * deep)
+
+        return psi
+
+    def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
+        x, y = np.broadcast_arrays(-88.0 + _east_of(lon, -88.0), np.asarray(lat, float))
+        step = 2 * NUDGE * METRES
+        beside = streamfunction(x + NUDGE, y), streamfunction(x - NUDGE, y)
+        above, below = streamfunction(x, y + NUDGE), streamfunction(x, y - NUDGE)
+        cosine = np.cos(np.radians(y))
+
+        def velocity(seconds: float) -> tuple[Array, Array]:
+            turn = 2 * np.pi * seconds / TIDE
+            east = -(above(seconds) - below(seconds)) / step
+            north = (beside[0](seconds) - beside[1](seconds)) / (step * cosine)
+            return east + tide * np.cos(turn), north - tide * np.sin(turn)
+
+        return velocity
+
+    return flow
+
+
+def _smooth(line: tuple[tuple[float, float], ...]) -> Array:
+    """Smooth a polyline by Chaikin's corner cutting, shape (n, 2) [deg]."""
+    points = np.array(line)
+    for _ in range(2):
+        low, high = 0.75 * points[:-1] + 0.25 * points[1:], 0.25 * points[:-1] + 0.75 * points[1:]
+        points = np.concatenate((points[:1], np.stack((low, high), 1).reshape(-1, 2), points[-1:]))
+    return points
+
+
+def _signed_distance(line: Array, lon: Array, lat: Array) -> Array:
+    """Return the distance [m] to a polyline's lines, positive to its right, in a plane about 26 N."""
+    squeeze = np.cos(np.radians(26.0))
+    ends = line * np.array([squeeze, 1.0]) * METRES
+    x, y = lon * squeeze * METRES, lat * METRES
+    best = np.full(np.shape(lon), np.inf)
+    sign = np.ones(np.shape(lon))
+    for k, ((ax, ay), (bx, by)) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+        ux, uy = bx - ax, by - ay
+        t = ((x - ax) * ux + (y - ay) * uy) / (ux * ux + uy * uy)
+        low = -np.inf if k == 0 else 0.0  # the ends go on straight
+        t = np.clip(t, low, np.inf if k == len(ends) - 2 else 1.0)
+        dx, dy = x - ax - t * ux, y - ay - t * uy
+        square = dx * dx + dy * dy
+        nearer = square < best
+        best = np.where(nearer, square, best)
+        sign = np.where(nearer, np.sign(ux * -dy + uy * dx), sign)
+    return np.asarray(sign * np.sqrt(best))
+
+
+def breeze(
+    box: Box, speed: float = 7.0, toward: float = 300.0, sea_breeze: float = 2.0, swing: float = 20.0
+) -> Flow:
+    """A trade wind [m/s] toward a direction [deg], with a daily sea breeze and a slow synoptic swing [deg].
+
+    The sea breeze turns clockwise once a day (northern hemisphere), the swing takes five days, the strength
+    breathes by a tenth over four, and both vary a little over hundreds of kilometres.
+    """
+
+    def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
+        x, y = np.broadcast_arrays(_east_of(lon, _centre(box)[0]), np.asarray(lat, float))
+
+        def velocity(seconds: float) -> tuple[Array, Array]:
+            days = seconds / DAY
+            direction = np.radians(toward + swing * np.sin(2 * np.pi * (days / 5.0 + x / 25.0)))
+            strength = speed * (1 + 0.1 * np.sin(2 * np.pi * (days / 4.0 - y / 20.0)))
+            turn = 2 * np.pi * (days + (x + _centre(box)[0]) / 360.0)  # by the sun
+            east = strength * np.sin(direction) + sea_breeze * np.sin(turn)
+            return east, strength * np.cos(direction) + sea_breeze * np.cos(turn)
+
+        return velocity
+
+    return flow
+
+
+# kind -> (builder, quantities, spacing of its tile [deg])
+KINDS: dict[str, tuple[Callable[..., Flow], tuple[str, ...], float]] = {
+    "gulf": (gulf, ("current",), 0.05),
+    "solid_rotation": (solid_rotation, ("current", "wind", "stokes"), 0.25),
+    "stommel_gyre": (stommel_gyre, ("current",), 0.05),
+    "inertial": (inertial, ("current",), 0.25),
+    "breeze": (breeze, ("wind",), 0.25),
+}
+
+
+def build(quantity: str, kind: str, box: Box, **parameters: float) -> tuple[Flow, float]:
+    """Return a built-in flow and the spacing [deg] that suits it; a UserError for an unknown one."""
+    allowed = [name for name, (_, quantities, _) in KINDS.items() if quantity in quantities]
+    if kind not in allowed:
+        raise UserError(f'[[{quantity}]] analytic = "{kind}" is unknown; allowed: {", ".join(allowed) or "none"}')
+    make, _, spacing = KINDS[kind]
+    try:
+        return make(box, **parameters), spacing
+    except TypeError as error:
+        known = make.__code__.co_varnames[1 : make.__code__.co_argcount]
+        raise UserError(f'[[{quantity}]] analytic = "{kind}" takes {", ".join(known)}, not {sorted(parameters)}') from error

@@ -1,0 +1,301 @@
+"""One component of a vector quantity in one or several files: finding its slices and reading one of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo import clock, level, locate, speed
+from geo.errors import UserError
+from geo.layout import Array, Index, Layout, Triangles
+
+SENTINELS = (999.0, 9999.0, 99999.0, 999.9, 9999.9, 32767.0, 32768.0)  # fill values that files forget to declare
+SENTINEL_SPEED = 5.0  # [m/s] above which one of these numbers is no speed, whatever its units
+IMPOSSIBLE = {"current": 100.0, "wind": 200.0, "stokes": 100.0}  # [m/s]; the strongest gust on record is 113
+HORIZONTAL = ("two", "component", "components", "uv")  # dimensions that hold both components (SCHISM's hvel)
+
+
+@dataclass(frozen=True)
+class Component:
+    """A variable over its files. dims: its horizontal dimensions; fixed: indices along all the others but time.
+
+    segments: (dataset, path, time dimension or None, index along it, time) of every slice, in the order of time.
+    mask: (…) False where the file's own mask says land, in the window; None without one.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    fixed: dict[str, int]
+    segments: tuple[tuple[xr.Dataset, str, str | None, int], ...]
+    times: clock.Times | None
+    factor: float
+    quantity: str
+    layout: Layout
+    mask: NDArray[np.bool_] | None
+    unmasked: bool = False  # the case says that zeros are still water
+    notes: tuple[str, ...] = field(default=())
+
+
+def describe_dims(data: xr.Dataset, name: str) -> str:
+    """Return "name(dim = size, ...)" for messages."""
+    return f"{name}({', '.join(f'{d} = {data.sizes[d]}' for d in map(str, data[name].dims))})"
+
+
+def gather(
+    name: str,
+    side: int,
+    files: Sequence[tuple[str, xr.Dataset]],
+    quantity: str,
+    chosen: Mapping[str, Any],
+    units: str | None,
+    depth: float | None,
+    needs_times: bool,
+) -> Component:
+    """Return a component from the files that hold it; needs_times: the file's times must be understood.
+
+    side: 0 for the first component, 1 for the second, which matters where one variable holds both.
+    """
+    notes: list[str] = []
+    path, data = files[0]
+    time_name = clock.variable_of(data, list(map(str, data[name].dims)), chosen)
+    time_dim = str(data[time_name].dims[0]) if time_name and data[time_name].ndim == 1 else None
+    if time_dim is None:
+        time_dim = next((str(d) for d in data[name].dims if str(d).lower() in {n.lower() for n in clock.NAMES}), None)
+    dims, fixed = _sort_dims(data, name, time_dim, side, quantity, chosen, depth, notes, path)
+    layout, remarks = locate.locate(data, name, dims, chosen)
+    notes += remarks
+    slices: list[tuple[xr.Dataset, str, str | None, int]] = []
+    stamps: list[NDArray[np.datetime64]] = []
+    for other_path, other in files:
+        _same_grid(data, other, path, other_path, name, dims, layout, chosen, quantity)
+        count = int(other.sizes[time_dim]) if time_dim and time_dim in other[name].dims else 1
+        slices += [(other, other_path, time_dim if time_dim in other[name].dims else None, k) for k in range(count)]
+        if not needs_times:
+            continue
+        if time_name is None:
+            raise UserError(_no_time(other_path, quantity, count, "has no time"))
+        try:
+            when, remarks = clock.decode(other, time_name)
+        except UserError as error:
+            raise UserError(_no_time(other_path, quantity, count, str(error))) from error
+        if (np.diff(when) <= np.timedelta64(0, "s")).any():
+            at = int(np.argmax(np.diff(when) <= np.timedelta64(0, "s")))
+            raise UserError(
+                f"{other_path}: times do not increase: {when[at]} is followed by {when[at + 1]}; "
+                f"mend the file or state [[{quantity}]] times"
+            )
+        notes += [r for r in remarks if r not in notes]
+        stamps.append(when)
+    times = None
+    if needs_times:
+        times = np.concatenate(stamps)
+        order = np.argsort(times, kind="stable")
+        times, slices = times[order], [slices[k] for k in order]
+        same = np.nonzero(np.diff(times) <= np.timedelta64(0, "s"))[0]
+        if len(same):
+            a, b = slices[same[0]][1], slices[same[0] + 1][1]
+            raise UserError(f"{times[same[0]]} stands in both {a} and {b}; name one of them in [[{quantity}]] files")
+    return Component(
+        name, dims, fixed, tuple(slices), times, _factor(data, name, units, quantity, path, notes), quantity,
+        layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), tuple(notes),
+    )  # fmt: skip
+
+
+def _no_time(path: str, quantity: str, count: int, why: str) -> str:
+    keys = f"[[{quantity}]] times = {{ start = ..., interval = ... }}"
+    return f"{path}: {why}; state {keys}, or steady = true to hold {'it' if count == 1 else 'the first slice'} constant"
+
+
+def _sort_dims(
+    data: xr.Dataset, name: str, time_dim: str | None, side: int, quantity: str, chosen: Mapping[str, Any],
+    depth: float | None, notes: list[str], path: str,
+) -> tuple[tuple[str, ...], dict[str, int]]:  # fmt: skip
+    """Tell a variable's horizontal dimensions from those along which one index is read."""
+    rest = [str(d) for d in data[name].dims if str(d) != time_dim]
+    fixed: dict[str, int] = {}
+    for dim in list(rest):
+        size = int(data.sizes[dim])
+        if dim in chosen:
+            index = chosen[dim]
+            if not isinstance(index, int | np.integer) or not -size <= int(index) < size:
+                raise UserError(f'[[{quantity}]] variables.{dim} = {index!r}: it is an index, 0 to {size - 1}')
+            fixed[dim] = int(index) % size
+            notes.append(f"index {fixed[dim]} of {size} along {dim}, as the case says")
+        elif dim.lower() in HORIZONTAL and size == 2:
+            fixed[dim] = side
+        elif level.is_vertical(data, dim):
+            fixed[dim], remark = level.choose(data, dim, quantity, depth)
+            notes += [remark] if remark else []
+    rest = [d for d in rest if d not in fixed]
+    wanted = 1 if _unstructured(data, rest) else 2
+    for dim in rest:
+        if len(rest) > wanted and data.sizes[dim] == 1 and not _has_axis(data, dim):
+            fixed[dim] = 0
+    rest = [d for d in rest if d not in fixed]
+    if len(rest) > wanted:
+        extra = [d for d in rest[:-wanted]]
+        raise UserError(
+            f"{path}: {describe_dims(data, name)} has more than one {' and '.join(extra)}; "
+            f"set [[{quantity}]] variables.{extra[0]} to an index"
+        )
+    if len(rest) < wanted:
+        raise UserError(f"{path}: {describe_dims(data, name)} is no field over longitude and latitude")
+    if wanted == 2 and _lat_last(data, rest):
+        rest = rest[::-1]
+    return tuple(rest), fixed
+
+
+def _has_axis(data: xr.Dataset, dim: str) -> bool:
+    return bool(locate.LON.match(dim) or locate.LAT.match(dim) or dim.lower() in ("x", "y"))
+
+
+def _lat_last(data: xr.Dataset, dims: Sequence[str]) -> bool:
+    """Whether a variable is stored (lon, lat) instead of (lat, lon)."""
+    def says(dim: str, pattern: Any, standard: str, axis: str) -> bool:
+        attributes = data[dim].attrs if dim in data.variables else {}
+        named = str(attributes.get("standard_name", ""))
+        return bool(pattern.match(dim)) or named in (standard, f"projection_{axis}_coordinate", f"grid_{standard}") or (
+            str(attributes.get("axis", "")).lower() == axis
+        ) or dim.lower() == axis  # fmt: skip
+
+    return says(dims[0], locate.LON, "longitude", "x") and says(dims[1], locate.LAT, "latitude", "y")
+
+
+def _unstructured(data: xr.Dataset, dims: Sequence[str]) -> bool:
+    """Whether longitudes and latitudes share the last dimension, which no axis is."""
+    if not dims:
+        return False
+    last = dims[-1]
+    along = [str(n) for n, v in data.variables.items() if v.dims == (last,)]
+    return any(locate.LON.match(n) for n in along) and any(locate.LAT.match(n) for n in along)
+
+
+def _same_grid(
+    data: xr.Dataset, other: xr.Dataset, path: str, other_path: str, name: str, dims: tuple[str, ...],
+    layout: Layout, chosen: Mapping[str, Any], quantity: str,
+) -> None:  # fmt: skip
+    if other is data:
+        return
+    trouble = ""
+    for dim in map(str, data[name].dims):
+        if dim in dims and other.sizes.get(dim) != data.sizes[dim]:
+            trouble = f"{other.sizes.get(dim)} points along {dim} instead of {data.sizes[dim]}"
+    if not trouble:
+        for dim in dims:
+            if dim in data.variables and dim in other.variables:
+                a, b = np.asarray(data[dim].values, float), np.asarray(other[dim].values, float)
+                if a.shape != b.shape or not np.allclose(a, b, rtol=1e-6, atol=1e-5, equal_nan=True):
+                    trouble = f"other values along {dim}"
+    if trouble:
+        raise UserError(
+            f"{other_path} has another grid than {path}: {trouble}; give it as a [[{quantity}]] source of its own"
+        )
+
+
+def _factor(
+    data: xr.Dataset, name: str, units: str | None, quantity: str, path: str, notes: list[str]
+) -> float:
+    attributes = data[name].attrs
+    held = str(attributes.get("units", "")).strip()
+    if units is not None:
+        if held and held.lower() != units.lower():
+            notes.append(f'units {units} as the case says (the file says "{held}")')
+        return speed.factor(units)
+    if held in ("", "1", "unknown", "none"):
+        inside = speed.inside_text(str(attributes.get("long_name", "")))
+        if inside is None:
+            raise UserError(f'{path}: "{name}" has no units; state them with [[{quantity}]] units = "m/s"')
+        notes.append(f'units "{inside}" read from the long name')
+        return speed.factor(inside)
+    try:
+        factor = speed.factor(held)
+    except UserError as error:
+        raise UserError(f'{path}: "{name}": {error}; or state them with [[{quantity}]] units') from error
+    if factor != 1.0:
+        notes.append(f'converted from "{held}" to m/s')
+    return factor
+
+
+def _mask(
+    data: xr.Dataset, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
+) -> NDArray[np.bool_] | None:
+    """Return where a file's mask (1 water, 0 land) over these dimensions says water."""
+    named = chosen.get("mask")
+    if named in ("none", False):
+        return None
+    for name in [str(named)] if named else ["mask_u", "mask_v", "mask_rho", "mask", "umask", "vmask", "tmask"]:
+        if name not in data.variables:
+            if named:
+                raise UserError(f'no variable "{name}" (variables.mask)')
+            continue
+        variable = data[name].squeeze()
+        if variable.dims == dims and np.isin(np.unique(np.nan_to_num(variable.values)), (0, 1)).all():
+            notes.append(f'land where "{name}" is 0')
+            return np.asarray(variable.values == 1)
+    return None
+
+
+def window(layout: Layout) -> tuple[Index, ...]:
+    """Return the file's indices that a layout's points have, one array for each horizontal dimension."""
+    if isinstance(layout, Triangles):
+        count = len(layout.lon) if layout.lonc is None else len(layout.lonc)
+        return (np.arange(layout.first, layout.first + count),)
+    return layout.rows, layout.columns
+
+
+def read(component: Component, layout: Layout, i: int) -> tuple[Array, int]:
+    """Return slice i [m/s] over a (cropped) layout, NaN missing, and how many undeclared fill values it held."""
+    data, path, time_dim, k = component.segments[i]
+    fixed = {d: n for d, n in component.fixed.items() if d in data[component.name].dims}
+    if time_dim is not None:
+        fixed[time_dim] = k
+    variable = data[component.name].isel(fixed)
+    index = window(layout)
+    try:
+        values = _block(variable, component.dims, index)
+    except Exception as error:  # HDF5's OSError and RuntimeError, zlib's, an address's
+        raise UserError(
+            f"{path}: cannot read slice {k} of {component.name} ({' '.join(str(error).split())[:80]}): "
+            f"truncated or damaged; mend [[{component.quantity}]] files"
+        ) from error
+    if component.mask is not None:
+        values[~component.mask[np.ix_(*index)]] = np.nan
+    return _clean(values, component)
+
+
+def _block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ...]) -> Array:
+    """Read the smallest contiguous parts of a file that hold the wanted indices, and bring them into order."""
+    spans, orders = [], []
+    for wanted in index:
+        jump = np.nonzero(np.abs(np.diff(wanted)) != 1)[0] + 1
+        runs = np.split(wanted, jump) if len(jump) <= 2 else [wanted]  # the seam cuts an axis into two runs
+        spans.append([(int(r.min()), int(r.max()) + 1) for r in runs])
+        orders.append([r - r.min() for r in runs])
+    parts = []
+    for (j0, j1), rows in zip(spans[0], orders[0], strict=True):
+        if len(index) == 1:
+            block = np.asarray(variable.isel({dims[0]: slice(j0, j1)}).values, np.float64)
+            parts.append(block[rows])
+            continue
+        across = []
+        for (i0, i1), columns in zip(spans[1], orders[1], strict=True):
+            cut = variable.isel({dims[0]: slice(j0, j1), dims[1]: slice(i0, i1)}).transpose(*dims)
+            across.append(np.asarray(cut.values, np.float64)[np.ix_(rows, columns)])
+        parts.append(np.concatenate(across, axis=1))
+    return np.concatenate(parts, axis=0)
+
+
+def _clean(values: Array, component: Component) -> tuple[Array, int]:
+    """Convert to m/s and drop what no speed can be: fill values that the file does not declare."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.abs(values)
+        wrong = size * component.factor > IMPOSSIBLE[component.quantity]
+        if 999.0 * component.factor > SENTINEL_SPEED:
+            wrong |= np.isin(size, SENTINELS)
+        wrong |= np.isinf(values)
+    count = int(wrong.sum())
+    values = np.where(wrong, np.nan, values) * component.factor
+    return values, count

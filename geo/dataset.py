@@ -1,0 +1,137 @@
+"""Opening what a case names (files, globs, Zarr stores, OPeNDAP addresses) as xarray datasets.
+
+Nothing is read but headers. Every way in which a path can be wrong ends here in one line with the path and the
+key of the case that names it.
+"""
+
+import glob
+import hashlib
+import os
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+import xarray as xr
+
+from geo.errors import UserError
+
+WHOLE = 2**28  # [bytes] of a file up to which all of it is hashed; of a larger one, its ends and 256 samples
+SAMPLE = 2**16  # [bytes]
+
+Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+
+
+def remote(path: str) -> bool:
+    """Whether a path is an address (OPeNDAP) and no file."""
+    return path.startswith(("http://", "https://", "dods://", "s3://", "gs://"))
+
+
+def expand(paths: Paths, quantity: str) -> list[str]:
+    """Return every path that a case's list of paths and globs stands for; an empty glob is an error."""
+    listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    found: list[str] = []
+    for path in (os.path.expanduser(os.fspath(p)) for p in listed):
+        if remote(path) or os.path.exists(path):
+            found.append(path)
+        elif glob.has_magic(path):
+            matches = sorted(glob.glob(path, recursive=True))
+            if not matches:
+                raise UserError(f'no file matches "{path}"; set [[{quantity}]] files')
+            found += matches
+        else:
+            raise UserError(f'no such file: "{path}"; set [[{quantity}]] files')
+    if not found:
+        raise UserError(f"[[{quantity}]] files is empty; name at least one file")
+    repeated = sorted({p for p in found if found.count(p) > 1})
+    if repeated:
+        raise UserError(f'"{repeated[0]}" is named twice in [[{quantity}]] files')
+    return found
+
+
+def open_one(path: str, quantity: str) -> xr.Dataset:
+    """Return one file's dataset with fill values and packing resolved but times as they are stored."""
+    where = f"set [[{quantity}]] files"
+    is_zarr = os.path.isdir(path)
+    if is_zarr and not any(os.path.exists(os.path.join(path, n)) for n in (".zgroup", ".zmetadata", "zarr.json")):
+        raise UserError(f'"{path}" is a folder, not a netCDF file or a Zarr store; {where}')
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # xarray's on several fill values and Zarr's on consolidation: all are met
+            if not is_zarr and not remote(path):
+                _refuse_truncated(path)
+            data = xr.open_dataset(
+                path,
+                engine="zarr" if is_zarr else None,
+                decode_times=False,
+                decode_coords=False,
+                decode_timedelta=False,
+                cache=False,
+            )
+    except UserError as error:
+        raise UserError(f"{error}; {where}") from error
+    except Exception as error:  # backends raise OSError, ValueError, KeyError, RuntimeError and their own
+        if remote(path):
+            raise UserError(f'cannot open the address "{path}" ({_one_line(error)}); {where}') from error
+        raise UserError(f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}') from error
+    return data
+
+
+def _refuse_truncated(path: str) -> None:
+    """Raise where a classic netCDF file is shorter than its header says: the library would read zeros."""
+    with open(path, "rb") as file:
+        magic = file.read(4)
+    if magic in (b"CDF\x01", b"CDF\x02"):
+        try:
+            with scipy.io.netcdf_file(path, mmap=True):
+                pass
+        except Exception as error:
+            raise UserError(f'"{path}" is a truncated or damaged netCDF file') from error
+
+
+def _why(path: str, error: Exception) -> str:
+    with open(path, "rb") as file:
+        magic = file.read(8)
+    if not magic:
+        return "it is empty"
+    if magic.startswith((b"CDF", b"\x89HDF")):
+        return "it is truncated or damaged"
+    if magic.startswith(b"GRIB"):
+        return "it is GRIB: convert it with cdo or grib_to_netcdf"
+    return _one_line(error) if isinstance(error, PermissionError) else "unknown format"
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:120]
+
+
+def fingerprint(paths: Sequence[str], datasets: Sequence[xr.Dataset], extra: str = "") -> str:
+    """Return a short hash of what the paths hold; of files above 256 MiB 16 MiB in samples, of addresses the header."""
+    total = hashlib.sha256(extra.encode())
+    for path, data in zip(paths, datasets, strict=True):
+        if remote(path):
+            total.update(repr(data).encode())
+            for name in sorted(map(str, data.variables)):
+                if data[name].ndim == 1 and data[name].size < 100_000:
+                    total.update(np.ascontiguousarray(data[name].values).tobytes())
+        elif os.path.isdir(path):
+            for file in sorted(p for p in Path(path).rglob("*") if p.is_file()):
+                total.update(str(file.relative_to(path)).encode())
+                _hash_file(total, str(file))
+        else:
+            _hash_file(total, path)
+    return total.hexdigest()[:16]
+
+
+def _hash_file(total: "hashlib._Hash", path: str) -> None:
+    size = os.path.getsize(path)
+    total.update(str(size).encode())
+    with open(path, "rb") as file:
+        if size <= WHOLE:
+            while chunk := file.read(2**22):
+                total.update(chunk)
+            return
+        for start in np.linspace(0, size - SAMPLE, 256).astype(int):
+            file.seek(int(start))
+            total.update(file.read(SAMPLE))

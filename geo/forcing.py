@@ -1,0 +1,175 @@
+"""Currents, winds and Stokes drift as the engine sees them: a regular grid, times, and slices read on demand.
+
+Whatever the files hold (projected, curved, staggered or triangular grids, packed numbers, other units and
+calendars), a `Source` gives true east and north in m/s on a regular longitude-latitude grid, NaN where missing.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from geo import analytic as flows
+from geo import dataset, quantities, reader
+from geo.box import Box
+from geo.errors import UserError
+from geo.grid import Grid, share_covered
+
+EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for what does not vary in space
+MOST_NODES = 1_000_000  # of a built-in flow's tile
+
+
+@dataclass(frozen=True)
+class Source:
+    """One source of one quantity.
+
+    quantity: "current" | "wind" | "stokes"; name: for messages; grid: its nodes;
+    times: datetime64[s] UTC, strictly increasing, shape (nt,), empty for a steady field;
+    read: slice index (0 when steady) -> float32 C-contiguous (nlat, nlon, 2), true east and north [m/s], NaN missing;
+    missing: share of nodes missing in the first slice; notes: how it was understood, in plain words;
+    fingerprint: a hash of what is read, independent of where it lies.
+    """
+
+    quantity: str
+    name: str
+    grid: Grid
+    times: NDArray[np.datetime64]
+    read: Callable[[int], NDArray[np.float32]]
+    missing: float
+    notes: tuple[str, ...]
+    fingerprint: str
+
+
+def open_source(
+    quantity: str,
+    paths: dataset.Paths,
+    *,
+    variables: Mapping[str, Any] | None = None,
+    units: str | None = None,
+    times: Any = None,
+    steady: bool = False,
+    box: Box | None = None,
+    depth: float | None = None,
+    name: str | None = None,
+    lenient: bool = False,
+) -> Source:
+    """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) as one source.
+
+    variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name}, {"axes": "true" |
+    "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it overrides what is found.
+    units: of the values where the file is silent or wrong. times: {"start": ..., "interval": ...} or one time a
+    slice, where the file's are meaningless. steady: the first slice holds at all times. box: what is needed; two
+    nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it.
+    """
+    if quantity not in quantities.QUANTITIES:
+        raise UserError(f'quantity "{quantity}": allowed are {", ".join(quantities.QUANTITIES)}')
+    listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    title = name or os.path.basename(os.fspath(listed[0]).rstrip("/") if listed else "")
+    asked = reader.Request(quantity, title, variables or {}, units, times, steady, box, depth, lenient)
+    reading = reader.read(asked, listed)
+    return Source(
+        quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint
+    )
+
+
+def constant(quantity: str, east: float, north: float, name: str = "as reported") -> Source:
+    """Return a steady, uniform field [m/s] over the globe."""
+    return _uniform(quantity, np.empty(0, "datetime64[s]"), np.array([east]), np.array([north]), name)
+
+
+def table(quantity: str, times: ArrayLike, east: ArrayLike, north: ArrayLike, name: str = "as reported") -> Source:
+    """Return a uniform field over the globe that changes in time: times (nt,), east and north [m/s] (nt,)."""
+    when = np.asarray(times).astype("datetime64[s]").reshape(-1)
+    u, v = np.asarray(east, float).reshape(-1), np.asarray(north, float).reshape(-1)
+    if not len(when) == len(u) == len(v) or len(when) < 2:
+        raise UserError(f"[[{quantity}]] table: {len(when)} times for {len(u)} values; give at least two rows")
+    if (np.diff(when) <= np.timedelta64(0, "s")).any():
+        raise UserError(f"[[{quantity}]] table: times must increase")
+    return _uniform(quantity, when, u, v, name)
+
+
+def _uniform(
+    quantity: str, times: NDArray[np.datetime64], east: NDArray[Any], north: NDArray[Any], name: str
+) -> Source:
+    if not (np.isfinite(east).all() and np.isfinite(north).all()):
+        raise UserError(f"[[{quantity}]] {name}: a speed is not a finite number")
+    values = np.stack((east, north), axis=-1).astype(np.float32)
+    digest = hashlib.sha256(quantity.encode() + times.astype(np.int64).tobytes() + values.tobytes()).hexdigest()[:16]
+
+    def read(i: int) -> NDArray[np.float32]:
+        return np.ascontiguousarray(np.broadcast_to(values[i], (2, 2, 2)))
+
+    return Source(quantity, name, EVERYWHERE, times, read, 0.0, ("the same everywhere",), digest)
+
+
+def analytic(
+    quantity: str, kind: str, box: Box, start: np.datetime64, end: np.datetime64, **parameters: float
+) -> Source:
+    """Return a built-in synthetic flow over a box, hourly from before start to after end (either order).
+
+    parameters: those of the flow in `geo.analytic`; spacing [deg] overrides that of its tile.
+    """
+    spacing = parameters.pop("spacing", None)
+    flow, usual = flows.build(quantity, kind, box, **parameters)
+    step = float(spacing or usual)
+    width, height = box.east - box.west, box.north - box.south
+    step = max(step, float(np.sqrt(width * height / MOST_NODES)))
+    south, north = max(box.south - step, -90.0), min(box.north + step, 90.0)
+    grown = box.grown(step, step)
+    nlon = max(2, int(np.ceil((grown.east - grown.west) / step - 1e-9)) + 1)
+    nlat = max(2, int(np.ceil((north - south) / step - 1e-9)) + 1)
+    grid = Grid(grown.west, south, (grown.east - grown.west) / (nlon - 1), (north - south) / (nlat - 1), nlon, nlat)
+    hour = np.timedelta64(3600, "s")
+    first, last = sorted((np.datetime64(start, "s"), np.datetime64(end, "s")))
+    first = first.astype("datetime64[h]").astype("datetime64[s]")
+    times = first + hour * np.arange(int(np.ceil((last - first) / hour)) + 1)
+    if len(times) < 2:
+        times = first + hour * np.arange(2)
+    velocity = flow(*np.meshgrid(grid.lon, grid.lat))
+
+    def read(i: int) -> NDArray[np.float32]:
+        result = np.empty((grid.nlat, grid.nlon, 2), np.float32)
+        result[..., 0], result[..., 1] = velocity(float((times[i] - flows.EPOCH) / np.timedelta64(1, "s")))
+        result[np.abs(grid.lat) > 89.0] = np.nan
+        return result
+
+    told = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
+    digest = hashlib.sha256(f"{kind} {told} {box} {step} {first} {last}".encode()).hexdigest()[:16]
+    notes = (f'SYNTHETIC: built-in flow "{kind}"{" with " + told if told else ""}, no observation or model',)
+    missing = float((np.abs(grid.lat) > 89.0).mean())
+    return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)
+
+
+def overlap(source: Source, box: Box, start: np.datetime64, end: np.datetime64) -> tuple[float, str]:
+    """Return the share of a case's time [0, 1] that a source covers, and a line on its overlap in time and place."""
+    first, last = sorted((np.datetime64(start, "s"), np.datetime64(end, "s")))
+    place = share_covered(source.grid, box)
+    span = source.grid.box
+    where = (
+        f"it lies at {_degrees(span)}, the case's area at {_degrees(box)}: {place:.0%} of the area covered"
+        if place < 1
+        else "it covers the case's area"
+    )
+    if len(source.times) == 0:
+        return 1.0, f"{source.name}: steady, holds at all times; {where}"
+    low, high = max(first, source.times[0]), min(last, source.times[-1])
+    if last > first:
+        share = float(max(0.0, (high - low) / (last - first)))
+    else:
+        share = float(low <= high)
+    held = f"it holds {_minutes(source.times[0])} to {_minutes(source.times[-1])}"
+    case = f"the case {_minutes(first)} to {_minutes(last)}"
+    common = f"common: {_minutes(low)} to {_minutes(high)}" if low <= high else "nothing in common"
+    return share, f"{source.name}: {held}, {case}; {common} ({share:.0%} of the case's time); {where}"
+
+
+def _minutes(time: np.datetime64) -> str:
+    return str(np.datetime64(time, "m")) + "Z"
+
+
+def _degrees(box: Box) -> str:
+    return f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N"

@@ -1,0 +1,208 @@
+"""Where the points of a variable lie: along longitude and latitude axes, in a projection's plane, on a curved
+grid, or on triangles. Records only; `locate.py` finds them in a file and `regrid.py` makes weights of them.
+
+Angles are degrees. Longitudes are unwrapped where neighbours matter, so they may leave [-180, 180).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import sphere
+from geo.box import Box
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Rectilinear: lon (nx,) and lat (ny,) [deg], both ascending; columns, rows: their indices in the file.
+
+    round: the columns go round the Earth, each longitude held once.
+    """
+
+    lon: Array
+    lat: Array
+    columns: Index
+    rows: Index
+    round: bool
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A projection's plane: x (nx,), y (ny,) in the projection's unit (m or deg), monotonic, in the file's order.
+
+    turn: period of x (360 for a rotated pole, whose x is an angle), 0 for none.
+    """
+
+    x: Array
+    y: Array
+    columns: Index
+    rows: Index
+    projection: Any  # pyproj.Transformer from (x, y) to (lon, lat)
+    turn: float = 0.0
+
+    def to_lonlat(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return (lon, lat) [deg] of points of the plane."""
+        lon, lat = self.projection.transform(x, y)
+        return np.asarray(lon), np.asarray(lat)
+
+    def to_plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
+        """Return (x, y) of points [deg]; inf where the projection has no image of them."""
+        x, y = self.projection.transform(lon, lat, direction="INVERSE")
+        if self.turn:
+            middle = (self.x[0] + self.x[-1]) / 2
+            x = middle + (np.asarray(x) - middle + self.turn / 2) % self.turn - self.turn / 2
+        return np.asarray(x), np.asarray(y)
+
+
+@dataclass(frozen=True)
+class Curved:
+    """A curved grid: lon, lat (ny, nx) [deg]; angle (ny, nx) [rad] of the grid's x axis from east, if the file has it."""
+
+    lon: Array
+    lat: Array
+    columns: Index
+    rows: Index
+    angle: Array | None = None
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Triangles: lon, lat (n,) [deg] of nodes, cells (m, 3) indices of nodes; first: index in the file of point 0.
+
+    centred: the values stand at the cells' centres (lonc, latc) (m,), else at the nodes.
+    """
+
+    lon: Array
+    lat: Array
+    cells: Index
+    first: int
+    lonc: Array | None = None
+    latc: Array | None = None
+
+
+Layout = Axes | Plane | Curved | Triangles
+
+
+def points(layout: Layout) -> tuple[Array, Array]:
+    """Return (lon, lat) [deg] of every point where a value stands, in the shape of the values."""
+    if isinstance(layout, Axes):
+        lon, lat = np.meshgrid(layout.lon, layout.lat)
+        return lon, lat
+    if isinstance(layout, Plane):
+        return layout.to_lonlat(*np.meshgrid(layout.x, layout.y))
+    if isinstance(layout, Triangles) and layout.lonc is not None and layout.latc is not None:
+        return layout.lonc, layout.latc
+    return layout.lon, layout.lat
+
+
+def spacing(layout: Layout) -> float:
+    """Return how far apart neighbouring points are [deg of a great circle]: the finer direction's median."""
+    if isinstance(layout, Triangles):
+        pair = layout.cells[:, [0, 1]], layout.cells[:, [1, 2]], layout.cells[:, [2, 0]]
+        a, b = np.concatenate(pair).T
+        edges = _apart(layout.lon[a], layout.lat[a], layout.lon[b], layout.lat[b])
+        return float(np.nanpercentile(edges, 10))  # the fine elements near the coast matter, the slivers do not
+    lon, lat = points(layout)
+    step = max(1, lon.shape[0] // 500), max(1, lon.shape[1] // 500)  # 250,000 points tell a median
+    across = _apart(lon[:: step[0], :-1], lat[:: step[0], :-1], lon[:: step[0], 1:], lat[:: step[0], 1:])
+    along = _apart(lon[:-1, :: step[1]], lat[:-1, :: step[1]], lon[1:, :: step[1]], lat[1:, :: step[1]])
+    return float(min(np.nanmedian(across), np.nanmedian(along)))
+
+
+def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
+    metres = sphere.distance(*(np.radians(v) for v in (lon1, lat1, lon2, lat2)))
+    metres = np.where(metres > 0, metres, np.nan)
+    return np.asarray(np.degrees(metres / sphere.RADIUS))
+
+
+def within(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]:
+    """Return which points [deg] lie in a box grown by a margin [deg of a great circle] on every side."""
+    south, north = box.south - margin, box.north + margin
+    cosine = np.cos(np.radians(min(89.0, max(abs(south), abs(north)))))
+    grown = box.grown(margin / cosine, margin)
+    with np.errstate(invalid="ignore"):
+        inside = (lat >= grown.south) & (lat <= grown.north)
+        return np.asarray(inside & ((lon - grown.west) % 360.0 <= grown.east - grown.west))
+
+
+def crop(layout: Layout, box: Box | None) -> Layout | None:
+    """Return the part of a layout that covers a box and two nodes more; None where they do not meet."""
+    if box is None:
+        return layout
+    if isinstance(layout, Axes):
+        return _crop_axes(layout, box)
+    lon, lat = points(layout)
+    inside = within(lon, lat, box, 3 * spacing(layout))
+    if not inside.any():
+        return None
+    if isinstance(layout, Triangles):
+        return _crop_triangles(layout, box)
+    j, i = np.nonzero(inside.any(axis=1))[0], np.nonzero(inside.any(axis=0))[0]
+    rows, columns = slice(j[0], j[-1] + 1), slice(i[0], i[-1] + 1)
+    if isinstance(layout, Plane):
+        return replace(
+            layout, x=layout.x[columns], y=layout.y[rows], columns=layout.columns[columns], rows=layout.rows[rows]
+        )
+    return replace(
+        layout,
+        lon=layout.lon[rows, columns],
+        lat=layout.lat[rows, columns],
+        columns=layout.columns[columns],
+        rows=layout.rows[rows],
+        angle=None if layout.angle is None else layout.angle[rows, columns],
+    )
+
+
+def _crop_axes(axes: Axes, box: Box) -> Axes | None:
+    dlat, dlon = float(np.median(np.diff(axes.lat))), float(np.median(np.diff(axes.lon)))
+    south = int(np.searchsorted(axes.lat, box.south, "right")) - 2
+    north = int(np.searchsorted(axes.lat, box.north, "left")) + 1
+    rows = np.arange(max(south, 0), min(north, len(axes.lat) - 1) + 1)
+    if box.south > axes.lat[-1] + dlat or box.north < axes.lat[0] - dlat or len(rows) < 2:
+        return None
+    n = len(axes.lon)
+    if axes.round:
+        west = (box.west - axes.lon[0]) % 360.0 + axes.lon[0]
+        east = west + box.east - box.west
+        turns = int((east - axes.lon[0]) // 360.0)
+        first = int(np.searchsorted(axes.lon, west, "right")) - 2
+        last = int(np.searchsorted(axes.lon, east - 360.0 * turns, "left")) + n * turns + 1
+        k = np.arange(n) if last - first + 1 >= n else np.arange(first, last + 1)
+    else:
+        near = (axes.lon - box.west + 2 * dlon) % 360.0 <= box.east - box.west + 4 * dlon
+        hit = np.nonzero(near)[0]
+        if len(hit) == 0:
+            return None
+        k = np.arange(hit[0], hit[-1] + 1)
+        k = np.arange(max(0, min(k[0], n - 2)), k[-1] + 1) if len(k) > 1 else np.arange(max(k[0] - 1, 0), k[0] + 1)
+        if len(k) < 2:
+            k = np.arange(0, 2)
+    whole = axes.round and len(k) == n
+    return Axes(axes.lon[k % n] + 360.0 * (k // n), axes.lat[rows], axes.columns[k % n], axes.rows[rows], whole)
+
+
+def _crop_triangles(mesh: Triangles, box: Box) -> Triangles | None:
+    margin = 3 * spacing(mesh)
+    lon, lat = mesh.lon[mesh.cells], mesh.lat[mesh.cells]
+    lon = lon[:, :1] + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
+    # a cell counts where its own box meets the wanted one: elements may be larger than the whole case
+    size_lon, size_lat = np.ptp(lon, axis=1), np.ptp(lat, axis=1)
+    grown = box.grown(margin / max(0.02, np.cos(np.radians(max(abs(box.south), abs(box.north))))), margin)
+    inside = (lat.max(axis=1) >= grown.south) & (lat.min(axis=1) <= grown.north)
+    inside &= (lon.min(axis=1) - grown.west + size_lon) % 360.0 <= grown.east - grown.west + size_lon
+    inside &= size_lat < 90.0
+    kept = np.nonzero(inside)[0]
+    if len(kept) == 0:
+        return None
+    if mesh.lonc is not None and mesh.latc is not None:  # values at centres: nodes need no index in the file
+        part = slice(int(kept[0]), int(kept[-1]) + 1)
+        return replace(
+            mesh, cells=mesh.cells[part], first=mesh.first + part.start, lonc=mesh.lonc[part], latc=mesh.latc[part]
+        )
+    low, high = int(mesh.cells[kept].min()), int(mesh.cells[kept].max()) + 1
+    return Triangles(mesh.lon[low:high], mesh.lat[low:high], mesh.cells[kept] - low, mesh.first + low)

@@ -1,0 +1,275 @@
+"""Finding where a variable's points lie, from what a file says: coordinates, grid mapping, connectivity."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pyproj
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo import connect, rotation
+from geo.errors import UserError
+from geo.layout import Array, Axes, Curved, Layout, Plane, points
+
+LON = re.compile(r"^(lon(gitude)?s?|lon_.*|nav_lon.*|lonc|x_?lon.*|glam[tuvf]|longitude_.*|.*_node_x|.*_face_x)$", re.I)
+LAT = re.compile(r"^(lat(itude)?s?|lat_.*|nav_lat.*|latc|x_?lat.*|gphi[tuvf]|latitude_.*|.*_node_y|.*_face_y)$", re.I)
+EAST_UNITS = re.compile(r"^degrees?_?(e|east)$", re.I)
+NORTH_UNITS = re.compile(r"^degrees?_?(n|north)$", re.I)
+MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "epsg_code")
+UNIFORM = 0.01  # of a cell: jitter of coordinates up to which an axis counts as uniform
+
+
+def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any]) -> tuple[Layout, list[str]]:
+    """Return the layout of a variable with these horizontal dimensions, and remarks."""
+    notes: list[str] = []
+    plane = _plane(data, name, dims, chosen, notes)
+    lon_name, lat_name = _names(data, name, dims, chosen)
+    if plane is not None:
+        if lon_name and lat_name:
+            trouble = _disagreement(plane, np.asarray(data[lon_name].values), np.asarray(data[lat_name].values))
+            if trouble and not chosen.get("crs"):
+                notes.append(f"the grid mapping disagrees with {lon_name}, {lat_name} by {trouble}: the latter are used")
+                plane = None
+        if plane is not None:
+            return plane, notes
+    if lon_name is None or lat_name is None:
+        raise UserError(
+            f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
+            f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
+        )
+    lon, lat = (np.asarray(data[n].values, np.float64) for n in (lon_name, lat_name))
+    if not np.isfinite(lon).any() or np.nanmax(np.abs(lat)) > 90.001 or np.nanmax(np.abs(lon)) > 720:
+        raise UserError(f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}')
+    if len(dims) == 1:
+        return connect.triangles(data, name, dims[0], lon, lat, notes), notes
+    if lon.ndim == 1 and lat.ndim == 1:
+        return axes(lon, lat, lon_name, lat_name), notes
+    lon, lat = _at_points(lon, lat, data, lon_name, dims)
+    if _separable(lon, lat):
+        return axes(lon[0], lat[:, 0], lon_name, lat_name), notes
+    angle = _angle(data, chosen, lon, lat, notes)
+    return Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle), notes
+
+
+def _names(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any]) -> tuple[str | None, str | None]:
+    """Return the names of the longitudes and latitudes that go with a variable."""
+    listed = str(data[name].attrs.get("coordinates", "")).split()
+    mesh = data[name].attrs.get("mesh")
+    if mesh in data.variables:  # UGRID: the mesh names the coordinates of its nodes and faces
+        for key in ("node_coordinates", "face_coordinates"):
+            listed += str(data[mesh].attrs.get(key, "")).split()
+    found: list[str | None] = []
+    for key, pattern, units, standard in (
+        ("lon", LON, EAST_UNITS, "longitude"),
+        ("lat", LAT, NORTH_UNITS, "latitude"),
+    ):
+        if key in chosen:
+            if chosen[key] not in data.variables:
+                raise UserError(f'no variable "{chosen[key]}" (variables.{key})')
+            found.append(str(chosen[key]))
+            continue
+        candidates = []
+        for other in map(str, data.variables):
+            variable = data[other]
+            attributes = variable.attrs
+            score = (
+                4 * (str(attributes.get("standard_name", "")) == standard)
+                + 4 * bool(units.match(str(attributes.get("units", "")).strip()))
+                + 2 * bool(pattern.match(other))
+            )
+            if not score or not variable.ndim or not np.issubdtype(variable.dtype, np.number):
+                continue
+            own = set(map(str, variable.dims)) <= set(dims)
+            if not own and not _staggered_shape(variable.shape, tuple(data.sizes[d] for d in dims)):
+                continue
+            values = variable.values
+            if values.size > 1 and np.nanmin(values) == np.nanmax(values):
+                continue  # FVCOM in metres writes lon = lat = 0 everywhere
+            candidates.append((score + 20 * own + 10 * (other in listed) + (variable.ndim == len(dims)), other))
+        found.append(max(candidates)[1] if candidates else None)
+    return found[0], found[1]
+
+
+def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
+    """Whether points of this shape lie half a cell beside points of the wanted one (ROMS: rho beside u)."""
+    if len(shape) != 2 or len(wanted) != 2:
+        return False
+    more = shape[0] - wanted[0], shape[1] - wanted[1]
+    return more in ((0, 1), (1, 0), (1, 1))
+
+
+def _halved(values: Array, wanted: tuple[int, ...]) -> Array:
+    """Average neighbours along every axis that has one point more than wanted."""
+    for axis in (0, 1):
+        if values.shape[axis] == wanted[axis] + 1:
+            low, high = (values[:-1], values[1:]) if axis == 0 else (values[:, :-1], values[:, 1:])
+            values = (low + high) / 2
+    return values
+
+
+def _at_points(lon: Array, lat: Array, data: xr.Dataset, name: str, dims: tuple[str, ...]) -> tuple[Array, Array]:
+    wanted = tuple(data.sizes[d] for d in dims)
+    own = tuple(map(str, data[name].dims))
+    if set(own) == set(dims) and own != dims:
+        lon, lat = lon.T, lat.T
+    if lon.shape == wanted:
+        return lon, lat
+    near = lon[0, 0] + (lon - lon[0, 0] + 180.0) % 360.0 - 180.0
+    if np.nanmax(np.abs(np.diff(near, axis=1))) > 180 or np.nanmax(np.abs(np.diff(near, axis=0))) > 180:
+        x, y = np.cos(np.radians(lon)), np.sin(np.radians(lon))  # round the Earth: average directions
+        return np.degrees(np.arctan2(_halved(y, wanted), _halved(x, wanted))), _halved(lat, wanted)
+    return _halved(near, wanted), _halved(lat, wanted)
+
+
+def _separable(lon: Array, lat: Array) -> bool:
+    """Whether a two-dimensional lon, lat is a rectilinear grid written out."""
+    if not (np.isfinite(lon).all() and np.isfinite(lat).all()) or min(lon.shape) < 2:
+        return False
+    turn = (lon - lon[0] + 180.0) % 360.0 - 180.0
+    dlon, dlat = np.abs(np.diff(lon[0])), np.abs(np.diff(lat[:, 0]))
+    if np.median(dlon) == 0 or np.median(dlat) == 0:
+        return False
+    return bool(np.abs(turn).max() < 1e-3 * np.median(dlon) and np.ptp(lat, axis=1).max() < 1e-3 * np.median(dlat))
+
+
+def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
+    """Return rectilinear axes brought into ascending order, longitudes unwrapped, repeated columns dropped."""
+    for values, axis in ((lon, lon_name), (lat, lat_name)):
+        if len(values) < 2:
+            raise UserError(f'"{axis}" has one value: at least two columns and two rows are needed to interpolate')
+        if not np.isfinite(values).all():
+            raise UserError(f'"{axis}" has missing values')
+    rows = np.argsort(lat, kind="stable")
+    if (np.diff(lat[rows]) <= 0).any():
+        raise UserError(f'"{lat_name}" holds the same latitude twice')
+    turned = lon % 360.0
+    columns = np.argsort(turned, kind="stable")
+    ordered = turned[columns]
+    step = float(np.median(np.diff(ordered)))
+    kept = np.concatenate(([True], np.diff(ordered) > 0.01 * step))
+    kept[-1] &= bool(ordered[0] + 360.0 - ordered[-1] > 0.01 * step)  # 0..360 with both ends, in single precision
+    columns, ordered = columns[kept], ordered[kept]
+    if len(ordered) < 2:
+        raise UserError(f'"{lon_name}" holds one longitude only')
+    gaps = np.diff(np.concatenate((ordered, ordered[:1] + 360.0)))
+    first = int(np.argmax(gaps)) + 1  # the grid starts east of its widest gap
+    step = float(np.median(gaps))
+    goes_round = bool(gaps.max() < 1.5 * step)
+    if goes_round:
+        first = int(np.argmin(np.abs((lon[columns] + 180.0) % 360.0)))
+    ordered = np.concatenate((ordered[first:], ordered[:first] + 360.0))
+    columns = np.concatenate((columns[first:], columns[:first]))
+    ordered = ordered - 360.0 * np.floor((ordered[0] + 180.0) / 360.0)
+    return Axes(ordered, lat[rows], columns, rows, goes_round)
+
+
+def uniform(values: Array) -> bool:
+    """Whether an axis's steps are equal but for the jitter of its storage."""
+    line = np.linspace(values[0], values[-1], len(values))
+    return bool(np.abs(values - line).max() <= UNIFORM * (values[-1] - values[0]) / (len(values) - 1))
+
+
+def _plane(
+    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
+) -> Plane | None:
+    """Return the plane of a projection where the variable has x and y axes and something that names the projection."""
+    if len(dims) != 2:
+        return None
+    axis: list[Array] = []
+    for key, dim in (("y", dims[0]), ("x", dims[1])):
+        named = str(chosen.get(key, dim))
+        if named not in data.variables or data[named].ndim != 1:
+            return None
+        variable = data[named]
+        standard, units = (str(variable.attrs.get(k, "")).strip() for k in ("standard_name", "units"))
+        rotated = standard in ("grid_longitude", "grid_latitude")
+        planar = standard in (f"projection_{key}_coordinate", "projection_x_coordinate", "projection_y_coordinate")
+        if not (planar or rotated or units in ("m", "km", "meter", "metre", "meters", "metres")):
+            return None
+        axis.append(np.asarray(variable.values, np.float64) * (1000.0 if units == "km" else 1.0))
+    crs = _crs(data, name, chosen, notes)
+    if crs is None or min(len(axis[0]), len(axis[1])) < 2:
+        return None
+    geographic = crs.geodetic_crs if not crs.is_derived or crs.is_projected else crs.source_crs
+    if crs.is_geographic and not crs.is_derived:
+        return None
+    for values, dim in zip(axis, dims, strict=True):
+        steps = np.diff(values)
+        if not ((steps > 0).all() or (steps < 0).all()):
+            raise UserError(f'the axis "{dim}" does not increase')
+    transform = pyproj.Transformer.from_crs(crs, geographic or "EPSG:4326", always_xy=True)
+    notes.append(f"grid in a projection's plane ({crs.coordinate_operation.method_name if crs.coordinate_operation else crs.name})")
+    turn = 360.0 if crs.is_geographic else 0.0
+    return Plane(axis[1], axis[0], np.arange(len(axis[1])), np.arange(len(axis[0])), transform, turn)
+
+
+def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]) -> pyproj.CRS | None:
+    if chosen.get("crs"):
+        try:
+            return pyproj.CRS.from_user_input(chosen["crs"])
+        except pyproj.exceptions.CRSError as error:
+            raise UserError(f'variables.crs = "{chosen["crs"]}" is no coordinate reference system') from error
+    mapping = str(data[name].attrs.get("grid_mapping", "")).split(":")[0].strip()
+    if mapping not in data.variables:
+        held = [str(n) for n in data.variables if "grid_mapping_name" in data[n].attrs]
+        if len(held) != 1:
+            return None
+        notes.append(f'grid mapping "{held[0]}" taken, the only one in the file')
+        mapping = held[0]
+    attributes = dict(data[mapping].attrs)
+    try:
+        return pyproj.CRS.from_cf(attributes)
+    except (KeyError, ValueError, TypeError, pyproj.exceptions.CRSError):
+        for key in MAPPINGS:
+            try:
+                crs = pyproj.CRS.from_user_input(attributes[key])
+            except (KeyError, pyproj.exceptions.CRSError):
+                continue
+            notes.append(f'grid mapping "{mapping}" read from its {key}')
+            return crs
+    return None
+
+
+def _disagreement(plane: Plane, lon: NDArray[Any], lat: NDArray[Any]) -> str:
+    """Return how far a file's own lon, lat lie from its projection where that is over half a cell, else ''."""
+    shape = (len(plane.y), len(plane.x))
+    if lon.shape != shape or lat.shape != shape:
+        return ""
+    j, i = np.ix_([0, shape[0] // 2, -1], [0, shape[1] // 2, -1])
+    plane_lon, plane_lat = points(plane)
+    cell = max(abs(np.diff(lat[:2, 0])[0]), abs(np.diff(lat[0, :2])[0]), 1e-9)
+    with np.errstate(invalid="ignore"):
+        east = ((lon - plane_lon)[j, i] + 180.0) % 360.0 - 180.0
+        apart = np.hypot(east * np.cos(np.radians(lat[j, i])), (lat - plane_lat)[j, i])
+    worst = float(np.nanmax(apart)) if np.isfinite(apart).any() else 0.0
+    return f"{worst * 60:.2f} nmi" if worst > 0.5 * cell else ""
+
+
+def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, notes: list[str]) -> Array | None:
+    """Return the file's own angle of the x axis from east [rad] where it has one that fits the points."""
+    name = str(chosen.get("angle", "angle"))
+    if name not in data.variables:
+        if "angle" in chosen:
+            raise UserError(f'no variable "{name}" (variables.angle)')
+        return None
+    angle = np.asarray(data[name].values, np.float64)
+    while angle.ndim > 2:
+        angle = angle[0]
+    if angle.shape != lon.shape and not _staggered_shape(angle.shape, lon.shape):
+        return None
+    if "degree" in str(data[name].attrs.get("units", "")).lower():
+        angle = np.radians(angle)
+    angle = np.arctan2(_halved(np.sin(angle), lon.shape), _halved(np.cos(angle), lon.shape))
+    seen = rotation.curved_angle(lon, lat)
+    for factor, remark in ((1.0, f'"{name}" gives'), (np.pi / 180.0, f'"{name}", in degrees, gives')):
+        apart = np.abs((angle * factor - seen + np.pi) % (2 * np.pi) - np.pi)
+        if np.nanmedian(apart) < np.radians(3.0):
+            notes.append(f"{remark} the direction of the grid's x axis")
+            return np.asarray(angle * factor)
+    if "angle" in chosen:
+        notes.append(f'"{name}" does not fit the points, but the case asks for it')
+        return np.asarray(angle)
+    notes.append(f'"{name}" does not fit the points: directions are computed from them')
+    return None

@@ -1,0 +1,158 @@
+"""From files to a grid, times and a function that reads one slice: everything that `open_source` puts together."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo import clock, component, dataset, layout, quantities, tile
+from geo.box import Box
+from geo.component import Component
+from geo.errors import UserError
+from geo.grid import Grid
+from geo.layout import Array, Layout
+
+Values = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What files hold of one quantity: see `forcing.Source`, which it becomes."""
+
+    grid: Grid
+    times: clock.Times
+    read: Callable[[int], Values]
+    missing: float
+    notes: tuple[str, ...]
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class Request:
+    """How the user wants files read; see `forcing.open_source`."""
+
+    quantity: str
+    name: str
+    variables: Mapping[str, Any]
+    units: str | None
+    times: Any
+    steady: bool
+    box: Box | None
+    depth: float | None
+    lenient: bool  # a lone slice counts: for a description, not for a run
+
+
+def read(request: Request, paths: dataset.Paths) -> Reading:
+    """Open files and return how to read the quantity from them."""
+    q = request.quantity
+    listed = dataset.expand(paths, q)
+    files = [(path, dataset.open_one(path, q)) for path in listed]
+    notes: list[str] = []
+    attributes: dict[str, Mapping[str, Any]] = {}
+    for _, data in files:
+        for key, variable in data.variables.items():
+            if variable.ndim >= 1:
+                attributes.setdefault(str(key), variable.attrs)
+    found = {k: a for k, a in attributes.items() if _is_field(k, files)}
+    pair = quantities.find(q, found, request.variables, request.name)
+    notes.append(f"{quantities.SPOKEN[q]} from {pair.east}, {pair.north} (found by {pair.how})")
+    first, second = _components(request, pair, files)
+    first, second, times = _join(request, first, second, notes)
+    notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
+    crops = [layout.crop(c.layout, request.box) for c in (first, second)]
+    if crops[0] is None or crops[1] is None:
+        raise UserError(_apart(request, first.layout))
+    made = tile.make((first, second), (crops[0], crops[1]), pair.axes, request.box)
+    seen = tile.examine(made, len(first.segments))
+    if seen.missing == 1.0 and seen.empty:
+        inside = " in the case's area" if request.box is not None else ""
+        raise UserError(f"{request.name}: every value is missing{inside}; set [[{q}]] files")
+    made = seen.tile
+    asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
+    return Reading(
+        made.grid,
+        times,
+        lambda i: tile.read(made, i),
+        seen.missing,
+        tuple(notes) + made.notes + seen.notes,
+        dataset.fingerprint(listed, [d for _, d in files], f"{q} {pair.east} {pair.north} {asked}"),
+    )
+
+
+def _is_field(name: str, files: list[tuple[str, xr.Dataset]]) -> bool:
+    """Whether a variable can hold a component: numbers over at least one dimension besides its own."""
+    data = next(d for _, d in files if name in d.variables)
+    return np.issubdtype(data[name].dtype, np.number) and data[name].dims != (name,)
+
+
+def _components(request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]]) -> tuple[Component, Component]:
+    for path, data in files:
+        if pair.east not in data.variables and pair.north not in data.variables:
+            raise UserError(
+                f"{path} holds neither {pair.east} nor {pair.north}; take it out of [[{request.quantity}]] files"
+            )
+    stated = request.steady or request.times is not None
+    result = []
+    for side, name in enumerate((pair.east, pair.north)):
+        holding = [(path, data) for path, data in files if name in data.variables]
+        result.append(
+            component.gather(
+                name, side, holding, request.quantity, request.variables, request.units, request.depth, not stated
+            )
+        )
+    return result[0], result[1]
+
+
+def _join(
+    request: Request, first: Component, second: Component, notes: list[str]
+) -> tuple[Component, Component, clock.Times]:
+    """Bring both components to the same slices and return their times; empty for a steady field."""
+    q, none = request.quantity, np.empty(0, "datetime64[s]")
+    if request.steady:
+        if len(first.segments) > 1:
+            notes.append(f"steady: the first of {len(first.segments)} slices stands for all times")
+        return first, second, none
+    if request.times is not None:
+        if len(first.segments) != len(second.segments):
+            raise UserError(f"{request.name}: {first.name} and {second.name} have different numbers of slices")
+        times = clock.stated(request.times, len(first.segments), q)
+        if len(times) == 1:
+            raise UserError(f"{request.name}: one slice cannot be interpolated in time; set [[{q}]] steady = true")
+        notes.append("times as the case states them")
+        return first, second, times
+    assert first.times is not None and second.times is not None
+    times, in_first, in_second = np.intersect1d(first.times, second.times, return_indices=True)
+    if len(times) == 0:
+        raise UserError(f"{request.name}: {first.name} and {second.name} have no time in common")
+    if len(times) < max(len(first.times), len(second.times)):
+        notes.append(f"{len(times)} times common to {first.name} ({len(first.times)}) and {second.name} ({len(second.times)})")
+        first = replace(first, segments=tuple(first.segments[k] for k in in_first))
+        second = replace(second, segments=tuple(second.segments[k] for k in in_second))
+    if len(times) == 1:
+        if not request.lenient:
+            raise UserError(
+                f"{request.name}: one time only, {times[0]}, which says nothing of the hours around it; set "
+                f"[[{q}]] steady = true to hold it constant, or times to say when it holds, or name more files"
+            )
+        notes.append("one time only: a run needs steady = true or times")
+    elif np.median(np.diff(times)) > np.timedelta64(25, "h"):
+        notes.append(f"slices are {np.median(np.diff(times)).astype('m8[h]').astype(int)} h apart: tides and gusts are lost")
+    return first, second, times
+
+
+def _apart(request: Request, item: Layout) -> str:
+    lon, lat = layout.points(item)
+    box = request.box
+    assert box is not None
+    return (
+        f"{request.name} covers {_span(lon, lat)} and the case needs {box.west:.2f} to {box.east:.2f} E, "
+        f"{box.south:.2f} to {box.north:.2f} N: no overlap; set [[{request.quantity}]] files"
+    )
+
+
+def _span(lon: Array, lat: Array) -> str:
+    turned = lon if np.ptp(lon[np.isfinite(lon)]) < 350 else (lon + 180) % 360 - 180
+    return f"{np.nanmin(turned):.2f} to {np.nanmax(turned):.2f} E, {np.nanmin(lat):.2f} to {np.nanmax(lat):.2f} N"

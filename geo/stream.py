@@ -1,0 +1,78 @@
+"""Time slices of a source in step with a clock: read ahead by a thread, no more than a few in memory.
+
+For a step [begin, end] two slices bracket the time. Where a node of the source's time axis falls inside the step, the
+values at begin and end are interpolated first, so that a step always sees one straight line in time.
+"""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from geo import fill as filling
+from geo.forcing import Source
+
+Array = npt.NDArray[Any]
+
+LONGEST_GAP = 3  # times the usual interval: a longer one is a hole in the data, not something to interpolate over
+
+Key = int | float  # an index of a slice, or a time [s] between two
+
+
+class Bracket(NamedTuple):
+    """The slices on both sides of a step, and the weight of the later one at its lower and upper time."""
+
+    earlier: Key
+    later: Key
+    low: float
+    high: float
+
+
+class Slices:
+    """The slices of one source, filled `cells` deep towards the coast (0: as they are), read ahead in a pool."""
+
+    def __init__(self, source: Source, cells: int, ahead: int, pool: ThreadPoolExecutor) -> None:
+        self.source, self.cells, self.ahead, self._pool = source, cells, ahead, pool
+        self.seconds = source.times.astype("datetime64[s]").astype(np.int64)
+        self._steps = np.diff(self.seconds)
+        self._usual = float(np.median(self._steps)) if self._steps.size else 0.0
+        self._reading: dict[int, Future[Array]] = {}
+
+    def bracket(self, low: int, high: int) -> Bracket | None:
+        """Return the bracket of the step [low, high] [s since 1970], or None where the source has nothing."""
+        if not self.seconds.size:
+            return Bracket(0, 0, 0.0, 0.0)
+        if low < self.seconds[0] or high > self.seconds[-1] or self.seconds.size < 2:
+            return None
+        i = min(int(np.searchsorted(self.seconds, low, "right")) - 1, self.seconds.size - 2)
+        j = max(int(np.searchsorted(self.seconds, high, "left")), i + 1)
+        if self._steps[i:j].max() > LONGEST_GAP * self._usual:
+            return None
+        if j > i + 1:
+            return Bracket(float(low), float(high), 0.0, 1.0)
+        span = float(self._steps[i])
+        return Bracket(i, j, (low - self.seconds[i]) / span, (high - self.seconds[i]) / span)
+
+    def get(self, key: Key) -> Array:
+        """Return the slice of a key, shape (nlat, nlon, 2) [m/s], and have the next one read meanwhile."""
+        if isinstance(key, float):
+            i = min(int(np.searchsorted(self.seconds, key, "right")) - 1, self.seconds.size - 2)
+            weight = np.float32((key - self.seconds[i]) / self._steps[i])
+            return np.asarray((1 - weight) * self.get(i) + weight * self.get(i + 1))
+        values = self._request(key).result()
+        self._request(key + self.ahead)
+        for old in [k for k in self._reading if abs(k - key) > 2]:
+            del self._reading[old]
+        return values
+
+    def _request(self, index: int) -> Future[Array]:
+        last = max(self.seconds.size, 1) - 1
+        index = min(max(index, 0), last)
+        if index not in self._reading:
+            self._reading[index] = self._pool.submit(self._read, index)
+        return self._reading[index]
+
+    def _read(self, index: int) -> Array:
+        values = self.source.read(index)
+        return filling.fill(values, self.cells, self.source.grid.seamless) if self.cells else values

@@ -1,0 +1,225 @@
+"""A tile: two components on their own points, turned into true east and north on one regular grid.
+
+Where the points are a regular longitude-latitude grid already, values are taken as they are. Everything else is
+carried over by the weights of `regrid.py`, each component from its own points (so that a staggered grid needs no
+averaging first), and what that costs is measured on the first slice.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from geo import component, grid as grids, layout, regrid, rotation
+from geo.box import Box
+from geo.component import Component
+from geo.grid import Grid
+from geo.layout import Array, Axes, Curved, Layout, Plane, Triangles
+from geo.locate import uniform
+
+Values = NDArray[np.float32]
+DRY = 0.005  # share of exact zeros from which they are land, in a field that has no missing values at all
+
+
+@dataclass(frozen=True)
+class Tile:
+    """components, layouts: the two components and their points; matrices: their weights, None where taken as they are.
+
+    directions: (nlat, columns, 4) unit vectors of the components' axes, None where they are east and north;
+    dry: points whose zeros are land, per component; beyond: (nlat,) rows poleward of 89 degrees.
+    """
+
+    grid: Grid
+    components: tuple[Component, Component]
+    layouts: tuple[Layout, Layout]
+    matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None
+    directions: NDArray[np.float32] | None
+    dry: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None
+    beyond: NDArray[np.bool_] | None
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A tile after a look at its first slice: share missing there, whether all slices looked at are empty."""
+
+    tile: Tile
+    missing: float
+    empty: bool
+    notes: tuple[str, ...]
+
+
+def make(
+    components: tuple[Component, Component], layouts: tuple[Layout, Layout], axes: str, box: Box | None
+) -> Tile:
+    """Return the tile for two components and their (cropped) points. axes: "true", "grid" or "?"."""
+    first, second = layouts
+    notes: list[str] = []
+    grid = _regular(first, second)
+    matrices = None
+    if grid is None:
+        grid, coarser = regrid.target(layouts, box)
+        matrices = (regrid.weights(first, grid), regrid.weights(second, grid))
+        kind = {Axes: "rectilinear", Plane: "projected", Curved: "curvilinear", Triangles: "triangular"}[type(first)]
+        notes.append(
+            f"{kind} grid carried to a regular one of {grid.nlon} x {grid.nlat} nodes, "
+            f"{grid.dlon:.4g} x {grid.dlat:.4g} degrees"
+            + (f", coarser than wanted to stay under {regrid.MOST_NODES:,} nodes" if coarser else "")
+        )
+        if not np.array_equal(*(layout.points(item)[k].shape for k, item in ((0, first), (0, second)))) or any(
+            not np.allclose(a, b, atol=1e-6, equal_nan=True)
+            for a, b in zip(layout.points(first), layout.points(second), strict=True)
+        ):
+            notes.append("the components stand at different points (a staggered grid): each is carried from its own")
+    directions = _directions(grid, layouts, matrices, axes, notes)
+    beyond = np.abs(grid.lat) > regrid.POLEWARD + 1e-9
+    if beyond.any():
+        notes.append(f"{int(beyond.sum())} rows poleward of 89 degrees are missing: east and north have no meaning there")
+    return Tile(
+        grid, components, layouts, matrices, directions, None, beyond if beyond.any() else None, tuple(notes)
+    )
+
+
+def _regular(first: Layout, second: Layout) -> Grid | None:
+    """Return the regular grid that both layouts are already, None where they are not."""
+    if not (isinstance(first, Axes) and isinstance(second, Axes)):
+        return None
+    if first.lon.shape != second.lon.shape or first.lat.shape != second.lat.shape:
+        return None
+    if not (np.allclose(first.lon, second.lon, atol=1e-6) and np.allclose(first.lat, second.lat, atol=1e-6)):
+        return None
+    around = np.concatenate((first.lon, first.lon[:1] + 360.0)) if first.round else first.lon
+    if not (uniform(around) and uniform(first.lat)):
+        return None
+    nlon, nlat = len(around), len(first.lat)
+    return Grid(
+        float(first.lon[0]), float(first.lat[0]), float(around[-1] - around[0]) / (nlon - 1),
+        float(first.lat[-1] - first.lat[0]) / (nlat - 1), nlon, nlat,
+    )  # fmt: skip
+
+
+def _directions(
+    grid: Grid, layouts: tuple[Layout, Layout], matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None, axes: str,
+    notes: list[str],
+) -> NDArray[np.float32] | None:  # fmt: skip
+    first = layouts[0]
+    if isinstance(first, Axes | Triangles) or matrices is None:
+        return None  # here the axes are east and north, or there are none
+    if axes == "true":
+        notes.append("components are true east and north as they stand")
+        return None
+    assumed = ' (assumed: set variables.axes = "true" if they are east and north)' if axes == "?" else ""
+    if isinstance(first, Plane):
+        lon, lat = regrid.nodes(grid)
+        result = rotation.plane_axes(first, lon, lat)
+        how = "the projection's axes"
+    else:
+        angle = first.angle if first.angle is not None else rotation.curved_angle(first.lon, first.lat)
+        cosine, sine = (matrices[0] @ np.nan_to_num(np.ravel(f(angle))) for f in (np.cos, np.sin))
+        result = rotation.angle_axes(cosine, sine).reshape(grid.nlat, regrid.columns(grid), 4)
+        how = "the grid's own axes"
+    turned = np.degrees(np.arctan2(result[..., 1], result[..., 0]))
+    low, high = np.nanpercentile(turned, (5, 95))
+    notes.append(f"vectors rotated from {how} ({low:.1f} to {high:.1f} degrees from east) to true east and north{assumed}")
+    return result
+
+
+def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
+    """Return both components of slice i at their own points, and how many undeclared fill values they held."""
+    values, strange = [], 0
+    for k in (0, 1):
+        value, count = component.read(tile.components[k], tile.layouts[k], i)
+        if tile.dry is not None:
+            value[tile.dry[k]] = np.nan
+        values.append(value)
+        strange += count
+    return values[0], values[1], strange
+
+
+def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return components (nlat, columns) on the grid, still along their own axes."""
+    if tile.matrices is None:
+        return np.asarray(x, np.float32), np.asarray(y, np.float32)
+    shape = (tile.grid.nlat, regrid.columns(tile.grid))
+    a, b = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, (x, y), strict=True))
+    return a, b
+
+
+def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
+    """Turn carried components to east and north; missing where either is, and poleward of 89 degrees."""
+    result = np.empty((tile.grid.nlat, tile.grid.nlon, 2), np.float32)
+    own = regrid.columns(tile.grid)
+    result[:, :own, 0], result[:, :own, 1] = rotation.turn(x, y, tile.directions)
+    result[:, own:] = result[:, :1][:, : tile.grid.nlon - own]
+    result[np.isnan(result).any(axis=2)] = np.nan
+    if tile.beyond is not None:
+        result[tile.beyond] = np.nan
+    return result
+
+
+def read(tile: Tile, i: int) -> Values:
+    """Return slice i: float32 (nlat, nlon, 2), true east and north [m/s], NaN missing. Any thread may call it."""
+    x, y, _ = _components(tile, i)
+    return _finished(tile, *_carried(tile, x, y))
+
+
+def examine(tile: Tile, count: int) -> Examined:
+    """Look at the first slice: land stored as zero, undeclared fill values, what is missing, what carrying cost."""
+    notes: list[str] = []
+    x, y, strange = _components(tile, 0)
+    if strange:
+        notes.append(f"{strange} values of the first slice are fill values that the file does not declare: missing")
+    dry = _dry(tile, x, y, count)
+    if dry is not None:
+        tile = replace(tile, dry=dry)
+        x, y = np.where(dry[0], np.nan, x), np.where(dry[1], np.nan, y)
+        notes.append(
+            f"no value is missing, but {dry[0].mean():.1%} are exactly zero and stay so: taken as land "
+            f'(variables.mask = "none" to take them as still water)'
+        )
+    a, b = _carried(tile, x, y)
+    first = _finished(tile, a, b)
+    missing = float(np.isnan(first[..., 0]).mean())
+    empty = missing == 1.0 and not any(np.isfinite(read(tile, i)).any() for i in {count // 2, count - 1} - {0})
+    if tile.matrices is not None and missing < 1.0:
+        notes.append(_cost(tile, (a, b), (x, y)))
+    return Examined(tile, missing, empty, tuple(notes))
+
+
+def _dry(tile: Tile, x: Array, y: Array, count: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+    """Return the points where a current is exactly zero in every slice looked at, where that can only be land."""
+    if tile.components[0].quantity == "wind" or np.isnan(x).any() or np.isnan(y).any():
+        return None
+    if tile.components[0].unmasked:
+        return None
+    zero = x == 0, y == 0
+    for i in sorted({count // 2, count - 1} - {0}):
+        u, v, _ = _components(tile, i)
+        zero = zero[0] & (u == 0), zero[1] & (v == 0)
+    if x.shape == y.shape:
+        zero = zero[0] & zero[1], zero[0] & zero[1]
+    shares = [float(z.mean()) for z in zero]
+    return zero if min(shares) > DRY and max(shares) < 1 else None
+
+
+def _cost(tile: Tile, carried: tuple[Array, Array], source: tuple[Array, Array]) -> str:
+    """Say what regridding cost: the tile sampled back at the points, as particles will sample it."""
+    square = error = 0.0
+    wet = lost = 0
+    for values, truth, item in zip(carried, source, tile.layouts, strict=True):
+        lon, lat = layout.points(item)
+        box = tile.grid.box
+        margin = 1e-6
+        with np.errstate(invalid="ignore"):
+            inside = (lat >= box.south - margin) & (lat <= box.north + margin) & np.isfinite(truth)
+            inside &= (lon - box.west + margin) % 360.0 <= box.east - box.west + 2 * margin
+        back = grids.sample(tile.grid, regrid.widen(values, tile.grid), lon[inside], lat[inside])
+        there = np.isfinite(back)
+        square += float((truth[inside] ** 2).sum())
+        error += float(((back - truth[inside])[there] ** 2).sum() * len(there) / max(1, there.sum()))
+        wet, lost = wet + len(there), lost + int((~there).sum())
+    if wet == 0:
+        return "regridding could not be measured: no point in the area"
+    share = np.sqrt(error / square) if square > 0 else 0.0
+    return f"regridding cost: rms error {share:.1%} of the rms speed at the points, {lost / wet:.1%} of wet points lost"

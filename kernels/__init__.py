@@ -1,0 +1,20 @@
+"""Every Taichi kernel, in the order in which data passes them.
+
+runtime  start a backend; host arrays <-> device arrays
+noise    counter-based random numbers: f(seed, stream, slot, step)
+sphere   the exponential map on binary angles
+prior    draw initial positions in water
+sample   current, wind and Stokes drift at a point, from regular tiles
+coast    is it wet; where does a step first meet the shore
+advance  one step of all particles: Runge-Kutta, leeway, Ornstein-Uhlenbeck errors, diffusion, coast
+weigh    sums of weights in fixed order
+deposit  weights to a grid, in fixed point
+
+Arrays and numbers in, arrays out. Modules here do without `from __future__ import annotations`: it breaks Taichi.
+"""
+
+import os
+
+# Taichi prints a banner and asks a server for its newest version when imported; a rescue tool does neither.
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
+os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")

@@ -1,0 +1,314 @@
+"""One lattice step of all particles: drift through currents, wind and waves, with errors, diffusion and a coast.
+
+A step from position (lon, lat) integrates dlon/dt = u / (R cos lat), dlat/dt = v / R by an explicit Runge-Kutta scheme;
+adds a random walk; and ends at its first crossing of the shore. Positions are integers; within the step everything is
+float32 on differences from the position at its begin. Writing of the increment is one rounding of at most 5 mm.
+"""
+
+from typing import Any, NamedTuple
+
+import taichi as ti
+
+from kernels import noise, sphere
+from kernels.coast import Bytes, DeviceCoast, Frame, Ints, Reals, first_crossing, open_sea
+from kernels.sample import Nodes, Tiles, sample
+
+# Features of a step, as bits of a compile-time number: what is not asked for is not compiled.
+CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4 = (1 << k for k in range(8))
+
+ADRIFT, ASHORE, OUTSIDE, LEFT, PENDING = 0, 1, 2, 3, 5  # drift.status.Status
+
+f32x2 = ti.types.vector(2, ti.f32)
+f32x3 = ti.types.vector(3, ti.f32)
+f32x4 = ti.types.vector(4, ti.f32)
+i32x6 = ti.types.vector(6, ti.i32)
+
+# Per stage: where it stands in the step (and how much of the stage before it uses), and its share of the sum.
+RUNGE_KUTTA_4 = ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6))
+MIDPOINT = ((0.0, 0.0), (0.5, 1.0))
+
+
+@ti.func
+def drift(
+    features: ti.template(),
+    nodes: ti.template(),
+    where: ti.template(),
+    scale: ti.template(),
+    ranges: ti.template(),
+    line: f32x4,
+    error: f32x4,
+    lon: ti.i32,
+    lat: ti.i32,
+    fraction: ti.f32,
+) -> f32x3:
+    """Return (east, north, valid) [m/s] of a drifting object: current + Stokes drift + leeway + errors.
+
+    line: slope and offset [m/s] downwind and to the right of downwind (Allen and Plourde 1999; Breivik and Allen 2008,
+    doi:10.1016/j.jmarsys.2007.02.010, eq. 1-2); error: of current and wind, east and north [m/s].
+    """
+    u, v, valid = error[0], error[1], 1.0
+    if ti.static(features & CURRENT):
+        c = sample(nodes, where, scale, ranges[0], ranges[1], lon, lat, fraction)
+        u, v, valid = u + c[0], v + c[1], c[2]
+    if ti.static(features & STOKES):
+        s = sample(nodes, where, scale, ranges[4], ranges[5], lon, lat, fraction)
+        u, v, valid = u + s[0], v + s[1], valid * s[2]
+    if ti.static(features & WIND):
+        w = sample(nodes, where, scale, ranges[2], ranges[3], lon, lat, fraction)
+        wu, wv = w[0] + error[2], w[1] + error[3]
+        slowness = 1.0 / (ti.sqrt(wu * wu + wv * wv) + 1e-9)
+        along = line[0] + line[1] * slowness  # per m/s of wind
+        across = line[2] + line[3] * slowness
+        u += wu * along + wv * across
+        v += wv * along - wu * across
+        valid *= w[2]
+    return f32x3(u, v, valid)
+
+
+@ti.func
+def integrate(
+    velocity: ti.template(),
+    features: ti.template(),
+    nodes: ti.template(),
+    where: ti.template(),
+    scale: ti.template(),
+    ranges: ti.template(),
+    line: f32x4,
+    error: f32x4,
+    lon: ti.i32,
+    lat: ti.i32,
+    dt: ti.f32,
+    begin: ti.f32,
+) -> f32x3:
+    """Return (dlon, dlat, valid) [binary angle units] over dt [s, signed], from fraction `begin` of the step on.
+
+    Classical Runge-Kutta of order 4, or the midpoint rule of order 2, in the coordinates lon and lat themselves: stages
+    of east and north metres, added up and wrapped afterwards, would be of first order.
+    """
+    c0, s0 = sphere.cos_lat(lat), sphere.sin_lat(lat)
+    k = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
+    dlon, dlat, sum_lon, sum_lat, valid = 0.0, 0.0, 0.0, 0.0, 1.0
+    for at, share in ti.static(RUNGE_KUTTA_4 if features & RK4 else MIDPOINT):
+        d = at * dlat * ti.f32(sphere.UNIT)
+        c = c0 - d * (s0 + d * (0.5 * c0 - d * s0 * (1.0 / 6.0)))  # cos(lat + d), |d| < 0.02: error 7e-9
+        r = velocity(
+            features,
+            nodes,
+            where,
+            scale,
+            ranges,
+            line,
+            error,
+            lon + ti.cast(ti.round(at * dlon), ti.i32),
+            lat + ti.cast(ti.round(at * dlat), ti.i32),
+            begin + at * (1.0 - begin),
+        )
+        dlon, dlat = r[0] * k / c, r[1] * k
+        sum_lon += share * dlon
+        sum_lat += share * dlat
+        valid *= r[2]
+    return f32x3(sum_lon, sum_lat, valid)
+
+
+@ti.kernel
+def _advance(
+    features: ti.template(),
+    velocity: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    lon: Ints,
+    lat: Ints,
+    status: Ints,
+    release: Ints,
+    ended: Ints,
+    edge: Ints,
+    down_slope: Reals,
+    down_offset: Reals,
+    right_slope: Reals,
+    right_offset: Reals,
+    left_slope: Reals,
+    left_offset: Reals,
+    side: Ints,
+    current_error_east: Reals,
+    current_error_north: Reals,
+    wind_error_east: Reals,
+    wind_error_north: Reals,
+    nodes: Nodes,
+    where: Ints,
+    scale: Reals,
+    ranges: i32x6,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    direction: ti.f32,
+    step: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    current_std: ti.f32,
+    current_time: ti.f32,
+    wind_std: ti.f32,
+    wind_time: ti.f32,
+    diffusivity: ti.f32,
+    jibe_rate: ti.f32,
+    west: ti.i32,
+    south: ti.i32,
+    width: ti.u32,
+    height: ti.u32,
+    cell: Bytes,
+    start: Ints,
+    edges: Ints,
+    edge_id: Ints,
+    frame: Frame,
+):
+    for i in range(first, last):
+        if status[i] == PENDING and release[i] < elapsed + duration:
+            status[i] = ADRIFT
+        if status[i] == ADRIFT:
+            lasting = ti.min(duration, elapsed + duration - release[i])
+            dt = ti.cast(lasting, ti.f32)
+            begin = 1.0 - dt / duration
+
+            walk_east, walk_north = 0.0, 0.0
+            error = f32x4(0.0)
+            if ti.static(features & (DIFFUSION | ERRORS)):
+                w = noise.words(seed0, seed1, noise.STREAM_STEP, i, step)
+                if ti.static(features & DIFFUSION):
+                    n = noise.normals(w[0], w[1]) * ti.sqrt(2.0 * diffusivity * dt)
+                    walk_east, walk_north = n[0], n[1]
+                if ti.static(features & ERRORS):
+                    # Exact transition of the process over dt; the step feels the mean of its begin and its end.
+                    n = noise.normals(w[2], w[3])
+                    keep = ti.exp(-dt / current_time)
+                    kick = current_std * ti.sqrt(1.0 - keep * keep)
+                    old = f32x2(current_error_east[i], current_error_north[i])
+                    new = keep * old + kick * n
+                    current_error_east[i], current_error_north[i] = new[0], new[1]
+                    error[0], error[1] = 0.5 * (old[0] + new[0]), 0.5 * (old[1] + new[1])
+            if ti.static(features & (JIBE | ERRORS) and features & WIND):
+                w = noise.words(seed0, seed1, noise.STREAM_WIND, i, step)
+                if ti.static(features & ERRORS):
+                    n = noise.normals(w[0], w[1])
+                    keep = ti.exp(-dt / wind_time)
+                    kick = wind_std * ti.sqrt(1.0 - keep * keep)
+                    old = f32x2(wind_error_east[i], wind_error_north[i])
+                    new = keep * old + kick * n
+                    wind_error_east[i], wind_error_north[i] = new[0], new[1]
+                    error[2], error[3] = 0.5 * (old[0] + new[0]), 0.5 * (old[1] + new[1])
+                if ti.static(features & JIBE):
+                    # An odd number of jibes at this rate within dt: independent of the length of the step.
+                    odd = 0.5 - 0.5 * ti.exp(-2.0 * jibe_rate * dt)
+                    if noise.uniform(w[2]) < odd:
+                        side[i] = -side[i]
+
+            line = f32x4(0.0)
+            if ti.static(features & WIND):
+                line = f32x4(down_slope[i], down_offset[i], right_slope[i], right_offset[i])
+                if side[i] < 0:
+                    line[2], line[3] = left_slope[i], left_offset[i]
+
+            x, y = lon[i], lat[i]
+            r = integrate(velocity, features, nodes, where, scale, ranges, line, error, x, y, direction * dt, begin)
+            if r[2] > 0.5:
+                dlon, dlat = r[0], r[1]
+                if ti.static(features & DIFFUSION):
+                    unit = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
+                    dlon += walk_east * unit / sphere.cos_lat(y)
+                    dlat += walk_north * unit
+                move_lon, move_lat = ti.cast(ti.round(dlon), ti.i32), ti.cast(ti.round(dlat), ti.i32)
+                if ti.static(features & COAST):
+                    hit, x_end, y_end, part, number = first_crossing(
+                        x, y, move_lon, move_lat, cell, start, edges, edge_id, frame
+                    )
+                    x, y = x_end, y_end
+                    if hit == 1:
+                        status[i] = ASHORE
+                        ended[i] = elapsed + duration - lasting + ti.cast(part * dt, ti.i32)
+                        edge[i] = number
+                else:
+                    x += move_lon
+                    y += move_lat
+                lon[i], lat[i] = x, y
+                if ti.cast(x - west, ti.u32) > width or ti.cast(y - south, ti.u32) > height:
+                    status[i] = LEFT
+                    ended[i] = elapsed + duration
+            else:
+                status[i] = OUTSIDE
+                ended[i] = elapsed + duration - lasting
+
+
+class Physics(NamedTuple):
+    """How the objects of one scenario move, beside the forcing: errors are off at zero, so is each other term."""
+
+    current_std: float = 0.0  # [m/s] of the current's error, a component
+    current_time: float = 1.0  # [s] its decorrelation time
+    wind_std: float = 0.0
+    wind_time: float = 1.0
+    diffusivity: float = 0.0  # [m2/s]
+    jibe_rate: float = 0.0  # [1/s]
+
+
+class Step(NamedTuple):
+    """One step of the lattice clock."""
+
+    number: int  # of the lattice step: the key of its noise
+    elapsed: int  # [s] from the run's start to the begin of the step
+    duration: int  # [s] > 0
+    direction: int  # +1 forward in time, -1 backward
+
+
+class Domain(NamedTuple):
+    """The box outside which a particle has left the case [binary angle]."""
+
+    west: int
+    south: int
+    width: int
+    height: int
+
+
+def features(ranges: tuple[int, ...], physics: Physics, coast: DeviceCoast | None, scheme: str) -> int:
+    """Return the compile-time features that a scenario needs."""
+    wind = ranges[3] > ranges[2]
+    return (
+        CURRENT * (ranges[1] > ranges[0])
+        | WIND * wind
+        | STOKES * (ranges[5] > ranges[4])
+        | ERRORS * (physics.current_std > 0 or (wind and physics.wind_std > 0))
+        | DIFFUSION * (physics.diffusivity > 0)
+        | JIBE * (wind and physics.jibe_rate > 0)
+        | COAST * (coast is not None)
+        | RK4 * (scheme == "rk4")
+    )
+
+
+def advance(
+    ensemble: Any,
+    slots: tuple[int, int],
+    tiles: Tiles,
+    ranges: tuple[int, ...],
+    physics: Physics,
+    step: Step,
+    domain: Domain,
+    coast: DeviceCoast | None,
+    scheme: str = "rk4",
+    velocity: Any = drift,
+) -> None:
+    """Move the slots [first, last) of an ensemble over one lattice step, in place.
+
+    ensemble: a drift.ensemble.Ensemble. ranges: first and last tile of currents, winds and Stokes drift. velocity: a
+    function of the outline of `drift`, so that the order of the scheme can be measured on an analytic flow.
+    A particle moves only while adrift, from its release on; it ends ashore, outside the forcing or outside the domain.
+    """
+    e, (seed0, seed1) = ensemble, noise.key(ensemble.seed)
+    shore = coast or open_sea()
+    _advance(
+        features(ranges, physics, coast, scheme),
+        velocity,
+        *slots,
+        *(e.lon, e.lat, e.status, e.release, e.ended, e.edge),
+        *(e.down_slope, e.down_offset, e.right_slope, e.right_offset, e.left_slope, e.left_offset, e.side),
+        *(e.current_error_east, e.current_error_north, e.wind_error_east, e.wind_error_north),
+        *(tiles.nodes, tiles.where, tiles.scale, i32x6(ranges)),
+        *(step.elapsed, step.duration, step.direction, step.number, seed0, seed1),
+        *physics,
+        *domain,
+        *shore,
+    )

@@ -1,0 +1,60 @@
+"""Random numbers as a function of (seed, stream, slot, step): Philox-4x32-10.
+
+Salmon, Moraes, Dror and Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3", doi:10.1145/2063384.2063405.
+No state: the same call gives the same bits on any thread, in any order, in any shard. The integer stream is the same on every
+backend; normals differ between backends in the last bits of log, sin and cos.
+"""
+
+import taichi as ti
+
+# One stream per use, so that no two uses ever share a number.
+STREAM_PRIOR = 1
+STREAM_OBJECT = 2
+STREAM_ERROR = 3
+STREAM_STEP = 4
+STREAM_WIND = 5
+
+u32x4 = ti.types.vector(4, ti.u32)
+f32x2 = ti.types.vector(2, ti.f32)
+
+
+@ti.func
+def philox(c0: ti.u32, c1: ti.u32, c2: ti.u32, c3: ti.u32, key0: ti.u32, key1: ti.u32) -> u32x4:
+    """Return four independent uniform 32-bit words for a counter and a key."""
+    x0, x1, x2, x3, k0, k1 = c0, c1, c2, c3, key0, key1
+    for _ in ti.static(range(10)):
+        a = ti.cast(x0, ti.u64) * ti.u64(0xD2511F53)
+        b = ti.cast(x2, ti.u64) * ti.u64(0xCD9E8D57)
+        y0 = ti.cast(b >> ti.u64(32), ti.u32) ^ x1 ^ k0
+        y2 = ti.cast(a >> ti.u64(32), ti.u32) ^ x3 ^ k1
+        x1 = ti.cast(b, ti.u32)
+        x3 = ti.cast(a, ti.u32)
+        x0, x2 = y0, y2
+        k0 += ti.u32(0x9E3779B9)
+        k1 += ti.u32(0xBB67AE85)
+    return u32x4(x0, x1, x2, x3)
+
+
+@ti.func
+def words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i32) -> u32x4:
+    """Return four words of a stream for one slot and lattice step."""
+    return philox(ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.cast(stream, ti.u32), ti.u32(0), seed0, seed1)
+
+
+@ti.func
+def uniform(word: ti.u32) -> ti.f32:
+    """Return a uniform number in (0, 1), never 0 and never 1: 23 bits and a half."""
+    return (ti.cast(word >> ti.u32(9), ti.f32) + 0.5) * (1.0 / 8388608.0)
+
+
+@ti.func
+def normals(a: ti.u32, b: ti.u32) -> f32x2:
+    """Return two independent standard normals (Box and Muller 1958), tails to 5.8 standard deviations."""
+    r = ti.sqrt(-2.0 * ti.log(uniform(a)))
+    angle = 6.2831853071795865 * uniform(b)
+    return f32x2(r * ti.cos(angle), r * ti.sin(angle))
+
+
+def key(seed: int) -> tuple[int, int]:
+    """Return a seed (0 <= seed < 2**64) as the two 32-bit words of a Philox key."""
+    return seed & 0xFFFFFFFF, seed >> 32 & 0xFFFFFFFF

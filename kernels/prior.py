@@ -1,0 +1,258 @@
+"""Draw initial positions and release times: a position report, an area, a trackline; always in water.
+
+Each slot tries up to TRIES candidates of its own random stream and keeps the first that lies in water: the prior
+conditioned on water. How many candidates were drawn tells the share of the prior that lay on land.
+"""
+
+import taichi as ti
+
+from kernels import noise, sphere
+from kernels.coast import Bytes, Frame, Ints, Reals, is_wet
+
+TRIES = 4096  # a prior with less than 1 % of water still fails with probability 1e-18 only
+
+f32x2 = ti.types.vector(2, ti.f32)
+I64s = ti.types.ndarray(dtype=ti.i64, ndim=1)
+
+
+@ti.func
+def _wrapped_normal(lon: ti.i32, lat: ti.i32, n: f32x2, major: ti.f32, minor: ti.f32, orientation: ti.f32):
+    """Return a position displaced by a bivariate normal in the tangent plane, major axis clockwise from north [rad]."""
+    along, across = major * n[0], minor * n[1]
+    s, c = ti.sin(orientation), ti.cos(orientation)
+    return sphere.exponential(lon, lat, along * s + across * c, along * c - across * s)
+
+
+@ti.kernel
+def draw_position(
+    coastal: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    lon: Ints,
+    lat: Ints,
+    tries: I64s,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    lon0: ti.i32,
+    lat0: ti.i32,
+    major: ti.f32,
+    minor: ti.f32,
+    orientation: ti.f32,
+    nearest: ti.f32,
+    farthest: ti.f32,
+    bearing: ti.f32,
+    sector: ti.f32,
+    cell: Bytes,
+    start: Ints,
+    edge: Ints,
+    frame: Frame,
+):
+    """Draw positions [binary angle] around (lon0, lat0): a bivariate normal, then a displacement of its own.
+
+    major, minor [m] and orientation [rad from north]: standard deviations of the report. nearest, farthest [m]: range of
+    a uniform distance; bearing, sector [rad]: begin and width of a uniform direction. tries[0] += candidates drawn,
+    tries[1] += slots that found no water.
+    """
+    for i in range(first, last):
+        found = 0
+        k = 0
+        while found == 0 and k < TRIES:
+            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, i, k)
+            x, y = _wrapped_normal(lon0, lat0, noise.normals(w[0], w[1]), major, minor, orientation)
+            if farthest > 0.0:
+                length = nearest + (farthest - nearest) * noise.uniform(w[2])
+                angle = bearing + sector * noise.uniform(w[3])
+                x, y = sphere.exponential(x, y, length * ti.sin(angle), length * ti.cos(angle))
+            k += 1
+            found = 1
+            if ti.static(coastal):
+                found = is_wet(x, y, cell, start, edge, frame)
+            lon[i], lat[i] = x, y
+        tries[0] += k
+        tries[1] += 1 - found
+
+
+@ti.func
+def _inside(lon: ti.i32, lat: ti.i32, west: ti.i32, vertices: ti.template()):
+    """Return 1 inside a polygon of vertices [lon0, lat0, lon1, ...] by crossing number, exact in 64-bit integers."""
+    n = vertices.shape[0] // 2
+    x, y = ti.cast(ti.cast(lon - west, ti.u32), ti.i64), ti.cast(lat, ti.i64)
+    odd = 0
+    for j in range(n):
+        k = j + 1 if j + 1 < n else 0
+        xa = ti.cast(ti.cast(vertices[2 * j] - west, ti.u32), ti.i64)
+        xb = ti.cast(ti.cast(vertices[2 * k] - west, ti.u32), ti.i64)
+        ya, yb = ti.cast(vertices[2 * j + 1], ti.i64), ti.cast(vertices[2 * k + 1], ti.i64)
+        if (ya > y) != (yb > y):
+            # The edge crosses the point's parallel; count it if the crossing lies east of the point.
+            turn = (xb - xa) * (y - ya) - (x - xa) * (yb - ya)
+            if (turn > 0) == (yb > ya):
+                odd = 1 - odd
+    return odd
+
+
+@ti.kernel
+def draw_area(
+    coastal: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    lon: Ints,
+    lat: Ints,
+    tries: I64s,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    vertices: Ints,
+    west: ti.i32,
+    south: ti.i32,
+    width: ti.u32,
+    height: ti.u32,
+    broadest: ti.f32,
+    cell: Bytes,
+    start: Ints,
+    edge: Ints,
+    frame: Frame,
+):
+    """Draw positions uniform in true area inside a polygon whose sides are straight in lon-lat (parallels stay so).
+
+    west, south, width, height: its bounding box [binary angle]; broadest: the largest cos(lat) in it. tries[0] counts
+    the candidates inside the polygon, tries[1] the slots that found no water.
+    """
+    for i in range(first, last):
+        found = 0
+        k = 0
+        while found == 0 and k < 16 * TRIES:
+            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, i, k)
+            k += 1
+            x = west + ti.cast(ti.cast(w[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32)
+            y = south + ti.cast(ti.cast(w[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32)
+            # Uniform in lon and lat, thinned by cos(lat): uniform on the sphere without rounding of sin(lat).
+            if noise.uniform(w[2]) * broadest < sphere.cos_lat(y) and _inside(x, y, west, vertices) == 1:
+                tries[0] += 1
+                found = 1
+                if ti.static(coastal):
+                    found = is_wet(x, y, cell, start, edge, frame)
+                lon[i], lat[i] = x, y
+        tries[1] += 1 - found
+
+
+@ti.kernel
+def draw_trackline(
+    coastal: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    lon: Ints,
+    lat: Ints,
+    release: Ints,
+    tries: I64s,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    points: Ints,
+    courses: Reals,
+    lengths: Reals,
+    ends: Reals,
+    cross_track: ti.f32,
+    earliest: ti.f32,
+    latest: ti.f32,
+    mode: ti.f32,
+    departure: ti.i32,
+    voyage: ti.f32,
+    cell: Bytes,
+    start: Ints,
+    edge: Ints,
+    frame: Frame,
+):
+    """Draw a share of the voyage done at the time of distress, the place on the track there, and a cross-track error.
+
+    points [lon0, lat0, ...]: begins of short great-circle pieces; courses [rad], lengths [m] and ends (share of the
+    voyage done at the piece's end), one a piece. The share is uniform over [earliest, latest], or triangular with its peak at
+    mode if mode >= 0. release [s after start] = departure + share * voyage. cross_track: standard deviation [m].
+    """
+    for i in range(first, last):
+        found = 0
+        k = 0
+        while found == 0 and k < TRIES:
+            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, i, k)
+            k += 1
+            u = noise.uniform(w[0])
+            share = earliest + (latest - earliest) * u
+            if mode >= 0.0:
+                peak = (mode - earliest) / (latest - earliest)
+                t = ti.sqrt(u * peak) if u < peak else 1.0 - ti.sqrt((1.0 - u) * (1.0 - peak))
+                share = earliest + (latest - earliest) * t
+            low, high = 0, ends.shape[0] - 1
+            while low < high:
+                middle = (low + high) // 2
+                if ends[middle] < share:
+                    low = middle + 1
+                else:
+                    high = middle
+            begin = 0.0
+            if low > 0:
+                begin = ends[low - 1]
+            along = lengths[low] * (share - begin) / ti.max(ends[low] - begin, 1e-12)
+            s, c = ti.sin(courses[low]), ti.cos(courses[low])
+            x, y = sphere.exponential(points[2 * low], points[2 * low + 1], along * s, along * c)
+            off = cross_track * noise.normals(w[2], w[3])[0]
+            x, y = sphere.exponential(x, y, off * c, -off * s)
+            found = 1
+            if ti.static(coastal):
+                found = is_wet(x, y, cell, start, edge, frame)
+            lon[i], lat[i] = x, y
+            release[i] = departure + ti.cast(ti.round(share * voyage), ti.i32)
+        tries[0] += k
+        tries[1] += 1 - found
+
+
+@ti.kernel
+def draw_release(
+    first: ti.i32, last: ti.i32, release: Ints, seed0: ti.u32, seed1: ti.u32, earliest: ti.i32, latest: ti.i32
+):
+    """Draw release times [s after start], uniform over the whole seconds of [earliest, latest]."""
+    for i in range(first, last):
+        w = noise.words(seed0, seed1, noise.STREAM_PRIOR, i, -1)
+        span = ti.cast(latest - earliest + 1, ti.u64)
+        release[i] = earliest + ti.cast(ti.cast(w[0], ti.u64) * span >> ti.u64(32), ti.i32)
+
+
+@ti.kernel
+def draw_object(
+    first: ti.i32,
+    last: ti.i32,
+    slope: Reals,
+    offset: Reals,
+    line: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    mean_slope: ti.f32,
+    mean_offset: ti.f32,
+    slope_std: ti.f32,
+    offset_std: ti.f32,
+):
+    """Draw each particle's own slope and offset [m/s] of one leeway line; both move with one normal number.
+
+    So the standard deviation at wind speed W is slope_std W + offset_std (Allen 2005, CG-D-05-05).
+    """
+    for i in range(first, last):
+        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, line)
+        n = noise.normals(w[0], w[1])[0]
+        slope[i] = mean_slope + slope_std * n
+        offset[i] = mean_offset + offset_std * n
+
+
+@ti.kernel
+def draw_side(first: ti.i32, last: ti.i32, side: Ints, seed0: ti.u32, seed1: ti.u32):
+    """Draw the side to which each object drifts off the wind at first: +1 right, -1 left, equally likely."""
+    for i in range(first, last):
+        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, -1)
+        side[i] = 1 - 2 * ti.cast(w[0] >> ti.u32(31), ti.i32)
+
+
+@ti.kernel
+def draw_error(
+    first: ti.i32, last: ti.i32, east: Reals, north: Reals, which: ti.i32, seed0: ti.u32, seed1: ti.u32, std: ti.f32
+):
+    """Draw errors [m/s] of current (which = 0) or wind (1) from their stationary law, normal with `std` a component."""
+    for i in range(first, last):
+        w = noise.words(seed0, seed1, noise.STREAM_ERROR, i, which)
+        n = noise.normals(w[0], w[1])
+        east[i], north[i] = std * n[0], std * n[1]

@@ -1,0 +1,131 @@
+"""Current, wind and Stokes drift at a point: bilinear in space, linear in time, from several tiles by priority.
+
+All tiles of a run lie in one flat array. A node holds four numbers side by side: (east, north) at the earlier and at
+the later of two times, so that one look-up fetches both. A missing value is NaN; where a tile has none the next one of the
+same quantity is asked; where all are silent the answer is not valid, never zero.
+
+Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle] and nlon; `scale` (float32)
+SCALE numbers: nodes per unit east and north, the last node's coordinates (nlon - 1, nlat - 1; negative: nothing for this
+step), and the weight of the later slice at the begin of the step and its change over the step.
+"""
+
+import numpy as np
+import taichi as ti
+
+from geo import sphere
+from geo.errors import UserError
+from geo.grid import Grid
+from kernels import runtime
+
+WHERE, SCALE = 4, 6
+
+f32x3 = ti.types.vector(3, ti.f32)
+f32x4 = ti.types.vector(4, ti.f32)
+Nodes = ti.types.ndarray(dtype=f32x4, ndim=1)
+
+
+@ti.func
+def sample(
+    nodes: ti.template(),
+    where: ti.template(),
+    scale: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    lon: ti.i32,
+    lat: ti.i32,
+    fraction: ti.f32,
+) -> f32x3:
+    """Return (east, north, valid) of the first tile in [first, last) that knows the point; fraction of the step."""
+    u, v, valid = 0.0, 0.0, 0.0
+    tile = first
+    while tile < last:
+        w, s = tile * WHERE, tile * SCALE
+        # The difference of longitudes is taken modulo a turn, so a tile may lie across the antimeridian.
+        x = ti.cast(ti.cast(lon - where[w + 1], ti.u32), ti.f32) * scale[s]
+        y = ti.cast(lat - where[w + 2], ti.f32) * scale[s + 1]
+        if x <= scale[s + 2] and y >= 0.0 and y <= scale[s + 3]:
+            ix = ti.cast(ti.min(x, scale[s + 2] - 0.5), ti.i32)  # on the last node: the cell before it
+            iy = ti.cast(ti.min(y, scale[s + 3] - 0.5), ti.i32)
+            fx, fy = x - ix, y - iy
+            a = where[w] + iy * where[w + 3] + ix
+            b = a + where[w + 3]
+            south = nodes[a] + fx * (nodes[a + 1] - nodes[a])
+            north = nodes[b] + fx * (nodes[b + 1] - nodes[b])
+            both = south + fy * (north - south)
+            alpha = scale[s + 4] + scale[s + 5] * fraction
+            u = both[0] + alpha * (both[2] - both[0])
+            v = both[1] + alpha * (both[3] - both[1])
+            if u == u and v == v:  # not NaN
+                valid = 1.0
+                tile = last
+        tile += 1
+    return f32x3(u, v, valid)
+
+
+@ti.kernel
+def _place(nodes: Nodes, values: ti.types.ndarray(dtype=ti.f32, ndim=1), first: ti.i32, later: ti.i32, shift: ti.i32):
+    for i in range(values.shape[0] // 2):
+        node = nodes[first + i]
+        if shift == 1:
+            node[0], node[1] = node[2], node[3]
+        if later == 1:
+            node[2], node[3] = values[2 * i], values[2 * i + 1]
+        else:
+            node[0], node[1] = values[2 * i], values[2 * i + 1]
+        nodes[first + i] = node
+
+
+@ti.kernel
+def _sample_all(
+    nodes: Nodes,
+    where: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    scale: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    first: ti.i32,
+    last: ti.i32,
+    fraction: ti.f32,
+    lon: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    lat: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    out: ti.types.ndarray(dtype=ti.f32, ndim=1),
+):
+    for i in range(lon.shape[0]):
+        r = sample(nodes, where, scale, first, last, lon[i], lat[i], fraction)
+        for k in ti.static(range(3)):
+            out[3 * i + k] = r[k]
+
+
+class Tiles:
+    """The tiles of a run on the device; `place` puts a time slice in, `blend` says where in time a step lies."""
+
+    def __init__(self, grids: list[Grid]) -> None:
+        sizes = [g.nlon * g.nlat for g in grids]
+        if 4 * sum(sizes) >= 2**31:
+            raise UserError(f"forcing: {sum(sizes)} grid nodes in the domain; at most 2**29 fit: make [domain] smaller")
+        self.grids = grids
+        self.offsets = [int(x) for x in np.cumsum([0, *sizes])[:-1]]
+        self.nodes = runtime.empty_nodes(sum(sizes))
+        self._where = np.zeros((max(len(grids), 1), WHERE), np.int32)
+        self._scale = np.zeros((max(len(grids), 1), SCALE), np.float32)
+        for row, (grid, begin) in enumerate(zip(grids, self.offsets, strict=True)):
+            self._where[row] = begin, sphere.to_binary(grid.lon0), sphere.to_binary(grid.lat0), grid.nlon
+            self._scale[row] = 360 / sphere.TURN / grid.dlon, 360 / sphere.TURN / grid.dlat, -1, -1, 0, 0
+        self.where, self.scale = runtime.upload(self._where), runtime.upload(self._scale)
+
+    def place(self, tile: int, values: np.ndarray, *, later: bool, shift: bool = False) -> None:
+        """Put a slice (nlat, nlon, 2) [m/s] in as the later or earlier one; shift: the later becomes the earlier."""
+        flat = np.ascontiguousarray(values, np.float32).reshape(-1)
+        _place(self.nodes, flat, self.offsets[tile], int(later), int(shift))
+
+    def blend(self, weights: list[tuple[float, float] | None]) -> None:
+        """Set, per tile, the later slice's weight at begin and end of the step; None: nothing for this step."""
+        for row, weight in enumerate(weights):
+            grid = self.grids[row]
+            self._scale[row, 2:4] = (grid.nlon - 1, grid.nlat - 1) if weight else (-1, -1)
+            begin, end = weight or (0.0, 0.0)
+            self._scale[row, 4:] = begin, end - begin
+        self.scale.from_numpy(self._scale.reshape(-1))
+
+    def at(self, first: int, last: int, lon: np.ndarray, lat: np.ndarray, fraction: float) -> np.ndarray:
+        """Return (east, north, valid) [m/s, m/s, 0 or 1], shape (n, 3), at binary angles: for tests and checks."""
+        out = np.zeros(3 * lon.size, np.float32)
+        _sample_all(self.nodes, self.where, self.scale, first, last, fraction, lon, lat, out)
+        return out.reshape(-1, 3)

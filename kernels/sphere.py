@@ -1,0 +1,66 @@
+"""The exponential map on binary angles, in float32 on differences only.
+
+The cosine of a latitude comes from the integer colatitude 2**30 - |lat|, which keeps its relative precision up to the
+pole; increments are formed without cancellation, so that 10 km is right to 0.05 m at |lat| <= 89.9 degrees.
+"""
+
+import taichi as ti
+
+RADIUS = 6_371_008.8  # [m] as geo.sphere.RADIUS
+UNIT = 6.283185307179586 / 4294967296.0  # [rad] one binary angle unit
+QUARTER = 1 << 30  # binary angle of 90 degrees
+
+
+@ti.func
+def cos_lat(lat: ti.i32) -> ti.f32:
+    """Return the cosine of a latitude [binary angle], relative error 2e-7 up to the pole."""
+    return ti.sin(ti.cast(QUARTER - ti.abs(lat), ti.f32) * ti.f32(UNIT))
+
+
+@ti.func
+def sin_lat(lat: ti.i32) -> ti.f32:
+    """Return the sine of a latitude [binary angle], absolute error 1e-7."""
+    return ti.sin(ti.cast(lat, ti.f32) * ti.f32(UNIT))
+
+
+@ti.func
+def exponential(lon: ti.i32, lat: ti.i32, east: ti.f32, north: ti.f32):
+    """Return (lon, lat) [binary angle] reached along the great circle (east, north) [m], over a pole if need be.
+
+    With x, y the sines of the arc towards east and north, z its cosine, c and s those of the latitude:
+    up = z c - y s, q = x^2 / (hypot(x, up) + up), sin(dlat) = y - q s. No term is a difference of large numbers.
+    """
+    c, s = cos_lat(lat), sin_lat(lat)
+    length = ti.sqrt(east * east + north * north)
+    arc = length / ti.f32(RADIUS)
+    ratio = ti.f32(1.0 / RADIUS)
+    if arc > 1e-4:
+        ratio = ti.sin(arc) / length
+    x, y, z = east * ratio, north * ratio, ti.cos(arc)
+    up = z * c - y * s
+    across = ti.sqrt(x * x + up * up)
+    q = across - up
+    if up > 0:
+        q = x * x / (across + up)
+    dlat = ti.atan2(y - q * s, across * c + (z * s + y * c) * s)
+    dlon = ti.atan2(x, up)
+    # Half a turn is 2**31: it must wrap, not saturate, hence the 64-bit step.
+    turned = ti.cast(ti.cast(ti.round(dlon / ti.f32(UNIT)), ti.i64), ti.i32)
+    tilted = ti.cast(ti.round(dlat / ti.f32(UNIT)), ti.i32)
+    return lon + turned, ti.min(ti.max(lat + tilted, -QUARTER), QUARTER)
+
+
+@ti.kernel
+def _displace(
+    lon: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    lat: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    east: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    north: ti.types.ndarray(dtype=ti.f32, ndim=1),
+):
+    for i in range(lon.shape[0]):
+        lon[i], lat[i] = exponential(lon[i], lat[i], east[i], north[i])
+
+
+def displace(lon, lat, east, north) -> None:
+    """Move positions (lon, lat) [binary angle, int32, shape (n,)] by (east, north) [m, float32], in place."""
+    _displace(lon, lat, east, north)

@@ -1,0 +1,118 @@
+"""The command line: exit statuses, one-line refusals, lists, quick starts."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drift import __main__ as cli
+
+
+def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
+    status = cli.main(words)
+    streams = capsys.readouterr()
+    return status, streams.out, streams.err
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = call(capsys, "--help")
+    assert (status, err) == (0, "")
+    for command in ("run", "check", "cases", "objects", "info"):
+        assert f"  {command} " in out
+    assert call(capsys)[0] == 0
+    assert call(capsys, "--version")[1].startswith("drift ")
+
+
+def test_objects_lists_and_searches(capsys: pytest.CaptureFixture[str]) -> None:
+    _, whole, _ = call(capsys, "objects")
+    assert sum(line.strip() != "" for line in whole.splitlines()) == 85 + 3
+    status, out, _ = call(capsys, "objects", "raft", "15-50", "light")
+    assert status == 0
+    assert "LIFE-RAFT-DB-19" in out
+    assert "0.38  -3.33" in out
+    assert "-0.59  +1.59" in out
+    assert "DB-18" not in out
+
+
+def test_cases_lists_titles(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "cases")
+    assert status == 0
+    assert "overdue_boat" in out
+    assert "synthetic" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("fly",), "invalid choice: 'fly'"),
+        (("run",), "required: CASE"),
+        (("run", "nowhere"), 'no case "nowhere"'),
+        (("run", "overdue_boat", "--backend", "abacus"), "invalid choice: 'abacus'"),
+        (("run", "overdue_boat", "--threads", "0"), "--threads 0 must be at least 1"),
+        (("run", "overdue_boat", "--seed", "x"), "invalid int value"),
+        (("check", "overdue_boat", "--set", "clock.step"), '--set "clock.step" must be KEY=VALUE'),
+        (("check", "overdue_boat", "--set", "clock.step=blue"), 'clock.step: "blue" is not a step'),
+        (("check", "overdue_boat", "--set", "duration=12 parsecs"), "is of another kind"),
+        (("check", "overdue_boat", "--seed", "-3"), "seed: -3 must be 0 to"),
+        (("check", "overdue_boat", "--set", "particles=0"), "0 particles"),
+        (("objects", "spaceship"), 'no leeway class holds "spaceship"'),
+    ],
+)
+def test_users_errors_are_one_line(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, out, err = call(capsys, *words)
+    assert (status, out) == (2, "")
+    assert err.startswith("drift: ")
+    assert err.count("\n") == 1
+    assert message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_interrupt_and_own_errors(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(error: BaseException) -> Any:
+        def raising(given: object) -> None:
+            raise error
+
+        return raising
+
+    monkeypatch.setattr(cli, "_cases", fail(KeyboardInterrupt()))
+    status, out, err = call(capsys, "cases")
+    assert (status, out, err.count("\n")) == (130, "", 1)
+    monkeypatch.setattr(cli, "_cases", fail(ZeroDivisionError("oops")))
+    status, out, err = call(capsys, "cases")
+    assert (status, out) == (1, "")
+    assert err.splitlines()[-1] == "drift: an error of drift itself: ZeroDivisionError: oops"
+    assert "Traceback" in err
+
+
+def started(*words: str) -> tuple[float, subprocess.CompletedProcess[str]]:
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "drift", *words], capture_output=True, text=True, check=True
+    )
+    return time.perf_counter() - begin, done
+
+
+@pytest.mark.parametrize("words", [("--help",), ("objects",)])
+def test_quick_starts_import_nothing_heavy(words: tuple[str, ...]) -> None:
+    _, done = started(*words)
+    for heavy in ("taichi", "xarray", "matplotlib", "pydantic", "pint", "shapely", "numpy"):
+        assert f" {heavy}\n" not in done.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGPIPE")
+def test_reader_that_leaves_early() -> None:
+    done = subprocess.run(
+        f"'{sys.executable}' -m drift objects | head -n 1", shell=True, capture_output=True, text=True, check=False
+    )
+    assert done.stderr == ""

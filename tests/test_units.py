@@ -1,0 +1,185 @@
+"""Quantities, positions and times as written; oracles are definitions (BIPM, ICAO) and published zone tables."""
+
+import math
+from datetime import datetime, timedelta, timezone
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drift import units
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "expected"),
+    [
+        ("12 kn", "m/s", 12 * 1852 / 3600),
+        ("12kn", "m/s", 12 * 1852 / 3600),
+        ("1_000 m", "m", 1000),
+        ("0.6 nmi", "m", 0.6 * 1852),
+        ("3 h", "s", 10_800),
+        ("2 d", "s", 172_800),
+        ("15 min", "s", 900),
+        ("10 m2/s", "m^2/s", 10),
+        ("10 m^2/s", "m^2/s", 10),
+        ("10 m**2/s", "m^2/s", 10),
+        ("36 km/h", "m/s", 10),
+        ("25 cm/s", "m/s", 0.25),
+        ("3 %", "", 0.03),
+        ("0.04 / h", "1/s", 0.04 / 3600),
+        ("0.04 per hour", "1/s", 0.04 / 3600),
+        ("120 nmi2", "m^2", 120 * 1852**2),
+        ("-2.5e1 cm/s", "m/s", -0.25),
+        ("5 m s-1", "m/s", 5),
+        (7, "m/s", 7),
+        ("7", "m/s", 7),
+    ],
+)
+def test_quantity_is_si(text: object, unit: str, expected: float) -> None:
+    assert units.quantity(text, unit, "quantity", "1 x") == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "words"),
+    [
+        ("12 parsecs", "s", "another kind"),
+        ("5 kg", "m", "another kind"),
+        ("5 nm", "m", "write nmi"),
+        ("5 NM", "m", "write nmi"),
+        ("5 furlonks", "m", 'no unit "furlonks"'),
+        ("five h", "s", "a number and a unit"),
+        ("", "s", "a number and a unit"),
+        (True, "s", "is not a"),
+        (None, "s", "is not a"),
+        ([1], "s", "is not a"),
+        (math.nan, "s", "finite"),
+        (math.inf, "s", "finite"),
+        ("5 __class__", "m/s", "no unit"),
+    ],
+)
+def test_wrong_quantity_is_refused(value: object, unit: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        units.quantity(value, unit, "quantity", "1 x")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "27 30.5N 088 15.0W",
+        "27-30.5N 088-15.0W",
+        "27°30.5'N 88°15'W",
+        "27°30.5′N, 88°15′W",
+        "27°30'30\"N 88°15'00\"W",
+        "27 30 30N 088 15 00W",
+        "N27 30.5 W088 15.0",
+        "088 15.0W 27 30.5N",
+        "27 30.5n 088 15.0w",
+        "27.50833333333333N 88.25W",
+        "27.50833333333333 N, 88.25 W",
+        [-88.25, 27.50833333333333],
+        [271.75, 27.50833333333333],
+        {"lat": 27.50833333333333, "lon": "088 15W"},
+    ],
+)
+def test_one_position_however_written(text: object) -> None:
+    lon, lat = units.position(text)
+    assert (lon, lat) == pytest.approx((-88.25, 27 + 30.5 / 60), abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("95 00N 010 00E", "outside -90 to 90"),
+        ([10, 95], r"latitude 95 is outside.*order is \[lon, lat\]"),
+        ("45 00N 181 00E", "outside -180 to 180"),
+        ("27.5 -88.25", "ambiguous"),
+        ("27 30 88 15", "ambiguous"),
+        ("27 30N 88 15N", "ambiguous"),
+        ("27 60.0N 088 15W", "below 60"),
+        ("27.5 30N 088 15W", "decimals"),
+        ("-27 30N 088 15W", "sign"),
+        ("N27 30N 088 15W", "ambiguous"),
+        ("somewhere", "ambiguous"),
+        ([1, 2, 3], "lon, lat"),
+        (5, "not a position"),
+        ({"lon": 1}, "exactly the keys"),
+        ([math.nan, 5], "outside"),
+        ([True, 5], "not a longitude"),
+    ],
+)
+def test_wrong_or_ambiguous_position_is_refused(value: object, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        units.position(value)
+
+
+@given(st.floats(-179.9999, 179.9999), st.floats(-89.9999, 89.9999))
+def test_position_there_and_back(lon: float, lat: float) -> None:
+    def written(angle: float, letters: str) -> str:
+        size = abs(angle)
+        return f"{int(size)} {60 * (size % 1):.6f}{letters[angle < 0]}".replace(" 60.000000", " 59.999999")
+
+    back = units.position(f"{written(lat, 'NS')} {written(lon, 'EW')}")
+    assert back == pytest.approx((lon, lat), abs=1e-6 / 60 * 1.01)
+
+
+def test_antimeridian_is_one_meridian() -> None:
+    assert units.position("10 00N 180 00E") == units.position("10 00N 180 00W") == (-180.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "211830ZNOV26",
+        "21 1830Z NOV 26",
+        "211830znov2026",
+        "2026-11-21T18:30Z",
+        "2026-11-21 18:30:00+00:00",
+        "2026-11-21T20:30+02:00",
+        "211330RNOV26",  # R is UTC-5
+        "212030BNOV26",  # B is UTC+2
+        "220630MNOV26",  # M is UTC+12
+        "210630YNOV26",  # Y is UTC-12
+        "220430KNOV26",  # K is UTC+10: there is no J
+        datetime(2026, 11, 21, 18, 30, tzinfo=timezone.utc),
+    ],
+)
+def test_one_time_however_written(text: object) -> None:
+    assert units.time(text) == np.datetime64("2026-11-21T18:30:00")
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("2026-11-21T18:30", "no zone"),
+        (datetime(2026, 11, 21), "no zone"),
+        ("211830JNOV26", "zone J"),
+        ("211830Z", "lacks"),
+        ("311830ZNOV26", "does not exist"),
+        ("212530ZNOV26", "does not exist"),
+        ("211830ZNUV26", 'no month "NUV"'),
+        ("yesterday", "is not a time"),
+        (20261121, "is not a time"),
+        ("+6 kn", "another kind"),
+    ],
+)
+def test_wrong_or_ambiguous_time_is_refused(value: object, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        units.time(value)
+
+
+def test_interval_is_relative_to_the_start() -> None:
+    start = np.datetime64("2026-11-21T18:30:00")
+    assert units.resolve(units.time("+6 h"), start) == np.datetime64("2026-11-22T00:30:00")
+    assert units.resolve(units.time("-45 min"), start) == np.datetime64("2026-11-21T17:45:00")
+
+
+@given(st.datetimes(datetime(2001, 1, 1), datetime(2098, 1, 1)), st.integers(-12, 12))
+def test_group_there_and_back(moment: datetime, hours: int) -> None:
+    moment = moment.replace(second=0, microsecond=0)
+    expected = np.datetime64(moment, "s")
+    assert units.time(units.group(expected)) == expected
+    letters = "YXWVUTSRQPONZABCDEFGHIKLM"  # UTC-12 to UTC+12 (ACP 121)
+    local = moment + timedelta(hours=hours)
+    text = f"{local:%d%H%M}{letters[hours + 12]}{units.MONTHS[local.month - 1]}{local:%Y}"
+    assert units.time(text) == expected
