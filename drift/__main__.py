@@ -142,8 +142,8 @@ def _run(given: argparse.Namespace) -> None:
     facts = result.summary["run"]
     last = {**tables.numbers(result.forecast), "account": result.summary["account"]}
     _print_facts(case.title, _outcome(last))
-    lost = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
-    print(f"{lost}\nResults in {out}")
+    basis = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
+    print(f"{basis}\nResults in {out}")
 
 
 def _outcome(numbers: dict[str, Any]) -> dict[str, str]:
@@ -234,7 +234,8 @@ def _draw(source: Any, path: Path) -> None:
 
 def _print_facts(title: str, facts: dict[str, str]) -> None:
     table = _table("", "")
-    table.title, table.title_justify, table.show_header = title, "left", False
+    table.show_header = False
+    print(title)
     for name, fact in facts.items():
         table.add_row(name, fact)
     _show(table)

@@ -1,6 +1,7 @@
 """One snapshot's map: density chosen and calibrated on held-out particles, containment levels, areas and contours."""
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import contourpy
@@ -9,6 +10,7 @@ import shapely
 
 from drift import density
 from drift.cells import Array, Cells
+from geo import sphere
 
 SHARES = (0.5, 0.75, 0.95)  # the containment areas that are reported
 
@@ -17,8 +19,8 @@ SHARES = (0.5, 0.75, 0.95)  # the containment areas that are reported
 class Deposits:
     """What the particles of one snapshot leave in the cells, in units of probability.
 
-    mass, squares: weights and squared weights by group and medium (adrift, ashore), shape (4, 2, nlat, nlon).
-    scenario: weights by scenario and medium, shape (scenarios, 2, nlat, nlon).
+    mass, squares: weights and squared weights by group and medium (adrift; ashore if any is), shape (4, media, nlat, nlon).
+    scenario: weights by scenario and medium, shape (scenarios, media, nlat, nlon).
     """
 
     mass: Array
@@ -30,9 +32,10 @@ class Deposits:
 class Area:
     """Map of one snapshot on its own cells.
 
-    probability: by scenario and medium (adrift, ashore), shape (scenarios, 2, nlat, nlon).
+    probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
     containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
-    areas: [m2] of the SHARES; held_out: share of unseen particles inside them; per_kernel: the bandwidth chosen.
+    areas: [m2] of the SHARES; held_out: share of unseen particles inside them; thresholds: logarithms of their least
+    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen.
     """
 
     cells: Cells
@@ -41,27 +44,28 @@ class Area:
     areas: Array
     held_out: Array
     per_kernel: float
+    thresholds: Array
     calibration: density.Calibration
 
 
-def _map(mass: Array, squares: Array, m: float, media: tuple[density.Medium, density.Medium]) -> Array:
-    """Return the smooth map of both media together, shape (nlat, nlon), from (2, nlat, nlon)."""
+def _map(mass: Array, squares: Array, m: float, media: Sequence[density.Medium]) -> Array:
+    """Return the smooth map of all media together, shape (nlat, nlon), from (media, nlat, nlon)."""
     parts = [
         density.spread(mass[i], density.histogram(mass[i], squares[i], media[i]), m, media[i])
-        for i in (0, 1)
+        for i in range(len(media))
         if mass[i].any()
     ]
     return np.asarray(sum(parts[1:], parts[0]))
 
 
-def _choose(halves: list[tuple[Array, Array]], media: tuple[density.Medium, density.Medium], start: float) -> float:
+def _choose(halves: list[tuple[Array, Array]], media: Sequence[density.Medium], start: float) -> float:
     """Return the number of particles per kernel under which each half best foretells the other.
 
     Climbs a ladder of factors 2 from `start`. A rung finer than that must beat the coarser one by two standard errors of the
     paired difference: sharp edges alone are no reason to speckle all the rest.
     """
     guides = [
-        [density.histogram(mass[i], squares[i], media[i]) if mass[i].any() else None for i in (0, 1)]
+        [density.histogram(mass[i], squares[i], media[i]) if mass[i].any() else None for i in range(len(media))]
         for mass, squares in halves
     ]
     weights, where = [], []
@@ -98,7 +102,7 @@ def _choose(halves: list[tuple[Array, Array]], media: tuple[density.Medium, dens
     return start * 2.0**best
 
 
-def build(cells: Cells, deposits: Deposits, media: tuple[density.Medium, density.Medium]) -> Area:
+def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> Area:
     """Return the map of one snapshot.
 
     The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3) and each half's map is calibrated by the other;
@@ -118,57 +122,61 @@ def build(cells: Cells, deposits: Deposits, media: tuple[density.Medium, density
         both, checks = [], []
         for fold, others in ((0, (2, 3)), (1, (0, 1))):
             smooth = _map(*halves[fold], half, media)
-            quarters = [density.calibration(smooth, area, deposits.mass[i].sum(axis=0)) for i in others]
+            quarters = density.calibrations(smooth, area, [deposits.mass[i].sum(axis=0) for i in others])
             weight = groups[list(others)] / groups[list(others)].sum()
             both.append(weight[0] * quarters[0].share + weight[1] * quarters[1].share)
             checks += [b.held(a.level(np.array(SHARES))) for a, b in (quarters, quarters[::-1])]
         calibration, held = density.Calibration(np.mean(both, axis=0)), np.mean(checks, axis=0)
-    guides = [density.histogram(mass[i], squares[i], media[i]) for i in (0, 1)]
+    guides = [density.histogram(mass[i], squares[i], media[i]) for i in range(len(media))]
     probability = np.stack(
         [
-            np.stack([density.spread(one[i], guides[i], m, media[i]) for i in (0, 1)])
+            np.stack([density.spread(one[i], guides[i], m, media[i]) for i in range(len(media))])
             for one in deposits.scenario
         ]
     )
     total = probability.sum(axis=(0, 1))
-    contained, levels, cumulative = containment(total, area, calibration)
-    return Area(
-        cells, probability, contained, np.interp(SHARES, levels, cumulative), held, m, calibration
-    )
+    contained, levels, sizes, heights = containment(total, area, calibration)
+    thresholds = np.interp(SHARES, levels[1:], np.log(heights))
+    return Area(cells, probability, contained, np.interp(SHARES, levels, sizes), held, m, thresholds, calibration)
 
 
-def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array]:
-    """Return the containment of each cell (nlat, nlon), and its curve: levels and their areas [m2], from 0 up."""
-    order = density.ranked(mass / area[:, None])
+def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
+    """Return the containment of each cell (nlat, nlon), and its curve: levels and areas [m2] from 0 up, densities."""
+    height = mass / area[:, None]
+    order = density.ranked(height)
     inside = np.cumsum(mass.ravel()[order])
     level = calibration.held(inside / inside[-1])
     contained = np.ones(mass.size)
     contained[order] = level
-    size = np.cumsum(np.broadcast_to(area[:, None], mass.shape).ravel()[order])
-    return contained.reshape(mass.shape), np.concatenate([[0.0], level]), np.concatenate([[0.0], size])
+    size = np.cumsum(area[order // mass.shape[1]])
+    contained = contained.reshape(mass.shape)
+    return contained, np.concatenate([[0.0], level]), np.concatenate([[0.0], size]), height.ravel()[order]
 
 
 def contour(one: Area, share: float) -> shapely.MultiPolygon:
     """Return the outline [deg, unwrapped] of the area that holds `share`, with its holes.
 
-    The line runs between cell centres where the containment, linear between them, reaches the share; a pad of
-    empty cells closes it at the edge.
+    The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells. A pad
+    of empty cells closes it at the edge.
     """
+    height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
+    threshold = float(one.thresholds[SHARES.index(share)])
+    # what lies far below the threshold, and empty cells, count as e^-4 of it: the line stays near the cells that matter
+    field = np.log(np.maximum(height, np.exp(threshold - 4)))
     lon, lat = one.cells.lon(), one.cells.lat()
-    dlon, dlat = lon[1] - lon[0], lat[1] - lat[0]
+    dlon, dlat = (one.cells.width, one.cells.height) * np.array(360.0 / sphere.TURN)
     lon = np.concatenate([[lon[0] - dlon], lon, [lon[-1] + dlon]])
     lat = np.concatenate([[lat[0] - dlat], lat, [lat[-1] + dlat]])
-    padded = np.pad(one.containment, 1, constant_values=1.0)
-    return outline(lon, lat, padded, share)
+    return outline(lon, lat, np.pad(field, 1, constant_values=threshold - 4), threshold)
 
 
-def outline(lon: Array, lat: Array, contained: Array, share: float) -> shapely.MultiPolygon:
-    """Return the polygons where contained <= share."""
+def outline(lon: Array, lat: Array, field: Array, threshold: float) -> shapely.MultiPolygon:
+    """Return the valid polygons where a field (nlat, nlon) exceeds a threshold."""
     generator: Callable[..., contourpy.ContourGenerator] = contourpy.contour_generator
-    lines = generator(lon, lat, 1.0 - contained, fill_type=contourpy.FillType.OuterOffset)
+    lines = generator(lon, lat, field, fill_type=contourpy.FillType.OuterOffset)
     polygons = []
-    for points, offsets in zip(*lines.filled(1.0 - share, 2.0), strict=True):
-        rings = [points[a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+    for points, offsets in zip(*lines.filled(threshold, np.inf), strict=True):
+        rings = [points[a:b] for a, b in itertools.pairwise(offsets)]
         polygons.append(shapely.Polygon(rings[0], rings[1:]))
     whole = shapely.make_valid(shapely.MultiPolygon(polygons))
     parts = [p for p in shapely.get_parts(whole) if p.geom_type in ("Polygon", "MultiPolygon") and p.area > 0]

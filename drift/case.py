@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
 
-from drift import fields, messages, units
+from drift import fields, messages, sources, units
+from drift.expect import Expect
 from drift.scenario import Scenario, ScenarioTable
 from drift.sources import ForcingSpec, Quantity, SourceTable
 from geo.box import Box
@@ -46,26 +47,6 @@ class ForcingError:
 
     std: float  # [m/s]
     time: float  # [s] decorrelation
-
-
-class PlaceWithin(fields.Table):
-    """A position and the distance within which another is expected."""
-
-    of: fields.Position
-    distance: fields.Length
-
-
-class Expect(fields.Table):
-    """What a case expects of its own forecast at the end, for its test; each a range unless absent."""
-
-    adrift: fields.ShareRange | None = None
-    ashore: fields.ShareRange | None = None
-    outside: fields.ShareRange | None = None
-    left: fields.ShareRange | None = None
-    drifted: fields.LengthRange | None = None  # mean distance from release to end [m]
-    area_50: fields.AreaRange | None = None  # containment areas [m2]
-    area_95: fields.AreaRange | None = None
-    mean_position_within: PlaceWithin | None = None
 
 
 @dataclass(frozen=True)
@@ -283,9 +264,14 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
             text += f"\n# --set {key}={value}"
         return _build(CaseTable.model_validate(data), path, text)
     except ValidationError as error:
-        raise UserError(f"{path.name}: {messages.line(error, data)}") from None
+        raise UserError(_one_line(path, messages.line(error, data))) from None
     except UserError as error:
-        raise UserError(f"{path.name}: {error}") from None
+        raise UserError(_one_line(path, str(error))) from None
+
+
+def _one_line(path: Path, message: str) -> str:
+    """Return a refusal with its file's name; what was given may hold line breaks of its own."""
+    return f"{path.name}: {' '.join(message.split())}"
 
 
 def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
@@ -388,10 +374,13 @@ def _outputs(table: OutputTable, start: np.datetime64, end: np.datetime64) -> ND
 def _shore(source: str, folder: Path) -> str:
     if source in {"gshhg", "none"}:
         return source
-    path = folder / Path(os.path.expandvars(source)).expanduser()
-    if not path.is_file():
-        raise UserError(f'coast.source: "{source}" is not "gshhg", "none" or a shoreline file; looked for {path}')
-    return str(path)
+    try:
+        files = sources.found(source, folder)
+    except ValueError as error:
+        raise UserError(f'coast.source: {error}; allowed are "gshhg", "none" and a shoreline file') from None
+    if len(files) != 1 or not Path(files[0]).is_file():
+        raise UserError(f'coast.source: "{source}" is not one file; it is {", ".join(files)}')
+    return files[0]
 
 
 def _sources(
@@ -414,7 +403,7 @@ def _scenarios(
     tables: list[ScenarioTable],
     start: np.datetime64,
     end: np.datetime64,
-    sources: tuple[tuple[ForcingSpec, ...], ...],
+    known: tuple[tuple[ForcingSpec, ...], ...],
 ) -> tuple[Scenario, ...]:
     total = math.fsum(table.weight for table in tables)
     if total <= 0:
@@ -423,7 +412,7 @@ def _scenarios(
     for name in names:
         if names.count(name) > 1:
             raise UserError(f'scenario "{name}": two scenarios have this name; give each its own')
-    return tuple(_scenario(table, table.weight / total, start, end, sources) for table in tables)
+    return tuple(_scenario(table, table.weight / total, start, end, known) for table in tables)
 
 
 def _scenario(
@@ -431,7 +420,7 @@ def _scenario(
     weight: float,
     start: np.datetime64,
     end: np.datetime64,
-    sources: tuple[tuple[ForcingSpec, ...], ...],
+    known: tuple[tuple[ForcingSpec, ...], ...],
 ) -> Scenario:
     place = f'scenario "{table.name}"'
     drifter = table.object.drifter()
@@ -448,7 +437,7 @@ def _scenario(
     chosen = [
         _chosen(wanted, specs, f"{place}.{key}")
         for key, wanted, specs in zip(
-            ("currents", "winds", "stokes"), (table.currents, table.winds, table.stokes), sources, strict=True
+            ("currents", "winds", "stokes"), (table.currents, table.winds, table.stokes), known, strict=True
         )
     ]
     if not chosen[0]:

@@ -61,9 +61,7 @@ class Cells:
 
     def finer(self, k: int) -> "Cells":
         """Return the same extent in cells of 1/2^k the size."""
-        return Cells(
-            self.lon0, self.lat0, self.width >> k, self.height >> k, self.nlon << k, self.nlat << k
-        )
+        return Cells(self.lon0, self.lat0, self.width >> k, self.height >> k, self.nlon << k, self.nlat << k)
 
 
 Deposit = Callable[[Array, Array, Array, Cells], Array]
@@ -82,9 +80,9 @@ def deposit(lon: Array, lat: Array, weight: Array, cells: Cells) -> Array:
         ix, iy, weight = ix[inside], iy[inside], weight[inside]
     cell = iy.astype(np.int64) * cells.nlon + ix
     summed = np.bincount(cell, weights=weight, minlength=cells.nlon * cells.nlat)
-    return summed.astype(np.int64).reshape(cells.shape)
+    return np.asarray(summed.astype(np.int64).reshape(cells.shape))
 
 
 def fixed(probability: Array) -> Array:
     """Return probabilities in fixed point, int64: ONE is certainty."""
-    return np.rint(probability * ONE).astype(np.int64)
+    return np.asarray(np.rint(probability * ONE), np.int64)

@@ -1,17 +1,16 @@
-"""A chart to draw on: projection, extent, land, graticule, scale bar, labels that keep apart. With maps.py, the only matplotlib.
+"""A chart to draw on: projection, extent, land, graticule, scale bar.
 
 Mercator centred on the chart up to 75 degrees of latitude, else Lambert's azimuthal equal-area projection: both have
 north up in the middle and know no antimeridian. Axes are plain, in projected metres.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import cartopy.crs as ccrs
 import numpy as np
 import shapely
-from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patches import PathPatch, Rectangle
@@ -25,7 +24,6 @@ from geo import sphere
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
 # [arc minutes] between lines of the graticule
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800)
-HALO = (patheffects.withStroke(linewidth=2.5, foreground="white"),)
 GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
 DEGREES = ccrs.Geodetic(globe=GLOBE)
 PLATE = ccrs.PlateCarree(globe=GLOBE)  # for vectors, east and north
@@ -113,7 +111,9 @@ def draw_land(ax: Axes, path: Outline | None) -> None:
         ax.add_patch(PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
 
 
-def graticule(ax: Axes, here: Frame, lines: int = 5, size: float = 8.0, labels: tuple[bool, bool] = (True, True)) -> None:
+def graticule(
+    ax: Axes, here: Frame, lines: int = 5, size: float = 8.0, labels: tuple[bool, bool] = (True, True)
+) -> None:
     """Draw meridians and parallels with their degrees and minutes on the lower and left edges."""
     west, south, east, north = here.bounds()
     drawn, ticks = [], []
@@ -134,7 +134,13 @@ def graticule(ax: Axes, here: Frame, lines: int = 5, size: float = 8.0, labels: 
         ticks.append(found)
     ax.add_collection(LineCollection(drawn, colors=INK, linewidths=0.4, alpha=0.35, zorder=4), autolim=False)
     for axis, found, shown in zip((ax.xaxis, ax.yaxis), ticks, labels, strict=True):
-        axis.set_ticks([at for at, _ in found], labels=[text if shown else "" for _, text in found])
+        low, high = here.x if axis is ax.xaxis else here.y
+        inset = (0.1 if lines <= 3 else 0.02) * (high - low)  # keep clear of the neighbour's labels and of the corner
+        clear = [low + inset <= at <= high - inset for at, _ in found]
+        axis.set_ticks(
+            [at for at, _ in found],
+            labels=[text if shown and ok else "" for (_, text), ok in zip(found, clear, strict=True)],
+        )
         axis.set_tick_params(labelsize=size, length=4, color=INK, labelcolor=INK)
     for text in ax.get_yticklabels():
         text.set(rotation=90, va="center")
@@ -156,7 +162,9 @@ def degrees_minutes(value: float, is_lon: bool, step: float) -> str:
     unit = 10**decimals
     whole = round(abs(value) * 60 * unit)
     degrees, minutes = divmod(whole, 60 * unit)
-    name = "" if whole == 0 else ("E" if value > 0 else "W") if is_lon else ("N" if value > 0 else "S")
+    name = (
+        "" if whole in (0, 180 * 60 * unit) else ("E" if value > 0 else "W") if is_lon else ("N" if value > 0 else "S")
+    )
     width = 2 if decimals == 0 else 3 + decimals
     return f"{degrees:0{3 if is_lon else 2}d}°{minutes / unit:0{width}.{decimals}f}'{name}"
 
@@ -175,7 +183,14 @@ def scale_bar(ax: Axes, here: Frame, corner: tuple[float, float], small: bool = 
     length = next(m * 10.0**e for e in range(4, -6, -1) for m in (5, 2, 1) if m * 10.0**e <= room)
     wide = length * NMI / true / (x1 - x0)  # axes fraction
     box = Rectangle(
-        corner, wide + (0.13 if small else 0.09), high, transform=ax.transAxes, facecolor="white", edgecolor=INK, linewidth=0.6, zorder=14
+        corner,
+        wide + (0.13 if small else 0.09),
+        high,
+        transform=ax.transAxes,
+        facecolor="white",
+        edgecolor=INK,
+        linewidth=0.6,
+        zorder=14,
     )
     ax.add_patch(box)
     left, base = corner[0] + 0.03, corner[1] + 0.018
@@ -221,64 +236,3 @@ def free_corner(here: Frame, x: Array, y: Array) -> tuple[float, float]:
     corners = ((0.015, 0.015), (0.685, 0.015), (0.015, 0.91), (0.685, 0.91))
     crowd = [np.sum((fx > a - 0.02) & (fx < a + 0.32) & (fy > b - 0.02) & (fy < b + 0.1)) for a, b in corners]
     return corners[int(np.argmin(crowd))]
-
-
-def place_labels(
-    ax: Axes, points: Sequence[tuple[float, float, str, dict[str, Any]]], taken: list[Bbox], must: set[int]
-) -> None:
-    """Write labels beside their points [m], each where it covers no other label or point; else leave it out.
-
-    taken: boxes [axes fraction] that are in use. must: labels that are written wherever they disturb least.
-    """
-    renderer = ax.figure.canvas.get_renderer()  # type: ignore[attr-defined]
-    frame_box = ax.get_window_extent(renderer)
-    boxes = [box.transformed(ax.transAxes) for box in taken]
-    spots = [ax.transData.transform((x, y)) for x, y, _, _ in points]
-    boxes += [Bbox.from_bounds(px - 4, py - 4, 8, 8) for px, py in spots]
-    order = sorted(range(len(points)), key=lambda i: (i not in must, i))
-    for i in order:
-        x, y, text, style = points[i]
-        options = []
-        for radius in (9, 18, 30, 45):
-            for angle in (0, 180, 45, -45, 135, -135, 90, -90):
-                dx, dy = radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle))
-                sides = {
-                    "ha": "left" if dx > 1 else "right" if dx < -1 else "center",
-                    "va": "bottom" if dy > 1 else "top" if dy < -1 else "center",
-                }
-                label = ax.annotate(
-                    text, (x, y), (dx, dy), textcoords="offset points", path_effects=HALO, zorder=16, **sides, **style
-                )
-                box = label.get_window_extent(renderer).padded(2)
-                outside = not (
-                    frame_box.x0 <= box.x0 and box.x1 <= frame_box.x1 and frame_box.y0 <= box.y0 and box.y1 <= frame_box.y1
-                )
-                clashes = sum(box.overlaps(other) for other in boxes) + 100 * outside
-                if not clashes:
-                    break
-                options.append((clashes, len(options), label, box, (dx, dy)))
-                label.remove()
-            else:
-                continue
-            if radius > 9:
-                label.arrow_patch = None
-                _leader(ax, (x, y), (dx, dy))
-            boxes.append(box)
-            break
-        else:
-            if i in must:
-                _, _, label, box, _ = min(options, key=lambda option: option[:2])
-                ax.add_artist(label)
-                boxes.append(box)
-
-
-def _leader(ax: Axes, point: tuple[float, float], offset: tuple[float, float]) -> None:
-    """Draw a hair line from a label that stands off to its point."""
-    ax.annotate(
-        "",
-        point,
-        offset,
-        textcoords="offset points",
-        zorder=13,
-        arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2},
-    )

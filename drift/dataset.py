@@ -31,7 +31,7 @@ def build(
         total = part.sum(axis=(0, 1))
         by_scenario[(i, slice(None), *where)] = part.sum(axis=1)
         probability[(i, *where)] = total
-        ashore[(i, *where)] = part[:, 1].sum(axis=0)
+        ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))  # nothing where nobody is ashore
         contained[i] = 1.0
         contained[(i, *where)] = _containment(one, total, area[where[0]])
     statuses = np.array([np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots])
@@ -114,10 +114,22 @@ def build(
     }
     coords = {
         "time": ("time", np.array([s.time for s in snapshots], "datetime64[ns]"), _axis("time", "T", "time, UTC")),
-        "lat": ("lat", grid.lat(), {**_axis("latitude", "Y", "latitude of the cell's centre"), "units": "degrees_north"}),
-        "lon": ("lon", grid.lon(), {**_axis("longitude", "X", "longitude of the cell's centre"), "units": "degrees_east"}),
+        "lat": (
+            "lat",
+            grid.lat(),
+            {**_axis("latitude", "Y", "latitude of the cell's centre"), "units": "degrees_north"},
+        ),
+        "lon": (
+            "lon",
+            grid.lon(),
+            {**_axis("longitude", "X", "longitude of the cell's centre"), "units": "degrees_east"},
+        ),
         "scenario": ("scenario", np.array(scenarios, object), {"long_name": "scenario"}),
-        "status": ("status", np.array([s.name.lower() for s in Status], object), {"long_name": "what became of the object"}),
+        "status": (
+            "status",
+            np.array([s.name.lower() for s in Status], object),
+            {"long_name": "what became of the object"},
+        ),
         "share": ("share", np.array(areas.SHARES), {"long_name": "share of the probability on the map", "units": "1"}),
     }
     return xr.Dataset(data, coords)

@@ -15,6 +15,7 @@ Sums are over fixed-point deposits or in one fixed order in float64: a map does 
 may reach across a spit narrower than itself: it knows water from land, not a way round.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -140,7 +141,7 @@ def spread(mass: Array, guide: Histogram, m: float, where: Medium) -> Array:
             spread_out = _gauss(np.divide(stay, reach, out=np.zeros_like(stay), where=reach > 0))
             smooth = spread_out if smooth is None else smooth + spread_out
     assert smooth is not None or not mass.any()
-    return np.zeros_like(mass) if smooth is None else smooth * where.allowed
+    return np.zeros_like(mass) if smooth is None else np.asarray(smooth * where.allowed)
 
 
 @dataclass(frozen=True)
@@ -151,11 +152,11 @@ class Calibration:
 
     def held(self, level: Array) -> Array:
         """Return the held-out share of the area that holds `level` of the map."""
-        return np.interp(level, KNOTS, self.share)
+        return np.asarray(np.interp(level, KNOTS, self.share))
 
     def level(self, share: Array) -> Array:
         """Return the share of the map whose area held `share` of the held-out particles."""
-        return np.interp(share, self.share, KNOTS)
+        return np.asarray(np.interp(share, self.share, KNOTS))
 
 
 def ranked(density: Array) -> Array:
@@ -164,11 +165,15 @@ def ranked(density: Array) -> Array:
     return np.asarray(occupied[np.argsort(-density.ravel()[occupied], kind="stable")])
 
 
-def calibration(mass: Array, area: Array, held_out: Array) -> Calibration:
-    """Return the calibration of a map (nlat, nlon) by the deposit of particles that it has not seen."""
+def calibrations(mass: Array, area: Array, held_out: Sequence[Array]) -> list[Calibration]:
+    """Return the calibrations of a map (nlat, nlon) by deposits of particles that it has not seen."""
     order = ranked(mass / area[:, None])
     inside = np.cumsum(mass.ravel()[order])
-    seen = np.cumsum(held_out.ravel()[order]) / held_out.sum()
-    share = np.interp(KNOTS, np.concatenate([[0.0], inside / inside[-1]]), np.concatenate([[0.0], seen]))
-    share[-1] = 1.0
-    return Calibration(share)
+    level = np.concatenate([[0.0], inside / inside[-1]])
+    made = []
+    for unseen in held_out:
+        seen = np.cumsum(unseen.ravel()[order]) / unseen.sum()
+        share = np.interp(KNOTS, level, np.concatenate([[0.0], seen]))
+        share[-1] = 1.0
+        made.append(Calibration(share))
+    return made

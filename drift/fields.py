@@ -94,7 +94,7 @@ def _sector(value: object) -> tuple[float, float]:
 
 
 def count(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != int(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or value % 1 != 0:
         raise ValueError(f"{value!r} is not a whole number")
     return int(value)
 
@@ -124,7 +124,7 @@ Depth = Annotated[float, _quantity("m", "depth", "0 m", high=12_000)]
 Speed = Annotated[float, _quantity("m/s", "speed", "12 kn", high=150)]
 SignedSpeed = Annotated[float, _quantity("m/s", "speed", "2 cm/s", low=-150, high=150)]
 ShipSpeed = Annotated[float, _quantity("m/s", "speed", "8 kn", above=True, high=150)]
-Duration = Annotated[float, _quantity("s", "duration", "48 h", above=True, high=3.2e9)]
+Duration = Annotated[float, _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)]
 Diffusivity = Annotated[float, _quantity("m^2/s", "diffusivity", "10 m2/s", high=1e6)]
 Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.5, high=0.5)]
 Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]

@@ -125,6 +125,7 @@ def _moment(ensemble: Ensemble, time: int, before: tuple[Array, Array] | None, b
         lon = before[0] + np.rint(share * (lon - before[0])).astype(np.int32)
         lat = before[1] + np.rint(share * (lat - before[1])).astype(np.int32)
     status = np.where(over & (ended > time), int(Status.ADRIFT), status)
+    status = np.where(status == Status.PENDING, int(Status.ADRIFT), status)
     status = np.where(release > time, int(Status.PENDING), status)
     return Moment(time, lon, lat, status.astype(np.int32))
 

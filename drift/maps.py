@@ -6,58 +6,24 @@ state behind. Shading runs from light to dark (magma reversed): even steps to th
 
 import textwrap
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
-import shapely
-from matplotlib import patheffects
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap, ListedColormap, LogNorm, PowerNorm
+from matplotlib.colors import LogNorm, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.transforms import Bbox
 
-from drift import chart, tables
+from drift import chart, layers, tables
 from drift.cells import Array
 from drift.chart import INK, Frame
+from drift.layers import Line, Mark
 from drift.products import Forecast
 
-LINES: dict[float, dict[str, Any]] = {
-    0.5: {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"},
-    0.75: {"color": "#0b4f8a", "linewidth": 1.5, "linestyle": (0, (6, 2))},
-    0.95: {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))},
-}
-TRACK, ASHORE, PRIOR, LAST_KNOWN = "#111111", "#7a1fa2", "#2e7d32", "#c62828"
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A point to mark, such as the last known position [deg]."""
-
-    lon: float
-    lat: float
-    label: str = "LKP"
-
-
-@dataclass(frozen=True)
-class Line:
-    """A line to draw, such as a prior's area (closed) or a trackline [deg]; longitudes without jumps, (n,)."""
-
-    lon: Sequence[float]
-    lat: Sequence[float]
-    label: str
-    closed: bool = False
-
-
-def _shading() -> Colormap:
-    """Magma reversed, without its nearly black end, so that lines on top stay visible."""
-    return ListedColormap(matplotlib.colormaps["magma_r"](np.linspace(0.03, 0.8, 256)), name="shading")
+__all__ = ["Line", "Mark", "draw_field", "draw_map", "draw_snapshots"]
 
 
 def draw_map(
@@ -82,20 +48,20 @@ def draw_map(
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
     outlines = [c for c in forecast.contours if c.time == now]
-    here = _extent(forecast, [now], marks, lines, aspect=0.665 * 11.7 / (0.775 * 8.3))
+    here = layers.extent(forecast, [now], marks, lines, aspect=0.665 * 11.7 / (0.775 * 8.3))
     chart.prepare(ax, here)
-    density = _density(forecast, time)
+    density = layers.density(forecast, time)
     shown = np.where(at["containment"].values <= 0.995, density, np.nan)
-    mesh = _shade(ax, here, forecast, shown, PowerNorm(0.5, 0, _top(at)))
+    mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
     land = chart.land_path(here, polygons, 1100)
     chart.draw_land(ax, land)
     chart.graticule(ax, here)
     for line in lines:
-        _polyline(ax, here, line)
+        layers.prior_line(ax, here, line)
     for outline in outlines:
-        _rings(ax, here, outline.polygon, LINES[outline.share])
-    ashore = _ashore(ax, here, forecast, time)
-    _track_and_labels(ax, here, forecast, time, marks, outlines)
+        layers.rings(ax, here, outline.polygon, layers.LINES[outline.share])
+    ashore = layers.ashore_marks(ax, here, forecast, time)
+    layers.track(ax, canvas, here, forecast, time, marks)
 
     figure.text(0.055, 0.955, textwrap.shorten(title, 95, placeholder=" …"), fontsize=15, weight="bold", color=INK)
     valid = f"Valid {tables.group(now)}   ({tables.iso(now)}, UTC)"
@@ -129,10 +95,10 @@ def draw_snapshots(
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
     figure, canvas = _figure(width, height)
     times = [forecast.data["time"].values[i] for i in picks]
-    here = _extent(forecast, times, marks, (), aspect=1.0)
+    here = layers.extent(forecast, times, marks, (), aspect=1.0)
     land = chart.land_path(here, polygons, 420)
-    densities = [_density(forecast, i) for i in picks]
-    top = max(_top(forecast.data.isel(time=i)) for i in picks)
+    densities = [layers.density(forecast, i) for i in picks]
+    top = max(layers.scale_top(forecast.data.isel(time=i)) for i in picks)
     norm, mesh = LogNorm(top / 1000, top), None
     for k, (i, density) in enumerate(zip(picks, densities, strict=True)):
         row, column = divmod(k, columns)
@@ -142,24 +108,28 @@ def draw_snapshots(
         at = forecast.data.isel(time=i)
         contained = at["containment"].values
         shown = np.where((contained <= 0.995) & (density > 0), np.maximum(density, top / 1000), np.nan)
-        mesh = _shade(ax, here, forecast, shown, norm)
+        mesh = layers.shade(ax, here, forecast, shown, norm)
         chart.draw_land(ax, land)
         below = k + columns >= len(picks)
         chart.graticule(ax, here, lines=3, size=7, labels=(below, column == 0))
         for outline in forecast.contours:
             if outline.time == at["time"].values and outline.share in (0.5, 0.95):
-                style = {**LINES[outline.share]}
-                _rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
-        _ashore(ax, here, forecast, int(i), scale=0.5)
+                style = {**layers.LINES[outline.share]}
+                layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+        layers.ashore_marks(ax, here, forecast, int(i), scale=0.5)
         for mark in marks:
-            _mark(ax, here, mark, 6)
+            layers.mark_point(ax, here, mark, 6)
         areas = dict(zip(at["share"].values, at["containment_area"].values / tables.NMI**2, strict=True))
         ax.set_title(tables.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
         ax.set_title(
-            f"50 %: {_number(areas[0.5])}   95 %: {_number(areas[0.95])} nmi²", fontsize=7, loc="right", pad=3, color=INK
+            f"50 %: {_number(areas[0.5])}   95 %: {_number(areas[0.95])} nmi²",
+            fontsize=7,
+            loc="right",
+            pad=3,
+            color=INK,
         )
         if k == 0:
-            chart.scale_bar(ax, here, chart.free_corner(here, *_points(here, forecast, times)), small=True)
+            chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
     if synthetic:
         _warning(figure, side / width, 1 - 0.9 / height, "left", 8)
     figure.text(side / width, 1 - 0.36 / height, _fit(title, width * 9), fontsize=12, weight="bold", color=INK)
@@ -190,7 +160,7 @@ def draw_field(
     known = speed[np.isfinite(speed)]
     top = float(np.quantile(known, 0.995)) if len(known) else 1.0
     mesh = ax.pcolormesh(
-        *here.project(*np.meshgrid(_edges(lon[::jump]), _edges(lat[::jump]))),
+        *here.project(*np.meshgrid(layers.edges(lon[::jump]), layers.edges(lat[::jump]))),
         np.ma.masked_invalid(speed),
         cmap=matplotlib.colormaps["viridis_r"],
         vmin=0,
@@ -219,7 +189,11 @@ def _turned(here: Frame, lon: Array, lat: Array, east: Array, north: Array, some
     points = np.meshgrid(lon, lat)
     px, py = points[0][some], points[1][some]
     u, v = here.crs.transform_vectors(
-        chart.PLATE, (px + 180) % 360 - 180, py, np.where(np.isfinite(east[some]), east[some], 0.0), np.where(np.isfinite(north[some]), north[some], 0.0)
+        chart.PLATE,
+        (px + 180) % 360 - 180,
+        py,
+        np.where(np.isfinite(east[some]), east[some], 0.0),
+        np.where(np.isfinite(north[some]), north[some], 0.0),
     )
     missing = ~(np.isfinite(east[some]) & np.isfinite(north[some]))
     return np.where(missing, np.nan, u), np.where(missing, np.nan, v)
@@ -234,7 +208,7 @@ def _warning(figure: Figure, x: float, y: float, side: str, size: float) -> None
         weight="bold",
         color="white",
         ha=side,
-        bbox={"facecolor": LAST_KNOWN, "edgecolor": "none", "boxstyle": "square,pad=0.35"},
+        bbox={"facecolor": layers.LAST_KNOWN, "edgecolor": "none", "boxstyle": "square,pad=0.35"},
     )
 
 
@@ -251,169 +225,6 @@ def _fit(text: str, characters: float) -> str:
     return textwrap.shorten(text, int(characters), placeholder=" …")
 
 
-def _edges(centres: Array) -> Array:
-    """Return the edges between centres, and one beyond on both sides."""
-    if len(centres) == 1:
-        return np.array([centres[0] - 0.5, centres[0] + 0.5])
-    middle = (centres[1:] + centres[:-1]) / 2
-    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
-
-
-def _extent(forecast: Forecast, times: Sequence[Any], marks: Sequence[Mark], lines: Sequence[Line], aspect: float) -> Frame:
-    """Return the frame of the 95 % areas at these times, the mean track and what is marked; not of outliers."""
-    data = forecast.data
-    lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
-    for one in forecast.contours:
-        if one.time in times and one.share == max(c.share for c in forecast.contours) and not one.polygon.is_empty:
-            west, south, east, north = one.polygon.bounds
-            lon.append(np.array([west, east]))
-            lat.append(np.array([south, north]))
-    middle = float(data["lon"].mean())
-    for mark in marks:
-        lon.append(np.array([_near(mark.lon, middle)]))
-        lat.append(np.array([mark.lat]))
-    for line in lines:
-        shift = _near(float(np.mean(line.lon)), middle) - float(np.mean(line.lon))
-        lon.append(np.asarray(line.lon, float) + shift)
-        lat.append(np.asarray(line.lat, float))
-    every_lon, every_lat = np.concatenate(lon), np.concatenate(lat)
-    known = np.isfinite(every_lon) & np.isfinite(every_lat)
-    if not known.any():
-        every_lon, every_lat, known = data["lon"].values[[0, -1]], data["lat"].values[[0, -1]], np.array([True, True])
-    return chart.frame(every_lon[known], every_lat[known], aspect)
-
-
-def _near(lon: float, middle: float) -> float:
-    return (lon - middle + 180) % 360 - 180 + middle
-
-
-def _density(forecast: Forecast, time: int) -> Array:
-    """Return the probability density [% per nmi2] at a time, (nlat, nlon)."""
-    data = forecast.data
-    return np.asarray(
-        100 * data["probability"].values[time].astype(np.float64) / (data["cell_area"].values / tables.NMI**2)
-    )
-
-
-def _top(at: Any) -> float:
-    """Return the density [% per nmi2] that ends the colour scale: the area above it holds a tenth of those adrift.
-
-    The narrow strip of those ashore, marked by symbols, would take most of the scale.
-    """
-    mass = (at["probability"].values.astype(np.float64) - at["probability_ashore"].values).ravel()
-    density = 100 * mass / (at["cell_area"].values.ravel() / tables.NMI**2)
-    order = np.argsort(-density, kind="stable")
-    inside = np.cumsum(mass[order])
-    best = float(density[order[np.searchsorted(inside, 0.1 * inside[-1])]]) if inside[-1] > 0 else 0.0
-    return best if best > 0 else max(float(density.max()), 1e-12)
-
-
-def _shade(ax: Axes, here: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
-    """Shade cells, only the rows and columns that hold anything."""
-    rows, columns = (np.flatnonzero(np.isfinite(values).any(axis=axis)) for axis in (1, 0))
-    lon, lat = _edges(forecast.data["lon"].values), _edges(forecast.data["lat"].values)
-    r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
-    c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
-    x, y = here.project(*np.meshgrid(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1]))
-    return ax.pcolormesh(x, y, np.ma.masked_invalid(values[r, c]), cmap=_shading(), norm=norm, zorder=1, rasterized=True)
-
-
-def _rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str, Any]) -> None:
-    """Draw outlines; islands and holes of less than 1/200 of the whole are left out of the picture (not of the files)."""
-    least = polygon.area / 200
-    rings = [
-        np.array(ring.coords)
-        for part in polygon.geoms
-        for ring in (part.exterior, *part.interiors)
-        if shapely.Polygon(ring).area >= least
-    ]
-    lines = [np.column_stack(here.project(ring[:, 0], ring[:, 1])) for ring in rings]
-    ax.add_collection(
-        LineCollection(
-            lines,
-            colors=style["color"],
-            linewidths=style["linewidth"],
-            linestyles=[style["linestyle"]],
-            path_effects=[patheffects.withStroke(linewidth=style["linewidth"] + 1.6, foreground="white", alpha=0.6)],
-            zorder=3,
-        ),
-        autolim=False,
-    )
-
-
-def _polyline(ax: Axes, here: Frame, line: Line) -> None:
-    lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
-    if line.closed:
-        lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
-    ax.plot(*here.project(lon, lat), color=PRIOR, linewidth=1.4, linestyle=(0, (5, 2, 1, 2)), zorder=8)
-
-
-def _mark(ax: Axes, here: Frame, mark: Mark, size: float) -> None:
-    x, y = here.project(mark.lon, mark.lat)
-    ax.plot(x, y, "o", markersize=size, markerfacecolor="white", markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12)
-    ax.plot(x, y, "+", markersize=size * 1.7, markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12)
-
-
-def _ashore(ax: Axes, here: Frame, forecast: Forecast, time: int, scale: float = 1.0) -> float:
-    """Mark where the object may be ashore, gathered on a coarse net; return the probability of all of it."""
-    ashore = forecast.data["probability_ashore"].values[time].astype(np.float64)
-    rows, columns = np.nonzero(ashore)
-    total = float(ashore.sum())
-    if total < 5e-4:
-        return total
-    x, y = here.project(forecast.data["lon"].values[columns], forecast.data["lat"].values[rows])
-    weight = ashore[rows, columns]
-    net = (here.x[1] - here.x[0]) / 45
-    bins = np.floor((y - here.y[0]) / net) * 1000 + np.floor((x - here.x[0]) / net)
-    _, member = np.unique(bins, return_inverse=True)
-    sums = np.bincount(member, weight)
-    x, y = np.bincount(member, weight * x) / sums, np.bincount(member, weight * y) / sums
-    keep = sums > 1e-3 * total
-    size = scale**2 * (14 + 170 * sums[keep] / max(sums.max(), 0.02))
-    ax.scatter(x[keep], y[keep], size, marker="^", color=ASHORE, edgecolor="white", linewidth=0.5, zorder=9)
-    return total
-
-
-def _points(here: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
-    """Return points [m] of what must not be covered: the outer contours and the track."""
-    xy = [np.column_stack(here.project(forecast.data["mean_lon"].values, forecast.data["mean_lat"].values))]
-    xy += [
-        np.column_stack(here.project(*np.array(part.exterior.coords).T))
-        for one in forecast.contours
-        if one.time in times
-        for part in one.polygon.geoms
-    ]
-    every = np.concatenate(xy)
-    return every[:, 0], every[:, 1]
-
-
-def _track_and_labels(ax: Axes, here: Frame, forecast: Forecast, time: int, marks: Sequence[Mark], outlines: Any) -> None:
-    """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner."""
-    data = forecast.data
-    lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values
-    last = range(len(times))[time]
-    known = [i for i in range(last + 1) if np.isfinite(lat[i])]
-    x, y = here.project(lon[known], lat[known])
-    ax.plot(x, y, color="white", linewidth=3.2, zorder=10, solid_capstyle="round")
-    ax.plot(x, y, color=TRACK, linewidth=1.4, zorder=10.5)
-    ax.plot(x, y, "o", color="white", markeredgecolor=TRACK, markersize=4.5, zorder=11)
-    ax.plot(x[-1:], y[-1:], "o", color=TRACK, markersize=7, zorder=11.5)
-    small = {"fontsize": 8, "color": TRACK}
-    labels: list[tuple[float, float, str, dict[str, Any]]] = []
-    for mark in marks:
-        _mark(ax, here, mark, 9)
-        mx, my = here.project(mark.lon, mark.lat)
-        labels.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
-    first = len(labels)
-    labels += [
-        (float(a), float(b), f"{tables.group(times[i])[:6]}Z", small) for i, a, b in zip(known, x, y, strict=True)
-    ]
-    cx, cy = _points(here, forecast, [o.time for o in outlines])
-    mx, my = here.project([m.lon for m in marks], [m.lat for m in marks])
-    bar = chart.scale_bar(ax, here, chart.free_corner(here, np.append(cx, mx), np.append(cy, my)))
-    chart.place_labels(ax, labels, [bar], must={*range(first), len(labels) - 1})
-
-
 def _panel(
     figure: Figure,
     at: Any,
@@ -428,16 +239,16 @@ def _panel(
     handles: list[Any] = []
     texts: list[str] = []
     for one in outlines:
-        handles.append(Line2D([], [], **LINES[one.share]))
+        handles.append(Line2D([], [], **layers.LINES[one.share]))
         texts.append(f"{one.share:.0%} area: {_number(one.area / tables.NMI**2)} nmi²".replace("%", " %"))
     handles.append(
-        Line2D([], [], color=TRACK, linewidth=1.4, marker="o", markersize=4.5, markerfacecolor="white")
+        Line2D([], [], color=layers.TRACK, linewidth=1.4, marker="o", markersize=4.5, markerfacecolor="white")
     )
     texts.append("Mean track, day and time UTC")
-    handles.append(Line2D([], [], color=TRACK, linestyle="none", marker="o", markersize=7))
+    handles.append(Line2D([], [], color=layers.TRACK, linestyle="none", marker="o", markersize=7))
     texts.append("Mean position at the valid time")
     if marks:
-        style: dict[str, Any] = {"color": LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
+        style: dict[str, Any] = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
         handles.append(
             (
                 Line2D([], [], marker="o", markersize=8, markerfacecolor="white", **style),
@@ -446,10 +257,12 @@ def _panel(
         )
         texts.append("Last known position" + ("s" if len(marks) > 1 else ""))
     for line in lines:
-        handles.append(Line2D([], [], color=PRIOR, linewidth=1.4, linestyle=(0, (5, 2, 1, 2))))
+        handles.append(Line2D([], [], color=layers.PRIOR, linewidth=1.4, linestyle=(0, (5, 2, 1, 2))))
         texts.append(line.label)
     if ashore >= 5e-4:
-        handles.append(Line2D([], [], color=ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white"))
+        handles.append(
+            Line2D([], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white")
+        )
         texts.append(f"Ashore, {_percent(ashore)} in all; size by\nprobability")
     if land:
         handles.append(Patch(facecolor=chart.LAND, edgecolor=chart.SHORE))
@@ -469,7 +282,9 @@ def _panel(
     )
     mean = tables.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
     datum = tables.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
-    figure.text(0.738, 0.40, f"Mean position   {mean}\nDatum (adrift)   {datum}", fontsize=9.5, color=INK, linespacing=1.6)
+    figure.text(
+        0.738, 0.40, f"Mean position   {mean}\nDatum (adrift)   {datum}", fontsize=9.5, color=INK, linespacing=1.6
+    )
     bar = figure.add_axes((0.745, 0.30, 0.215, 0.022))
     figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="max")
     bar.set_title("Probability density [% per nmi²]", fontsize=9, loc="left", color=INK)
@@ -488,11 +303,13 @@ def _panel(
 
 
 def _number(value: float) -> str:
-    """Return a positive number to three digits, without exponents: 1,234 -> 1,230."""
+    """Return a positive number to three digits: 1,234 -> 1,230."""
     if not np.isfinite(value):
         return "none"
     if value <= 0:
         return "0"
+    if value < 1e-3:
+        return f"{value:.1e}"
     digits = 2 - int(np.floor(np.log10(value)))
     return f"{round(value, digits):,.{max(digits, 0)}f}"
 

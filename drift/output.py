@@ -83,7 +83,10 @@ def write(
     }
     with _staging(folder) as staging:
         _netcdf(forecast.data.assign_attrs(stamped), staging / "forecast.nc")
-        _netcdf(particles(trajectories, forecast).assign_attrs({**stamped, "featureType": "trajectory"}), staging / "particles.nc")
+        _netcdf(
+            particles(trajectories, forecast).assign_attrs({**stamped, "featureType": "trajectory"}),
+            staging / "particles.nc",
+        )
         _json({**stamped, **summary, **tables.numbers(forecast)}, staging / "summary.json", indent=1)
         _json(tables.geojson(forecast, stamped), staging / "contours.geojson", indent=None)
         header = "; ".join(f"{k}: {' '.join(str(v).split())}" for k, v in attributes.items() if len(str(v)) < 200)

@@ -14,15 +14,16 @@ import shapely
 import xarray as xr
 from scipy import ndimage
 
-from drift import areas, cells, density, dataset
+from drift import areas, cells, dataset, density
 from drift.cells import Array, Cells, Deposit, IsLand
 from drift.snapshot import Snapshot, mapped
 from drift.status import Status
 from geo import sphere
+
 __all__ = ["Contour", "Forecast", "Snapshot", "build"]
 
 ACROSS = 360  # cells across the forecast's grid at most
-ACROSS_ONE = 600  # and across the finer one of a single snapshot
+ACROSS_ONE = 800  # and across the finer one of a single snapshot
 METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridian
 
 
@@ -147,7 +148,10 @@ def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells |
             k += 1
         boxes.append((x0, x1, y0, y1, k))
     known = [box for box in boxes if box is not None]
-    left, right = min(b[0] for b in known), min(max(b[1] for b in known), min(b[0] for b in known) + sphere.TURN // width)
+    left, right = (
+        min(b[0] for b in known),
+        min(max(b[1] for b in known), min(b[0] for b in known) + sphere.TURN // width),
+    )
     low, high = min(b[2] for b in known), max(b[3] for b in known)
 
     def lon0(x: int) -> int:
@@ -213,6 +217,7 @@ def _map(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, land: _Lan
     index = cloud.index
     lon, lat, weight = one.lon[index], one.lat[index], one.probability[index]
     ashore = (one.status[index] == Status.ASHORE).astype(np.int8)
+    media = 2 if ashore.any() else 1
     amount, heaviest = cells.fixed(weight), float(weight.max())
     level = bool(weight.min() == heaviest)
     square = amount if level else cells.fixed(weight * (weight / heaviest))
@@ -230,27 +235,26 @@ def _map(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, land: _Lan
                     out[i] = deposit(x, y, values[some], window) / cells.ONE
         return made
 
-    code = group(len(one.lon))[index] * 2 + ashore
-    shape = (4, 2, *window.shape)
+    code = group(len(one.lon))[index] * media + ashore
+    shape = (4, media, *window.shape)
     if level:
-        mass = sums(code, 8, amount)[0].reshape(shape)
+        mass = sums(code, 4 * media, amount)[0].reshape(shape)
         squares = mass * heaviest
     else:
-        parts = sums(code, 8, amount, square)
+        parts = sums(code, 4 * media, amount, square)
         mass, squares = parts[0].reshape(shape), parts[1].reshape(shape) * heaviest
     if scenarios == 1:
         by_scenario = mass.sum(axis=0)[None]
     else:
-        of_scenario = one.scenario[index].astype(np.int16) * 2 + ashore
-        by_scenario = sums(of_scenario, 2 * scenarios, amount)[0].reshape(scenarios, 2, *window.shape)
+        of_scenario = one.scenario[index].astype(np.int16) * media + ashore
+        by_scenario = sums(of_scenario, media * scenarios, amount)[0].reshape(scenarios, media, *window.shape)
     return areas.build(window, areas.Deposits(mass, squares, by_scenario), _media(mass.sum(axis=0), land.on(window)))
 
 
-def _media(mass: Array, land: Array | None) -> tuple[density.Medium, density.Medium]:
+def _media(mass: Array, land: Array | None) -> list[density.Medium]:
     """Return where the object can be adrift and ashore: in water joined to a particle's, and along its shoreline."""
     if land is None:
-        everywhere = density.medium(np.ones(mass.shape[1:], bool))
-        return everywhere, everywhere
+        return [density.medium(np.ones(mass.shape[1:], bool))] * len(mass)
     here = mass.sum(axis=0) > 0
     basins, count = ndimage.label(~land | here)  # a kernel reaches across a spit, but not into a bay that holds nobody
     holds = np.zeros(count + 1, bool)
@@ -258,8 +262,8 @@ def _media(mass: Array, land: Array | None) -> tuple[density.Medium, density.Med
     holds[0] = False
     water = holds[basins]
     adrift = density.medium(water & ~land | (mass[0] > 0))
-    if not mass[1].any():
-        return adrift, adrift
+    if len(mass) == 1:
+        return [adrift]
     square = np.ones((3, 3), bool)
     shore = ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square)
-    return adrift, density.medium(shore | (mass[1] > 0))
+    return [adrift, density.medium(shore | (mass[1] > 0))]

@@ -37,9 +37,11 @@ def shown(case: Case) -> Iterator[Report]:
         if phase not in tasks:
             for done in tasks.values():
                 bar.update(done, completed=1.0, visible=False)
-            tasks[phase] = bar.add_task(phase, total=1.0, rate="")
-        speed = bar.tasks[tasks[phase]].speed
-        bar.update(tasks[phase], completed=share, rate=f"{speed * hours:.1f} h/s" if speed and phase == "drift" else "")
+            tasks[phase] = bar.add_task(phase, total=None, rate="")  # a pulse until a share is known
+        speed = next(task.speed for task in bar.tasks if task.id == tasks[phase])
+        rate = f"{speed * hours:.1f} h/s" if speed and phase == "drift" else ""
+        if share > 0:
+            bar.update(tasks[phase], total=1.0, completed=share, rate=rate)
 
     with bar:
         yield report

@@ -34,6 +34,14 @@ class Report:
 
 
 @dataclass(frozen=True)
+class Slices:
+    """Times stated by the user: of the first slice, and from one to the next."""
+
+    start: np.datetime64  # [s] UTC
+    every: np.timedelta64  # [s]
+
+
+@dataclass(frozen=True)
 class ForcingSpec:
     """One source of a quantity; exactly one of files, constant, table and analytic is given."""
 
@@ -94,9 +102,9 @@ class StatedTimes(fields.Table):
     start: fields.Time
     every: fields.Duration
 
-    def stated(self, start: np.datetime64) -> dict[str, Any]:
-        """Return the first time and the interval, for a case that starts at `start`."""
-        return {"start": units.resolve(self.start, start), "interval": np.timedelta64(round(self.every), "s")}
+    def stated(self, start: np.datetime64) -> Slices:
+        """Return the record, for a case that starts at `start`."""
+        return Slices(units.resolve(self.start, start), np.timedelta64(round(self.every), "s"))
 
 
 def _paths(value: Any) -> Any:

@@ -17,12 +17,12 @@ NMI = 1852.0  # [m] international nautical mile
 MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 
 
-def iso(time: np.datetime64) -> str:
+def iso(time: np.datetime64 | Array) -> str:
     """Return a time as 2026-11-21T18:30:00Z."""
     return f"{np.datetime_as_string(time, unit='s')}Z"
 
 
-def group(time: np.datetime64) -> str:
+def group(time: np.datetime64 | Array) -> str:
     """Return a time as a date-time group, 211830ZNOV26; seconds are dropped."""
     at = datetime.fromtimestamp(int(time.astype("datetime64[s]").astype(np.int64)), timezone.utc)
     return f"{at:%d%H%M}Z{MONTHS[at.month - 1]}{at:%y}"
@@ -215,4 +215,4 @@ def cut(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
 
 
 def _moved(xy: Array, turn: int) -> Array:
-    return xy - np.array([turn, 0.0])
+    return np.asarray(xy - np.array([turn, 0.0]))

@@ -27,6 +27,8 @@ ANGLE = re.compile(
     r"\s*(?P<after>[NSEW])?"
 )
 
+CENTURY = 3_155_760_000  # [s]
+
 Instant = np.datetime64 | np.timedelta64  # a time, or an interval after the start of the case
 
 # Mariners' spellings that mean something else, or nothing, to a physicist.
@@ -46,17 +48,17 @@ def quantity(value: object, unit: str, what: str, example: str) -> float:
     what, example: words for the refusal ("speed", "12 kn").
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(f'{value!r} is not a {what}; write it like "{example}"')
+        raise ValueError(f'{value!r} is not {_a(what)}; write it like "{example}"')
     number = _convert(value, unit, what, example) if isinstance(value, str) else float(value)
     if not math.isfinite(number):
-        raise ValueError(f"{value!r} is not a finite {what}")
+        raise ValueError(f"{value!r} is not finite")
     return number
 
 
 def _convert(text: str, unit: str, what: str, example: str) -> float:
     match = NUMBER.fullmatch(text)
     if match is None:
-        raise ValueError(f'"{text}" is not a {what}; write a number and a unit, like "{example}"')
+        raise ValueError(f'"{text}" is not {_a(what)}; write it like "{example}"')
     number, name = float(match[1].replace("_", "")), match[2]
     if not name:
         return number
@@ -67,10 +69,16 @@ def _convert(text: str, unit: str, what: str, example: str) -> float:
         given = registry().Unit(POWER.sub(r"**\1", spelled))
         factor = registry().Quantity(1.0, given).to(unit).magnitude
     except pint.DimensionalityError:
-        raise ValueError(f'"{text}" is not a {what}: "{name}" is of another kind; write it like "{example}"') from None
-    except (pint.errors.PintError, AttributeError, TypeError, ValueError, ArithmeticError, SyntaxError):
+        raise ValueError(
+            f'"{text}" is not {_a(what)}: "{name}" is of another kind; write it like "{example}"'
+        ) from None
+    except Exception:  # pint and its tokenizer raise many kinds for text that is no unit
         raise ValueError(f'"{text}": there is no unit "{name}"; write the {what} like "{example}"') from None
     return number * float(factor)
+
+
+def _a(what: str) -> str:
+    return f"{'an' if what[:1] in 'aeiou' else 'a'} {what}"
 
 
 def angle(value: object, letters: str) -> float:
@@ -160,7 +168,10 @@ def time(value: object) -> Instant:
         raise ValueError(f'{value!r} is not a time; write it like "211830ZNOV26" or "2026-11-21T18:30Z"')
     text = value.strip()
     if text[:1] in {"+", "-"}:
-        return np.timedelta64(round(quantity(text, "s", "interval after the start", "+6 h")), "s")
+        seconds = quantity(text, "s", "interval after the start", "+6 h")
+        if abs(seconds) > CENTURY:
+            raise ValueError(f'"{text}" is more than a century')
+        return np.timedelta64(round(seconds), "s")
     group = re.sub(r"\s+", "", text.upper())
     if match := GROUP.fullmatch(group):
         return _utc(_group(match, text), text)
@@ -195,6 +206,8 @@ def _group(match: re.Match[str], text: str) -> datetime:
 def _utc(moment: datetime, text: str) -> np.datetime64:
     if moment.tzinfo is None:
         raise ValueError(f'time "{text}" has no zone; add Z for UTC, or an offset like +02:00')
+    if not 1800 <= moment.year <= 2200:
+        raise ValueError(f'time "{text}" is in the year {moment.year}; 1800 to 2200 are allowed')
     naive = moment.astimezone(timezone.utc).replace(tzinfo=None)
     return np.datetime64(naive, "s")
 

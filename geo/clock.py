@@ -123,4 +123,4 @@ def stated(times: Any, count: int, quantity: str) -> Times:
         raise UserError(f"[[{quantity}]] times states {len(result)} times, but the files hold {count} slices")
     if (np.diff(result) <= np.timedelta64(0, "s")).any():
         raise UserError(f"[[{quantity}]] times must increase")
-    return result
+    return np.asarray(result)

@@ -119,10 +119,10 @@ def _sort_dims(
     for dim in list(rest):
         size = int(data.sizes[dim])
         if dim in chosen:
-            index = chosen[dim]
-            if not isinstance(index, int | np.integer) or not -size <= int(index) < size:
-                raise UserError(f'[[{quantity}]] variables.{dim} = {index!r}: it is an index, 0 to {size - 1}')
-            fixed[dim] = int(index) % size
+            index = str(chosen[dim]).strip()
+            if not index.isdigit() or int(index) >= size:
+                raise UserError(f"[[{quantity}]] variables.{dim} = {index}: it is an index, 0 to {size - 1}")
+            fixed[dim] = int(index)
             notes.append(f"index {fixed[dim]} of {size} along {dim}, as the case says")
         elif dim.lower() in HORIZONTAL and size == 2:
             fixed[dim] = side
@@ -136,7 +136,7 @@ def _sort_dims(
             fixed[dim] = 0
     rest = [d for d in rest if d not in fixed]
     if len(rest) > wanted:
-        extra = [d for d in rest[:-wanted]]
+        extra = rest[:-wanted]
         raise UserError(
             f"{path}: {describe_dims(data, name)} has more than one {' and '.join(extra)}; "
             f"set [[{quantity}]] variables.{extra[0]} to an index"
@@ -154,6 +154,7 @@ def _has_axis(data: xr.Dataset, dim: str) -> bool:
 
 def _lat_last(data: xr.Dataset, dims: Sequence[str]) -> bool:
     """Whether a variable is stored (lon, lat) instead of (lat, lon)."""
+
     def says(dim: str, pattern: Any, standard: str, axis: str) -> bool:
         attributes = data[dim].attrs if dim in data.variables else {}
         named = str(attributes.get("standard_name", ""))
@@ -195,9 +196,7 @@ def _same_grid(
         )
 
 
-def _factor(
-    data: xr.Dataset, name: str, units: str | None, quantity: str, path: str, notes: list[str]
-) -> float:
+def _factor(data: xr.Dataset, name: str, units: str | None, quantity: str, path: str, notes: list[str]) -> float:
     attributes = data[name].attrs
     held = str(attributes.get("units", "")).strip()
     if units is not None:

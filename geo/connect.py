@@ -9,7 +9,9 @@ import xarray as xr
 from geo.errors import UserError
 from geo.layout import Array, Index, Triangles
 
-NAMES = re.compile(r"^(nv|ele(ment)?s?|tri(angles)?|schism_hgrid_face_nodes|.*face_nodes?|face_node_connectivity|elem)$", re.I)
+NAMES = re.compile(
+    r"^(nv|ele(ment)?s?|tri(angles)?|schism_hgrid_face_nodes|.*face_nodes?|face_node_connectivity|elem)$", re.I
+)
 LONGEST = 4.0  # edges over this many times the local median bridge land when no connectivity is given
 
 
@@ -85,4 +87,4 @@ def _delaunay(lon: Array, lat: Array) -> Index:
     for k in range(3):
         np.minimum.at(shortest, cells[:, k], edges.min(axis=1))
     local = shortest[cells].max(axis=1)
-    return cells[edges.max(axis=1) <= LONGEST * local]
+    return np.asarray(cells[edges.max(axis=1) <= LONGEST * local])

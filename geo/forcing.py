@@ -124,7 +124,7 @@ def analytic(
     nlat = max(2, int(np.ceil((north - south) / step - 1e-9)) + 1)
     grid = Grid(grown.west, south, (grown.east - grown.west) / (nlon - 1), (north - south) / (nlat - 1), nlon, nlat)
     hour = np.timedelta64(3600, "s")
-    first, last = sorted((np.datetime64(start, "s"), np.datetime64(end, "s")))
+    first, last = sorted((_second(start), _second(end)))
     first = first.astype("datetime64[h]").astype("datetime64[s]")
     times = first + hour * np.arange(int(np.ceil((last - first) / hour)) + 1)
     if len(times) < 2:
@@ -146,7 +146,7 @@ def analytic(
 
 def overlap(source: Source, box: Box, start: np.datetime64, end: np.datetime64) -> tuple[float, str]:
     """Return the share of a case's time [0, 1] that a source covers, and a line on its overlap in time and place."""
-    first, last = sorted((np.datetime64(start, "s"), np.datetime64(end, "s")))
+    first, last = sorted((_second(start), _second(end)))
     place = share_covered(source.grid, box)
     span = source.grid.box
     where = (
@@ -157,18 +157,19 @@ def overlap(source: Source, box: Box, start: np.datetime64, end: np.datetime64) 
     if len(source.times) == 0:
         return 1.0, f"{source.name}: steady, holds at all times; {where}"
     low, high = max(first, source.times[0]), min(last, source.times[-1])
-    if last > first:
-        share = float(max(0.0, (high - low) / (last - first)))
-    else:
-        share = float(low <= high)
+    share = float(max(0.0, (high - low) / (last - first))) if last > first else float(low <= high)
     held = f"it holds {_minutes(source.times[0])} to {_minutes(source.times[-1])}"
     case = f"the case {_minutes(first)} to {_minutes(last)}"
     common = f"common: {_minutes(low)} to {_minutes(high)}" if low <= high else "nothing in common"
     return share, f"{source.name}: {held}, {case}; {common} ({share:.0%} of the case's time); {where}"
 
 
+def _second(time: Any) -> np.datetime64:
+    return np.datetime64(time, "s")
+
+
 def _minutes(time: np.datetime64) -> str:
-    return str(np.datetime64(time, "m")) + "Z"
+    return str(time.astype("datetime64[m]")) + "Z"
 
 
 def _degrees(box: Box) -> str:

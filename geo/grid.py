@@ -5,13 +5,14 @@ that no sampler needs to know about the seam.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from geo.box import Box
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -31,20 +32,36 @@ class Grid:
         return abs((self.nlon - 1) * self.dlon - 360.0) < 1e-9
 
     @property
+    def columns(self) -> int:
+        """How many columns are a grid's own: all but the one that a seamless grid repeats."""
+        return self.nlon - 1 if self.seamless else self.nlon
+
+    @property
     def lon(self) -> Array:
         """Longitudes of the columns [deg], ascending from lon0, may exceed 180; shape (nlon,)."""
-        return self.lon0 + self.dlon * np.arange(self.nlon)
+        return np.asarray(self.lon0 + self.dlon * np.arange(self.nlon))
 
     @property
     def lat(self) -> Array:
         """Latitudes of the rows [deg], ascending; shape (nlat,)."""
-        return self.lat0 + self.dlat * np.arange(self.nlat)
+        return np.asarray(self.lat0 + self.dlat * np.arange(self.nlat))
 
     @property
     def box(self) -> Box:
         """The box that the nodes span, west edge brought into [-180, 180)."""
         west = (self.lon0 + 180.0) % 360.0 - 180.0
         return Box(west, self.lat0, west + (self.nlon - 1) * self.dlon, self.lat0 + (self.nlat - 1) * self.dlat)
+
+
+def nodes(grid: Grid) -> tuple[Array, Array]:
+    """Return (lon, lat) [deg] of a grid's own nodes, shape (nlat, columns)."""
+    lon, lat = np.meshgrid(grid.lon[: grid.columns], grid.lat)
+    return lon, lat
+
+
+def widen(values: NDArray[np.float32], grid: Grid) -> NDArray[np.float32]:
+    """Return values (nlat, columns) with the first column repeated at the end of a seamless grid."""
+    return np.concatenate((values, values[:, : grid.nlon - grid.columns]), axis=1)
 
 
 def sample(grid: Grid, values: NDArray[np.floating], lon: ArrayLike, lat: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from geo import sphere
 from geo.box import Box
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 Index = NDArray[np.int64]
 
 
@@ -86,6 +86,14 @@ class Triangles:
 
 
 Layout = Axes | Plane | Curved | Triangles
+
+UNIFORM = 0.01  # of a cell: jitter of coordinates up to which an axis counts as uniform
+
+
+def uniform(values: Array) -> bool:
+    """Whether an axis's steps are equal but for the jitter of its storage."""
+    line = np.linspace(values[0], values[-1], len(values))
+    return bool(np.abs(values - line).max() <= UNIFORM * (values[-1] - values[0]) / (len(values) - 1))
 
 
 def points(layout: Layout) -> tuple[Array, Array]:

@@ -18,7 +18,6 @@ LAT = re.compile(r"^(lat(itude)?s?|lat_.*|nav_lat.*|latc|x_?lat.*|gphi[tuvf]|lat
 EAST_UNITS = re.compile(r"^degrees?_?(e|east)$", re.I)
 NORTH_UNITS = re.compile(r"^degrees?_?(n|north)$", re.I)
 MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "epsg_code")
-UNIFORM = 0.01  # of a cell: jitter of coordinates up to which an axis counts as uniform
 
 
 def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any]) -> tuple[Layout, list[str]]:
@@ -30,7 +29,9 @@ def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[s
         if lon_name and lat_name:
             trouble = _disagreement(plane, np.asarray(data[lon_name].values), np.asarray(data[lat_name].values))
             if trouble and not chosen.get("crs"):
-                notes.append(f"the grid mapping disagrees with {lon_name}, {lat_name} by {trouble}: the latter are used")
+                notes.append(
+                    f"the grid mapping disagrees with {lon_name}, {lat_name} by {trouble}: the latter are used"
+                )
                 plane = None
         if plane is not None:
             return plane, notes
@@ -39,7 +40,8 @@ def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[s
             f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
-    lon, lat = (np.asarray(data[n].values, np.float64) for n in (lon_name, lat_name))
+    lon: Array = np.asarray(data[lon_name].values, np.float64)
+    lat: Array = np.asarray(data[lat_name].values, np.float64)
     if not np.isfinite(lon).any() or np.nanmax(np.abs(lat)) > 90.001 or np.nanmax(np.abs(lon)) > 720:
         raise UserError(f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}')
     if len(dims) == 1:
@@ -53,7 +55,9 @@ def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[s
     return Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle), notes
 
 
-def _names(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any]) -> tuple[str | None, str | None]:
+def _names(
+    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any]
+) -> tuple[str | None, str | None]:
     """Return the names of the longitudes and latitudes that go with a variable."""
     listed = str(data[name].attrs.get("coordinates", "")).split()
     mesh = data[name].attrs.get("mesh")
@@ -165,12 +169,6 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
     return Axes(ordered, lat[rows], columns, rows, goes_round)
 
 
-def uniform(values: Array) -> bool:
-    """Whether an axis's steps are equal but for the jitter of its storage."""
-    line = np.linspace(values[0], values[-1], len(values))
-    return bool(np.abs(values - line).max() <= UNIFORM * (values[-1] - values[0]) / (len(values) - 1))
-
-
 def _plane(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
 ) -> Plane | None:
@@ -200,7 +198,9 @@ def _plane(
         if not ((steps > 0).all() or (steps < 0).all()):
             raise UserError(f'the axis "{dim}" does not increase')
     transform = pyproj.Transformer.from_crs(crs, geographic or "EPSG:4326", always_xy=True)
-    notes.append(f"grid in a projection's plane ({crs.coordinate_operation.method_name if crs.coordinate_operation else crs.name})")
+    notes.append(
+        f"grid in a projection's plane ({crs.coordinate_operation.method_name if crs.coordinate_operation else crs.name})"
+    )
     turn = 360.0 if crs.is_geographic else 0.0
     return Plane(axis[1], axis[0], np.arange(len(axis[1])), np.arange(len(axis[0])), transform, turn)
 

@@ -90,8 +90,8 @@ def said(attributes: Attributes) -> str | None:
     if not text:
         return None
     if re.search(
-        r"\b(ice|stress|flux|transport|barotropic|bottom|gust|averaged?|momentum|tidal|error|uncertainty"
-        r"|variance|anomaly|anomalies|acceleration|std|rms|bias)\b",
+        r"\b(ice|stress|flux|transport|barotropic|bottom|gusts?|depth[- ]averaged?|vertical(ly)?|integrated|tidal|error"
+        r"|uncertainty|variance|anomaly|anomalies|acceleration|std|rms|bias)\b",
         text,
     ):
         return "other"

@@ -88,7 +88,9 @@ def _is_field(name: str, files: list[tuple[str, xr.Dataset]]) -> bool:
     return np.issubdtype(data[name].dtype, np.number) and data[name].dims != (name,)
 
 
-def _components(request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]]) -> tuple[Component, Component]:
+def _components(
+    request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]]
+) -> tuple[Component, Component]:
     for path, data in files:
         if pair.east not in data.variables and pair.north not in data.variables:
             raise UserError(
@@ -123,12 +125,15 @@ def _join(
             raise UserError(f"{request.name}: one slice cannot be interpolated in time; set [[{q}]] steady = true")
         notes.append("times as the case states them")
         return first, second, times
-    assert first.times is not None and second.times is not None
+    assert first.times is not None
+    assert second.times is not None
     times, in_first, in_second = np.intersect1d(first.times, second.times, return_indices=True)
     if len(times) == 0:
         raise UserError(f"{request.name}: {first.name} and {second.name} have no time in common")
     if len(times) < max(len(first.times), len(second.times)):
-        notes.append(f"{len(times)} times common to {first.name} ({len(first.times)}) and {second.name} ({len(second.times)})")
+        notes.append(
+            f"{len(times)} times common to {first.name} ({len(first.times)}) and {second.name} ({len(second.times)})"
+        )
         first = replace(first, segments=tuple(first.segments[k] for k in in_first))
         second = replace(second, segments=tuple(second.segments[k] for k in in_second))
     if len(times) == 1:
@@ -139,7 +144,9 @@ def _join(
             )
         notes.append("one time only: a run needs steady = true or times")
     elif np.median(np.diff(times)) > np.timedelta64(25, "h"):
-        notes.append(f"slices are {np.median(np.diff(times)).astype('m8[h]').astype(int)} h apart: tides and gusts are lost")
+        notes.append(
+            f"slices are {np.median(np.diff(times)).astype('m8[h]').astype(int)} h apart: tides and gusts are lost"
+        )
     return first, second, times
 
 

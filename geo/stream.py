@@ -1,7 +1,8 @@
 """Time slices of a source in step with a clock: read ahead by a thread, no more than a few in memory.
 
 For a step [begin, end] two slices bracket the time. Where a node of the source's time axis falls inside the step, the
-values at begin and end are interpolated first, so that a step always sees one straight line in time.
+values at begin and end are interpolated first, so that a step always sees one straight line in time. Where a step lies
+partly before the first or after the last node, that node's values hold for the rest of this one step.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -43,8 +44,10 @@ class Slices:
         """Return the bracket of the step [low, high] [s since 1970], or None where the source has nothing."""
         if not self.seconds.size:
             return Bracket(0, 0, 0.0, 0.0)
-        if low < self.seconds[0] or high > self.seconds[-1] or self.seconds.size < 2:
+        if high <= self.seconds[0] or low >= self.seconds[-1] or self.seconds.size < 2:
             return None
+        if low < self.seconds[0] or high > self.seconds[-1]:
+            return Bracket(float(low), float(high), 0.0, 1.0)
         i = min(int(np.searchsorted(self.seconds, low, "right")) - 1, self.seconds.size - 2)
         j = max(int(np.searchsorted(self.seconds, high, "left")), i + 1)
         if self._steps[i:j].max() > LONGEST_GAP * self._usual:
@@ -57,6 +60,7 @@ class Slices:
     def get(self, key: Key) -> Array:
         """Return the slice of a key, shape (nlat, nlon, 2) [m/s], and have the next one read meanwhile."""
         if isinstance(key, float):
+            key = min(max(key, float(self.seconds[0])), float(self.seconds[-1]))
             i = min(int(np.searchsorted(self.seconds, key, "right")) - 1, self.seconds.size - 2)
             weight = np.float32((key - self.seconds[i]) / self._steps[i])
             return np.asarray((1 - weight) * self.get(i) + weight * self.get(i + 1))

@@ -11,12 +11,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from geo import component, grid as grids, layout, regrid, rotation
+from geo import component, cost, layout, regrid, rotation, target
+from geo import grid as grids
 from geo.box import Box
 from geo.component import Component
 from geo.grid import Grid
-from geo.layout import Array, Axes, Curved, Layout, Plane, Triangles
-from geo.locate import uniform
+from geo.layout import Array, Axes, Curved, Layout, Plane, Triangles, uniform
 
 Values = NDArray[np.float32]
 DRY = 0.005  # share of exact zeros from which they are land, in a field that has no missing values at all
@@ -50,35 +50,36 @@ class Examined:
     notes: tuple[str, ...]
 
 
-def make(
-    components: tuple[Component, Component], layouts: tuple[Layout, Layout], axes: str, box: Box | None
-) -> Tile:
+def make(components: tuple[Component, Component], layouts: tuple[Layout, Layout], axes: str, box: Box | None) -> Tile:
     """Return the tile for two components and their (cropped) points. axes: "true", "grid" or "?"."""
     first, second = layouts
     notes: list[str] = []
     grid = _regular(first, second)
     matrices = None
     if grid is None:
-        grid, coarser = regrid.target(layouts, box)
+        grid, coarser = target.choose(layouts, box)
         matrices = (regrid.weights(first, grid), regrid.weights(second, grid))
         kind = {Axes: "rectilinear", Plane: "projected", Curved: "curvilinear", Triangles: "triangular"}[type(first)]
         notes.append(
             f"{kind} grid carried to a regular one of {grid.nlon} x {grid.nlat} nodes, "
             f"{grid.dlon:.4g} x {grid.dlat:.4g} degrees"
-            + (f", coarser than wanted to stay under {regrid.MOST_NODES:,} nodes" if coarser else "")
+            + (f", coarser than wanted to stay under {target.MOST_NODES:,} nodes" if coarser else "")
         )
-        if not np.array_equal(*(layout.points(item)[k].shape for k, item in ((0, first), (0, second)))) or any(
-            not np.allclose(a, b, atol=1e-6, equal_nan=True)
-            for a, b in zip(layout.points(first), layout.points(second), strict=True)
-        ):
+        if not _together(first, second):
             notes.append("the components stand at different points (a staggered grid): each is carried from its own")
     directions = _directions(grid, layouts, matrices, axes, notes)
-    beyond = np.abs(grid.lat) > regrid.POLEWARD + 1e-9
+    beyond = np.abs(grid.lat) > target.POLEWARD + 1e-9
     if beyond.any():
-        notes.append(f"{int(beyond.sum())} rows poleward of 89 degrees are missing: east and north have no meaning there")
-    return Tile(
-        grid, components, layouts, matrices, directions, None, beyond if beyond.any() else None, tuple(notes)
-    )
+        notes.append(
+            f"{int(beyond.sum())} rows poleward of 89 degrees are missing: east and north have no meaning there"
+        )
+    return Tile(grid, components, layouts, matrices, directions, None, beyond if beyond.any() else None, tuple(notes))
+
+
+def _together(first: Layout, second: Layout) -> bool:
+    """Whether two components stand at the same points."""
+    pairs = list(zip(layout.points(first), layout.points(second), strict=True))
+    return all(a.shape == b.shape and np.allclose(a, b, atol=1e-6, equal_nan=True) for a, b in pairs)
 
 
 def _regular(first: Layout, second: Layout) -> Grid | None:
@@ -111,17 +112,19 @@ def _directions(
         return None
     assumed = ' (assumed: set variables.axes = "true" if they are east and north)' if axes == "?" else ""
     if isinstance(first, Plane):
-        lon, lat = regrid.nodes(grid)
+        lon, lat = grids.nodes(grid)
         result = rotation.plane_axes(first, lon, lat)
         how = "the projection's axes"
     else:
         angle = first.angle if first.angle is not None else rotation.curved_angle(first.lon, first.lat)
         cosine, sine = (matrices[0] @ np.nan_to_num(np.ravel(f(angle))) for f in (np.cos, np.sin))
-        result = rotation.angle_axes(cosine, sine).reshape(grid.nlat, regrid.columns(grid), 4)
+        result = rotation.angle_axes(cosine, sine).reshape(grid.nlat, grid.columns, 4)
         how = "the grid's own axes"
     turned = np.degrees(np.arctan2(result[..., 1], result[..., 0]))
     low, high = np.nanpercentile(turned, (5, 95))
-    notes.append(f"vectors rotated from {how} ({low:.1f} to {high:.1f} degrees from east) to true east and north{assumed}")
+    notes.append(
+        f"vectors rotated from {how} ({low:.1f} to {high:.1f} degrees from east) to true east and north{assumed}"
+    )
     return result
 
 
@@ -141,7 +144,7 @@ def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArr
     """Return components (nlat, columns) on the grid, still along their own axes."""
     if tile.matrices is None:
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
-    shape = (tile.grid.nlat, regrid.columns(tile.grid))
+    shape = (tile.grid.nlat, tile.grid.columns)
     a, b = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, (x, y), strict=True))
     return a, b
 
@@ -149,9 +152,10 @@ def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArr
 def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
     """Turn carried components to east and north; missing where either is, and poleward of 89 degrees."""
     result = np.empty((tile.grid.nlat, tile.grid.nlon, 2), np.float32)
-    own = regrid.columns(tile.grid)
+    own = tile.grid.columns
     result[:, :own, 0], result[:, :own, 1] = rotation.turn(x, y, tile.directions)
-    result[:, own:] = result[:, :1][:, : tile.grid.nlon - own]
+    if own < tile.grid.nlon:
+        result[:, own:] = result[:, :1]
     result[np.isnan(result).any(axis=2)] = np.nan
     if tile.beyond is not None:
         result[tile.beyond] = np.nan
@@ -183,7 +187,7 @@ def examine(tile: Tile, count: int) -> Examined:
     missing = float(np.isnan(first[..., 0]).mean())
     empty = missing == 1.0 and not any(np.isfinite(read(tile, i)).any() for i in {count // 2, count - 1} - {0})
     if tile.matrices is not None and missing < 1.0:
-        notes.append(_cost(tile, (a, b), (x, y)))
+        notes.append(cost.of(tile.grid, tile.layouts, (a, b), (x, y)))
     return Examined(tile, missing, empty, tuple(notes))
 
 
@@ -201,25 +205,3 @@ def _dry(tile: Tile, x: Array, y: Array, count: int) -> tuple[NDArray[np.bool_],
         zero = zero[0] & zero[1], zero[0] & zero[1]
     shares = [float(z.mean()) for z in zero]
     return zero if min(shares) > DRY and max(shares) < 1 else None
-
-
-def _cost(tile: Tile, carried: tuple[Array, Array], source: tuple[Array, Array]) -> str:
-    """Say what regridding cost: the tile sampled back at the points, as particles will sample it."""
-    square = error = 0.0
-    wet = lost = 0
-    for values, truth, item in zip(carried, source, tile.layouts, strict=True):
-        lon, lat = layout.points(item)
-        box = tile.grid.box
-        margin = 1e-6
-        with np.errstate(invalid="ignore"):
-            inside = (lat >= box.south - margin) & (lat <= box.north + margin) & np.isfinite(truth)
-            inside &= (lon - box.west + margin) % 360.0 <= box.east - box.west + 2 * margin
-        back = grids.sample(tile.grid, regrid.widen(values, tile.grid), lon[inside], lat[inside])
-        there = np.isfinite(back)
-        square += float((truth[inside] ** 2).sum())
-        error += float(((back - truth[inside])[there] ** 2).sum() * len(there) / max(1, there.sum()))
-        wet, lost = wet + len(there), lost + int((~there).sum())
-    if wet == 0:
-        return "regridding could not be measured: no point in the area"
-    share = np.sqrt(error / square) if square > 0 else 0.0
-    return f"regridding cost: rms error {share:.1%} of the rms speed at the points, {lost / wet:.1%} of wet points lost"

@@ -1,6 +1,7 @@
 """The command line: exit statuses, one-line refusals, lists, quick starts."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -108,6 +109,19 @@ def test_quick_starts_import_nothing_heavy(words: tuple[str, ...]) -> None:
     _, done = started(*words)
     for heavy in ("taichi", "xarray", "matplotlib", "pydantic", "pint", "shapely", "numpy"):
         assert f" {heavy}\n" not in done.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGINT for one process")
+@pytest.mark.parametrize("delay", [0.5, 3.0])  # [s] while importing, while reading or drifting
+def test_interrupted_run_leaves_nothing(tmp_path: Path, delay: float) -> None:
+    words = [sys.executable, "-m", "drift", "run", "overdue_boat", "--set", "particles=1_000_000", "--out", "results"]
+    running = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(delay)
+    running.send_signal(signal.SIGINT)
+    out, err = running.communicate(timeout=60)
+    assert (running.returncode, out) == (130, "")
+    assert err == "drift: interrupted; no half file is left\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGPIPE")

@@ -1,0 +1,220 @@
+"""What a chart shows of a forecast: shading, areas, track, marks, what is ashore."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+import numpy as np
+import shapely
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, ListedColormap
+
+from drift import chart, labels, tables
+from drift.cells import Array
+from drift.chart import Frame
+from drift.products import Forecast
+
+LINES: dict[float, dict[str, Any]] = {
+    0.5: {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"},
+    0.75: {"color": "#0b4f8a", "linewidth": 1.5, "linestyle": (0, (6, 2))},
+    0.95: {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))},
+}
+TRACK, ASHORE, PRIOR, LAST_KNOWN = "#111111", "#7a1fa2", "#2e7d32", "#c62828"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A point to mark, such as the last known position [deg]."""
+
+    lon: float
+    lat: float
+    label: str = "LKP"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line to draw, such as a prior's area (closed) or a trackline [deg]; longitudes without jumps, (n,)."""
+
+    lon: Sequence[float]
+    lat: Sequence[float]
+    label: str
+    closed: bool = False
+
+
+def shading() -> Colormap:
+    """Magma reversed, without its nearly black end, so that lines on top stay visible."""
+    return ListedColormap(matplotlib.colormaps["magma_r"](np.linspace(0.03, 0.8, 256)), name="shading")
+
+
+def edges(centres: Array) -> Array:
+    """Return the edges between centres, and one beyond on both sides."""
+    if len(centres) == 1:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    middle = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
+
+
+def extent(
+    forecast: Forecast, times: Sequence[Any], marks: Sequence[Mark], lines: Sequence[Line], aspect: float
+) -> Frame:
+    """Return the frame of the 95 % areas at these times, the mean track and what is marked; not of outliers."""
+    data = forecast.data
+    lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
+    for one in forecast.contours:
+        if one.time in times and one.share == max(c.share for c in forecast.contours) and not one.polygon.is_empty:
+            west, south, east, north = one.polygon.bounds
+            lon.append(np.array([west, east]))
+            lat.append(np.array([south, north]))
+    middle = float(data["lon"].mean())
+    for mark in marks:
+        lon.append(np.array([near(mark.lon, middle)]))
+        lat.append(np.array([mark.lat]))
+    for line in lines:
+        shift = near(float(np.mean(line.lon)), middle) - float(np.mean(line.lon))
+        lon.append(np.asarray(line.lon, float) + shift)
+        lat.append(np.asarray(line.lat, float))
+    every_lon, every_lat = np.concatenate(lon), np.concatenate(lat)
+    known = np.isfinite(every_lon) & np.isfinite(every_lat)
+    if not known.any():
+        every_lon, every_lat, known = data["lon"].values[[0, -1]], data["lat"].values[[0, -1]], np.array([True, True])
+    return chart.frame(every_lon[known], every_lat[known], aspect)
+
+
+def near(lon: float, middle: float) -> float:
+    return (lon - middle + 180) % 360 - 180 + middle
+
+
+def density(forecast: Forecast, time: int) -> Array:
+    """Return the probability density [% per nmi2] at a time, (nlat, nlon)."""
+    data = forecast.data
+    return np.asarray(
+        100 * data["probability"].values[time].astype(np.float64) / (data["cell_area"].values / tables.NMI**2)
+    )
+
+
+def scale_top(at: Any) -> float:
+    """Return the density [% per nmi2] that ends the colour scale: the area above it holds a tenth of those adrift.
+
+    The narrow strip of those ashore, marked by symbols, would take most of the scale; it counts if hardly any drift.
+    """
+    mass = at["probability"].values.astype(np.float64).ravel()
+    adrift = mass - at["probability_ashore"].values.astype(np.float64).ravel()
+    mass = adrift if adrift.sum() > 0.05 * mass.sum() else mass
+    density = 100 * mass / (at["cell_area"].values.ravel() / tables.NMI**2)
+    order = np.argsort(-density, kind="stable")
+    inside = np.cumsum(mass[order])
+    best = float(density[order[np.searchsorted(inside, 0.1 * inside[-1])]]) if inside[-1] > 0 else 0.0
+    return best if best > 0 else max(float(density.max()), 1e-12)
+
+
+def shade(ax: Axes, here: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
+    """Shade cells, only the rows and columns that hold anything."""
+    rows, columns = (np.flatnonzero(np.isfinite(values).any(axis=axis)) for axis in (1, 0))
+    lon, lat = edges(forecast.data["lon"].values), edges(forecast.data["lat"].values)
+    r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
+    c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
+    x, y = here.project(*np.meshgrid(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1]))
+    return ax.pcolormesh(x, y, np.ma.masked_invalid(values[r, c]), cmap=shading(), norm=norm, zorder=1, rasterized=True)
+
+
+def rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str, Any]) -> None:
+    """Draw outlines; islands and holes of less than 1/200 of the whole are left out of the picture (not of the files)."""
+    least = polygon.area / 200
+    rings = [
+        np.array(ring.coords)
+        for part in polygon.geoms
+        for ring in (part.exterior, *part.interiors)
+        if shapely.Polygon(ring).area >= least
+    ]
+    lines = [np.column_stack(here.project(ring[:, 0], ring[:, 1])) for ring in rings]
+    ax.add_collection(
+        LineCollection(
+            lines,
+            colors=style["color"],
+            linewidths=style["linewidth"],
+            linestyles=[style["linestyle"]],
+            path_effects=[patheffects.withStroke(linewidth=style["linewidth"] + 1.6, foreground="white", alpha=0.6)],
+            zorder=3,
+        ),
+        autolim=False,
+    )
+
+
+def prior_line(ax: Axes, here: Frame, line: Line) -> None:
+    lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
+    if line.closed:
+        lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
+    ax.plot(*here.project(lon, lat), color=PRIOR, linewidth=1.4, linestyle=(0, (5, 2, 1, 2)), zorder=8)
+
+
+def mark_point(ax: Axes, here: Frame, mark: Mark, size: float) -> None:
+    x, y = here.project(mark.lon, mark.lat)
+    ax.plot(
+        x, y, "o", markersize=size, markerfacecolor="white", markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12
+    )
+    ax.plot(x, y, "+", markersize=size * 1.7, markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12)
+
+
+def ashore_marks(ax: Axes, here: Frame, forecast: Forecast, time: int, scale: float = 1.0) -> float:
+    """Mark where the object may be ashore, gathered on a coarse net; return the probability of all of it."""
+    ashore = forecast.data["probability_ashore"].values[time].astype(np.float64)
+    rows, columns = np.nonzero(ashore)
+    total = float(ashore.sum())
+    if total < 5e-4:
+        return total
+    x, y = here.project(forecast.data["lon"].values[columns], forecast.data["lat"].values[rows])
+    weight = ashore[rows, columns]
+    net = (here.x[1] - here.x[0]) / 45
+    bins = np.floor((y - here.y[0]) / net) * 1000 + np.floor((x - here.x[0]) / net)
+    _, member = np.unique(bins, return_inverse=True)
+    sums = np.bincount(member, weight)
+    order = np.lexsort((-weight, member))  # a symbol stands at the likeliest cell of its mesh
+    x, y = (v[order[np.searchsorted(member[order], np.arange(len(sums)))]] for v in (x, y))
+    keep = sums > 1e-3 * total
+    size = scale**2 * (14 + 170 * sums[keep] / max(sums.max(), 0.02))
+    ax.scatter(x[keep], y[keep], size, marker="^", color=ASHORE, edgecolor="white", linewidth=0.5, zorder=9)
+    return total
+
+
+def occupied(here: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
+    """Return points [m] of what must not be covered: the outer contours and the track."""
+    xy = [np.column_stack(here.project(forecast.data["mean_lon"].values, forecast.data["mean_lat"].values))]
+    xy += [
+        np.column_stack(here.project(*np.array(part.exterior.coords).T))
+        for one in forecast.contours
+        if one.time in times
+        for part in one.polygon.geoms
+    ]
+    every = np.concatenate(xy)
+    return every[:, 0], every[:, 1]
+
+
+def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, time: int, marks: Sequence[Mark]) -> None:
+    """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner."""
+    data = forecast.data
+    lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values
+    last = range(len(times))[time]
+    known = [i for i in range(last + 1) if np.isfinite(lat[i])]
+    x, y = here.project(lon[known], lat[known])
+    ax.plot(x, y, color="white", linewidth=3.2, zorder=10, solid_capstyle="round")
+    ax.plot(x, y, color=TRACK, linewidth=1.4, zorder=10.5)
+    ax.plot(x, y, "o", color="white", markeredgecolor=TRACK, markersize=4.5, zorder=11)
+    ax.plot(x[-1:], y[-1:], "o", color=TRACK, markersize=7, zorder=11.5)
+    small = {"fontsize": 8, "color": TRACK}
+    texts: list[labels.Point] = []
+    for mark in marks:
+        mark_point(ax, here, mark, 9)
+        mx, my = here.project(mark.lon, mark.lat)
+        texts.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
+    first = len(texts)
+    texts += [
+        (float(a), float(b), f"{tables.group(times[i])[:6]}Z", small) for i, a, b in zip(known, x, y, strict=True)
+    ]
+    cx, cy = occupied(here, forecast, [times[last]])
+    mx, my = here.project([m.lon for m in marks], [m.lat for m in marks])
+    bar = chart.scale_bar(ax, here, chart.free_corner(here, np.append(cx, mx), np.append(cy, my)))
+    labels.place(ax, canvas, texts, [bar], must={*range(first), len(texts) - 1})

@@ -1,0 +1,49 @@
+"""Every shipped case runs and finds what it says it expects."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from drift import case, expect, run, tables
+
+NAMES = [name for name, _ in case.shipped()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_case_finds_what_it_expects(name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if name != "overdue_boat":
+        monkeypatch.setenv("DRIFT_DATA", str(request.getfixturevalue("data")))
+    # A fifth of the particles: means move by spread / sqrt(20,000), less than 1 % of any spread here.
+    made = run.run(case.load(name, {"particles": "20_000"}))
+    end = tables.plain(tables.numbers(made.forecast))["outputs"][-1]
+    assert expect.misses(made.case.expect, end) == []
+
+
+def test_a_miss_is_told() -> None:
+    wanted = expect.Expect.model_validate(
+        {
+            "ashore": [0.2, 0.3],
+            "area_50": ["10 nmi2", "12 nmi2"],
+            "mean_position_within": {"of": "60 00N 004 00E", "distance": "1 nmi"},
+        }
+    )
+    end = {
+        "probability": {"adrift": 0.75, "ashore": 0.25, "outside": 0.0, "left": 0.0},
+        "area_nmi2": {"50%": 11.0, "95%": 40.0},
+        "mean": {"lon": 4.0, "lat": 60.01},  # 0.6 nmi north
+    }
+    assert expect.misses(wanted, end) == []
+    end |= {"mean": {"lon": 4.0, "lat": 60.02}, "area_nmi2": {"50%": None, "95%": 40.0}}
+    end["probability"] |= {"ashore": 0.1}
+    missed = expect.misses(wanted, end)
+    assert [line.split(":")[0] for line in missed] == ["ashore", "area_50", "mean position"]
+
+
+def test_data_are_asked_for_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DRIFT_DATA", raising=False)
+    with pytest.raises(case.UserError, match="environment variable DRIFT_DATA; set it: export DRIFT_DATA="):
+        case.load("norkyst_raft")
+    assert not os.environ.get("DRIFT_DATA")
+    assert case.load("overdue_boat").path == Path(case.__file__).parents[1] / "cases" / "overdue_boat.toml"

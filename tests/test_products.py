@@ -1,0 +1,366 @@
+"""Maps, containment areas and tracks against known densities and closed forms."""
+
+import numpy as np
+import pytest
+import shapely
+
+from drift import areas, cells, density, products
+from drift.status import Status
+from geo import sphere
+
+LON, LAT = -87.3, 28.1  # [deg] where the test clouds lie
+SHARES = np.array(areas.SHARES)
+TIME = np.datetime64("2026-11-21T18:30:00")
+
+
+def positions(east, north, lon=LON, lat=LAT):
+    """Binary angles of points (east, north) [m] from a place."""
+    x, y = sphere.destination(np.radians(lon), np.radians(lat), east, north)
+    return sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
+
+
+def snapshot(east, north, *, weight=None, status=None, scenario=None, lon=LON, lat=LAT, time=TIME):
+    n = len(east)
+    weight = np.ones(n) if weight is None else weight
+    x, y = positions(east, north, lon, lat)
+    return products.Snapshot(
+        time,
+        x,
+        y,
+        weight / weight.sum(),
+        np.zeros(n, np.int32) if status is None else np.asarray(status, np.int32),
+        np.zeros(n, np.int32) if scenario is None else np.asarray(scenario, np.int32),
+    )
+
+
+def normal(n, rng):
+    return rng.normal(0, 4000, n), rng.normal(0, 9000, n)
+
+
+def ring(n, rng):
+    angle, radius = rng.uniform(0, 2 * np.pi, n), rng.normal(15_000, 1000, n)
+    return radius * np.cos(angle), radius * np.sin(angle)
+
+
+def mixture(n, rng):
+    which = rng.choice(3, n, p=[0.3, 0.3, 0.4])
+    middle, width = np.array([0, 20e3, -30e3])[which], np.array([500, 3000, 8000])[which]
+    return middle + width * rng.normal(size=n), -0.3 * middle + width * rng.normal(size=n)
+
+
+def filament(n, rng):
+    along = rng.uniform(-40e3, 40e3, n)
+    return along + rng.normal(0, 200, n), 12e3 * np.sin(along / 12e3) + rng.normal(0, 200, n)
+
+
+def far_apart(n, rng):
+    which = rng.integers(0, 3, n)
+    east, north = np.array([0, 200e3, -150e3])[which], np.array([0, 120e3, 90e3])[which]
+    return east + rng.normal(0, 900, n), north + rng.normal(0, 900, n)
+
+
+def pinpoint(n, rng):
+    return rng.uniform(-5, 5, n), rng.uniform(-4, 4, n)
+
+
+def inside(forecast, share, east, north, lon=LON, lat=LAT):
+    """Share of points inside the contour of a share."""
+    contour = next(c for c in forecast.contours if c.share == share)
+    x, y = (sphere.to_degrees(v) for v in positions(east, north, lon, lat))
+    west = forecast.data["lon"].values[0] - 180
+    shapely.prepare(contour.polygon)
+    return shapely.contains_xy(contour.polygon, west + (x - west) % 360, y).mean()
+
+
+# --- cells and deposits ---
+
+
+def test_deposit_counts_every_particle_once_in_any_order():
+    rng = np.random.default_rng(5)
+    grid = cells.Cells(lon0=2**31 - 5000, lat0=-3000, width=700, height=300, nlon=21, nlat=17)  # over 180 degrees
+    lon = (2**31 - 6000 + rng.integers(0, 18_000, 5000)).astype(np.int64)
+    lat = rng.integers(-4000, 3000, 5000).astype(np.int32)
+    weight = rng.integers(0, 2**30, 5000)
+    expected = np.zeros(grid.shape, np.int64)
+    for x, y, w in zip(lon, lat, weight, strict=True):
+        i, j = (int(x) - grid.lon0) // 700, (int(y) - grid.lat0) // 300
+        if 0 <= i < 21 and 0 <= j < 17:
+            expected[j, i] += w
+    wrapped = ((lon + 2**31) % 2**32 - 2**31).astype(np.int32)
+    np.testing.assert_array_equal(cells.deposit(wrapped, lat, weight, grid), expected)
+    order = rng.permutation(5000)
+    np.testing.assert_array_equal(cells.deposit(wrapped[order], lat[order], weight[order], grid), expected)
+
+
+def test_cell_areas_add_up_to_the_zone():
+    grid = cells.Cells(lon0=100, lat0=2**29, width=3 * 2**20, height=2**21, nlon=5, nlat=40)
+    south, north = np.pi / 4, np.pi / 4 + 40 * 2**21 * sphere.UNIT
+    exact = sphere.RADIUS**2 * 5 * 3 * 2**20 * sphere.UNIT * (np.sin(north) - np.sin(south))
+    assert grid.area().sum() * 5 == pytest.approx(exact, rel=1e-12)
+
+
+def test_finer_cells_divide_the_extent():
+    grid = cells.Cells(-4096, 8192, 1024, 512, 6, 5)
+    assert grid.finer(2).area().sum() * 24 == pytest.approx(grid.area().sum() * 6, rel=1e-12)
+    assert grid.finer(2).lon()[0] == pytest.approx(grid.lon()[0] - 0.375 * 1024 * 360 / 2**32, rel=1e-12)
+
+
+# --- smoothing ---
+
+
+def spread_example(allowed, m=20.0, seed=2):
+    rng = np.random.default_rng(seed)
+    mass = rng.poisson(0.7 * rng.random(allowed.shape) ** 8, allowed.shape) * allowed * 1e-4
+    where = density.medium(allowed)
+    return mass, density.spread(mass, density.histogram(mass, mass * 1e-4, where), m, where), where
+
+
+@pytest.mark.parametrize("shape", [(33, 58), (64, 47), (17, 16), (9, 5)])
+def test_smoothing_keeps_the_mass_and_keeps_off_land(shape):
+    allowed = np.ones(shape, bool)
+    allowed[shape[0] // 3 : shape[0] // 2, 2:] = False
+    allowed[:, shape[1] * 3 // 4] = False
+    mass, smooth, _ = spread_example(allowed)
+    assert smooth.sum() == pytest.approx(mass.sum(), rel=1e-12)
+    assert (smooth[~allowed] == 0).all()
+    assert (smooth >= 0).all()
+    assert np.count_nonzero(smooth) > 2 * np.count_nonzero(mass)
+
+
+def test_smoothing_is_linear_so_scenarios_add_up():
+    allowed = np.ones((40, 52), bool)
+    mass, smooth, where = spread_example(allowed)
+    part = mass * (np.random.default_rng(3).random(mass.shape) < 0.3)
+    guide = density.histogram(mass, mass * 1e-4, where)
+    both = density.spread(part, guide, 20.0, where) + density.spread(mass - part, guide, 20.0, where)
+    np.testing.assert_allclose(both, smooth, rtol=1e-10, atol=1e-20)
+
+
+def test_kernel_variance_follows_the_particles_it_should_hold():
+    # far from edges one kernel of level l has variance 1.5 4^l - 0.5 cells: Gauss 4^l, down and up 4^l - 1 over 2
+    allowed = np.ones((256, 256), bool)
+    where = density.medium(allowed)
+    mass = np.zeros((256, 256))
+    mass[121, 133] = 1.0
+    for level, wanted in ((0, 1.0), (1, 5.5), (2, 23.5), (3, 95.5)):
+        number = [np.full(r.shape, 1e9 if i >= level else 1e-9) for i, r in enumerate(where.reach)]
+        smooth = density.spread(mass, density.Histogram((mass,), tuple(number)), 10.0, where)
+        offsets = np.arange(256) - np.array([[121], [133]])
+        for axis in (0, 1):
+            along = smooth.sum(axis=1 - axis)
+            mean = (along * offsets[axis]).sum()
+            # truncating the Gauss at 4 standard deviations takes 0.1 % of its variance; decimation shifts the mean
+            assert (along * offsets[axis] ** 2).sum() - mean**2 == pytest.approx(wanted, rel=0.03)
+
+
+# --- containment ---
+
+
+@pytest.mark.parametrize(("n", "tolerance"), [(10_000, 0.06), (100_000, 0.016)])
+def test_areas_of_a_bivariate_normal(n, tolerance):
+    """2 pi sx sy ln(1 / (1 - p)); 4 standard errors of the sample's own quantile plus 1 % of smoothing."""
+    made = products.build([snapshot(*normal(n, np.random.default_rng(11)))], scenarios=["only"])
+    exact = 2 * np.pi * 4000 * 9000 * -np.log(1 - SHARES)
+    np.testing.assert_allclose(made.data["containment_area"].values[0], exact, rtol=tolerance)
+
+
+@pytest.mark.parametrize("n", [10_000, 100_000])
+@pytest.mark.parametrize("cloud", [normal, ring, mixture, filament, far_apart, pinpoint])
+def test_areas_hold_their_share_of_new_particles(cloud, n):
+    """At most 1.5 % too little; up to 3.5 % too much where structure is finer than n can show."""
+    rng = np.random.default_rng(n)
+    made = products.build([snapshot(*cloud(n, rng))], scenarios=["only"])
+    np.testing.assert_allclose(made.data["held_out"].values[0], SHARES, atol=3 * 0.5 / np.sqrt(n / 2))
+    fresh = cloud(200_000, rng)
+    for share in areas.SHARES:
+        error = inside(made, share, *fresh) - share
+        assert -0.015 < error < 0.035, (share, error)
+
+
+@pytest.mark.parametrize("cloud", [normal, far_apart, filament])
+def test_few_particles_err_on_the_wide_side(cloud):
+    rng = np.random.default_rng(8)
+    held = []
+    for _ in range(8):
+        made = products.build([snapshot(*cloud(100, rng))], scenarios=["only"])
+        held.append([inside(made, share, *cloud(20_000, rng)) for share in areas.SHARES])
+    assert (np.mean(held, axis=0) > SHARES - [0.05, 0.05, 0.03]).all()
+
+
+def test_weights_count_as_probability():
+    """Importance weights that turn one normal into another give that one's areas: 12 % at an ESS of about 40,000."""
+    rng = np.random.default_rng(4)
+    east, north = rng.normal(0, 8000, 80_000), rng.normal(0, 8000, 80_000)
+    weight = np.exp(-0.5 * (east / 6000) ** 2 - 0.5 * (north / 6000) ** 2 + 0.5 * (east**2 + north**2) / 8000**2)
+    made = products.build([snapshot(east, north, weight=weight)], scenarios=["only"])
+    exact = 2 * np.pi * 6000**2 * -np.log(1 - SHARES)
+    np.testing.assert_allclose(made.data["containment_area"].values[0], exact, rtol=0.05)
+
+
+def test_containment_is_of_the_smallest_area():
+    made = products.build([snapshot(*normal(20_000, np.random.default_rng(1)))], scenarios=["only"])
+    data = made.data.isel(time=0)
+    height = (data["probability"] / data["cell_area"]).values
+    contained = data["containment"].values
+    order = np.argsort(-height.ravel(), kind="stable")
+    assert (np.diff(contained.ravel()[order][:5000]) >= -1e-6).all()
+    assert contained.min() > 0
+    assert contained.max() == 1
+
+
+# --- the forecast as a whole ---
+
+
+def coast_at(east):
+    """Land east of a meridian [m from the middle]."""
+    edge, _ = positions(np.array([float(east)]), np.array([0.0]))
+    return lambda lon, lat: lon > edge[0]
+
+
+def test_probability_adds_up_and_keeps_off_land():
+    rng = np.random.default_rng(7)
+    n = 30_000
+    east, north = rng.normal(0, 5000, n), rng.normal(0, 9000, n)
+    status = np.where(east > 4000, Status.ASHORE, Status.ADRIFT)
+    east = np.where(status == Status.ASHORE, 3990.0, east)
+    status[:3000] = Status.LEFT
+    status[3000:3600] = Status.PENDING
+    scenario = rng.choice(3, n, p=[0.6, 0.3, 0.1])
+    one = snapshot(east, north, weight=rng.random(n), status=status, scenario=scenario)
+    made = products.build([one], scenarios=["a", "b", "c"], is_land=coast_at(4000))
+    data = made.data.isel(time=0)
+    on_map = one.probability[status <= Status.ASHORE].sum()
+    assert float(data["probability"].sum(dtype=float)) == pytest.approx(on_map, rel=1e-6)
+    assert float(data["probability_ashore"].sum(dtype=float)) == pytest.approx(
+        one.probability[status == Status.ASHORE].sum(), rel=1e-6
+    )
+    np.testing.assert_allclose(
+        data["probability_by_scenario"].sum("scenario").values, data["probability"].values, rtol=1e-5, atol=1e-12
+    )
+    for i in range(3):
+        mine = (scenario == i) & (status <= Status.ASHORE)
+        assert float(data["probability_by_scenario"][i].sum(dtype=float)) == pytest.approx(
+            one.probability[mine].sum(), rel=1e-6
+        )
+    assert float(data["status_probability"].sum()) == pytest.approx(1, abs=1e-12)
+    assert float(data["scenario_probability"].sum()) == pytest.approx(1, abs=1e-12)
+    lon, _ = np.meshgrid(data["lon"].values, data["lat"].values)
+    inland = lon > sphere.to_degrees(positions(np.array([4000.0]), np.array([0.0]))[0])[0] + 0.011
+    assert float(data["probability"].values[inland].sum()) == 0
+    assert inland.any()
+    offshore = lon < LON
+    assert float(data["probability_ashore"].values[offshore].sum()) == 0
+
+
+def test_a_bay_that_holds_no_particle_stays_empty():
+    rng = np.random.default_rng(9)
+    low, high = (positions(np.array([e]), np.array([0.0]))[0][0] for e in (5000.0, 6500.0))
+    one = snapshot(np.minimum(rng.normal(0, 3000, 20_000), 4990), rng.normal(0, 4000, 20_000))
+    # a far particle keeps the grid wide enough to hold the water behind the spit
+    one = snapshot(np.append(np.minimum(rng.normal(0, 3000, 20_000), 4990), 30_000), np.append(rng.normal(0, 4000, 20_000), 0))
+    made = products.build([one], scenarios=["x"], is_land=lambda lon, lat: (lon > low) & (lon < high) | (lat > 2**30 - 1))
+    assert float(made.data["probability"].sum()) == pytest.approx(1, rel=1e-6)
+    del made
+    one = snapshot(np.minimum(rng.normal(0, 3000, 20_000), 4990), rng.normal(0, 4000, 20_000))
+    made = products.build([one], scenarios=["x"], is_land=lambda lon, lat: (lon > low) & (lon < high))
+    behind = made.data["lon"].values > sphere.to_degrees(high)
+    assert float(made.data["probability"].values[:, :, behind].sum()) == 0
+
+
+def test_the_antimeridian_is_no_seam():
+    cloud = normal(20_000, np.random.default_rng(6))
+    here = products.build([snapshot(*cloud, lon=20.0)], scenarios=["x"])
+    there = products.build([snapshot(*cloud, lon=179.98)], scenarios=["x"])
+    np.testing.assert_allclose(there.data["containment_area"], here.data["containment_area"], rtol=0.01)
+    lon = there.data["lon"].values
+    assert (np.diff(lon) > 0).all()
+    assert lon[0] < 180 < lon[-1]
+    assert -180 <= lon[0]
+    assert float(there.data["mean_lon"][0]) == pytest.approx(179.98, abs=0.01)
+    assert there.contours[-1].polygon.is_valid
+
+
+def test_times_share_one_grid_and_early_areas_stay_sharp():
+    """A position known to 10 m grows to 10 nmi: its first area comes from cells of its own, not the common ones."""
+    rng = np.random.default_rng(12)
+    unit = rng.normal(size=(2, 20_000))
+    snapshots = [
+        snapshot(*(unit * s), time=TIME + np.timedelta64(i, "h")) for i, s in enumerate((10.0, 1000.0, 20_000.0))
+    ]
+    data = products.build(snapshots, scenarios=["x"]).data
+    exact = np.outer(2 * np.pi * np.array([10.0, 1000.0, 20_000.0]) ** 2, -np.log(1 - SHARES))
+    np.testing.assert_allclose(data["containment_area"].values, exact, rtol=0.06)
+    assert float(data["cell_area"].mean()) > 100 * exact[0, 0]
+    np.testing.assert_allclose(data["probability"].sum(("lat", "lon"), dtype=float).values, 1, rtol=1e-6)
+
+
+def test_same_bits_for_a_deposit_in_any_order():
+    rng = np.random.default_rng(13)
+    snapshots = [snapshot(*mixture(7000, rng), weight=rng.random(7000), scenario=rng.integers(0, 2, 7000))]
+
+    def shuffled(lon, lat, weight, grid):
+        order = np.random.default_rng(1).permutation(len(lon))
+        return sum(cells.deposit(lon[p], lat[p], weight[p], grid) for p in np.array_split(order, 3))
+
+    one = products.build(snapshots, scenarios=["a", "b"]).data
+    two = products.build(snapshots, scenarios=["a", "b"], deposit=shuffled).data
+    assert one.identical(two)
+
+
+def test_nothing_on_the_map():
+    one = snapshot(*normal(50, np.random.default_rng(0)), status=np.full(50, Status.PENDING))
+    later = snapshot(*normal(50, np.random.default_rng(0)), time=TIME + np.timedelta64(6, "h"))
+    for snapshots in ([one], [one, later]):
+        made = products.build(snapshots, scenarios=["x"])
+        assert float(made.data["probability"][0].sum()) == 0
+        assert np.isnan(made.data["containment_area"].values[0]).all()
+        assert np.isnan(made.data["mean_lat"].values[0])
+        assert float(made.data["status_probability"].sel(status="pending")[0]) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7, 5000])
+def test_all_particles_in_one_point(n):
+    made = products.build([snapshot(np.zeros(n), np.zeros(n))], scenarios=["x"])
+    assert float(made.data["probability"].sum()) == pytest.approx(1, rel=1e-6)
+    assert 0 < float(made.data["containment_area"][0, 2]) < 1000  # [m2]
+
+
+def test_some_particles_without_weight():
+    weight = np.ones(4000)
+    weight[1000:] = 0
+    east, north = normal(4000, np.random.default_rng(3))
+    east[1000:] += 300e3  # nobody is there
+    made = products.build([snapshot(east, north, weight=weight)], scenarios=["x"])
+    assert made.data["lon"].values[-1] < LON + 0.5
+
+
+# --- mean track ---
+
+
+def test_mean_positions_are_vector_means():
+    rng = np.random.default_rng(2)
+    n = 4000
+    status = np.where(rng.random(n) < 0.3, Status.ASHORE, Status.ADRIFT)
+    scenario = rng.integers(0, 2, n)
+    one = snapshot(
+        rng.normal(0, 60e3, n), rng.normal(0, 90e3, n), weight=rng.random(n), status=status, scenario=scenario, lon=179.9, lat=71.0
+    )
+    data = products.build([one], scenarios=["a", "b"]).data.isel(time=0)
+    lon, lat = np.radians(sphere.to_degrees(one.lon)), np.radians(sphere.to_degrees(one.lat))
+    xyz = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+
+    def mean(which):
+        x, y, z = (xyz * np.where(which, one.probability, 0)).sum(axis=1)
+        return np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+    found = [(data[f"{k}_lon"].item() % 360, data[f"{k}_lat"].item()) for k in ("mean", "datum")]
+    np.testing.assert_allclose(found, [mean(status >= 0), mean(status == Status.ADRIFT)], atol=1e-9)
+    np.testing.assert_allclose(data["scenario_mean_lat"].values[1], mean(scenario == 1)[1], atol=1e-9)
+
+
+def test_groups_hold_runs_of_slots_together_and_share_evenly():
+    group = products.group(100_000)
+    assert (np.diff(group.reshape(-1, 32), axis=1) == 0).all()
+    # 3125 runs: 4 standard errors of a share of 1/4 are 3.1 %
+    assert abs(np.bincount(group, minlength=4) / 1e5 - 0.25).max() < 0.031
+    assert len(set(products.group(40))) == 4

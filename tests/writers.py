@@ -1,0 +1,266 @@
+"""One field in closed form, written on every kind of grid that oceanographers store currents on.
+
+The writers know nothing of `geo`: directions come from pyproj, by projecting a small step to true north.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import Delaunay
+
+Array = NDArray[Any]
+
+TIMES = np.array(["2024-03-05T00", "2024-03-05T03", "2024-03-05T06"], "datetime64[ns]")
+LON, LAT = (2.0, 6.0), (58.0, 60.0)  # [deg] every grid covers this
+CELL = 0.05  # [deg of latitude] of every grid
+KX, KY = 1.7, 2.3  # [rad/deg]
+
+
+def field(lon: ArrayLike, lat: ArrayLike, hour: float) -> tuple[Array, Array]:
+    """True east and north [m/s]: east and north differ, and neither is symmetric in anything."""
+    x, y = np.asarray(lon) - 4.0, np.asarray(lat) - 59.0
+    u = 0.6 + 0.4 * np.sin(KX * x + 0.3) * np.cos(KY * y) + 0.02 * hour
+    return u, -0.25 + 0.5 * np.cos(KX * x - KY * y + 1.1) - 0.01 * hour
+
+
+def tolerance(cell: float = CELL) -> float:
+    """The largest error of bilinear interpolation at `cell` and then at half of it: h^2 / 8 |f''| each."""
+    across = cell / np.cos(np.radians(LAT[1]))  # [deg of longitude] of a square cell
+    return 0.5 * ((KX * across) ** 2 + (KY * cell) ** 2) / 8 * 1.25 * 2  # 2: cells lie askew
+
+
+def slices(lon: Array, lat: Array) -> tuple[Array, Array]:
+    """The field at all times, shape (3, ...)."""
+    pairs = [field(lon, lat, 3.0 * k) for k in range(len(TIMES))]
+    return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
+
+
+def in_plane(to: pyproj.Proj, lon: Array, lat: Array, u: Array, v: Array) -> tuple[Array, Array]:
+    """Components along the axes of a conformal projection's plane of true (u, v)."""
+    x0, y0 = to(lon, lat)
+    x1, y1 = to(lon, lat + 1e-5)
+    angle = np.arctan2(y1 - y0, x1 - x0) - np.pi / 2  # of true north from the plane's y axis, counterclockwise
+    return u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
+
+
+def save(data: xr.Dataset, path: Path, **encoding: Any) -> Path:
+    """Write with times in hours, as most files have them."""
+    data.to_netcdf(path, encoding=encoding)
+    return path
+
+
+EAST = {"standard_name": "eastward_sea_water_velocity", "units": "m s-1"}
+NORTH = {"standard_name": "northward_sea_water_velocity", "units": "m s-1"}
+ALONG_X = {"standard_name": "x_sea_water_velocity", "units": "m s-1"}
+ALONG_Y = {"standard_name": "y_sea_water_velocity", "units": "m s-1"}
+
+
+def regular(path: Path) -> Path:
+    lon, lat = np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL), np.arange(LAT[0] - 0.5, LAT[1] + 0.5, CELL)
+    u, v = slices(*np.meshgrid(lon, lat))
+    dims = ("time", "lat", "lon")
+    return save(xr.Dataset({"uo": (dims, u, EAST), "vo": (dims, v, NORTH)}, {"time": TIMES, "lat": lat, "lon": lon}), path)
+
+
+def east_of_zero(path: Path) -> Path:
+    """Longitudes 0..360 over Greenwich's far side are tested elsewhere; here descending latitudes, (lon, lat) order."""
+    lon, lat = np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL) + 360.0, np.arange(LAT[1] + 0.5, LAT[0] - 0.5, -CELL)
+    u, v = slices(*np.meshgrid(lon - 360.0, lat))
+    dims = ("time", "longitude", "latitude")
+    return save(
+        xr.Dataset(
+            {"uo": (dims, u.swapaxes(1, 2), EAST), "vo": (dims, v.swapaxes(1, 2), NORTH)},
+            {"time": TIMES, "latitude": lat, "longitude": lon},
+        ),
+        path,
+    )
+
+
+def packed(path: Path) -> Path:
+    """16-bit integers in cm/s with a scale, an offset and a fill value."""
+    lon, lat = np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL), np.arange(LAT[0] - 0.5, LAT[1] + 0.5, CELL)
+    u, v = slices(*np.meshgrid(lon, lat))
+    dims = ("time", "lat", "lon")
+    data = xr.Dataset(
+        {"u": (dims, 100 * u, EAST | {"units": "cm/s"}), "v": (dims, 100 * v, NORTH | {"units": "cm/s"})},
+        {"time": TIMES, "lat": lat, "lon": lon},
+    )
+    how = {"dtype": "int16", "scale_factor": 0.01, "add_offset": 12.5, "_FillValue": -32767}
+    return save(data, path, u=how, v=how)
+
+
+STEREO = "+proj=stere +lat_0=90 +lon_0=70 +lat_ts=60 +units=m +a=6.371e+06 +e=0 +no_defs"
+
+
+def projected(path: Path) -> Path:
+    """A polar stereographic plane without longitudes and latitudes, components along its axes, y descending."""
+    to = pyproj.Proj(STEREO)
+    x, y = (np.asarray(v) for v in to(*np.meshgrid(np.linspace(1, 7, 30), np.linspace(57.5, 60.5, 30))))
+    step = CELL * 111_195.0
+    px, py = np.arange(x.min(), x.max(), step), np.arange(y.max(), y.min(), -step)
+    lon, lat = to(*np.meshgrid(px, py), inverse=True)
+    u, v = slices(lon, lat)
+    a, b = in_plane(to, lon, lat, u, v)
+    mapping = {
+        "grid_mapping_name": "polar_stereographic", "straight_vertical_longitude_from_pole": 70.0,
+        "latitude_of_projection_origin": 90.0, "standard_parallel": 60.0, "earth_radius": 6.371e6, "proj4": STEREO,
+    }  # fmt: skip
+    dims, extra = ("time", "depth", "Y", "X"), {"grid_mapping": "crs"}
+    return save(
+        xr.Dataset(
+            {
+                "u": (dims, a[:, None], ALONG_X | extra),
+                "v": (dims, b[:, None], ALONG_Y | extra),
+                "crs": ((), 0, mapping),
+            },
+            {
+                "time": TIMES,
+                "depth": ("depth", [0.0], {"units": "m", "positive": "down"}),
+                "Y": ("Y", py, {"units": "m", "standard_name": "projection_y_coordinate"}),
+                "X": ("X", px, {"units": "m", "standard_name": "projection_x_coordinate"}),
+            },
+        ),
+        path,
+    )
+
+
+def oblique() -> tuple[pyproj.Proj, Array, Array, float]:
+    """A tangent plane about (4 E, 59 N) and a grid in it turned by 35 degrees: (projection, x', y', turn)."""
+    half, step = 260e3, CELL * 111_195.0
+    line = np.arange(-half, half, step)
+    x, y = np.meshgrid(line, line[: len(line) - 7] + 11e3)
+    return pyproj.Proj("+proj=stere +lat_0=59 +lon_0=4 +R=6371000"), x, y, np.radians(35.0)
+
+
+def turned(to: pyproj.Proj, x: Array, y: Array, angle: float) -> tuple[Array, Array]:
+    lon, lat = to(x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), inverse=True)
+    return np.asarray(lon), np.asarray(lat)
+
+
+def along(to: pyproj.Proj, lon: Array, lat: Array, angle: float) -> tuple[Array, Array]:
+    """The field along the turned grid's axes."""
+    u, v = in_plane(to, lon, lat, *slices(lon, lat))
+    return u * np.cos(angle) + v * np.sin(angle), -u * np.sin(angle) + v * np.cos(angle)
+
+
+def roms(path: Path, own_points: bool = False, angle: str = "rad") -> Path:
+    """A ROMS history file: u between rho points in xi, v in eta, sigma layers, an island, only lon_rho and angle."""
+    to, x, y, turn = oblique()
+    lon, lat = turned(to, x, y, turn)
+    xu, yu = (x[:, :-1] + x[:, 1:]) / 2, (y[:, :-1] + y[:, 1:]) / 2
+    xv, yv = (x[:-1] + x[1:]) / 2, (y[:-1] + y[1:]) / 2
+    at_u, at_v = turned(to, xu, yu, turn), turned(to, xv, yv, turn)
+    u, v = along(to, *at_u, turn)[0], along(to, *at_v, turn)[1]
+    layers = np.array([-0.95, -0.5, -0.02])
+    weight = np.array([0.1, 0.5, 1.0])[:, None, None]  # the surface is the last layer
+    east0, north0 = to(lon, lat)
+    east1, north1 = to(lon + 1e-5, lat)
+    direction = turn - np.arctan2(north1 - north0, east1 - east0)
+    data: dict[str, Any] = {
+        "u": (("ocean_time", "s_rho", "eta_u", "xi_u"), u[:, None] * weight, {"units": "meter second-1", "long_name": "u-momentum component"}),
+        "v": (("ocean_time", "s_rho", "eta_v", "xi_v"), v[:, None] * weight, {"units": "meter second-1", "long_name": "v-momentum component"}),
+        "lon_rho": (("eta_rho", "xi_rho"), lon, {"units": "degree_east"}),
+        "lat_rho": (("eta_rho", "xi_rho"), lat, {"units": "degree_north"}),
+    }  # fmt: skip
+    if angle:
+        stored = direction if angle == "rad" else np.degrees(direction)
+        data["angle"] = (("eta_rho", "xi_rho"), stored, {"units": "radians"} if angle == "rad" else {})
+    if own_points:
+        data |= {"lon_u": (("eta_u", "xi_u"), at_u[0]), "lat_u": (("eta_u", "xi_u"), at_u[1])}
+        data |= {"lon_v": (("eta_v", "xi_v"), at_v[0]), "lat_v": (("eta_v", "xi_v"), at_v[1])}
+    return save(
+        xr.Dataset(data, {"ocean_time": ("ocean_time", TIMES), "s_rho": ("s_rho", layers)}), path, u={"_FillValue": 1e37}
+    )
+
+
+def nemo(folder: Path) -> list[Path]:
+    """NEMO's grid_U and grid_V files, each with its own points under the same names; depths from the surface down."""
+    to, x, y, turn = oblique()
+    step = x[0, 1] - x[0, 0]
+    paths = []
+    for name, shift, k in (("vozocrtx", (step / 2, 0.0), 0), ("vomecrty", (0.0, step / 2), 1)):
+        lon, lat = turned(to, x + shift[0], y + shift[1], turn)
+        values = along(to, lon, lat, turn)[k]
+        depth = "depthu" if k == 0 else "depthv"
+        data = xr.Dataset(
+            {
+                name: (("time_counter", depth, "y", "x"), np.stack((values, 0.3 * values), 1), {"units": "m/s", "coordinates": "nav_lon nav_lat"}),
+                "nav_lon": (("y", "x"), lon),
+                "nav_lat": (("y", "x"), lat),
+            },
+            {"time_counter": TIMES, depth: (depth, [0.5, 20.0], {"units": "m"})},
+        )  # fmt: skip
+        paths.append(save(data, folder / f"grid_{'UV'[k]}.nc"))
+    return paths
+
+
+def mesh(cell: float = CELL) -> tuple[Array, Array, Array]:
+    """Triangles over the area: (lon, lat) of nodes and nodes of cells, from jittered points."""
+    rng = np.random.default_rng(7)
+    lon, lat = np.meshgrid(np.arange(1.4, 6.6, 2 * cell), np.arange(57.6, 60.4, cell))
+    jitter = rng.uniform(-0.2, 0.2, (2, lon.size))
+    x, y = lon.ravel() + 2 * cell * jitter[0], lat.ravel() + cell * jitter[1]
+    return x, y, Delaunay(np.stack((x / 2, y), 1)).simplices
+
+
+def fvcom(path: Path) -> Path:
+    """FVCOM: velocities at centres of elements, connectivity (3, nele) from 1, layers downwards, MJD in float32."""
+    lon, lat, cells = mesh()
+    lonc, latc = lon[cells].mean(1), lat[cells].mean(1)
+    u, v = slices(lonc, latc)
+    days = (TIMES - np.datetime64("1858-11-17")) / np.timedelta64(1, "D")
+    weight = np.array([1.0, 0.4])[:, None]
+    siglay = np.repeat(np.array([[-0.1], [-0.9]]), len(lon), 1)
+    data = xr.Dataset(
+        {
+            "u": (("time", "siglay", "nele"), u[:, None] * weight, {"units": "meters s-1", "standard_name": "eastward_sea_water_velocity"}),
+            "v": (("time", "siglay", "nele"), v[:, None] * weight, {"units": "meters s-1", "standard_name": "Northward_sea_water_velocity"}),
+            "lon": ("node", lon, {"standard_name": "longitude", "units": "degrees_east"}),
+            "lat": ("node", lat, {"standard_name": "latitude", "units": "degrees_north"}),
+            "lonc": ("nele", lonc, {"standard_name": "longitude", "units": "degrees_east"}),
+            "latc": ("nele", latc, {"standard_name": "latitude", "units": "degrees_north"}),
+            "nv": (("three", "nele"), cells.T + 1, {"long_name": "nodes surrounding element"}),
+            "siglev_like": (("siglay", "node"), siglay),
+            "time": ("time", days.astype(np.float32), {"units": "days since 1858-11-17 00:00:00", "format": "modified julian day (MJD)"}),
+        }
+    )  # fmt: skip
+    return save(data, path)
+
+
+def schism(path: Path) -> Path:
+    """SCHISM: hvel(time, node, layer, two) at nodes, faces from 1 with a fill value, the last layer at the surface."""
+    lon, lat, cells = mesh()
+    u, v = slices(lon, lat)
+    both = np.stack((u, v), -1)[:, :, None, :] * np.array([0.2, 1.0])[:, None]
+    faces = np.concatenate((cells + 1, np.full((len(cells), 1), -1)), 1)
+    data = xr.Dataset(
+        {
+            "hvel": (("time", "nSCHISM_hgrid_node", "nSCHISM_vgrid_layers", "two"), both, {"units": "m/s"}),
+            "SCHISM_hgrid_node_x": ("nSCHISM_hgrid_node", lon, {"units": "degrees_east"}),
+            "SCHISM_hgrid_node_y": ("nSCHISM_hgrid_node", lat, {"units": "degrees_north"}),
+            "SCHISM_hgrid_face_nodes": (
+                ("nSCHISM_hgrid_face", "nMaxSCHISM_hgrid_face_nodes"), faces, {"cf_role": "face_node_connectivity", "start_index": 1}
+            ),
+        },
+        {"time": TIMES},
+    )  # fmt: skip
+    return save(data, path)
+
+
+def curved_true(path: Path) -> Path:
+    """Two-dimensional longitudes and latitudes, but components that are true east and north."""
+    to, x, y, turn = oblique()
+    lon, lat = turned(to, x, y, turn)
+    u, v = slices(lon, lat)
+    extra = {"coordinates": "lat lon"}
+    return save(
+        xr.Dataset(
+            {"a": (("time", "j", "i"), u, EAST | extra), "b": (("time", "j", "i"), v, NORTH | extra)},
+            {"time": TIMES, "lon": (("j", "i"), lon), "lat": (("j", "i"), lat)},
+        ),
+        path,
+    )
