@@ -1,1 +1,27 @@
-"""drift: forecasts and search plans for things adrift at sea."""
+"""drift: forecasts and search plans for things adrift at sea.
+
+import drift
+case = drift.load("case.toml")      # or the name of a shipped case
+result = drift.run(case)            # or drift.run(case, out=Path("results"))
+result.probability                  # xarray.DataArray (time, lat, lon)
+"""
+
+from importlib import import_module
+from typing import Any
+
+# Public names and where they live; found on first use, so that `drift --help` does not wait for Taichi.
+_HOMES = {
+    "Case": "drift.case",
+    "Result": "drift.flow",
+    "UserError": "geo.errors",
+    "load": "drift.case",
+    "run": "drift.flow",
+}
+__all__ = ["Case", "Result", "UserError", "load", "run"]  # noqa: F822 - see __getattr__
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'drift' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)

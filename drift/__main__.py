@@ -5,16 +5,20 @@ the command that needs it, so that help and lists come at once.
 """
 
 import argparse
+import contextlib
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from geo.errors import UserError
 
 BACKENDS = ("cpu", "cuda", "vulkan", "metal")
+INTERRUPTED = "drift: interrupted; no half file is left"
 EXAMPLES = """examples:
   drift run overdue_boat
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
@@ -85,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"drift: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("drift: interrupted; no half file is left", file=sys.stderr)
+        print(INTERRUPTED, file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader left, as in `drift objects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -129,14 +133,15 @@ def _load(given: argparse.Namespace) -> Any:
 
 
 def _run(given: argparse.Namespace) -> None:
-    case = _load(given)
-    out = given.out or Path(f"{case.path.stem}-forecast")
-    if given.threads is not None and given.threads < 1:
-        raise UserError(f"--threads {given.threads} must be at least 1")
-    from drift import progress, run, tables
+    with _leaving_at_once():
+        case = _load(given)
+        out = given.out or Path(f"{case.path.stem}-forecast")
+        if given.threads is not None and given.threads < 1:
+            raise UserError(f"--threads {given.threads} must be at least 1")
+        from drift import flow, progress, tables
 
     with progress.shown(case) as report:
-        result = run.run(
+        result = flow.run(
             case, out, threads=given.threads, backend=given.backend, overwrite=given.overwrite, report=report
         )
     facts = result.summary["run"]
@@ -144,6 +149,24 @@ def _run(given: argparse.Namespace) -> None:
     _print_facts(case.title, _outcome(last))
     basis = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
     print(f"{basis}\nResults in {out}")
+
+
+@contextlib.contextmanager
+def _leaving_at_once() -> Iterator[None]:
+    """Leave at the first Ctrl-C: libraries swallow KeyboardInterrupt while they are imported. Nothing is open yet."""
+
+    def leave(number: int, frame: object) -> None:
+        os.write(2, f"{INTERRUPTED}\n".encode())
+        os._exit(130)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _outcome(numbers: dict[str, Any]) -> dict[str, str]:
@@ -165,9 +188,9 @@ def _outcome(numbers: dict[str, Any]) -> dict[str, str]:
 
 def _check(given: argparse.Namespace) -> None:
     case = _load(given)
-    from drift import run
+    from drift import flow
 
-    _print_facts(f"{case.title}: ready to run", run.check(case))
+    _print_facts(f"{case.title}: ready to run", flow.check(case))
 
 
 def _cases(given: argparse.Namespace) -> None:

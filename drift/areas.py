@@ -13,6 +13,7 @@ from drift.cells import Array, Cells
 from geo import sphere
 
 SHARES = (0.5, 0.75, 0.95)  # the containment areas that are reported
+MANY = 20_000  # effective particles from which one half alone tells which bandwidth is best
 
 
 @dataclass(frozen=True)
@@ -64,23 +65,25 @@ def _choose(halves: list[tuple[Array, Array]], media: Sequence[density.Medium], 
     Climbs a ladder of factors 2 from `start`. A rung finer than that must beat the coarser one by two standard errors of the
     paired difference: sharp edges alone are no reason to speckle all the rest.
     """
+    effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
+    pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
     guides = [
         [density.histogram(mass[i], squares[i], media[i]) if mass[i].any() else None for i in range(len(media))]
         for mass, squares in halves
     ]
     weights, where = [], []
-    for mass, _ in halves[::-1]:
-        seen = mass.sum(axis=0).ravel()
+    for _, other in pairs:
+        seen = halves[other][0].sum(axis=0).ravel()
         where.append(np.flatnonzero(seen))
         weights.append(seen[where[-1]])
     weight = np.concatenate(weights)
-    effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
 
     def score(step: int) -> Array:
         logs = []
-        for (mass, _), guide, there in zip(halves, guides, where, strict=True):
+        for (half, _), there in zip(pairs, where, strict=True):
+            mass = halves[half][0]
             smooth = np.zeros(mass.shape[1:])
-            for i, one in enumerate(guide):
+            for i, one in enumerate(guides[half]):
                 if one is not None:
                     smooth += density.spread(mass[i], one, start * 2.0**step, media[i])
             floor = 1e-6 * smooth.sum() / smooth.size  # a particle off the map costs much, but not everything
@@ -102,31 +105,44 @@ def _choose(halves: list[tuple[Array, Array]], media: Sequence[density.Medium], 
     return start * 2.0**best
 
 
+def _calibrated(
+    mass: Array, squares: Array, unseen: Array, area: Array, m: float, media: Sequence[density.Medium]
+) -> Array:
+    """Return the calibration at density.KNOTS of a map by deposits (media, nlat, nlon) that it has not seen."""
+    return density.calibrate(_map(mass, squares, m, media), area, unseen.sum(axis=0)).share
+
+
 def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> Area:
     """Return the map of one snapshot.
 
-    The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3) and each half's map is calibrated by the other;
-    `held_out` uses a quarter to calibrate and another quarter, seen by neither map nor calibration, to check.
+    The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3). Then each group in turn calibrates a map of
+    the other three, smoothed by the same bandwidth; `held_out` checks each group with the calibration of the others.
     """
     area = cells.area()
     groups = deposits.mass.sum(axis=(1, 2, 3))
     mass, squares = deposits.mass.sum(axis=0), deposits.squares.sum(axis=0)
     effective = groups.sum() ** 2 / squares.sum()
     m = density.PER_KERNEL * effective ** (2 / 3)
-    identity = density.Calibration(density.KNOTS)
-    calibration, held = identity, np.full(len(SHARES), np.nan)
+    calibration, held = density.Calibration(density.KNOTS), np.full(len(SHARES), np.nan)
     if groups.min() > 0:
         halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
-        half = _choose(halves, media, max(m / 2, 2.0))
-        m = 2 * half  # the same bandwidth as the halves had: so the calibration, which undoes its bias, is right
-        both, checks = [], []
-        for fold, others in ((0, (2, 3)), (1, (0, 1))):
-            smooth = _map(*halves[fold], half, media)
-            quarters = density.calibrations(smooth, area, [deposits.mass[i].sum(axis=0) for i in others])
-            weight = groups[list(others)] / groups[list(others)].sum()
-            both.append(weight[0] * quarters[0].share + weight[1] * quarters[1].share)
-            checks += [b.held(a.level(np.array(SHARES))) for a, b in (quarters, quarters[::-1])]
-        calibration, held = density.Calibration(np.mean(both, axis=0)), np.mean(checks, axis=0)
+        m = 2 * _choose(halves, media, max(m / 2, 2.0))  # the same bandwidth: particles per kernel go with their number
+        folds = np.stack(
+            [
+                _calibrated(
+                    mass - deposits.mass[i], squares - deposits.squares[i], deposits.mass[i], area, 0.75 * m, media
+                )
+                for i in range(4)
+            ]
+        )
+        calibration = density.Calibration(np.average(folds, axis=0, weights=groups))
+        weights = groups * (1 - np.eye(4))
+        others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
+        checks = [
+            density.Calibration(fold).held(other.level(np.array(SHARES)))
+            for fold, other in zip(folds, others, strict=True)
+        ]
+        held = np.average(checks, axis=0, weights=groups)
     guides = [density.histogram(mass[i], squares[i], media[i]) for i in range(len(media))]
     probability = np.stack(
         [
@@ -149,36 +165,61 @@ def containment(mass: Array, area: Array, calibration: density.Calibration) -> t
     contained = np.ones(mass.size)
     contained[order] = level
     size = np.cumsum(area[order // mass.shape[1]])
-    contained = contained.reshape(mass.shape)
-    return contained, np.concatenate([[0.0], level]), np.concatenate([[0.0], size]), height.ravel()[order]
+    return (
+        contained.reshape(mass.shape),
+        np.concatenate([[0.0], level]),
+        np.concatenate([[0.0], size]),
+        height.ravel()[order],
+    )
 
 
 def contour(one: Area, share: float) -> shapely.MultiPolygon:
     """Return the outline [deg, unwrapped] of the area that holds `share`, with its holes.
 
-    The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells. A pad
-    of empty cells closes it at the edge.
+    The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
+    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge.
     """
+    which = SHARES.index(share)
+    threshold, wanted = float(one.thresholds[which]), float(one.areas[which])
     height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
-    threshold = float(one.thresholds[SHARES.index(share)])
     # what lies far below the threshold, and empty cells, count as e^-4 of it: the line stays near the cells that matter
-    field = np.log(np.maximum(height, np.exp(threshold - 4)))
+    field = np.pad(np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4)
     lon, lat = one.cells.lon(), one.cells.lat()
     dlon, dlat = (one.cells.width, one.cells.height) * np.array(360.0 / sphere.TURN)
     lon = np.concatenate([[lon[0] - dlon], lon, [lon[-1] + dlon]])
     lat = np.concatenate([[lat[0] - dlat], lat, [lat[-1] + dlat]])
-    return outline(lon, lat, np.pad(field, 1, constant_values=threshold - 4), threshold)
-
-
-def outline(lon: Array, lat: Array, field: Array, threshold: float) -> shapely.MultiPolygon:
-    """Return the valid polygons where a field (nlat, nlon) exceeds a threshold."""
     generator: Callable[..., contourpy.ContourGenerator] = contourpy.contour_generator
     lines = generator(lon, lat, field, fill_type=contourpy.FillType.OuterOffset)
-    polygons = []
-    for points, offsets in zip(*lines.filled(threshold, np.inf), strict=True):
-        rings = [points[a:b] for a, b in itertools.pairwise(offsets)]
-        polygons.append(shapely.Polygon(rings[0], rings[1:]))
-    whole = shapely.make_valid(shapely.MultiPolygon(polygons))
+    low, high = threshold - 3.0, threshold + 3.0
+    rings: list[list[Array]] = []
+    for step in range(12):
+        rings = _rings(lines, threshold)
+        ratio = sum(map(_area, itertools.chain.from_iterable(rings))) / wanted
+        if abs(ratio - 1) < 0.005:
+            break
+        low, high = (threshold, high) if ratio > 1 else (low, threshold)
+        threshold = (low + high) / 2 if step else float(np.clip(threshold + np.log(max(ratio, 0.1)), low, high))
+    return _polygons(rings)
+
+
+def _rings(lines: contourpy.ContourGenerator, threshold: float) -> list[list[Array]]:
+    """Return, by polygon, the outer ring (anticlockwise) and the holes (clockwise) where the field exceeds a threshold."""
+    return [
+        [points[a:b] for a, b in itertools.pairwise(offsets)]
+        for points, offsets in zip(*lines.filled(threshold, np.inf), strict=True)
+    ]
+
+
+def _area(ring: Array) -> float:
+    """Return the signed area [m2] within a ring [deg]: by Lambert's cylindrical projection, which keeps areas."""
+    x, y = np.radians(ring[:, 0] - ring[0, 0]), np.sin(np.radians(ring[:, 1]))
+    y = y - y[0]
+    return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) / 2 * sphere.RADIUS**2
+
+
+def _polygons(rings: list[list[Array]]) -> shapely.MultiPolygon:
+    """Return valid polygons of rings."""
+    whole = shapely.make_valid(shapely.MultiPolygon([shapely.Polygon(one[0], one[1:]) for one in rings]))
     parts = [p for p in shapely.get_parts(whole) if p.geom_type in ("Polygon", "MultiPolygon") and p.area > 0]
     union = shapely.union_all(parts) if parts else shapely.MultiPolygon()
     return union if isinstance(union, shapely.MultiPolygon) else shapely.MultiPolygon([union])

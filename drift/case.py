@@ -11,15 +11,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
+from pydantic import ValidationError
 
-from drift import fields, messages, sources, units
+from drift import messages, sources, units
 from drift.expect import Expect
 from drift.scenario import Scenario, ScenarioTable
+from drift.schema import CaseTable, OutputTable
 from drift.sources import ForcingSpec, Quantity, SourceTable
 from geo.box import Box
 from geo.errors import UserError
@@ -29,7 +30,6 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-BYTES_PER_PARTICLE = 100
 MOST_OUTPUTS = 1000
 
 
@@ -77,163 +77,6 @@ class Case:
     diffusivity: float  # [m2/s]
     scenarios: tuple[Scenario, ...]
     expect: Expect
-
-
-class OutputTable(fields.Table):
-    """The [output] table as written."""
-
-    every: fields.Duration | None = None
-    times: list[fields.Time] | None = None
-    trajectories: fields.Count = 200
-
-    @model_validator(mode="after")
-    def one_way(self) -> "OutputTable":
-        """Refuse two ways of giving the times."""
-        if self.every is not None and self.times is not None:
-            raise ValueError("give every or times, not both")
-        if self.trajectories < 0:
-            raise ValueError(f"trajectories {self.trajectories} must be at least 0")
-        return self
-
-
-def _step(value: object) -> int | None:
-    if value == "auto":
-        return None
-    seconds = units.quantity(value, "s", "step", "10 min")
-    if seconds < 1 or seconds != round(seconds) or seconds > 86_400:
-        raise ValueError(f'{value!r} must be "auto" or a whole number of seconds, 1 s to 24 h')
-    return int(seconds)
-
-
-class ClockTable(fields.Table):
-    """The [clock] table as written."""
-
-    step: Annotated[int | None, BeforeValidator(_step)] = None
-    scheme: Literal["rk2", "rk4"] = "rk4"
-    tolerance: Annotated[fields.Length, Field(gt=0)] = 20.0
-
-
-class DomainTable(fields.Table):
-    """The [domain] table as written."""
-
-    west: fields.Longitude
-    south: fields.Latitude
-    east: fields.Longitude
-    north: fields.Latitude
-
-    @model_validator(mode="after")
-    def proper(self) -> "DomainTable":
-        """Refuse an empty box."""
-        if self.south >= self.north:
-            raise ValueError(f"south {self.south:g} is not below north {self.north:g}")
-        return self
-
-    def box(self) -> Box:
-        """Return the box; one whose east is not east of its west lies across the antimeridian or goes round."""
-        west = (self.west + 180) % 360 - 180
-        return Box(west, self.south, west + ((self.east - west) % 360 or 360.0), self.north)
-
-
-class CoastTable(fields.Table):
-    """The [coast] table as written."""
-
-    source: str = "gshhg"
-    behaviour: Literal["strand"] = "strand"
-
-
-class ErrorTable(fields.Table):
-    """Standard deviation and decorrelation time of a forcing's error."""
-
-    std: fields.Speed
-    time: fields.Duration
-
-
-class UncertaintyTable(fields.Table):
-    """The [uncertainty] table as written."""
-
-    current: ErrorTable | None = None
-    wind: ErrorTable | None = None
-    diffusivity: fields.Diffusivity = 0.0
-
-
-def _particles(value: object) -> int:
-    number = fields.count(value)
-    if number < 1:
-        raise ValueError(f"{number} particles; at least 1")
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**34
-    if number > min(memory // BYTES_PER_PARTICLE, 2**31 - 1):
-        most = min(memory // BYTES_PER_PARTICLE, 2**31 - 1)
-        raise ValueError(
-            f"{number:,} particles need {number * BYTES_PER_PARTICLE / 2**30:,.0f} GiB of memory; this machine has "
-            f"{memory / 2**30:.1f} GiB, enough for at most {most:,}"
-        )
-    return number
-
-
-class CaseTable(fields.Table):
-    """The case file as written."""
-
-    title: str | None = None
-    start: fields.Time
-    duration: fields.Duration | None = None
-    end: fields.Time | None = None
-    direction: Literal["forward", "backward"] = "forward"
-    particles: Annotated[int, BeforeValidator(_particles)] = 100_000
-    seed: fields.Count = 1
-    max_lost: fields.Share = 0.2
-    output: OutputTable = OutputTable()
-    clock: ClockTable = ClockTable()
-    domain: DomainTable | None = None
-    coast: CoastTable = CoastTable()
-    current: list[SourceTable] = Field(default_factory=list)
-    wind: list[SourceTable] = Field(default_factory=list)
-    stokes: list[SourceTable] = Field(default_factory=list)
-    uncertainty: UncertaintyTable = UncertaintyTable()
-    scenario: Annotated[list[ScenarioTable], Field(min_length=1)]
-    expect: Expect = Expect()
-
-    @field_validator("seed")
-    @classmethod
-    def fits(cls, value: int) -> int:
-        """Refuse a seed that the generator's 64-bit key does not hold."""
-        if not 0 <= value < 2**63:
-            raise ValueError(f"{value} must be 0 to 2^63 - 1")
-        return value
-
-    @field_validator("start")
-    @classmethod
-    def absolute(cls, value: units.Instant) -> units.Instant:
-        """Refuse a start that is relative to itself."""
-        if not isinstance(value, np.datetime64):
-            raise ValueError('cannot be relative; write it like "211830ZNOV26"')
-        return value
-
-    @model_validator(mode="after")
-    def span(self) -> "CaseTable":
-        """Refuse an end before the start, unless the run is backward."""
-        fields.one_of(self, ("duration", "end"))
-        start, end = self.begin(), self.finish()
-        if end == start:
-            raise ValueError(f"end {units.group(end)} is the start: nothing to forecast")
-        if (end < start) != (self.direction == "backward"):
-            fault = "before" if end < start else "after"
-            cure = 'an end after the start, or direction = "backward"' if end < start else "an end before the start"
-            raise ValueError(
-                f"end {units.group(end)} is {fault} start {units.group(start)} in a {self.direction} run; give {cure}"
-            )
-        return self
-
-    def begin(self) -> np.datetime64:
-        """Return the start."""
-        assert isinstance(self.start, np.datetime64)  # absolute
-        return self.start
-
-    def finish(self) -> np.datetime64:
-        """Return the end."""
-        if self.end is not None:
-            return units.resolve(self.end, self.begin())
-        span = np.timedelta64(round(self.duration or 0.0), "s")
-        return self.begin() - span if self.direction == "backward" else self.begin() + span
 
 
 def shipped() -> list[tuple[str, str]]:

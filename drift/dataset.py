@@ -88,7 +88,10 @@ def build(
         "held_out": (
             ("time", "share"),
             held,
-            {"long_name": "share of particles unseen by map and calibration inside that region", "units": "1"},
+            {
+                "long_name": "share of the particles unseen by a map inside its region, calibrated on others",
+                "units": "1",
+            },
         ),
         "status_probability": (
             ("time", "status"),

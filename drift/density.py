@@ -15,7 +15,6 @@ Sums are over fixed-point deposits or in one fixed order in float64: a map does 
 may reach across a spit narrower than itself: it knows water from land, not a way round.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -165,15 +164,10 @@ def ranked(density: Array) -> Array:
     return np.asarray(occupied[np.argsort(-density.ravel()[occupied], kind="stable")])
 
 
-def calibrations(mass: Array, area: Array, held_out: Sequence[Array]) -> list[Calibration]:
-    """Return the calibrations of a map (nlat, nlon) by deposits of particles that it has not seen."""
+def calibrate(mass: Array, area: Array, unseen: Array) -> Calibration:
+    """Return the calibration of a map (nlat, nlon) by the deposit of particles that it has not seen."""
     order = ranked(mass / area[:, None])
-    inside = np.cumsum(mass.ravel()[order])
-    level = np.concatenate([[0.0], inside / inside[-1]])
-    made = []
-    for unseen in held_out:
-        seen = np.cumsum(unseen.ravel()[order]) / unseen.sum()
-        share = np.interp(KNOTS, level, np.concatenate([[0.0], seen]))
-        share[-1] = 1.0
-        made.append(Calibration(share))
-    return made
+    inside, seen = np.cumsum(mass.ravel()[order]), np.cumsum(unseen.ravel()[order]) / unseen.sum()
+    share = np.interp(KNOTS, np.concatenate([[0.0], inside / inside[-1]]), np.concatenate([[0.0], seen]))
+    share[-1] = 1.0
+    return Calibration(share)

@@ -17,6 +17,7 @@ from geo.forcing import Source
 
 FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
 STRONGEST_WIND = 25.0  # [m/s]
+COAST_MARGIN = 0.25  # [deg] more than a step
 SPREADS = 5.0  # standard deviations of a prior that lie in its box
 
 
@@ -52,8 +53,10 @@ def open_for(case: Case) -> Environment:
             if sources.of(quantity):
                 _check_times(case, scenario, quantity, sources.of(quantity))
     shown = tuple(opened.values())
-    land = shore.land(case.coast.source, _shrunk(box, shown))
-    coast = shoreline.build(land, _shrunk(box, shown)) if land.polygons.size else None
+    # A last step may lead out of the box: the coast reaches a little further.
+    coastal = _shrunk(box, shown).grown(COAST_MARGIN / np.cos(np.radians(min(abs(box.north), 80))), COAST_MARGIN)
+    land = shore.land(case.coast.source, coastal)
+    coast = shoreline.build(land, coastal) if land.polygons.size else None
     if coast is not None:
         for scenario in case.scenarios:
             _check_water(scenario, coast)

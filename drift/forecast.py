@@ -23,6 +23,7 @@ Array = npt.NDArray[Any]
 Progress = Callable[[float], None]
 
 LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
+RUNGS = 5  # of the ladder that are tried together
 TRIAL_SIZE = 2000  # particles whose error decides on the step
 TRIAL_SPAN = 86_400  # [s] over which it is measured
 DAY = 86_400
@@ -144,40 +145,53 @@ def choose_step(
     """Return the largest step of the ladder whose error stays under a tolerance [m a day].
 
     The ladder's steps divide `divisor` [s], the forcing's interval, and are at most `longest` [s]; lattices pass through
-    `origin` [s since 1970], one of its times. The error of a step is
-    the distance between tracks of a sample with that step and with half of it, noise and coast off, over at most a day:
-    its 95th percentile among those adrift to the end with both (step halving; Hairer, Norsett and Wanner 1993, II.4).
+    `origin` [s since 1970], one of its times. The error of a step is the distance between tracks of a sample with that
+    step and with half of it, noise and coast off, over at most a day: its 95th percentile among those adrift to the end
+    with both (step halving; Hairer, Norsett and Wanner 1993, II.4).
     """
-    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [int(np.gcd(divisor, 60)) or 1]
+    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [int(np.gcd(divisor, 60))]
     chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))
-    quiet = world.without_noise()
     release = ensemble.release.to_numpy()[chosen]
     span = min(clock.duration, TRIAL_SPAN + int(release.max()))
-    ends: dict[int, tuple[Array, Array, Array]] = {}
-
-    def end_of(step: int) -> tuple[Array, Array, Array]:
-        if step not in ends:
-            trial = record.sample(ensemble, chosen)
-            trial_clock = Clock(clock.start, span, clock.direction, step, origin % step)
-            (moment,) = run(trial, quiet, trial_clock, np.array([span]))
-            ends[step] = moment.lon, moment.lat, moment.status
-        return ends[step]
-
     errors: dict[int, float] = {}
-    for step in ladder:
-        coarse, fine = end_of(step), end_of(_half(step))
-        adrift = (coarse[2] == Status.ADRIFT) & (fine[2] == Status.ADRIFT)
-        if not adrift.any():
-            errors[step] = 0.0
-            return Trial(step, errors)
-        apart = sphere.distance(*(np.asarray(x[adrift] * sphere.UNIT) for x in (*coarse[:2], *fine[:2])))
-        days = np.maximum(span - np.maximum(release[adrift], 0), 1) / DAY
-        errors[step] = float(np.percentile(apart / np.maximum(days, 1 / 24), 95))
-        if errors[step] <= tolerance:
-            return Trial(step, errors)
+    for rungs in (ladder[:RUNGS], ladder[RUNGS : 2 * RUNGS], ladder[2 * RUNGS :]):
+        steps = sorted({*rungs, *(_half(s) for s in rungs)})
+        ends, elapsed = _march(
+            ensemble, world.without_noise(), chosen, steps, Clock(clock.start, span, clock.direction, 1, origin)
+        )
+        days = np.maximum(elapsed - np.maximum(release, 0), 3600) / DAY
+        for step in rungs:
+            coarse, fine = ends[step], ends[_half(step)]
+            adrift = (coarse[2] == Status.ADRIFT) & (fine[2] == Status.ADRIFT)
+            apart = sphere.distance(*(x[adrift] * sphere.UNIT for x in (*coarse[:2], *fine[:2])))
+            errors[step] = float(np.percentile(apart / days[adrift], 95)) if adrift.any() else 0.0
+            if errors[step] <= tolerance:
+                return Trial(step, errors)
     return Trial(ladder[-1], errors)
 
 
+def _march(
+    ensemble: Ensemble, world: World, chosen: Array, steps: list[int], clock: Clock
+) -> tuple[dict[int, tuple[Array, Array, Array]], int]:
+    """Return where a sample ends (lon, lat, status) with each step, and after how long [s].
+
+    All go through the forcing side by side, in stretches that every step divides, so that it is read once.
+    """
+    if not steps:
+        return {}, 0
+    stretch = int(np.lcm.reduce(steps))
+    trials = {step: record.sample(ensemble, chosen) for step in steps}
+    elapsed = 0
+    for low, high, whole in Clock(clock.start, clock.duration, clock.direction, stretch, clock.phase % stretch).steps():
+        for step, trial in trials.items():
+            for k in range(stretch // step):
+                begin = low + k * step if clock.direction > 0 else high - (k + 1) * step
+                part = kernel.Step(0, whole.elapsed + k * step, step, clock.direction)
+                world.advance(trial, begin, begin + step, part)
+        elapsed = whole.elapsed + stretch
+    return {s: (t.lon.to_numpy(), t.lat.to_numpy(), t.status.to_numpy()) for s, t in trials.items()}, elapsed
+
+
 def _half(step: int) -> int:
-    """Return half a step, or the nearest whole number of seconds below it that divides it."""
+    """Return half a step, or the largest other share of it in whole seconds."""
     return step // 2 if step % 2 == 0 else step // 3 if step % 3 == 0 else 1

@@ -157,8 +157,8 @@ def draw_field(
     chart.prepare(ax, here)
     jump = max(1, max(len(lon), len(lat)) // 800)
     speed = np.hypot(east, north)[::jump, ::jump]
-    known = speed[np.isfinite(speed)]
-    top = float(np.quantile(known, 0.995)) if len(known) else 1.0
+    speeds = speed[np.isfinite(speed)]
+    top = float(np.quantile(speeds, 0.995)) if len(speeds) else 1.0
     mesh = ax.pcolormesh(
         *here.project(*np.meshgrid(layers.edges(lon[::jump]), layers.edges(lat[::jump]))),
         np.ma.masked_invalid(speed),
@@ -172,31 +172,27 @@ def draw_field(
     chart.graticule(ax, here)
     every = (max(1, len(lat) // 22), max(1, len(lon) // 28))
     some = np.s_[every[0] // 2 :: every[0], every[1] // 2 :: every[1]]
-    x, y = here.project(*np.meshgrid(lon, lat))
-    u, v = _turned(here, lon, lat, east, north, some)
-    ok = np.isfinite(u) & np.isfinite(v)
-    ax.quiver(
-        x[some][ok], y[some][ok], u[ok], v[ok], color=INK, scale=22 * max(top, 1e-9), width=0.002, zorder=7, pivot="mid"
-    )
+    known = np.isfinite(np.hypot(east, north)[some])
+    px, py = (v[some][known] for v in np.meshgrid(lon, lat))
+    u, v = turned(here, px, py, east[some][known], north[some][known])
+    ax.quiver(*here.project(px, py), u, v, color=INK, scale=22 * max(top, 1e-9), width=0.002, zorder=7, pivot="mid")
     bar = figure.add_axes((0.87, 0.15, 0.02, 0.6))
     figure.colorbar(mesh, cax=bar, extend="max", label="speed [m/s]")
     figure.text(0.08, 0.945, _fit(title, 80), fontsize=12, weight="bold", color=INK)
     _save(canvas, path, title, dpi=110)
 
 
-def _turned(here: Frame, lon: Array, lat: Array, east: Array, north: Array, some: Any) -> tuple[Array, Array]:
-    """Return a sample of vectors in the directions of the projection's axes."""
-    points = np.meshgrid(lon, lat)
-    px, py = points[0][some], points[1][some]
-    u, v = here.crs.transform_vectors(
-        chart.PLATE,
-        (px + 180) % 360 - 180,
-        py,
-        np.where(np.isfinite(east[some]), east[some], 0.0),
-        np.where(np.isfinite(north[some]), north[some], 0.0),
-    )
-    missing = ~(np.isfinite(east[some]) & np.isfinite(north[some]))
-    return np.where(missing, np.nan, u), np.where(missing, np.nan, v)
+def turned(here: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
+    """Return vectors [m/s] at positions [deg] in the directions of the projection's axes, of the same length; all (n,)."""
+    step = 1e-4  # [deg]
+    x, y = here.project(lon, lat)
+    along_x, along_y = here.project(lon + step / np.cos(np.radians(lat)), lat)
+    up_x, up_y = here.project(lon, lat - step)
+    u = east * (along_x - x) - north * (up_x - x)
+    v = east * (along_y - y) - north * (up_y - y)
+    length = np.hypot(u, v)
+    scale = np.divide(np.hypot(east, north), length, out=np.zeros_like(length), where=length > 0)
+    return u * scale, v * scale
 
 
 def _warning(figure: Figure, x: float, y: float, side: str, size: float) -> None:

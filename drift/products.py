@@ -23,7 +23,7 @@ from geo import sphere
 __all__ = ["Contour", "Forecast", "Snapshot", "build"]
 
 ACROSS = 360  # cells across the forecast's grid at most
-ACROSS_ONE = 800  # and across the finer one of a single snapshot
+ACROSS_ONE = 840  # and across the finer one of a single snapshot
 METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridian
 
 
@@ -144,7 +144,7 @@ def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells |
         y0, y1 = span(cloud.south, cloud.north, height, 15 * fine)
         y0, y1 = max(y0, -(2**30) // height), min(y1, 2**30 // height)
         k = 0
-        while height / 2**k > fine and k < halvings and max(x1 - x0, y1 - y0) * 2 ** (k + 1) <= ACROSS_ONE:
+        while height / 2**k > 1.4 * fine and k < halvings and max(x1 - x0, y1 - y0) * 2 ** (k + 1) <= ACROSS_ONE:
             k += 1
         boxes.append((x0, x1, y0, y1, k))
     known = [box for box in boxes if box is not None]
@@ -255,13 +255,12 @@ def _media(mass: Array, land: Array | None) -> list[density.Medium]:
     """Return where the object can be adrift and ashore: in water joined to a particle's, and along its shoreline."""
     if land is None:
         return [density.medium(np.ones(mass.shape[1:], bool))] * len(mass)
-    here = mass.sum(axis=0) > 0
-    basins, count = ndimage.label(~land | here)  # a kernel reaches across a spit, but not into a bay that holds nobody
+    basins, count = ndimage.label(~land)  # a kernel reaches across a spit, but not into a bay that holds nobody
     holds = np.zeros(count + 1, bool)
-    holds[np.unique(basins[here])] = True
+    holds[np.unique(basins[mass.sum(axis=0) > 0])] = True
     holds[0] = False
     water = holds[basins]
-    adrift = density.medium(water & ~land | (mass[0] > 0))
+    adrift = density.medium(water | (mass[0] > 0))
     if len(mass) == 1:
         return [adrift]
     square = np.ones((3, 3), bool)

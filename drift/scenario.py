@@ -11,10 +11,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from drift import fields, leeway, units
-from drift.leeway import Drifter, Line
+from drift import fields, units
+from drift.leeway import Drifter
+from drift.objects import ObjectTable
 from geo import sphere
-from geo.errors import UserError
 
 JIBE_RATE = 0.04 / 3600  # [1/s] 4 % an hour (Allen 2005, CG-D-05-05; Breivik and Allen 2008, section 2.3)
 
@@ -83,60 +83,6 @@ class Scenario:
     currents: tuple[str, ...]
     winds: tuple[str, ...]
     stokes: tuple[str, ...]
-
-
-class LineTable(fields.Table):
-    """A leeway line as written."""
-
-    slope: fields.Slope
-    offset: fields.SignedSpeed = 0.0
-    std: fields.Speed = 0.0
-
-    def line(self) -> Line:
-        """Return the line."""
-        return Line(self.slope, self.offset, self.std)
-
-
-class ObjectTable(fields.Table):
-    """An object: a class by name, own leeway lines, or plain windage."""
-
-    name: str | None = None
-    downwind: LineTable | None = None
-    right: LineTable | None = None
-    left: LineTable | None = None
-    windage: fields.Windage | None = None
-    spread: fields.Windage = 0.0
-
-    @model_validator(mode="after")
-    def one_kind(self) -> "ObjectTable":
-        """Refuse half a description, and two at once."""
-        if self.downwind is None and self.windage is None:
-            if self.right or self.left or self.spread or self.name is None:
-                raise ValueError('give a class ("PIW-1"), { downwind, right, left }, { windage, spread } or "water"')
-            try:
-                leeway.find(self.name)
-            except UserError as error:
-                raise ValueError(str(error)) from None
-        elif self.downwind is not None and self.windage is not None:
-            raise ValueError("give either downwind, right and left or windage, not both")
-        if self.windage is not None and (self.right or self.left):
-            raise ValueError("right and left belong to downwind; windage has no crosswind lines")
-        if (self.right is None) != (self.left is None):
-            raise ValueError("give both right and left, or neither; the mirror image has slope and offset negated")
-        if self.spread and self.windage is None:
-            raise ValueError("spread belongs to windage; a leeway line has its own std")
-        return self
-
-    def drifter(self) -> Drifter:
-        """Return what drifts."""
-        still = Line()
-        if self.windage is not None:
-            down = Line(self.windage, spread=self.spread)
-            return Drifter(self.name or "windage", f"Windage {100 * self.windage:g} %", down, still, still)
-        if self.downwind is not None:
-            right, left = (line.line() if line else still for line in (self.right, self.left))
-            return Drifter(self.name or "own lines", "Leeway of the case", self.downwind.line(), right, left)
-        return leeway.find(str(self.name))
 
 
 class WindowTable(fields.Table):

@@ -56,9 +56,7 @@ class ForcingSpec:
     units: str | None = None
     depth: float | None = None  # [m]
     steady: bool = False
-    times: Mapping[str, Any] | None = (
-        None  # {"start": datetime64[s], "interval": timedelta64[s]} in place of the files'
-    )
+    times: Slices | None = None  # in place of the files' own
     fill: int = 3  # cells filled from wet neighbours toward the coast
 
 

@@ -123,7 +123,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     """A Loop-Current-like jet with drifting eddies over the Gulf of Mexico, and a weak daily tide [m/s].
 
     Jet and eddies are the curl of one streamfunction, so they have no divergence: the jet is a tanh of the
-    distance from its axis, an eddy a Gaussian; the streamfunction goes to zero over the shelf. An invention that
+    distance from its axis (a smoothed polyline, whose corners leave kinks of a few degrees), an eddy a Gaussian; the streamfunction goes to zero over the shelf. An invention that
     looks like the Gulf; it forecasts nothing. Other waters have only its tide.
     """
     axis, shelf = _smooth(LOOP), _smooth(SHELF)
@@ -172,7 +172,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
 def _smooth(line: tuple[tuple[float, float], ...]) -> Array:
     """Smooth a polyline by Chaikin's corner cutting, shape (n, 2) [deg]."""
     points = np.array(line)
-    for _ in range(2):
+    for _ in range(3):
         low, high = 0.75 * points[:-1] + 0.25 * points[1:], 0.25 * points[:-1] + 0.75 * points[1:]
         points = np.concatenate((points[:1], np.stack((low, high), 1).reshape(-1, 2), points[-1:]))
     return points

@@ -17,6 +17,8 @@ CHUNK = 2_000_000  # candidate pairs of cell and node handled at a time
 def of_curved(curved: Curved, grid: Grid) -> sp.csr_matrix:
     ny, nx = curved.lon.shape
     index = np.arange(ny * nx).reshape(ny, nx)
+    if _closes(curved):
+        index = np.concatenate((index, index[:, :1]), axis=1)
     corners = np.stack((index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]), axis=-1).reshape(-1, 4)
     lon, lat = np.ravel(curved.lon), np.ravel(curved.lat)
     parts: list[tuple[Index, Index, Array]] = []
@@ -26,6 +28,15 @@ def of_curved(curved: Curved, grid: Grid) -> sp.csr_matrix:
         s, t = np.clip(s[hit], 0, 1), np.clip(t[hit], 0, 1)
         parts.append((node[hit], corners[cell[hit]], np.stack(((1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t), 1)))
     return _assemble(parts, grid, ny * nx)
+
+
+def _closes(curved: Curved) -> bool:
+    """Whether the last column lies one step before the first: a grid that goes round the Earth."""
+    step = (np.diff(curved.lon, axis=1) + 180.0) % 360.0 - 180.0
+    seam = (curved.lon[:, 0] - curved.lon[:, -1] + 180.0) % 360.0 - 180.0
+    turns = np.nansum(step, axis=1) + seam
+    fair = np.abs(seam) < 2 * np.nanmedian(np.abs(step), axis=1)
+    return bool(np.nanmedian(np.abs(turns)) > 350.0 and np.mean(fair) > 0.5)
 
 
 def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
@@ -39,9 +50,11 @@ def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
     count = len(mesh.cells)
     lon, lat = np.concatenate((mesh.lonc, mesh.lon)), np.concatenate((mesh.latc, mesh.lat))
     centre = np.arange(count)
-    fans = [
-        np.stack((centre, count + mesh.cells[:, a], count + mesh.cells[:, b]), 1) for a, b in ((0, 1), (1, 2), (2, 0))
-    ]
+    fans = []
+    for k in range(mesh.cells.shape[1]):  # polygons of fewer corners end in -1
+        a, b = mesh.cells[:, k], mesh.cells[:, (k + 1) % mesh.cells.shape[1]]
+        b = np.where(b < 0, mesh.cells[:, 0], b)
+        fans.append(np.stack((centre, count + a, count + b), 1)[a >= 0])
     at_nodes = _pseudo_laplacian(mesh)
     spread = sp.vstack((sp.identity(count, format="csr"), at_nodes), format="csr")
     return sp.csr_matrix(_linear(lon, lat, np.concatenate(fans), grid) @ spread)
@@ -51,8 +64,8 @@ def _pseudo_laplacian(mesh: Triangles) -> sp.csr_matrix:
     """Return the matrix (nodes, elements) of means of the elements round each node, exact for linear fields."""
     assert mesh.lonc is not None
     assert mesh.latc is not None
-    n, element = len(mesh.lon), np.repeat(np.arange(len(mesh.cells)), 3)
-    node = mesh.cells.ravel()
+    n, corner = len(mesh.lon), mesh.cells >= 0
+    element, node = np.nonzero(corner)[0], mesh.cells[corner]
     dx = ((mesh.lonc[element] - mesh.lon[node] + 180.0) % 360.0 - 180.0) * np.cos(np.radians(mesh.lat[node]))
     dy = mesh.latc[element] - mesh.lat[node]
 

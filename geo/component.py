@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, level, locate, speed
+from geo import clock, level, locate, naming, speed
 from geo.errors import UserError
 from geo.layout import Array, Index, Layout, Triangles
 
@@ -89,6 +89,8 @@ def gather(
             )
         notes += [r for r in remarks if r not in notes]
         stamps.append(when)
+    if not slices:
+        raise UserError(f"{path}: {describe_dims(data, name)} holds no slice; set [[{quantity}]] files")
     times = None
     if needs_times:
         times = np.concatenate(stamps)
@@ -149,7 +151,7 @@ def _sort_dims(
 
 
 def _has_axis(data: xr.Dataset, dim: str) -> bool:
-    return bool(locate.LON.match(dim) or locate.LAT.match(dim) or dim.lower() in ("x", "y"))
+    return bool(naming.LON.match(dim) or naming.LAT.match(dim) or dim.lower() in ("x", "y"))
 
 
 def _lat_last(data: xr.Dataset, dims: Sequence[str]) -> bool:
@@ -162,7 +164,7 @@ def _lat_last(data: xr.Dataset, dims: Sequence[str]) -> bool:
             str(attributes.get("axis", "")).lower() == axis
         ) or dim.lower() == axis  # fmt: skip
 
-    return says(dims[0], locate.LON, "longitude", "x") and says(dims[1], locate.LAT, "latitude", "y")
+    return says(dims[0], naming.LON, "longitude", "x") and says(dims[1], naming.LAT, "latitude", "y")
 
 
 def _unstructured(data: xr.Dataset, dims: Sequence[str]) -> bool:
@@ -171,7 +173,7 @@ def _unstructured(data: xr.Dataset, dims: Sequence[str]) -> bool:
         return False
     last = dims[-1]
     along = [str(n) for n, v in data.variables.items() if v.dims == (last,)]
-    return any(locate.LON.match(n) for n in along) and any(locate.LAT.match(n) for n in along)
+    return any(naming.LON.match(n) for n in along) and any(naming.LAT.match(n) for n in along)
 
 
 def _same_grid(
@@ -225,7 +227,7 @@ def _mask(
     named = chosen.get("mask")
     if named in ("none", False):
         return None
-    for name in [str(named)] if named else ["mask_u", "mask_v", "mask_rho", "mask", "umask", "vmask", "tmask"]:
+    for name in [str(named)] if named else ["mask_u", "mask_v", "mask_rho", "umask", "vmask", "tmask"]:
         if name not in data.variables:
             if named:
                 raise UserError(f'no variable "{name}" (variables.mask)')

@@ -22,7 +22,7 @@ def of(grid: Grid, layouts: tuple[Layout, Layout], carried: tuple[Array, Array],
     between = _error(grid, carried, [_between(i, v) for i, v in zip(layouts, source, strict=True)])
     return (
         f"regridding cost: rms error {between[0]:.1%} of the rms speed between the points, {at_points[0]:.1%} at "
-        f"them, {at_points[1]:.1%} of wet points lost"
+        f"them, {at_points[1]:.1%} of wet points lost (rim and coast)"
     )
 
 

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import scipy.io
 import xarray as xr
 
 from geo.errors import UserError
@@ -83,8 +82,10 @@ def _refuse_truncated(path: str) -> None:
     with open(path, "rb") as file:
         magic = file.read(4)
     if magic in (b"CDF\x01", b"CDF\x02"):
+        from scipy.io import netcdf_file  # here, not above: a sixth of a second that newer files do not need
+
         try:
-            with scipy.io.netcdf_file(path, mmap=True):
+            with netcdf_file(path, mmap=True):
                 pass
         except Exception as error:
             raise UserError(f'"{path}" is a truncated or damaged netCDF file') from error

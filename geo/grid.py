@@ -29,7 +29,7 @@ class Grid:
     @property
     def seamless(self) -> bool:
         """Whether the grid goes round the Earth, its last column being its first."""
-        return abs((self.nlon - 1) * self.dlon - 360.0) < 1e-9
+        return bool(abs((self.nlon - 1) * self.dlon - 360.0) < 1e-9)
 
     @property
     def columns(self) -> int:

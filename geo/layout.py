@@ -74,7 +74,8 @@ class Curved:
 class Triangles:
     """Triangles: lon, lat (n,) [deg] of nodes, cells (m, 3) indices of nodes; first: index in the file of point 0.
 
-    centred: the values stand at the cells' centres (lonc, latc) (m,), else at the nodes.
+    With lonc, latc (m,) the values stand at the cells' centres, and cells may have more corners, (m, k), short
+    ones ending in -1.
     """
 
     lon: Array
@@ -196,7 +197,8 @@ def _crop_axes(axes: Axes, box: Box) -> Axes | None:
 
 def _crop_triangles(mesh: Triangles, box: Box) -> Triangles | None:
     margin = 3 * spacing(mesh)
-    lon, lat = mesh.lon[mesh.cells], mesh.lat[mesh.cells]
+    corners = np.where(mesh.cells < 0, mesh.cells[:, :1], mesh.cells)
+    lon, lat = mesh.lon[corners], mesh.lat[corners]
     lon = lon[:, :1] + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
     # a cell counts where its own box meets the wanted one: elements may be larger than the whole case
     size_lon, size_lat = np.ptp(lon, axis=1), np.ptp(lat, axis=1)

@@ -1,6 +1,5 @@
 """Finding where a variable's points lie, from what a file says: coordinates, grid mapping, connectivity."""
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,14 +8,10 @@ import pyproj
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import connect, rotation
+from geo import connect, naming, rotation
 from geo.errors import UserError
 from geo.layout import Array, Axes, Curved, Layout, Plane, points
 
-LON = re.compile(r"^(lon(gitude)?s?|lon_.*|nav_lon.*|lonc|x_?lon.*|glam[tuvf]|longitude_.*|.*_node_x|.*_face_x)$", re.I)
-LAT = re.compile(r"^(lat(itude)?s?|lat_.*|nav_lat.*|latc|x_?lat.*|gphi[tuvf]|latitude_.*|.*_node_y|.*_face_y)$", re.I)
-EAST_UNITS = re.compile(r"^degrees?_?(e|east)$", re.I)
-NORTH_UNITS = re.compile(r"^degrees?_?(n|north)$", re.I)
 MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "epsg_code")
 
 
@@ -27,7 +22,7 @@ def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[s
     lon_name, lat_name = _names(data, name, dims, chosen)
     if plane is not None:
         if lon_name and lat_name:
-            trouble = _disagreement(plane, np.asarray(data[lon_name].values), np.asarray(data[lat_name].values))
+            trouble = _disagreement(plane, _still(data, lon_name, dims), _still(data, lat_name, dims))
             if trouble and not chosen.get("crs"):
                 notes.append(
                     f"the grid mapping disagrees with {lon_name}, {lat_name} by {trouble}: the latter are used"
@@ -40,8 +35,7 @@ def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[s
             f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
-    lon: Array = np.asarray(data[lon_name].values, np.float64)
-    lat: Array = np.asarray(data[lat_name].values, np.float64)
+    lon, lat = _still(data, lon_name, dims), _still(data, lat_name, dims)
     if not np.isfinite(lon).any() or np.nanmax(np.abs(lat)) > 90.001 or np.nanmax(np.abs(lon)) > 720:
         raise UserError(f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}')
     if len(dims) == 1:
@@ -66,8 +60,8 @@ def _names(
             listed += str(data[mesh].attrs.get(key, "")).split()
     found: list[str | None] = []
     for key, pattern, units, standard in (
-        ("lon", LON, EAST_UNITS, "longitude"),
-        ("lat", LAT, NORTH_UNITS, "latitude"),
+        ("lon", naming.LON, naming.EAST_UNITS, "longitude"),
+        ("lat", naming.LAT, naming.NORTH_UNITS, "latitude"),
     ):
         if key in chosen:
             if chosen[key] not in data.variables:
@@ -85,15 +79,23 @@ def _names(
             )
             if not score or not variable.ndim or not np.issubdtype(variable.dtype, np.number):
                 continue
-            own = set(map(str, variable.dims)) <= set(dims)
+            own = set(map(str, variable.dims)) <= set(dims) or tuple(map(str, variable.dims[1:])) == dims
             if not own and not _staggered_shape(variable.shape, tuple(data.sizes[d] for d in dims)):
                 continue
-            values = variable.values
+            values = variable.isel({variable.dims[0]: 0}).values if variable.ndim > 2 else variable.values
             if values.size > 1 and np.nanmin(values) == np.nanmax(values):
                 continue  # FVCOM in metres writes lon = lat = 0 everywhere
             candidates.append((score + 20 * own + 10 * (other in listed) + (variable.ndim == len(dims)), other))
         found.append(max(candidates)[1] if candidates else None)
     return found[0], found[1]
+
+
+def _still(data: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
+    """Return coordinates, of the first time where they have one (WRF repeats them for every time)."""
+    variable = data[name]
+    while variable.ndim > len(dims):
+        variable = variable.isel({variable.dims[0]: 0})
+    return np.asarray(variable.values, np.float64)
 
 
 def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
@@ -120,7 +122,8 @@ def _at_points(lon: Array, lat: Array, data: xr.Dataset, name: str, dims: tuple[
         lon, lat = lon.T, lat.T
     if lon.shape == wanted:
         return lon, lat
-    near = lon[0, 0] + (lon - lon[0, 0] + 180.0) % 360.0 - 180.0
+    middle = float(lon[np.isfinite(lon)][0])
+    near = middle + (lon - middle + 180.0) % 360.0 - 180.0
     if np.nanmax(np.abs(np.diff(near, axis=1))) > 180 or np.nanmax(np.abs(np.diff(near, axis=0))) > 180:
         x, y = np.cos(np.radians(lon)), np.sin(np.radians(lon))  # round the Earth: average directions
         return np.degrees(np.arctan2(_halved(y, wanted), _halved(x, wanted))), _halved(lat, wanted)

@@ -55,7 +55,7 @@ COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("u", "v", "?"),
     ),
     "wind": (
-        ("u10", "v10", "true"), ("U10M", "V10M", "true"), ("u10m", "v10m", "true"), ("10u", "10v", "true"),
+        ("u10", "v10", "?"), ("U10M", "V10M", "true"), ("u10m", "v10m", "true"), ("10u", "10v", "true"),
         ("u10n", "v10n", "true"), ("air_u", "air_v", "true"), ("x_wind_10m", "y_wind_10m", "grid"),
         ("x_wind", "y_wind", "grid"), ("uas", "vas", "true"), ("ugrd10m", "vgrd10m", "true"),
         ("UGRD_10maboveground", "VGRD_10maboveground", "true"), ("UGRD", "VGRD", "true"),

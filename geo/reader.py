@@ -1,5 +1,6 @@
 """From files to a grid, times and a function that reads one slice: everything that `open_source` puts together."""
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, component, dataset, layout, quantities, tile
+from geo import clock, component, dataset, layout, naming, quantities, tile
 from geo.box import Box
 from geo.component import Component
 from geo.errors import UserError
@@ -59,7 +60,7 @@ def read(request: Request, paths: dataset.Paths) -> Reading:
     found = {k: a for k, a in attributes.items() if _is_field(k, files)}
     pair = quantities.find(q, found, request.variables, request.name)
     notes.append(f"{quantities.SPOKEN[q]} from {pair.east}, {pair.north} (found by {pair.how})")
-    first, second = _components(request, pair, files)
+    first, second = _components(request, pair, files, notes)
     first, second, times = _join(request, first, second, notes)
     notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
     crops = [layout.crop(c.layout, request.box) for c in (first, second)]
@@ -89,23 +90,41 @@ def _is_field(name: str, files: list[tuple[str, xr.Dataset]]) -> bool:
 
 
 def _components(
-    request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]]
+    request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]], notes: list[str]
 ) -> tuple[Component, Component]:
-    for path, data in files:
-        if pair.east not in data.variables and pair.north not in data.variables:
+    holding = [(p, d) for p, d in files if pair.east in d.variables or pair.north in d.variables]
+    others = [(p, d) for p, d in files if pair.east not in d.variables and pair.north not in d.variables]
+    lent: dict[str, xr.Variable] = {}
+    for path, data in others:
+        own = {str(n): v for n, v in data.variables.items() if naming.of_grid(str(n)) and "time" not in v.dims}
+        if not any(naming.LON.match(n) for n in own):
             raise UserError(
                 f"{path} holds neither {pair.east} nor {pair.north}; take it out of [[{request.quantity}]] files"
             )
+        lent |= own
+        notes.append(f"grid from {os.path.basename(path)}")
+    if lent:
+        holding = [(p, _with(d, lent)) for p, d in holding]
     stated = request.steady or request.times is not None
     result = []
     for side, name in enumerate((pair.east, pair.north)):
-        holding = [(path, data) for path, data in files if name in data.variables]
+        having = [(path, data) for path, data in holding if name in data.variables]
         result.append(
             component.gather(
-                name, side, holding, request.quantity, request.variables, request.units, request.depth, not stated
+                name, side, having, request.quantity, request.variables, request.units, request.depth, not stated
             )
         )
     return result[0], result[1]
+
+
+def _with(data: xr.Dataset, lent: Mapping[str, xr.Variable]) -> xr.Dataset:
+    """Return a dataset with the grid's variables that it lacks, where their dimensions agree."""
+    fitting = {
+        n: v
+        for n, v in lent.items()
+        if n not in data.variables and all(data.sizes.get(d, v.sizes[d]) == v.sizes[d] for d in v.dims)
+    }
+    return data.assign(fitting)
 
 
 def _join(

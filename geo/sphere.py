@@ -58,7 +58,9 @@ def offset(lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: 
     return x * scale, y * scale
 
 
-def destination(lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike) -> tuple[Array, Array]:
+def destination(
+    lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike
+) -> tuple[Array, Array]:
     """Return (lon, lat) [rad] reached from a point along the great circle (east, north) [m]: the exponential map."""
     lon, lat = np.asarray(lon, np.float64), np.asarray(lat, np.float64)
     east, north = np.asarray(east, np.float64), np.asarray(north, np.float64)

@@ -23,7 +23,10 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
         step = min(lay.spacing(item) for item in layouts) / FINER
         lon, lat = (np.ravel(v) for v in lay.points(first))
         if isinstance(first, Triangles):
-            lon, lat = first.lon[np.unique(first.cells)], first.lat[np.unique(first.cells)]
+            lon, lat = (
+                first.lon[np.unique(first.cells[first.cells >= 0])],
+                first.lat[np.unique(first.cells[first.cells >= 0])],
+            )
         present = np.isfinite(lon) & np.isfinite(lat)
         lon, lat = lon[present], lat[present]
         south, north = max(float(lat.min()), -POLEWARD), min(float(lat.max()), POLEWARD)

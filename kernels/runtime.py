@@ -89,3 +89,8 @@ def upload(values: np.ndarray) -> ti.Ndarray:
     if flat.size:
         device.from_numpy(flat)
     return device
+
+
+def wait() -> None:
+    """Wait until the device has done all that was launched: for timing."""
+    ti.sync()

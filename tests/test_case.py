@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drift import case, scenario, sources
+from drift import case, leeway, scenario, sources
 from geo import sphere
 from geo.box import Box
 from geo.errors import UserError
@@ -162,7 +162,7 @@ def test_trackline_lasts_as_long_as_its_legs(tmp_path: Path) -> None:
 
 
 def test_objects(tmp_path: Path) -> None:
-    def drifter(value: str) -> scenario.Drifter:
+    def drifter(value: str) -> leeway.Drifter:
         return load(tmp_path, CASE.replace('"LIFE-RAFT-DB-10"', value)).scenarios[0].object
 
     own = drifter(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drift import case, expect, run, tables
+from drift import case, expect, flow, tables
 
 NAMES = [name for name, _ in case.shipped()]
 
@@ -16,7 +16,7 @@ def test_case_finds_what_it_expects(name: str, request: pytest.FixtureRequest, m
     if name != "overdue_boat":
         monkeypatch.setenv("DRIFT_DATA", str(request.getfixturevalue("data")))
     # A fifth of the particles: means move by spread / sqrt(20,000), less than 1 % of any spread here.
-    made = run.run(case.load(name, {"particles": "20_000"}))
+    made = flow.run(case.load(name, {"particles": "20_000"}))
     end = tables.plain(tables.numbers(made.forecast))["outputs"][-1]
     assert expect.misses(made.case.expect, end) == []
 

@@ -83,7 +83,9 @@ def test_a_current_that_changes_in_time_is_integrated_exactly_also_off_the_latti
     area = area if area is not None else np.trapz(np.interp(fine, seconds, speed), fine)  # noqa: NPY201 - NumPy 1
     for step, phase, off in ((1000, 0, 1.0), (900, 300, 40.0)):
         ensemble = ensemble_at(-20.0, 0.0, [0])
-        (end,) = forecast.run(ensemble, world(source), Clock(T0, 18_000, 1, step, (T0 + phase) % step), np.array([18_000]))
+        (end,) = forecast.run(
+            ensemble, world(source), Clock(T0, 18_000, 1, step, (T0 + phase) % step), np.array([18_000])
+        )
         east, north = moved(end, -20.0, 0.0)
         # Lattice points on all nodes: exact. Off them a step that holds a kink sees a chord: kink * step^2 / 8 each.
         assert east[0] == pytest.approx(area, abs=off)
@@ -133,7 +135,9 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
 def test_rival_forcing_is_a_matter_of_the_scenario() -> None:
     ensemble = record.empty(1, (0, 3, 5))
     place = World(
-        Forcing([Sources((forcing.constant("current", 1.0, 0.0),)), Sources((forcing.constant("current", 0.0, 1.0),))], 1),
+        Forcing(
+            [Sources((forcing.constant("current", 1.0, 0.0),)), Sources((forcing.constant("current", 0.0, 1.0),))], 1
+        ),
         (STILL, STILL),
         None,
         EVERYWHERE,

@@ -167,14 +167,14 @@ def test_areas_of_a_bivariate_normal(n, tolerance):
 @pytest.mark.parametrize("n", [10_000, 100_000])
 @pytest.mark.parametrize("cloud", [normal, ring, mixture, filament, far_apart, pinpoint])
 def test_areas_hold_their_share_of_new_particles(cloud, n):
-    """At most 1.5 % too little; up to 3.5 % too much where structure is finer than n can show."""
+    """Within 2 % (0.5 % of it sampling error of the quantile at n = 10^4), a little more to the safe side."""
     rng = np.random.default_rng(n)
     made = products.build([snapshot(*cloud(n, rng))], scenarios=["only"])
     np.testing.assert_allclose(made.data["held_out"].values[0], SHARES, atol=3 * 0.5 / np.sqrt(n / 2))
     fresh = cloud(200_000, rng)
     for share in areas.SHARES:
         error = inside(made, share, *fresh) - share
-        assert -0.015 < error < 0.035, (share, error)
+        assert -0.015 < error < 0.025, (share, error)
 
 
 @pytest.mark.parametrize("cloud", [normal, far_apart, filament])
@@ -203,7 +203,7 @@ def test_containment_is_of_the_smallest_area():
     height = (data["probability"] / data["cell_area"]).values
     contained = data["containment"].values
     order = np.argsort(-height.ravel(), kind="stable")
-    assert (np.diff(contained.ravel()[order][:5000]) >= -1e-6).all()
+    assert (np.diff(contained.ravel()[order][:5000]) >= -1e-3).all()  # two cells: the file's float32 may swap near ties
     assert contained.min() > 0
     assert contained.max() == 1
 
@@ -254,16 +254,11 @@ def test_probability_adds_up_and_keeps_off_land():
 
 def test_a_bay_that_holds_no_particle_stays_empty():
     rng = np.random.default_rng(9)
-    low, high = (positions(np.array([e]), np.array([0.0]))[0][0] for e in (5000.0, 6500.0))
-    one = snapshot(np.minimum(rng.normal(0, 3000, 20_000), 4990), rng.normal(0, 4000, 20_000))
-    # a far particle keeps the grid wide enough to hold the water behind the spit
-    one = snapshot(np.append(np.minimum(rng.normal(0, 3000, 20_000), 4990), 30_000), np.append(rng.normal(0, 4000, 20_000), 0))
-    made = products.build([one], scenarios=["x"], is_land=lambda lon, lat: (lon > low) & (lon < high) | (lat > 2**30 - 1))
-    assert float(made.data["probability"].sum()) == pytest.approx(1, rel=1e-6)
-    del made
+    low, high = (positions(np.array([e]), np.array([0.0]))[0][0] for e in (5000.0, 5200.0))
     one = snapshot(np.minimum(rng.normal(0, 3000, 20_000), 4990), rng.normal(0, 4000, 20_000))
     made = products.build([one], scenarios=["x"], is_land=lambda lon, lat: (lon > low) & (lon < high))
     behind = made.data["lon"].values > sphere.to_degrees(high)
+    assert behind.any()
     assert float(made.data["probability"].values[:, :, behind].sum()) == 0
 
 
@@ -275,7 +270,7 @@ def test_the_antimeridian_is_no_seam():
     lon = there.data["lon"].values
     assert (np.diff(lon) > 0).all()
     assert lon[0] < 180 < lon[-1]
-    assert -180 <= lon[0]
+    assert lon[0] >= -180
     assert float(there.data["mean_lon"][0]) == pytest.approx(179.98, abs=0.01)
     assert there.contours[-1].polygon.is_valid
 
@@ -343,7 +338,13 @@ def test_mean_positions_are_vector_means():
     status = np.where(rng.random(n) < 0.3, Status.ASHORE, Status.ADRIFT)
     scenario = rng.integers(0, 2, n)
     one = snapshot(
-        rng.normal(0, 60e3, n), rng.normal(0, 90e3, n), weight=rng.random(n), status=status, scenario=scenario, lon=179.9, lat=71.0
+        rng.normal(0, 60e3, n),
+        rng.normal(0, 90e3, n),
+        weight=rng.random(n),
+        status=status,
+        scenario=scenario,
+        lon=179.9,
+        lat=71.0,
     )
     data = products.build([one], scenarios=["a", "b"]).data.isel(time=0)
     lon, lat = np.radians(sphere.to_degrees(one.lon)), np.radians(sphere.to_degrees(one.lat))

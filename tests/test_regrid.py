@@ -134,7 +134,7 @@ def test_curved_grid_over_the_antimeridian(tmp_path: Path) -> None:
 
 
 def test_mercator_spacing_is_carried(tmp_path: Path) -> None:
-    lat = np.degrees(np.arctan(np.sinh(np.radians(np.arange(70.0, 75.0, 0.1)))))  # Mercator's own steps
+    lat = np.degrees(np.arctan(np.sinh(np.radians(np.arange(70.0, 76.0, 0.1)))))  # Mercator's own steps
     lon = np.arange(1.0, 7.0, 0.1)
     u, v = writers.slices(*np.meshgrid(lon, lat))
     dims = ("time", "lat", "lon")

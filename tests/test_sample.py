@@ -40,7 +40,9 @@ def test_bilinear_in_space_and_linear_in_time(grid: Grid, fraction: float) -> No
     tiles.place(1, early, later=False)
     tiles.place(1, late, later=True)
     tiles.blend([None, (0.2, 0.7)])
-    lon, lat = points(grid.lon0, grid.lon0 + (grid.nlon - 1) * grid.dlon, grid.lat0, grid.lat0 + (grid.nlat - 1) * grid.dlat)
+    lon, lat = points(
+        grid.lon0, grid.lon0 + (grid.nlon - 1) * grid.dlon, grid.lat0, grid.lat0 + (grid.nlat - 1) * grid.dlat
+    )
     found = tiles.at(1, 2, lon, lat, fraction)
     weight = 0.2 + 0.5 * fraction
     values = (1 - weight) * early.astype(float) + weight * late

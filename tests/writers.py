@@ -63,7 +63,9 @@ def regular(path: Path) -> Path:
     lon, lat = np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL), np.arange(LAT[0] - 0.5, LAT[1] + 0.5, CELL)
     u, v = slices(*np.meshgrid(lon, lat))
     dims = ("time", "lat", "lon")
-    return save(xr.Dataset({"uo": (dims, u, EAST), "vo": (dims, v, NORTH)}, {"time": TIMES, "lat": lat, "lon": lon}), path)
+    return save(
+        xr.Dataset({"uo": (dims, u, EAST), "vo": (dims, v, NORTH)}, {"time": TIMES, "lat": lat, "lon": lon}), path
+    )
 
 
 def east_of_zero(path: Path) -> Path:
@@ -173,7 +175,9 @@ def roms(path: Path, own_points: bool = False, angle: str = "rad") -> Path:
         data |= {"lon_u": (("eta_u", "xi_u"), at_u[0]), "lat_u": (("eta_u", "xi_u"), at_u[1])}
         data |= {"lon_v": (("eta_v", "xi_v"), at_v[0]), "lat_v": (("eta_v", "xi_v"), at_v[1])}
     return save(
-        xr.Dataset(data, {"ocean_time": ("ocean_time", TIMES), "s_rho": ("s_rho", layers)}), path, u={"_FillValue": 1e37}
+        xr.Dataset(data, {"ocean_time": ("ocean_time", TIMES), "s_rho": ("s_rho", layers)}),
+        path,
+        u={"_FillValue": 1e37},
     )
 
 

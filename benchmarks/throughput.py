@@ -1,0 +1,185 @@
+"""Time per particle-step and memory per particle, each physical term on and off, beside yardsticks where they are.
+
+    python benchmarks/throughput.py [--json FILE] [--most 1e7] [--yardsticks FOLDER] [--opendrift PYTHON]
+
+The job is that of a plain C kernel (limit.c in FOLDER, built here with gcc if it is there): RK4, current and wind on a
+400 x 300 grid, bilinear in space, linear in time, leeway. PYTHON is an interpreter that has OpenDrift; with FOLDER's
+opendrift_leeway.py it runs the same job. The best of several runs counts; nothing else should run meanwhile.
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from drift import ensemble as record
+from geo import coast as shoreline
+from geo import shore, sphere
+from geo.box import Box
+from geo.grid import Grid
+from kernels import advance as kernel
+from kernels import coast as device_coast
+from kernels import runtime
+from kernels.sample import Tiles
+
+GRID = Grid(-98.0, 18.0, 0.05, 0.05, 400, 300)
+BOX = Box(-98.0, 18.0, -78.0, 33.0)
+RANGES = (0, 1, 1, 2, 0, 0)
+ERRORS = kernel.Physics(0.1, 21_600.0, 1.0, 21_600.0)
+FULL = ERRORS._replace(diffusivity=10.0)
+CASES: list[tuple[str, str, kernel.Physics, bool, bool]] = [  # name, scheme, physics, wind, coast
+    ("RK2 current", "rk2", kernel.Physics(), False, False),
+    ("RK4 current", "rk4", kernel.Physics(), False, False),
+    ("RK2 current, wind, leeway", "rk2", kernel.Physics(), True, False),
+    ("RK4 current, wind, leeway (the yardstick's work)", "rk4", kernel.Physics(), True, False),
+    ("  + jibing", "rk4", kernel.Physics(jibe_rate=1e-5), True, False),
+    ("  + diffusion", "rk4", kernel.Physics(diffusivity=10.0), True, False),
+    ("  + Ornstein-Uhlenbeck errors", "rk4", ERRORS, True, False),
+    ("  + both", "rk4", FULL, True, False),
+    ("  + both, coast (open sea)", "rk4", FULL, True, True),
+]
+
+
+def fields() -> Tiles:
+    """Return the yardstick's current and wind on the device."""
+    tiles = Tiles([GRID, GRID])
+    y, x = np.meshgrid(np.arange(300), np.arange(400), indexing="ij")
+    current = np.stack([0.5 * np.sin(y / 30), 0.5 * np.cos(x / 30)], axis=-1)
+    wind = np.stack([5 * np.cos(y / 50), 5 * np.sin(x / 50)], axis=-1)
+    for tile, values in enumerate((current, wind)):
+        tiles.place(tile, values, later=False)
+        tiles.place(tile, values, later=True)
+    tiles.blend([(0.0, 0.1), (0.0, 0.1)])
+    return tiles
+
+
+def particles(n: int, coast: shoreline.Coast) -> record.Ensemble:
+    """Return n particles of the yardstick's box, all in water."""
+    rng = np.random.default_rng(1)
+    lon, lat = np.empty(0, np.int32), np.empty(0, np.int32)
+    while lon.size < n:
+        x, y = sphere.to_binary(rng.uniform(-95, -85, n)), sphere.to_binary(rng.uniform(20, 30, n))
+        wet = ~shoreline.is_land(coast, x, y)
+        lon, lat = np.concatenate([lon, x[wet]]), np.concatenate([lat, y[wet]])
+    ensemble = record.empty(1, (0, n))
+    ensemble.lon.from_numpy(lon[:n])
+    ensemble.lat.from_numpy(lat[:n])
+    for name, value in (("down_slope", 0.03), ("down_offset", 0.02), ("right_slope", 0.01), ("left_slope", -0.01)):
+        getattr(ensemble, name).fill(value)
+    return ensemble
+
+
+def best(job: Callable[[int], None], runs: int) -> float:
+    """Return the shortest time [s] of a job, after one run that compiles."""
+    job(0)
+    times = []
+    for k in range(1, runs + 1):
+        begin = time.perf_counter()
+        job(k)
+        times.append(time.perf_counter() - begin)
+    return min(times)
+
+
+def measure(most: int) -> list[dict[str, object]]:
+    """Return one row a case: ns per particle-step for each number of particles."""
+    tiles = fields()
+    land = shore.land("gshhg", BOX)
+    coast = shoreline.build(land, BOX)
+    device = device_coast.upload(coast)
+    west, south = (int(sphere.to_binary(x)) for x in (BOX.west, BOX.south))
+    domain = kernel.Domain(west, south, int(20 / 360 * sphere.TURN), int(15 / 360 * sphere.TURN))
+    rows: list[dict[str, object]] = [{"case": case[0]} for case in CASES]
+    for n in (10**k for k in range(4, 8) if 10**k <= most):
+        ensemble = particles(n, coast)
+        for row, (_, scheme, physics, wind, coastal) in zip(rows, CASES, strict=True):
+            ranges = RANGES if wind else (0, 1, 0, 0, 0, 0)
+
+            def job(k: int, ranges=ranges, physics=physics, coastal=coastal, scheme=scheme, n=n) -> None:  # type: ignore[no-untyped-def]
+                step = kernel.Step(k, 600 * k, 600, 1)
+                shore_or_none = device if coastal else None
+                kernel.advance(ensemble, (0, n), tiles, ranges, physics, step, domain, shore_or_none, scheme)
+                runtime.wait()
+
+            row[f"{n:.0e}"] = round(best(job, max(4, min(200, 8_000_000 // n))) * 1e9 / n, 1)
+    return rows
+
+
+def yardstick(folder: Path, n: int) -> float | None:
+    """Return ns per particle-step of the C kernel, or None where it can't be built."""
+    source = folder / "limit.c"
+    if not source.is_file():
+        return None
+    with tempfile.TemporaryDirectory() as place:
+        program = Path(place) / "limit"
+        build = ["gcc", "-O3", "-march=native", "-ffast-math", "-fopenmp", str(source), "-lm", "-o", str(program)]
+        try:
+            subprocess.run(build, check=True, capture_output=True)
+        except (OSError, subprocess.CalledProcessError):
+            return None
+        found = [subprocess.run([str(program), str(n)], capture_output=True, text=True).stdout for _ in range(3)]
+    return min(float(text.split()[0]) for text in found)
+
+
+def opendrift(python: str, folder: Path, n: int = 100_000, hours: int = 6) -> str | None:
+    """Return what OpenDrift's own run of the job prints."""
+    with tempfile.TemporaryDirectory() as place:
+        for script in ("forcing.py", "opendrift_leeway.py"):
+            if not (folder / script).is_file():
+                return None
+        subprocess.run([python, str((folder / "forcing.py").resolve())], cwd=place, check=True)
+        command = [python, str((folder / "opendrift_leeway.py").resolve()), str(n), str(hours)]
+        done = subprocess.run(command, cwd=place, capture_output=True, text=True)
+    lines = [line for line in done.stdout.splitlines() if "particle-step" in line]
+    return lines[-1] if lines else None
+
+
+def main() -> None:
+    """Measure, print the table, and write JSON where asked."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--json", type=Path)
+    options.add_argument("--most", type=float, default=1e7)
+    options.add_argument("--yardsticks", type=Path)
+    options.add_argument("--opendrift")
+    options.add_argument("--backend", default="cpu")
+    given = options.parse_args()
+    runtime.start(given.backend)
+    before = yardstick(given.yardsticks, 10**6) if given.yardsticks else None
+    rows = measure(int(given.most))
+    after = yardstick(given.yardsticks, 10**6) if given.yardsticks else None
+    limit = min(before, after) if before and after else None
+    sizes = [key for key in rows[0] if key != "case"]
+    table = Table(title=f"ns per particle-step ({given.backend})")
+    table.add_column("job")
+    for size in sizes:
+        table.add_column(size, justify="right")
+    if limit:
+        table.add_column("x limit at 1e+06", justify="right")
+    for row in rows:
+        ratio = [f"{float(str(row['1e+06'])) / limit:.2f}"] if limit and "1e+06" in row else []
+        table.add_row(str(row["case"]), *(str(row[size]) for size in sizes), *ratio)
+    result = {"backend": given.backend, "ns_per_particle_step": rows, "bytes_per_particle": record.BYTES_PER_PARTICLE}
+    console = Console(width=140)
+    console.print(table)
+    console.print(f"memory: {record.BYTES_PER_PARTICLE} bytes a particle on the device, plus the window of forcing")
+    if before and after:
+        console.print(f"limit.c: {before} ns before, {after} ns after")
+        result["limit"] = [before, after]
+    if given.opendrift and given.yardsticks:
+        peer = opendrift(given.opendrift, given.yardsticks)
+        console.print(f"OpenDrift Leeway: {peer}")
+        match = re.search(r"([\d.]+) ns per", peer or "")
+        result["opendrift_ns"] = float(match[1]) if match else None
+    if given.json:
+        given.json.write_text(json.dumps(result, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,19 @@
+"""How longitudes, latitudes and the parts of a grid are called."""
+
+import re
+
+LON = re.compile(r"^(lon(gitude)?s?|lon_.*|nav_lon.*|lonc|x_?lon.*|glam[tuvf]|longitude_.*|.*_node_x|.*_face_x)$", re.I)
+LAT = re.compile(r"^(lat(itude)?s?|lat_.*|nav_lat.*|latc|x_?lat.*|gphi[tuvf]|latitude_.*|.*_node_y|.*_face_y)$", re.I)
+EAST_UNITS = re.compile(r"^degrees?_?(e|east)$", re.I)
+NORTH_UNITS = re.compile(r"^degrees?_?(n|north)$", re.I)
+CONNECTIVITY = re.compile(
+    r"^(nv|ele(ment)?s?|tri(angles)?|schism_hgrid_face_nodes|.*face_nodes?|face_node_connectivity|elem)$", re.I
+)
+GRID = re.compile(
+    r"^(angle|mask_[a-z]+|[utv]mask|x|y|x_rho|y_rho|crs|projection.*)$", re.I
+)  # what else a grid file is for
+
+
+def of_grid(name: str) -> bool:
+    """Whether a variable of this name describes a grid: what one file may lend another."""
+    return any(p.match(name) for p in (LON, LAT, CONNECTIVITY, GRID))

@@ -1,0 +1,101 @@
+"""The whole flow: the same bits on any number of threads, backward as forward, accounts that add up, no one inland."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import drift
+from drift.status import Status
+from geo import coast as shoreline
+from geo import shore, sphere
+from geo.box import Box
+
+REPORTED = """
+title = "reported on scene"
+start = "211830ZNOV26"
+duration = "{duration}"
+direction = "{direction}"
+particles = {particles}
+coast.source = "{coast}"
+output.every = "3 h"
+[[current]]
+constant = {{ speed = "0.5 kn", toward = 90 }}
+[[wind]]
+table = [ {{ time = "211200ZNOV26", speed = "10 kn", from = 200 }}, {{ time = "231800ZNOV26", speed = "20 kn", from = 200 }} ]
+[[scenario]]
+name = "raft"
+object = {{ windage = "3 %" }}
+position = {{ at = {at}, std = "{std}" }}
+"""
+
+
+def case_of(folder: Path, **changes: object) -> drift.Case:
+    values = {"duration": "12 h", "direction": "forward", "particles": 4000, "coast": "none", "at": '"27 30N 088 00W"'}
+    (folder / "case.toml").write_text(REPORTED.format(**{**values, "std": "1 nmi", **changes}))
+    return drift.load(folder / "case.toml")
+
+
+def test_one_and_two_threads_give_the_same_bits(tmp_path: Path) -> None:
+    """The default case, smaller; fresh processes, since a process keeps its threads."""
+    for threads in ("1", "2"):
+        command = [sys.executable, "-m", "drift", "run", "overdue_boat", "--threads", threads]
+        command += ["--set", "particles=8_000", "--set", "duration='18 h'", "--out", str(tmp_path / threads)]
+        subprocess.run(command, check=True, capture_output=True)
+    with xr.open_dataset(tmp_path / "1" / "forecast.nc") as one, xr.open_dataset(tmp_path / "2" / "forecast.nc") as two:
+        assert set(one.variables) == set(two.variables)
+        for name in one.variables:
+            assert one[name].values.tobytes() == two[name].values.tobytes(), name
+
+
+def test_reported_wind_and_current_need_no_file_and_move_as_they_should(tmp_path: Path) -> None:
+    """Current 0.257 m/s east; 3 % of a wind from 200 degrees that grows from 10 kn at 1200Z to 20 kn 54 h later."""
+    result = drift.run(case_of(tmp_path))
+    data = result.forecast.data
+    knot = 1852 / 3600
+    hours = 12.0
+    mean_wind = (10 + 10 * (6.5 + hours / 2) / 54) * knot
+    east = 0.5 * knot * hours * 3600 + 0.03 * mean_wind * np.sin(np.radians(20)) * hours * 3600
+    north = 0.03 * mean_wind * np.cos(np.radians(20)) * hours * 3600
+    here = np.radians([-88, 27.5])
+    lon, lat = (np.radians(float(data[f"mean_{x}"].isel(time=-1))) for x in ("lon", "lat"))
+    moved = sphere.offset(*here, lon, lat)
+    # The sample's mean lies within 4.5 standard errors of the prior's centre, 1852 m / sqrt(4000).
+    assert moved == pytest.approx([east, north], abs=4.5 * 1852 / np.sqrt(4000) + 15)
+    assert data["status_probability"].sum("status").values == pytest.approx(1, abs=1e-9)
+    assert result.probability.sum(("lat", "lon")).values == pytest.approx(1, abs=1e-5)
+
+
+def test_a_backward_run_returns_to_where_a_forward_run_came_from(tmp_path: Path) -> None:
+    forward = drift.run(case_of(tmp_path, std="0 m"))
+    end = {x: float(forward.forecast.data[f"mean_{x}"].isel(time=-1)) for x in ("lon", "lat")}
+    at = "[{lon:.8f}, {lat:.8f}]".format(**end)
+    text = case_of(tmp_path, direction="backward", std="0 m", at=at).text.replace('"211830ZNOV26"', '"220630ZNOV26"')
+    (tmp_path / "back.toml").write_text(text)
+    result = drift.run(drift.load(tmp_path / "back.toml"))
+    data = result.forecast.data
+    lon, lat = (np.radians(float(data[f"mean_{x}"].isel(time=-1))) for x in ("lon", "lat"))
+    assert sphere.distance(lon, lat, *np.radians([-88, 27.5])) < 5
+    assert (np.diff(data["time"].values).astype(int) < 0).all()
+
+
+def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
+    """A strong wind onto the coast of Norway at steps of 5 and 60 minutes: all end in water, on the sea side of islets."""
+    box = Box(4, 60, 6.5, 62)
+    land = shore.land("gshhg", box)
+    coast = shoreline.build(land, box)
+    for step in ("5 min", "60 min"):
+        text = case_of(tmp_path, particles=20_000, coast="gshhg", at='"60 50N 004 40E"').text.replace("3 %", "8 %")
+        (tmp_path / "case.toml").write_text(text.replace("200", "250").replace("[[scenario]]", f'[clock]\nstep = "{step}"\n[[scenario]]', 1))
+        result = drift.run(drift.load(tmp_path / "case.toml"))
+        tracks = result.trajectories
+        assert not shoreline.is_land(coast, tracks.lon.ravel(), tracks.lat.ravel()).any()
+        ashore = result.summary["account"]["ashore"]
+        assert ashore > 0.3
+        gone = tracks.status == Status.ASHORE
+        first = gone.argmax(axis=1)
+        for track in np.flatnonzero(gone.any(axis=1)):  # for good: where it went ashore it stays
+            assert (tracks.lon[track, first[track] :] == tracks.lon[track, first[track]]).all()

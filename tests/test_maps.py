@@ -1,0 +1,187 @@
+"""Pictures: that they show what they must, without warnings, downloads or overlap. How they look, a person judges."""
+
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import shapely
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from drift import chart, labels, layers, maps, products
+from drift.status import Status
+from geo import sphere
+
+
+def forecast(lon, lat, spread=6000.0, ashore=True, n=4000):
+    rng = np.random.default_rng(5)
+    east, north = rng.normal(0, spread, n), rng.normal(0, 1.7 * spread, n)
+    snapshots = []
+    for i in range(5):
+        x, y = sphere.destination(np.radians(lon), np.radians(lat), east + 1.5 * i * spread, north + 0.7 * i * spread)
+        status = np.where((np.arange(n) % 7 == 0) & (i > 2) & ashore, Status.ASHORE, Status.ADRIFT).astype(np.int32)
+        time = np.datetime64("2026-11-21T18:30:00") + np.timedelta64(6 * i, "h")
+        place = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
+        snapshots.append(products.Snapshot(time, *place, np.full(n, 1 / n), status, np.zeros(n, np.int32)))
+    return products.build(snapshots, scenarios=["only"])
+
+
+def size(path):
+    head = path.read_bytes()[:24]
+    assert head[:8] == b"\x89PNG\r\n\x1a\n"
+    return struct.unpack(">II", head[16:24])
+
+
+@pytest.mark.parametrize(
+    ("lon", "lat", "spread"),
+    [
+        (-87.5, 28.7, 6000.0),
+        (179.9, -17.5, 6000.0),
+        (20.0, 84.0, 20_000.0),
+        (-140.0, 0.1, 400_000.0),
+        (5.1, 60.3, 10.0),
+    ],
+)
+def test_pictures_anywhere_and_at_any_size(tmp_path, lon, lat, spread):
+    made = forecast(lon, lat, spread)
+    step = np.degrees(spread / sphere.RADIUS)
+    land = [
+        shapely.box(lon + 4 * step, lat - 20 * step, lon + 400 * step, min(lat + 3 * step, 89)),
+        shapely.box(lon - 360, lat, lon - 359, lat + 1),
+    ]
+    options = {"title": "A test " * 30, "polygons": land, "marks": [maps.Mark(lon, lat, "LKP 21/1830Z")]}
+    maps.draw_map(
+        made,
+        tmp_path / "map.png",
+        lines=[maps.Line([lon, lon + step, lon + step], [lat, lat, lat + step], "Area", closed=True)],
+        footer="casp-drift",
+        synthetic=True,
+        **options,
+    )
+    maps.draw_snapshots(made, tmp_path / "snapshots.png", **options)
+    assert size(tmp_path / "map.png") == (1638, 1162)
+    assert min(size(tmp_path / "snapshots.png")) > 500
+
+
+def test_pictures_of_nothing(tmp_path):
+    n = 10
+    one = products.Snapshot(
+        np.datetime64("2026-11-21T18:30:00"),
+        sphere.to_binary(np.full(n, -87.0)),
+        sphere.to_binary(np.full(n, 28.0)),
+        np.full(n, 1 / n),
+        np.full(n, Status.PENDING, np.int32),
+        np.zeros(n, np.int32),
+    )
+    made = products.build([one], scenarios=["x"])
+    maps.draw_map(made, tmp_path / "map.png", title="pending", marks=[maps.Mark(-87.0, 28.0)])
+    maps.draw_snapshots(made, tmp_path / "snapshots.png", title="pending")
+
+
+def test_a_field_with_gaps(tmp_path):
+    lon, lat = np.linspace(175.0, 184.0, 61), np.linspace(-20.0, -14.0, 37)
+    x, y = np.meshgrid(lon, lat)
+    east, north = np.cos(y) * 0.4, np.sin(x) * 0.3
+    east[10:20, 5:9] = np.nan
+    maps.draw_field(
+        tmp_path / "a.png", lon, lat, east, north, title="current", polygons=[shapely.box(178, -18, 179, -17)]
+    )
+    maps.draw_field(tmp_path / "b.png", lon, lat, np.full_like(east, np.nan), north, title="nothing")
+    maps.draw_field(tmp_path / "c.png", lon, lat, 0 * x, 0 * x, title="still")
+    assert size(tmp_path / "a.png") == size(tmp_path / "b.png") == (990, 792)
+
+
+def test_arrows_point_where_the_water_goes():
+    """Angles stay in Mercator; in the azimuthal projection a meridian d degrees off turns by d sin(lat), the convergence."""
+    lon, east, north = np.array([170.0, 178.0, 186.0]), np.full(3, 0.3), np.full(3, 0.4)
+    here = chart.frame(np.array([170.0, 186.0]), np.array([30.0, 40.0]), 1.0)
+    u, v = maps.turned(here, lon, np.full(3, 33.0), east, north)
+    np.testing.assert_allclose(u, 0.3, atol=1e-5)
+    np.testing.assert_allclose(v, 0.4, atol=1e-5)
+    here = chart.frame(np.array([170.0, 186.0]), np.array([80.0, 81.0]), 1.0)
+    u, v = maps.turned(here, lon, np.full(3, 80.5), east, north)
+    turn = np.degrees(np.arctan2(v, u) - np.arctan2(4, 3))
+    # west of the centre north leans to the right: clockwise; 0.1 degrees as the projection is not quite conformal
+    np.testing.assert_allclose(turn, np.array([-8, 0, 8]) * np.sin(np.radians(80.5)), atol=0.1)
+    np.testing.assert_allclose(np.hypot(u, v), 0.5, rtol=1e-12)
+
+
+def test_the_frame_shows_area_track_and_marks_but_not_outliers():
+    made = forecast(179.9, -17.5)
+    times = [made.data["time"].values[-1]]
+    far = maps.Mark(-179.0, -18.4, "LKP")
+    here = layers.extent(made, times, [far], (), aspect=1.3)
+    west, south, east, north = next(c for c in made.contours if c.time == times[0] and c.share == 0.95).polygon.bounds
+    x, y = here.project(
+        [west, east, far.lon, *made.data["mean_lon"].values], [south, north, far.lat, *made.data["mean_lat"].values]
+    )
+    assert (x > here.x[0]).all()
+    assert (x < here.x[1]).all()
+    assert (y > here.y[0]).all()
+    assert (y < here.y[1]).all()
+    assert (here.x[1] - here.x[0]) / (here.y[1] - here.y[0]) == pytest.approx(1.3)
+    plain = layers.extent(made, times, [], (), aspect=1.3)
+    grid = made.data["lat"].values
+    assert (plain.y[1] - plain.y[0]) < 1.2 * sphere.RADIUS * np.radians(grid[-1] - grid[0]) / np.cos(np.radians(17.5))
+
+
+def test_projection_is_centred_conformal_and_blind_to_turns():
+    here = chart.frame(np.array([178.0, 184.0]), np.array([-19.0, -12.0]), 1.0)
+    x, y = here.project([181.0, -179.0, 541.0], [-15.0, -15.0, -15.0])
+    np.testing.assert_allclose(x, 0, atol=1e-3)
+    dx = here.project(181.001, -15.0)[0] - x[0]
+    dy = here.project(181.0, -15.0 + 0.001 * np.cos(np.radians(15.0)))[1] - y[0]
+    assert dx == pytest.approx(dy, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("value", "is_lon", "step", "text"),
+    [
+        (-87.5, True, 30, "087°30'W"),
+        (28.0, False, 15, "28°00'N"),
+        (180.5, True, 30, "179°30'W"),
+        (180.0, True, 60, "180°00'"),
+        (0.0, False, 60, "00°00'"),
+        (-0.0125, False, 0.05, "00°00.75'S"),
+        (5.999999999, True, 1, "006°00'E"),
+    ],
+)
+def test_graticule_labels(value, is_lon, step, text):
+    assert chart.degrees_minutes(value, is_lon, step) == text
+
+
+def test_labels_keep_apart():
+    figure = Figure((6, 5))
+    canvas = FigureCanvasAgg(figure)
+    ax = figure.add_axes((0.1, 0.1, 0.8, 0.8))
+    rng = np.random.default_rng(1)
+    points = [
+        (float(x), float(y), f"22{i:02d}00Z", {"fontsize": 8}) for i, (x, y) in enumerate(rng.random((60, 2)) ** 2)
+    ]
+    labels.place(ax, canvas, points, [], must={0})
+    written = [t for t in ax.texts if t.get_text()]
+    boxes = [t.get_window_extent(canvas.get_renderer()) for t in written]
+    assert 10 < len(boxes) < 60
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    assert any(t.get_text() == "220000Z" for t in written)
+
+
+def test_land_is_thinned_to_the_pixel_and_keeps_holes():
+    angle = np.linspace(0, 2 * np.pi, 200_001)
+    lake = [(179.95, -17.05), (180.05, -17.05), (180.05, -16.95), (179.95, -16.95)]
+    ring = np.column_stack([180 + (0.6 + 1e-4 * np.sin(5000 * angle)) * np.cos(angle), -17 + 0.6 * np.sin(angle)])
+    here = chart.frame(np.array([179.0, 181.0]), np.array([-18.0, -16.0]), 1.0)
+    path = chart.land_path(here, [shapely.Polygon(ring, [lake])], 1000)
+    assert len(path.vertices) < 3000
+    assert path.contains_point([float(v) for v in here.project(180.3, -17.0)])
+    assert np.sum(path.codes == path.MOVETO) == 2
+    turned = chart.land_path(here, [shapely.Polygon(ring - [360, 0], [np.array(lake) - [360, 0]])], 1000)
+    np.testing.assert_allclose(turned.vertices[:, 1].max(), path.vertices[:, 1].max(), atol=500)
+    assert chart.land_path(here, [], 1000) is None
+
+
+def test_pyplot_stays_out():
+    program = "import sys, drift.maps; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
