@@ -17,7 +17,7 @@ _HOMES = {
     "load": "drift.case",
     "run": "drift.flow",
 }
-__all__ = ["Case", "Result", "UserError", "load", "run"]  # noqa: F822 - see __getattr__
+__all__ = ["Case", "Result", "UserError", "load", "run"]
 
 
 def __getattr__(name: str) -> Any:

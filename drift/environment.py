@@ -43,11 +43,11 @@ def open_for(case: Case) -> Environment:
     cells = {spec.name: spec.fill for spec in (*case.currents, *case.winds, *case.stokes)}
     scenarios = []
     for scenario in case.scenarios:
-        chosen = [
+        current, wind, stokes = (
             tuple(opened[name + quantity] for name in names)
             for quantity, names in zip(QUANTITIES, _names(scenario), strict=True)
-        ]
-        scenarios.append(Sources(*chosen, cells))
+        )
+        scenarios.append(Sources(current, wind, stokes, cells))
     for scenario, sources in zip(case.scenarios, scenarios, strict=True):
         for quantity in QUANTITIES:
             if sources.of(quantity):

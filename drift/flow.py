@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drift import ensemble as record
-from drift import environment, forecast, output, prior, products
+from drift import environment, figures, forecast, output, prior, products
 from drift.case import Case, ForcingError
 from drift.environment import Environment
-from drift.forcing import Forcing
+from drift.forcing import QUANTITIES, Forcing
 from drift.forecast import Clock, Moment, Trial, World
 from drift.products import Forecast, Snapshot
 from drift.scenario import Scenario
@@ -24,7 +24,7 @@ from drift.status import Status
 from geo import coast as shoreline
 from geo import sphere
 from geo.errors import UserError
-from kernels import advance, runtime
+from kernels import advance, deposit, runtime
 from kernels import coast as device_coast
 
 Report = Callable[[str, float], None]
@@ -104,16 +104,18 @@ def run(
     with clock.phase("products"):
         snapshots = _snapshots(case, ensemble, moments)
         is_land = partial(shoreline.is_land, where.coast) if where.coast else None
-        made = products.build(snapshots, scenarios=[s.name for s in case.scenarios], is_land=is_land)
+        made = products.build(
+            snapshots, scenarios=[s.name for s in case.scenarios], is_land=is_land, deposit=deposit.deposit
+        )
         tracks = _trajectories(case, snapshots)
     summary = _summary(case, where, account, drawn, ticks, trial, clock)
     if out is not None:
         tell("write", 0.0)
         with clock.phase("write"):
             attributes = _attributes(case, where)
-            output.write(
-                out, made, tracks, summary, _figures(case, where, made), attributes=attributes, overwrite=overwrite
-            )
+            footer = f"{attributes['source']}, seed {case.seed}, coast {attributes['coast']}"
+            pictures = figures.figures(case, where, made, footer)
+            output.write(out, made, tracks, summary, pictures, attributes=attributes, overwrite=overwrite)
     return Result(case, made, tracks, summary)
 
 
@@ -169,7 +171,7 @@ def _check_place(case: Case, where: Environment, ensemble: record.Ensemble, worl
     world.forcing.set(low, high)
     lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     probability = record.probability(ensemble)
-    missing = dict.fromkeys(environment.QUANTITIES, 0.0)
+    missing = dict.fromkeys(QUANTITIES, 0.0)
     for (first, last), ranges in zip(ensemble.scenarios, world.forcing.ranges, strict=True):
         for k, quantity in enumerate(missing):
             tiles = ranges[2 * k : 2 * k + 2]
@@ -285,8 +287,3 @@ def _summary(
         "coast": {"source": where.coast.source if where.coast else "none", "notes": list(where.notes)},
         "wall_time_s": watch.seconds,
     }
-
-
-def _figures(case: Case, where: Environment, made: Forecast) -> dict[str, Callable[[Path], None]]:
-    """Return what draws each picture."""
-    return {}

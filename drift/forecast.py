@@ -23,7 +23,7 @@ Array = npt.NDArray[Any]
 Progress = Callable[[float], None]
 
 LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
-RUNGS = 5  # of the ladder that are tried together
+RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # of the ladder that are tried together: often the first one will do
 TRIAL_SIZE = 2000  # particles whose error decides on the step
 TRIAL_SPAN = 86_400  # [s] over which it is measured
 DAY = 86_400
@@ -154,7 +154,8 @@ def choose_step(
     release = ensemble.release.to_numpy()[chosen]
     span = min(clock.duration, TRIAL_SPAN + int(release.max()))
     errors: dict[int, float] = {}
-    for rungs in (ladder[:RUNGS], ladder[RUNGS : 2 * RUNGS], ladder[2 * RUNGS :]):
+    for first, last in RUNGS:
+        rungs = ladder[first:last]
         steps = sorted({*rungs, *(_half(s) for s in rungs)})
         ends, elapsed = _march(
             ensemble, world.without_noise(), chosen, steps, Clock(clock.start, span, clock.direction, 1, origin)

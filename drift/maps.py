@@ -175,7 +175,7 @@ def draw_field(
     known = np.isfinite(np.hypot(east, north)[some])
     px, py = (v[some][known] for v in np.meshgrid(lon, lat))
     u, v = turned(here, px, py, east[some][known], north[some][known])
-    ax.quiver(*here.project(px, py), u, v, color=INK, scale=22 * max(top, 1e-9), width=0.002, zorder=7, pivot="mid")
+    ax.quiver(*here.project(px, py), u, v, color=INK, scale=22 * max(top, 1e-9), width=0.002, zorder=4.5, pivot="mid")
     bar = figure.add_axes((0.87, 0.15, 0.02, 0.6))
     figure.colorbar(mesh, cax=bar, extend="max", label="speed [m/s]")
     figure.text(0.08, 0.945, _fit(title, 80), fontsize=12, weight="bold", color=INK)

@@ -157,7 +157,8 @@ def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
             lengths.append(np.hypot(east, north))
     done = np.cumsum(lengths) / np.sum(lengths)
     points = sphere.to_binary(np.degrees(np.array(begins)))
-    return points, *(np.asarray(x, np.float32) for x in (courses, lengths, done))
+    course, length, end = (np.asarray(x, np.float32) for x in (courses, lengths, done))
+    return points, course, length, end
 
 
 def _equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from geo import naming
 from geo.errors import UserError
 
 Attributes = Mapping[str, Any]
@@ -85,6 +86,7 @@ class Pair:
 def said(attributes: Attributes) -> str | None:
     """Return what a variable says of itself: a quantity, "other", or None where it does not say."""
     standard = str(attributes.get("standard_name", "")).strip().lower().split(" ")[0]
+    standard = "" if standard in ("unknown", "none") else standard  # GRIB converters write this
     text = standard or str(attributes.get("long_name", "")).lower()
     text = text.replace("_", " ")
     if not text:
@@ -162,6 +164,9 @@ def search(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
     )
 
 
+KEYS = ("east", "north", "axes", "lon", "lat", "time", "angle", "mask", "crs", "x", "y")  # of a case's variables
+
+
 def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str, Any], name: str) -> Pair:
     """Return the variables of a quantity among all of `variables` {name: attributes}, or say what is there.
 
@@ -189,7 +194,7 @@ def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str
 
 
 def _list(variables: Mapping[str, Attributes]) -> str:
-    names = sorted(variables)
+    names = sorted(n for n in variables if not naming.of_grid(n))
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "no variable"
 
 
@@ -202,7 +207,7 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         one = [
             n
             for n, a in variables.items()
-            if (n in components[held] and said(a) in (None, quantity) and n not in PLAIN)
+            if (n in components[held] and said(a) in (None, quantity) and (n not in PLAIN or quantity == "current"))
             or _standard_name(a, "standard_name") in components[held]
         ]
         if one and not any(n in components[lacking] for n in variables):

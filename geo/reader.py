@@ -70,7 +70,8 @@ def read(request: Request, paths: dataset.Paths) -> Reading:
     seen = tile.examine(made, len(first.segments))
     if seen.missing == 1.0 and seen.empty:
         inside = " in the case's area" if request.box is not None else ""
-        raise UserError(f"{request.name}: every value is missing{inside}; set [[{q}]] files")
+        odd = f" ({seen.strange} are no possible speed: are the units right?)" if seen.strange else ""
+        raise UserError(f"{request.name}: every value is missing{inside}{odd}; set [[{q}]] files")
     made = seen.tile
     asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
     return Reading(

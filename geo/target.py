@@ -51,10 +51,10 @@ def _grid(west: float, south: float, width: float, height: float, dlon: float, d
     nlat = max(2, int(np.ceil(height / dlat - 1e-6)) + 1)
     if width >= 360.0 - 1e-9:
         n = int(np.ceil(360.0 / dlon - 1e-6))
-        return Grid(-180.0, south, 360.0 / n, height / (nlat - 1), n + 1, nlat)
+        return Grid(-180.0, float(south), 360.0 / n, float(height / (nlat - 1)), n + 1, nlat)
     nlon = max(2, int(np.ceil(width / dlon - 1e-6)) + 1)
     west = (west + 180.0) % 360.0 - 180.0
-    return Grid(west, south, max(width, dlon) / (nlon - 1), height / (nlat - 1), nlon, nlat)
+    return Grid(float(west), float(south), float(max(width, dlon) / (nlon - 1)), float(height / (nlat - 1)), nlon, nlat)
 
 
 def _hull(lon: Array, gap: float) -> tuple[float, float]:

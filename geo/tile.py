@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from geo import component, cost, layout, regrid, rotation, target
+from geo import cost, layout, regrid, rotation, slices, target
 from geo import grid as grids
 from geo.box import Box
 from geo.component import Component
@@ -42,11 +42,16 @@ class Tile:
 
 @dataclass(frozen=True)
 class Examined:
-    """A tile after a look at its first slice: share missing there, whether all slices looked at are empty."""
+    """A tile after a look at its first slice.
+
+    missing: share of nodes missing there; empty: whether all slices looked at hold nothing; strange: how many
+    values there are no speed but fill values that the file does not declare.
+    """
 
     tile: Tile
     missing: float
     empty: bool
+    strange: int
     notes: tuple[str, ...]
 
 
@@ -132,7 +137,7 @@ def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
     """Return both components of slice i at their own points, and how many undeclared fill values they held."""
     values, strange = [], 0
     for k in (0, 1):
-        value, count = component.read(tile.components[k], tile.layouts[k], i)
+        value, count = slices.read(tile.components[k], tile.layouts[k], i)
         if tile.dry is not None:
             value[tile.dry[k]] = np.nan
         values.append(value)
@@ -188,7 +193,7 @@ def examine(tile: Tile, count: int) -> Examined:
     empty = missing == 1.0 and not any(np.isfinite(read(tile, i)).any() for i in {count // 2, count - 1} - {0})
     if tile.matrices is not None and missing < 1.0:
         notes.append(cost.of(tile.grid, tile.layouts, (a, b), (x, y)))
-    return Examined(tile, missing, empty, tuple(notes))
+    return Examined(tile, missing, empty, strange, tuple(notes))
 
 
 def _dry(tile: Tile, x: Array, y: Array, count: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:

@@ -436,7 +436,7 @@ def test_meaningless_times_are_refused_or_stated(tmp_path: Path) -> None:
         assert (source.times == np.array(["2024-03-05T06", "2024-03-05T07", "2024-03-05T08"], Z)).all()
         np.testing.assert_allclose(source.read(2)[..., 0], ramp(*AXES)[0] + 0.2, atol=1e-6)
         assert len(forcing.open_source("current", path, steady=True).times) == 0
-    with pytest.raises(UserError, match="states 2 times.*3 slices"):
+    with pytest.raises(UserError, match=r"states 2 times.*3 slices"):
         forcing.open_source("current", path, times=["2024-03-05", "2024-03-06"])
 
 
@@ -496,10 +496,14 @@ def test_damage_inside_a_file_is_told_when_read(tmp_path: Path, data: Path) -> N
     for k in range(3_500_000, 6_500_000):
         whole[k] = 0x55
     (tmp_path / "holed.nc").write_bytes(whole)
-    with pytest.raises(UserError, match="holed.nc"):
+
+    def read_all() -> None:
         source = forcing.open_source("current", tmp_path / "holed.nc")
         for k in range(len(source.times)):
             source.read(k)
+
+    with pytest.raises(UserError, match=r"holed\.nc"):
+        read_all()
 
 
 def test_wrong_quantity(data: Path, tmp_path: Path) -> None:
@@ -534,9 +538,20 @@ def test_wrong_quantity(data: Path, tmp_path: Path) -> None:
     refused("current", path, 'no variable "q"', "uo", variables={"east": "q", "north": "vo"}, steady=True)
 
 
+def test_variables_keys(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.nc", *AXES, *ramp(*AXES))
+    refused("current", path, 'no variable "q"', "variables.lon", variables={"lon": "q"}, steady=True)
+    refused("current", path, "variables.eastt", "allowed are east, north", variables={"eastt": "uo"}, steady=True)
+    refused("current", path, "true", "grid", variables={"axes": "x"}, steady=True)
+    assert forcing.open_source("current", path, variables={"lon": "lon", "lat": "lat"}, steady=True).missing == 0
+
+
 def test_empty_and_apart(tmp_path: Path) -> None:
     u, v = ramp(*AXES)
     refused("current", written(tmp_path / "a.nc", *AXES, u * np.nan, v), "every value is missing", "a.nc", steady=True)
+    refused(
+        "current", written(tmp_path / "c.nc", *AXES, u + 500, v), "every value is missing", "units right?", steady=True
+    )
     u[2:5, 2:5] = np.nan
     path = written(tmp_path / "b.nc", *AXES, u, v)
     refused("current", path, "no overlap", "0.00 to 2.00 E", steady=True, box=Box(20.0, 50.0, 21.0, 51.0))

@@ -27,6 +27,10 @@ KINDS: dict[str, Callable[[Path], Any]] = {
     "curved, true components": lambda p: writers.curved_true(p / "a.nc"),
     "FVCOM": lambda p: writers.fvcom(p / "a.nc"),
     "SCHISM": lambda p: writers.schism(p / "a.nc"),
+    "rotated pole": lambda p: writers.rotated(p / "a.nc"),
+    "points repeated for every time": lambda p: writers.repeated(p / "a.nc"),
+    "points in a grid file": writers.apart,
+    "D-Flow FM": lambda p: writers.dflow(p / "a.nc"),
 }
 AREA = Box(writers.LON[0], writers.LAT[0], writers.LON[1], writers.LAT[1])
 
@@ -50,7 +54,7 @@ def test_same_field_on_every_grid(kind: str, box: Box | None, tmp_path: Path) ->
     source = forcing.open_source("current", KINDS[kind](tmp_path), box=box)
     assert (source.times == writers.TIMES.astype("datetime64[s]")).all()
     # elements' centres carried to nodes first: means over 3 elements round a node, each 2/3 of a cell away
-    extra = 2.0 if kind == "FVCOM" else 1.0
+    extra = 2.0 if kind in ("FVCOM", "D-Flow FM") else 1.0
     assert worst(source, 0) < writers.tolerance() * extra
     assert worst(source, 2) < writers.tolerance() * extra
     values = source.read(1)
@@ -131,6 +135,38 @@ def test_curved_grid_over_the_antimeridian(tmp_path: Path) -> None:
         got = sample(source.grid, source.read(0), lon, lat)
         # linear field: only components turning within a cell are left, 6 km / R * tan(17) * 0.5 m/s and float32
         np.testing.assert_allclose(got, np.stack(field(lon, lat), -1), atol=5e-4)
+
+
+def test_a_plane_that_holds_the_pole(tmp_path: Path) -> None:
+    """All longitudes round the pole: the tile is seamless, and what lies poleward of 89 degrees is left out."""
+    to = pyproj.Proj(writers.STEREO)
+    x, y = np.arange(-2.5e6, 2.5e6, 50e3), np.arange(-2.0e6, 2.6e6, 50e3)
+    lon, lat = to(*np.meshgrid(x, y), inverse=True)
+
+    def field(lon: Any, lat: Any) -> tuple[Any, Any]:
+        return 0.3 + 0.1 * np.cos(np.radians(lon)), 0.2 * np.sin(np.radians(2 * lon)) + 0.01 * (lat - 80)
+
+    a, b = writers.in_plane(to, lon, lat, *field(lon, lat))
+    mapping = pyproj.CRS.from_user_input(writers.STEREO).to_cf()
+    axes = {"X": ("X", x / 1e3, {"units": "km"}), "Y": ("Y", y / 1e3, {"units": "km"})}
+    extra = {"grid_mapping": "crs"}
+    xr.Dataset(
+        {
+            "u": (("Y", "X"), a, writers.ALONG_X | extra),
+            "v": (("Y", "X"), b, writers.ALONG_Y | extra),
+            "crs": ((), 0, mapping),
+        },
+        axes,
+    ).to_netcdf(tmp_path / "a.nc")
+    rng = np.random.default_rng(4)
+    for box in (None, Box(170.0, 78.0, 200.0, 85.0)):
+        source = forcing.open_source("current", tmp_path / "a.nc", steady=True, box=box)
+        assert source.grid.seamless == (box is None)
+        assert source.grid.lat[-1] <= 89.0 + 1e-9
+        lon, lat = rng.uniform(*((170.0, 200.0) if box else (-180.0, 180.0)), 2000), rng.uniform(78.0, 85.0, 2000)
+        got = sample(source.grid, source.read(0), lon, lat)
+        # a 50 km cell is 5 degrees of longitude at 85 N: (0.09 rad)^2 / 8 of vectors that turn once and twice round
+        np.testing.assert_allclose(got, np.stack(field(lon, lat), -1), atol=(3**2 * 0.3) * 0.09**2 / 8 * 2)
 
 
 def test_mercator_spacing_is_carried(tmp_path: Path) -> None:

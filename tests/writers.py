@@ -268,3 +268,96 @@ def curved_true(path: Path) -> Path:
         ),
         path,
     )
+
+
+def rotated(path: Path) -> Path:
+    """A rotated pole: rlon east of 180, components along the rotated axes, no longitudes and latitudes."""
+    mapping = {
+        "grid_mapping_name": "rotated_latitude_longitude",
+        "grid_north_pole_latitude": 25.0,
+        "grid_north_pole_longitude": -40.0,
+    }
+    to = pyproj.Transformer.from_crs("EPSG:4326", pyproj.CRS.from_cf(mapping), always_xy=True)
+    x, y = to.transform(*np.meshgrid(np.linspace(1, 7, 9), np.linspace(57, 61, 9)))
+    rlon, rlat = np.arange(x.min(), x.max(), CELL), np.arange(y.min(), y.max(), CELL)
+    lon, lat = to.transform(*np.meshgrid(rlon, rlat), direction="INVERSE")
+    (x0, y0), (x1, y1) = to.transform(lon, lat), to.transform(lon, lat + 1e-5)
+    angle = np.arctan2(y1 - y0, (x1 - x0) * np.cos(np.radians(y0))) - np.pi / 2
+    u, v = slices(lon, lat)
+    dims, extra = ("time", "rlat", "rlon"), {"grid_mapping": "pole"}
+    return save(
+        xr.Dataset(
+            {
+                "u": (dims, u * np.cos(angle) - v * np.sin(angle), ALONG_X | extra),
+                "v": (dims, u * np.sin(angle) + v * np.cos(angle), ALONG_Y | extra),
+                "pole": ((), 0, mapping),
+            },
+            {
+                "time": TIMES,
+                "rlat": ("rlat", rlat, {"standard_name": "grid_latitude", "units": "degrees"}),
+                "rlon": ("rlon", rlon + 360.0, {"standard_name": "grid_longitude", "units": "degrees"}),
+            },
+        ),
+        path,
+    )
+
+
+def repeated(path: Path) -> Path:
+    """Longitudes and latitudes repeated for every time, as WRF writes them; names say nothing of axes."""
+    to, x, y, turn = oblique()
+    lon, lat = turned(to, x, y, turn)
+    u, v = along(to, lon, lat, turn)
+    dims = ("Time", "south_north", "west_east")
+    still = {"XLONG": np.repeat(lon[None], 3, 0), "XLAT": np.repeat(lat[None], 3, 0)}
+    data = xr.Dataset(
+        {"u": (dims, u, {"units": "m s-1"}), "v": (dims, v, {"units": "m s-1"})}
+        | {
+            "XLONG": (dims, still["XLONG"], {"units": "degree_east"}),
+            "XLAT": (dims, still["XLAT"], {"units": "degree_north"}),
+        }
+        | {"XTIME": ("Time", [0.0, 180.0, 360.0], {"units": "minutes since 2024-03-05 00:00:00"})}
+    )
+    return save(data, path)
+
+
+def apart(folder: Path) -> list[Path]:
+    """A ROMS history file without points, and the grid file that has them."""
+    data = xr.load_dataset(roms(folder / "all.nc", own_points=True), decode_times=False)
+    grid = [n for n in data.variables if str(n)[:3] in ("lon", "lat", "ang")]
+    return [save(data.drop_vars(grid), folder / "his.nc"), save(data[grid], folder / "grd.nc")]
+
+
+def dflow(path: Path) -> Path:
+    """D-Flow FM: UGRID, quadrilaterals and triangles mixed, values at the faces' centres."""
+    x, y = np.meshgrid(np.arange(1.4, 6.7, 2 * CELL), np.arange(57.6, 60.4, CELL))
+    index = np.arange(x.size).reshape(x.shape)
+    four = np.stack((index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]), -1).reshape(-1, 4)
+    none = np.full((len(four[::3]), 1), -1)
+    halves = [np.concatenate((four[::3][:, k], none), 1) for k in ([0, 1, 2], [0, 2, 3])]
+    faces = np.concatenate((np.delete(four, np.s_[::3], 0), *halves))
+    real = faces >= 0
+    lon, lat = ((v.ravel()[faces] * real).sum(1) / real.sum(1) for v in (x, y))
+    u, v = slices(lon, lat)
+    east, north = (
+        {"standard_name": "longitude", "units": "degrees_east"},
+        {"standard_name": "latitude", "units": "degrees_north"},
+    )
+    extra = {"mesh": "mesh2d", "location": "face", "units": "m s-1"}
+    dims = ("time", "mesh2d_nFaces")
+    return save(
+        xr.Dataset(
+            {
+                "mesh2d": ((), 0, {"cf_role": "mesh_topology", "face_node_connectivity": "mesh2d_face_nodes"}),
+                "mesh2d_node_x": ("mesh2d_nNodes", x.ravel(), east),
+                "mesh2d_node_y": ("mesh2d_nNodes", y.ravel(), north),
+                "mesh2d_face_x": ("mesh2d_nFaces", lon, east),
+                "mesh2d_face_y": ("mesh2d_nFaces", lat, north),
+                "mesh2d_face_nodes": (("mesh2d_nFaces", "most"), np.where(real, faces + 1, -999), {"start_index": 1}),
+                "mesh2d_ucx": (dims, u, extra | {"standard_name": "sea_water_x_velocity"}),
+                "mesh2d_ucy": (dims, v, extra | {"standard_name": "sea_water_y_velocity"}),
+            },
+            {"time": TIMES},
+        ),
+        path,
+        mesh2d_face_nodes={"dtype": "int32", "_FillValue": -999},
+    )

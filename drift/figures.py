@@ -1,0 +1,44 @@
+"""The pictures of a run: what is drawn on them comes from the case, its environment and its forecast."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from drift.case import Case
+from drift.environment import Environment
+from drift.products import Forecast
+from drift.scenario import AreaPrior, PositionPrior
+
+Figure = Callable[[Path], None]
+
+
+def figures(case: Case, where: Environment, forecast: Forecast, footer: str) -> dict[str, Figure]:
+    """Return, by file name, what draws each picture to a path."""
+    from drift import (
+        maps,  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
+    )
+
+    marks, lines = [], []
+    for scenario in case.scenarios:
+        prior = scenario.prior
+        alone = len(case.scenarios) == 1
+        if isinstance(prior, PositionPrior):
+            label = "Last known position" if alone else f"LKP, {scenario.name}"
+            marks.append(maps.Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
+        else:
+            lon = np.degrees(np.unwrap(prior.lon)).tolist()
+            closed = isinstance(prior, AreaPrior)
+            lines.append(maps.Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
+    common = {
+        "title": case.title,
+        "polygons": where.coast.polygons if where.coast is not None else (),
+        "marks": marks,
+        "footer": footer,
+        "synthetic": any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes)),
+    }
+    return {
+        "map.png": partial(maps.draw_map, forecast, lines=lines, **common),
+        "snapshots.png": partial(maps.draw_snapshots, forecast, **common),
+    }
