@@ -221,38 +221,30 @@ def _objects(given: argparse.Namespace) -> None:
 
 
 def _info(given: argparse.Namespace) -> None:
-    from drift import sketch
-    from geo import forcing
+    from geo import describe
 
-    understood, refused = [], []
-    for quantity in ("current", "wind", "stokes"):
-        try:
-            understood.append(forcing.open_source(quantity, given.files, lenient=True))
-        except UserError as error:
-            refused.append(str(error))
-    if not understood:
-        # "No wind in the wind file" says less than "the wind's units are missing".
-        raise UserError(next((text for text in refused if not text.startswith("no ")), refused[0]))
+    understood = describe.understand(given.files)
     for source in understood:
-        print(sketch.describe(source))
-    if given.plot:
-        for source in understood:
-            plot = given.plot
-            if len(understood) > 1:
-                plot = plot.with_name(f"{plot.stem}-{source.quantity}{plot.suffix}")
-            _draw(source, plot)
-            print(f"Map in {plot}")
+        print("\n".join([*describe.describe(source), *describe.sketch(source)]))
+    for source in understood if given.plot else ():
+        plot = given.plot
+        if len(understood) > 1:
+            plot = plot.with_name(f"{plot.stem}-{source.quantity}{plot.suffix}")
+        _draw(source, plot)
+        print(f"Map in {plot}")
 
 
 def _draw(source: Any, path: Path) -> None:
     from drift import maps
+    from geo import shore
 
     if path.suffix.lower() != ".png" or not path.absolute().parent.is_dir():
         raise UserError(f"--plot {path}: must be a .png file in a folder that exists")
     values, grid = source.read(0), source.grid
     when = f", {source.times[0]}Z" if source.times.size else ""
     title = f"{source.quantity} {source.name}{when}"
-    maps.draw_field(path, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title)
+    land = shore.land("gshhg", grid.box).polygons
+    maps.draw_field(path, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land)
 
 
 def _print_facts(title: str, facts: dict[str, str]) -> None:

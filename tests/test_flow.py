@@ -89,7 +89,9 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
     coast = shoreline.build(land, box)
     for step in ("5 min", "60 min"):
         text = case_of(tmp_path, particles=20_000, coast="gshhg", at='"60 50N 004 40E"').text.replace("3 %", "8 %")
-        (tmp_path / "case.toml").write_text(text.replace("200", "250").replace("[[scenario]]", f'[clock]\nstep = "{step}"\n[[scenario]]', 1))
+        (tmp_path / "case.toml").write_text(
+            text.replace("200", "250").replace("[[scenario]]", f'[clock]\nstep = "{step}"\n[[scenario]]', 1)
+        )
         result = drift.run(drift.load(tmp_path / "case.toml"))
         tracks = result.trajectories
         assert not shoreline.is_land(coast, tracks.lon.ravel(), tracks.lat.ravel()).any()
