@@ -102,7 +102,9 @@ def measure(most: int) -> list[dict[str, object]]:
         for row, (_, scheme, physics, wind, coastal) in zip(rows, CASES, strict=True):
             ranges = RANGES if wind else (0, 1, 0, 0, 0, 0)
 
-            def job(k: int, ranges=ranges, physics=physics, coastal=coastal, scheme=scheme, n=n) -> None:  # type: ignore[no-untyped-def]
+            def job(
+                k: int, ranges=ranges, physics=physics, coastal=coastal, scheme=scheme, n=n, ensemble=ensemble
+            ) -> None:  # type: ignore[no-untyped-def]
                 step = kernel.Step(k, 600 * k, 600, 1)
                 shore_or_none = device if coastal else None
                 kernel.advance(ensemble, (0, n), tiles, ranges, physics, step, domain, shore_or_none, scheme)

@@ -1,0 +1,77 @@
+"""Does any particle end inland? A large, long run on a real coast; every position of every output is tested.
+
+    DRIFT_DATA=... python benchmarks/inland.py [PARTICLES] [HOURS]
+
+A raft case on NorKyst and AROME, released all over the coastal sea, GSHHG at full resolution, errors and diffusion on.
+"""
+
+import sys
+import tempfile
+import time
+from dataclasses import replace
+
+import numpy as np
+
+import drift
+from drift import ensemble as record
+from drift import environment, flow, forecast, prior
+from drift.forcing import Forcing
+from drift.forecast import World
+from geo import coast as shoreline
+from geo import sphere
+from kernels import coast as device_coast
+from kernels import runtime
+
+CASE = """
+start = "2015-11-16T00:00Z"
+duration = "{hours} h"
+particles = {particles}
+max_lost = 1.0
+output.every = "6 h"
+[[current]]
+name = "norkyst"
+files = "${{DRIFT_DATA}}/norkyst/norkyst800*.nc"
+fill = 20
+[[wind]]
+name = "arome"
+files = "${{DRIFT_DATA}}/norkyst/arome*.nc"
+[uncertainty]
+current = {{ std = "0.15 m/s", time = "6 h" }}
+wind = {{ std = "2 m/s", time = "6 h" }}
+diffusivity = "10 m2/s"
+[[scenario]]
+name = "raft"
+object = "LIFE-RAFT-DB-11"
+area.polygon = ["60 10N 004 30E", "60 10N 005 30E", "61 30N 005 30E", "61 30N 004 20E"]
+"""
+
+
+def main(particles: int = 1_000_000, hours: int = 60) -> None:
+    """Run, test every position against the exact coast, and print the account."""
+    with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
+        file.write(CASE.format(particles=particles, hours=hours))
+        file.flush()
+        case = drift.load(file.name)
+    runtime.start()
+    where = environment.open_for(replace(case))
+    coast = where.coast
+    assert coast is not None
+    shore = device_coast.upload(coast)
+    drawn = prior.draw(case, shore)
+    forcing = Forcing(list(where.scenarios), case.direction)
+    world = World(forcing, tuple(flow._physics(case, s) for s in case.scenarios), shore, flow._domain(where), case.scheme)
+    clock, _ = flow._clock(case, where, drawn.ensemble, world)
+    outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
+    begin, inland, tested = time.perf_counter(), 0, 0
+    for moment in forecast.run(drawn.ensemble, world, clock, outputs):
+        land = shoreline.is_land(coast, moment.lon, moment.lat)
+        inland, tested = inland + int(land.sum()), tested + land.size
+    forcing.close()
+    account = record.account(drawn.ensemble).by_status.sum(axis=0)
+    print(f"{particles:,} particles, {hours} h, step {clock.step} s, {time.perf_counter() - begin:.0f} s: {inland} of "
+          f"{tested:,} positions inland; adrift {account[0]:.1%}, ashore {account[1]:.1%}, without forcing {account[2]:.1%}, "
+          f"left {account[3]:.1%}; prior on land {drawn.dry[0]:.1%}; grid cell {(1 << coast.shift) * sphere.UNIT * 6371:.2f} km")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(*(int(float(x)) for x in sys.argv[1:]))
