@@ -1,0 +1,66 @@
+"""Wall time of the default case by phase: with empty caches (first run ever), then with full ones.
+
+    python benchmarks/cold_start.py [CASE] [--json FILE]
+
+Phases: import, start (Taichi), read (forcing, coast), prior, step (choice of it), drift, products, write. Kernels compile
+where they are first called: what prior, step, drift and products lose from the first to the second run is compilation, what
+read loses is the decoding of GSHHG.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+PROGRAM = """
+import json, sys, time
+from pathlib import Path
+begin = time.perf_counter()
+import drift
+from drift import flow, maps
+imported = time.perf_counter() - begin
+result = drift.run(drift.load(sys.argv[1]), Path(sys.argv[2]))
+phases = {"import": imported, **result.summary["wall_time_s"]}
+print(json.dumps({**phases, "whole": time.perf_counter() - begin}))
+"""
+
+
+def timed(case: str, place: Path, number: int) -> dict[str, float]:
+    """Return the phases [s] of one run in a fresh process, with its caches under `place`."""
+    caches = {
+        "DRIFT_CACHE": str(place / "drift"),
+        "TI_OFFLINE_CACHE_FILE_PATH": str(place / "taichi"),
+        "MPLCONFIGDIR": str(place / "mpl"),
+    }
+    command = [sys.executable, "-c", PROGRAM, case, str(place / f"out{number}")]
+    done = subprocess.run(command, env={**os.environ, **caches}, check=True, capture_output=True, text=True)
+    phases: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return phases
+
+
+def main() -> None:
+    """Run twice and print the phases."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("case", nargs="?", default="overdue_boat")
+    options.add_argument("--json", type=Path)
+    given = options.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        runs = [timed(given.case, Path(folder), k) for k in range(2)]
+    table = Table(title=f"{given.case}: seconds by phase")
+    for heading in ("phase", "empty caches", "full caches"):
+        table.add_column(heading, justify="left" if heading == "phase" else "right")
+    for phase in runs[0]:
+        table.add_row(phase, *(f"{run[phase]:.2f}" for run in runs))
+    Console().print(table)
+    if given.json:
+        given.json.write_text(json.dumps(runs, indent=1))
+
+
+if __name__ == "__main__":
+    main()
