@@ -38,7 +38,10 @@ MISREAD = {"nm": "nmi", "NM": "nmi", "Nm": "nmi", "M": "nmi or m", "miles": "nmi
 @lru_cache(maxsize=1)
 def registry() -> Any:
     """Return the units in use; built once, at the first quantity that carries a unit."""
-    return pint.UnitRegistry()
+    units = pint.UnitRegistry()
+    if "kn" not in units:  # pint before 0.25, the last for Python 3.10, knows a knot as kt alone
+        units.define("@alias knot = kn")
+    return units
 
 
 def quantity(value: object, unit: str, what: str, example: str) -> float:
