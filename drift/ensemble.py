@@ -94,9 +94,13 @@ class Account:
     ess: float  # effective sample size, 1 / sum of squared weights (Kong 1992)
 
 
-def account(ensemble: Ensemble) -> Account:
-    """Return the account of an ensemble, the same for any number of threads."""
-    parts = [weigh.account(ensemble.log_weight, ensemble.status, *slots) for slots in ensemble.scenarios]
+def account(ensemble: Ensemble, status: Array | None = None) -> Account:
+    """Return the account of an ensemble, the same for any number of threads.
+
+    status: int32 (n,) at another time than that of the last step; default: the ensemble's own.
+    """
+    statuses = ensemble.status if status is None else runtime.upload(status)
+    parts = [weigh.account(ensemble.log_weight, statuses, *slots) for slots in ensemble.scenarios]
     largest = max(factor for _, _, factor in parts)
     table = np.array([sums * np.exp(factor - largest) for sums, _, factor in parts])
     squares = sum(square * np.exp(2 * (factor - largest)) for _, square, factor in parts)

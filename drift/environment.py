@@ -18,6 +18,8 @@ from geo.forcing import Source
 FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
 STRONGEST_WIND = 25.0  # [m/s]
 COAST_MARGIN = 0.25  # [deg] more than a step
+PIECE = 50_000.0  # [m] how finely a voyage is followed for its box
+POLEWARD = 89.0  # [deg] beyond, east and north lose their meaning: a particle there has left
 SPREADS = 5.0  # standard deviations of a prior that lie in its box
 
 
@@ -39,8 +41,11 @@ def open_for(case: Case) -> Environment:
     reported position lies on land.
     """
     box = case.domain or reach(case)
+    box = replace(box, south=max(box.south, -POLEWARD), north=min(box.north, POLEWARD))
     opened = {spec.name + spec.quantity: _open(spec, box, case) for spec in (*case.currents, *case.winds, *case.stokes)}
-    cells = {spec.name: spec.fill for spec in (*case.currents, *case.winds, *case.stokes)}
+    cells: dict[tuple[str, str], int] = {
+        (spec.quantity, spec.name): spec.fill for spec in (*case.currents, *case.winds, *case.stokes)
+    }
     scenarios = []
     for scenario in case.scenarios:
         current, wind, stokes = (
@@ -70,18 +75,23 @@ def _names(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
 
 def reach(case: Case) -> Box:
     """Return the box that holds every prior and all that it can reach by the end of the run."""
-    lon, lat, spread = [], [], 0.0
+    lon: list[np.ndarray] = []
+    lat: list[np.ndarray] = []
+    spread = 0.0
     for scenario in case.scenarios:
         prior = scenario.prior
+        x, y = np.atleast_1d(prior.lon), np.atleast_1d(prior.lat)
         if isinstance(prior, PositionPrior):
-            lon.append(prior.lon)
-            lat.append(prior.lat)
             far = prior.displacement.distance[1] if prior.displacement else 0.0
             spread = max(spread, SPREADS * prior.major + far)
-        else:
-            lon += prior.lon
-            lat += prior.lat
-            spread = max(spread, 0.0 if isinstance(prior, AreaPrior) else SPREADS * prior.cross_track)
+        elif not isinstance(prior, AreaPrior):
+            x, y = sphere.track(x, y, PIECE)
+            x = np.unwrap(x)
+            spread = max(spread, SPREADS * prior.cross_track)
+        # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to the first prior's.
+        about = lon[0].mean() if lon else x.mean()
+        lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
+        lat.append(y)
     slope = max(
         (max(abs(line.slope) for line in (s.object.down, s.object.right, s.object.left)) for s in case.scenarios),
         default=0.0,
@@ -89,11 +99,10 @@ def reach(case: Case) -> Box:
     fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * case.current_error.std
     duration = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
     grown = np.degrees((spread + fastest * duration) / sphere.RADIUS)
-    about = np.degrees(lon[0] + np.asarray(sphere.wrap(np.array(lon) - lon[0])))
-    south, north = float(np.degrees(min(lat))), float(np.degrees(max(lat)))
-    highest = min(max(abs(south), abs(north)) + grown, 89.0)
-    west = float((about.min() + 180) % 360 - 180)
-    tight = Box(west, south, west + max(float(np.ptp(about)), 1e-6), north)
+    x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
+    highest = min(float(np.abs(y).max() + grown), POLEWARD)
+    west = float((x.min() + 180) % 360 - 180)
+    tight = Box(west, float(y.min()), west + max(float(np.ptp(x)), 1e-6), float(y.max()))
     return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))
 
 
@@ -149,7 +158,7 @@ def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[S
 def _shrunk(box: Box, sources: tuple[Source, ...]) -> Box:
     """Return the part of a box for which there is a current: no coast is needed elsewhere."""
     extents = [source.grid.box for source in sources if source.quantity == "current"]
-    if any(extent.east - extent.west >= 360 for extent in extents):
+    if box.east - box.west > 180 or any(extent.east - extent.west >= 360 for extent in extents):
         return box
     south, north = max(box.south, min(e.south for e in extents)), min(box.north, max(e.north for e in extents))
     if south >= north:

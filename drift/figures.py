@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def figures(case: Case, where: Environment, forecast: Forecast, footer: str) -> 
             lon = np.degrees(np.unwrap(prior.lon)).tolist()
             closed = isinstance(prior, AreaPrior)
             lines.append(maps.Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
-    common = {
+    common: dict[str, Any] = {
         "title": case.title,
         "polygons": where.coast.polygons if where.coast is not None else (),
         "marks": marks,

@@ -29,6 +29,7 @@ from kernels import coast as device_coast
 
 Report = Callable[[str, float], None]
 PACKAGES = ("casp-drift", "taichi", "numpy", "xarray", "netCDF4", "roaring-landmask")
+LEAST_INTERVAL = 300  # [s] a lattice finer than that is not worth a node of forcing
 LOST = (Status.OUTSIDE, Status.LEFT)
 
 
@@ -98,7 +99,7 @@ def run(
             moments = list(forecast.run(ensemble, world, ticks, outputs, partial(tell, "drift")))
     finally:
         forcing.close()
-    account = record.account(ensemble)
+    account = record.account(ensemble, moments[-1].status)
     _check_lost(case, where, account.by_status.sum(axis=0))
     tell("map", 0.0)
     with clock.phase("products"):
@@ -150,14 +151,16 @@ def _domain(where: Environment) -> advance.Domain:
 
 def _clock(case: Case, where: Environment, ensemble: record.Ensemble, world: World) -> tuple[Clock, Trial | None]:
     """Return the clock: the case's step, or the largest whose error is small; on the lattice of the forcing's times."""
-    times = [s.times.astype("datetime64[s]").astype(np.int64) for s in where.sources if s.times.size > 1]
-    nodes = np.concatenate(times) if times else np.array([0])
-    origin = int(nodes[0])
-    divisor = int(np.gcd.reduce(np.abs(nodes - origin))) or 3600
+    divisor, origin = _lattice([s.times.astype("datetime64[s]").astype(np.int64) for s in where.sources])
     start = int(case.start.astype("datetime64[s]").astype(np.int64))
     duration = abs(int((case.end - case.start) / np.timedelta64(1, "s")))
     errors = [e.time for e in (case.current_error, case.wind_error) if e.std > 0]
     longest = min(errors) / 6 if errors else np.inf
+    if case.step is not None and case.step > longest:
+        raise UserError(
+            f"clock.step: {case.step} s is longer than a sixth of the errors' decorrelation time ({longest:.0f} s), and the "
+            'spread would depend on it; give at most that, or "auto"'
+        )
     if case.step is not None:
         return Clock(start, duration, case.direction, case.step, origin % case.step), None
     ladder_clock = Clock(start, duration, case.direction, 1, 0)
@@ -165,12 +168,32 @@ def _clock(case: Case, where: Environment, ensemble: record.Ensemble, world: Wor
     return Clock(start, duration, case.direction, trial.step, origin % trial.step), trial
 
 
+def _lattice(times: list[npt.NDArray[np.int64]]) -> tuple[int, int]:
+    """Return the interval [s] that steps should divide, and a point of the lattice [s since 1970].
+
+    That is the common divisor of all sources' times; times that share none of use are left to interpolation.
+    """
+    several = [t for t in times if t.size > 1]
+    for chosen in (several, [t for t in several if _common(t, int(t[0])) >= LEAST_INTERVAL]):
+        if chosen:
+            origin = int(chosen[0][0])
+            divisor = _common(np.concatenate(chosen), origin)
+            if divisor >= LEAST_INTERVAL:
+                return divisor, origin
+    return 3600, int(several[0][0]) // 3600 * 3600 if several else 0
+
+
+def _common(times: npt.NDArray[np.int64], origin: int) -> int:
+    return int(np.gcd.reduce(np.abs(times - origin)))
+
+
 def _check_place(case: Case, where: Environment, ensemble: record.Ensemble, world: World, clock: Clock) -> None:
     """Refuse a prior of which more than may be lost lies where there is no forcing."""
     low, high, _ = next(clock.steps())
     world.forcing.set(low, high)
     lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
-    probability = record.probability(ensemble)
+    # What is released later may find a source that has nothing yet: the run itself judges it.
+    probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
     missing = dict.fromkeys(QUANTITIES, 0.0)
     for (first, last), ranges in zip(ensemble.scenarios, world.forcing.ranges, strict=True):
         for k, quantity in enumerate(missing):

@@ -4,6 +4,7 @@ Sources of a quantity stand in order of priority. A particle takes the first tha
 first that knows it once missing values next to the coast are filled. So with several sources each has two tiles.
 """
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,7 +23,7 @@ class Sources:
     current: tuple[Source, ...] = ()
     wind: tuple[Source, ...] = ()
     stokes: tuple[Source, ...] = ()
-    cells: dict[str, int] = field(default_factory=dict)  # by source name
+    cells: Mapping[tuple[str, str], int] = field(default_factory=dict)  # by quantity and name
 
     def of(self, quantity: str) -> tuple[Source, ...]:
         """Return the sources of a quantity."""
@@ -48,7 +49,7 @@ class Forcing:
                 if name not in known:
                     first = len(self._slices)
                     raw = [(s, 0) for s in sources] if len(sources) > 1 else []
-                    for source, cells in raw + [(s, scenario.cells.get(s.name, 0)) for s in sources]:
+                    for source, cells in raw + [(s, scenario.cells.get((quantity, s.name), 0)) for s in sources]:
                         key = (id(source), cells)
                         shared.setdefault(key, Slices(source, cells, direction, self._pool))
                         self._slices.append(shared[key])

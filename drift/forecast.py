@@ -6,7 +6,7 @@ moves from its release on, an output inside a step is interpolated along it.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,12 +18,14 @@ from drift.forcing import Forcing
 from drift.status import Status
 from geo import sphere
 from kernels import advance as kernel
+from kernels import bridge
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], None]
 
 LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
 RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # of the ladder that are tried together: often the first one will do
+FEWEST = 100  # particles on which a percentile is worth something
 TRIAL_SIZE = 2000  # particles whose error decides on the step
 TRIAL_SPAN = 86_400  # [s] over which it is measured
 DAY = 86_400
@@ -73,9 +75,8 @@ class World:
             )
 
     def without_noise(self) -> "World":
-        """Return the same world in which nothing is left to chance and no coast stops a particle."""
-        physics = tuple(kernel.Physics() for _ in self.physics)
-        return World(self.forcing, physics, None, self.domain, self.scheme)
+        """Return the same world in which nothing is left to chance."""
+        return replace(self, physics=tuple(kernel.Physics() for _ in self.physics))
 
 
 @dataclass(frozen=True)
@@ -98,35 +99,46 @@ def run(
     due = [int(t) for t in outputs]
     while due and due[0] <= 0:
         due.pop(0)
-        yield _moment(ensemble, 0, None, 0, 0)
+        yield _moment(ensemble, ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), 0)
     for low, high, step in clock.steps():
-        begin, end = step.elapsed, step.elapsed + step.duration
+        end = step.elapsed + step.duration
         within = [t for t in due if t <= end]
-        before = None
-        if within and within[0] < end:
-            before = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
+        before = (ensemble.lon.to_numpy(), ensemble.lat.to_numpy()) if within and within[0] < end else None
         world.advance(ensemble, low, high, step)
         for t in within:
             due.pop(0)
-            yield _moment(ensemble, t, before, begin, end)
+            if before is None or t == end:
+                yield _moment(ensemble, ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), t)
+            else:
+                yield _moment(ensemble, *_inside(ensemble, world, clock, before, step, t), t)
         if progress:
             progress(min(end / clock.duration, 1.0))
 
 
-def _moment(ensemble: Ensemble, time: int, before: tuple[Array, Array] | None, begin: int, end: int) -> Moment:
-    """Return the state at `time` within the step [begin, end], on the straight line along which each particle went."""
-    lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
-    release, ended, status = ensemble.release.to_numpy(), ensemble.ended.to_numpy(), ensemble.status.to_numpy()
+def _inside(
+    ensemble: Ensemble, world: World, clock: Clock, before: tuple[Array, Array], step: kernel.Step, time: int
+) -> tuple[Array, Array]:
+    """Return positions at a time inside a step that has just been made: on each particle's bridge between its ends."""
+    end = step.elapsed + step.duration
+    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
+    left = np.maximum(step.elapsed, release)
+    there = np.where(status == Status.ADRIFT, end, np.minimum(ended, end))
+    lasting = np.maximum(there - left, 1)
+    share = np.clip((time - left) / lasting, 0.0, 1.0)
+    diffusivity = np.repeat([p.diffusivity for p in world.physics], np.diff(ensemble.bounds))
+    variance = 2 * diffusivity * share * (1 - share) * lasting
+    spread = np.where(status == Status.ADRIFT, np.sqrt(variance), 0.0)
+    after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
+    moment = (clock.start + clock.direction * time) % 2**31
+    lon, lat = bridge.between(before, after, share, spread, ensemble.seed, moment, world.coast)
+    return lon, lat
+
+
+def _moment(ensemble: Ensemble, lon: Array, lat: Array, time: int) -> Moment:
+    """Return positions with the status that each particle had at that time."""
+    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
     over = (status != Status.ADRIFT) & (status != Status.PENDING)
-    if before is not None and time < end:
-        left = np.maximum(begin, release)
-        there = np.where(over, np.minimum(ended, end), end)
-        share = np.clip((time - left) / np.maximum(there - left, 1), 0.0, 1.0)
-        # int32 differences wrap at the antimeridian as the positions do.
-        lon = before[0] + np.rint(share * (lon - before[0])).astype(np.int32)
-        lat = before[1] + np.rint(share * (lat - before[1])).astype(np.int32)
-    status = np.where(over & (ended > time), int(Status.ADRIFT), status)
-    status = np.where(status == Status.PENDING, int(Status.ADRIFT), status)
+    status = np.where(over & (ended > time) | (status == Status.PENDING), int(Status.ADRIFT), status)
     status = np.where(release > time, int(Status.PENDING), status)
     return Moment(time, lon, lat, status.astype(np.int32))
 
@@ -146,10 +158,10 @@ def choose_step(
 
     The ladder's steps divide `divisor` [s], the forcing's interval, and are at most `longest` [s]; lattices pass through
     `origin` [s since 1970], one of its times. The error of a step is the distance between tracks of a sample with that
-    step and with half of it, noise and coast off, over at most a day: its 95th percentile among those adrift to the end
-    with both (step halving; Hairer, Norsett and Wanner 1993, II.4).
+    step and with half of it, noise off, over at most a day: its 95th percentile among those adrift to the end with both
+    (step halving; Hairer, Norsett and Wanner 1993, II.4), or ashore if hardly any is.
     """
-    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [int(np.gcd(divisor, 60))]
+    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [_largest_divisor(divisor, longest)]
     chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))
     release = ensemble.release.to_numpy()[chosen]
     span = min(clock.duration, TRIAL_SPAN + int(release.max()))
@@ -164,6 +176,8 @@ def choose_step(
         for step in rungs:
             coarse, fine = ends[step], ends[_half(step)]
             adrift = (coarse[2] == Status.ADRIFT) & (fine[2] == Status.ADRIFT)
+            if adrift.sum() < FEWEST:  # most went ashore: where they did so counts
+                adrift = (coarse[2] <= Status.ASHORE) & (fine[2] <= Status.ASHORE)
             apart = sphere.distance(*(x[adrift] * sphere.UNIT for x in (*coarse[:2], *fine[:2])))
             errors[step] = float(np.percentile(apart / days[adrift], 95)) if adrift.any() else 0.0
             if errors[step] <= tolerance:
@@ -196,3 +210,8 @@ def _march(
 def _half(step: int) -> int:
     """Return half a step, or the largest other share of it in whole seconds."""
     return step // 2 if step % 2 == 0 else step // 3 if step % 3 == 0 else 1
+
+
+def _largest_divisor(number: int, most: float) -> int:
+    """Return the largest whole number of seconds, at most a quarter of an hour, that divides `number`."""
+    return next(s for s in range(int(max(min(most, 900, number), 1)), 0, -1) if number % s == 0)

@@ -143,22 +143,11 @@ def _polygon(prior: AreaPrior) -> tuple[Array, int, int, int, int]:
 
 def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
     """Return begins (lon, lat binary), courses [rad], lengths [m], and shares of the voyage done at their ends."""
-    begins, courses, lengths = [], [], []
-    for k in range(len(prior.lon) - 1):
-        a, b = (prior.lon[k], prior.lat[k]), (prior.lon[k + 1], prior.lat[k + 1])
-        east, north = (float(x) for x in sphere.offset(*a, *b))
-        count = max(int(np.ceil(np.hypot(east, north) / PIECE)), 1)
-        share = np.arange(count + 1) / count
-        lon, lat = sphere.destination(*a, east * share, north * share)
-        for i in range(count):
-            east, north = (float(x) for x in sphere.offset(lon[i], lat[i], lon[i + 1], lat[i + 1]))
-            begins.append((lon[i], lat[i]))
-            courses.append(np.arctan2(east, north))
-            lengths.append(np.hypot(east, north))
-    done = np.cumsum(lengths) / np.sum(lengths)
-    points = sphere.to_binary(np.degrees(np.array(begins)))
-    course, length, end = (np.asarray(x, np.float32) for x in (courses, lengths, done))
-    return points, course, length, end
+    lon, lat = sphere.track(prior.lon, prior.lat, PIECE)
+    east, north = sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:])
+    course, length = np.arctan2(east, north).astype(np.float32), np.hypot(east, north)
+    points = sphere.to_binary(np.degrees(np.stack([lon, lat], axis=1)[:-1]))
+    return points, course, length.astype(np.float32), (np.cumsum(length) / length.sum()).astype(np.float32)
 
 
 def _equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:

@@ -69,3 +69,17 @@ def destination(
     x, y, z = east * sinc, north * sinc, np.cos(angle)
     up, pole = z * np.cos(lat) - y * np.sin(lat), z * np.sin(lat) + y * np.cos(lat)
     return wrap(lon + np.arctan2(x, up)), np.arctan2(pole, np.hypot(x, up))
+
+
+def track(lon: npt.ArrayLike, lat: npt.ArrayLike, longest: float) -> tuple[Array, Array]:
+    """Return points (lon, lat) [rad] along great-circle legs between corners, at most `longest` [m] apart."""
+    lon, lat = np.asarray(lon, np.float64), np.asarray(lat, np.float64)
+    x, y = [lon[:1]], [lat[:1]]
+    for k in range(lon.size - 1):
+        east, north = offset(lon[k], lat[k], lon[k + 1], lat[k + 1])
+        count = max(int(np.ceil(np.hypot(east, north) / longest)), 1)
+        share = np.arange(1, count + 1) / count
+        between = destination(lon[k], lat[k], east * share, north * share)
+        x.append(between[0])
+        y.append(between[1])
+    return np.concatenate(x), np.concatenate(y)

@@ -7,6 +7,7 @@ prior    draw initial positions in water
 sample   current, wind and Stokes drift at a point, from regular tiles
 coast    is it wet; where does a step first meet the shore
 advance  one step of all particles: Runge-Kutta, leeway, Ornstein-Uhlenbeck errors, diffusion, coast
+bridge   where particles are inside a step
 weigh    sums of weights in fixed order
 deposit  weights to a grid, in fixed point
 

@@ -16,6 +16,8 @@ from kernels.sample import Nodes, Tiles, sample
 # Features of a step, as bits of a compile-time number: what is not asked for is not compiled.
 CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4 = (1 << k for k in range(8))
 
+FARTHEST = 5.0e8  # [binary angle unit] 42 degrees: a step that is longer, next to a pole, is none
+
 ADRIFT, ASHORE, OUTSIDE, LEFT, PENDING = 0, 1, 2, 3, 5  # drift.status.Status
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -79,7 +81,8 @@ def integrate(
     """Return (dlon, dlat, valid) [binary angle units] over dt [s, signed], from fraction `begin` of the step on.
 
     Classical Runge-Kutta of order 4, or the midpoint rule of order 2, in the coordinates lon and lat themselves: stages
-    of east and north metres, added up and wrapped afterwards, would be of first order.
+    of east and north metres, added up and wrapped afterwards, would be of first order. Where a stage finds no forcing,
+    valid is 0 and the way is that of the last stage that did: where the coast may still stop it.
     """
     c0, s0 = sphere.cos_lat(lat), sphere.sin_lat(lat)
     scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
@@ -107,10 +110,13 @@ def integrate(
             lat + ti.cast(ti.round(at * dlat), ti.i32),
             begin + at * (1.0 - begin),
         )
-        dlon, dlat = r[0] * scale_lat / c, r[1] * scale_lat
+        valid *= r[2]
+        if valid > 0.5:
+            dlon, dlat = r[0] * scale_lat / c, r[1] * scale_lat
         sum_lon += share * dlon
         sum_lat += share * dlat
-        valid *= r[2]
+    if valid < 0.5:
+        sum_lon, sum_lat = dlon, dlat  # the way that the last valid stage leads
     return f32x3(sum_lon, sum_lat, valid)
 
 
@@ -211,32 +217,39 @@ def _advance(
 
             x, y = lon[i], lat[i]
             r = integrate(velocity, features, nodes, where, scale, ranges, line, error, x, y, direction * dt, begin)
-            if r[2] > 0.5:
-                dlon, dlat = r[0], r[1]
-                if ti.static(features & DIFFUSION):
-                    unit = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
-                    dlon += walk_east * unit / sphere.cos_lat(y)
-                    dlat += walk_north * unit
+            dlon, dlat = r[0], r[1]
+            if ti.static(features & DIFFUSION):
+                # The exponential map to second order: without its last term a walk drifts poleward by D tan(lat) / R.
+                unit = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
+                c, s = sphere.cos_lat(y), sphere.sin_lat(y)
+                dlon += walk_east * unit / c
+                dlat += (walk_north - walk_east * walk_east * s / c * ti.f32(0.5 / sphere.RADIUS)) * unit
+            known = r[2] > 0.5 and ti.abs(dlon) < FARTHEST and ti.abs(dlat) < FARTHEST
+            move_lon, move_lat = 0, 0
+            if ti.abs(dlon) < FARTHEST and ti.abs(dlat) < FARTHEST:
                 move_lon, move_lat = ti.cast(ti.round(dlon), ti.i32), ti.cast(ti.round(dlat), ti.i32)
-                if ti.static(features & COAST):
-                    hit, x_end, y_end, part, number = first_crossing(
-                        x, y, move_lon, move_lat, cell, start, edges, edge_id, frame
-                    )
-                    x, y = x_end, y_end
-                    if hit == 1:
-                        status[i] = ASHORE
-                        ended[i] = elapsed + duration - lasting + ti.cast(part * dt, ti.i32)
-                        edge[i] = number
+            stopped = 0
+            x_end, y_end = x + move_lon, y + move_lat
+            if ti.static(features & COAST):
+                # Asked first: a stage may have found no forcing just because it lies inland, behind the shore.
+                hit, x_stop, y_stop, part, number = first_crossing(
+                    x, y, move_lon, move_lat, cell, start, edges, edge_id, frame
+                )
+                if hit == 1:
+                    stopped = 1
+                    lon[i], lat[i] = x_stop, y_stop
+                    status[i] = ASHORE
+                    ended[i] = elapsed + duration - lasting + ti.cast(part * dt, ti.i32)
+                    edge[i] = number
+            if stopped == 0:
+                if known:
+                    lon[i], lat[i] = x_end, y_end
+                    if ti.cast(x_end - west, ti.u32) > width or ti.cast(y_end - south, ti.u32) > height:
+                        status[i] = LEFT
+                        ended[i] = elapsed + duration
                 else:
-                    x += move_lon
-                    y += move_lat
-                lon[i], lat[i] = x, y
-                if ti.cast(x - west, ti.u32) > width or ti.cast(y - south, ti.u32) > height:
-                    status[i] = LEFT
-                    ended[i] = elapsed + duration
-            else:
-                status[i] = OUTSIDE
-                ended[i] = elapsed + duration - lasting
+                    status[i] = OUTSIDE
+                    ended[i] = elapsed + duration - lasting
 
 
 class Physics(NamedTuple):

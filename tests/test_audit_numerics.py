@@ -1,4 +1,4 @@
-"""An audit of the numerics against oracles that are not our code; known defects are strict xfails with their cure."""
+"""An audit of the numerics against oracles that are not our code."""
 
 from pathlib import Path
 
@@ -210,9 +210,6 @@ def test_nobody_inland_where_land_lies_across_the_antimeridian() -> None:
 # Known defects.
 
 
-@pytest.mark.xfail(
-    strict=True, reason="kernels/advance.py: a stage over dry land ends the particle OUTSIDE, not ASHORE"
-)
 def test_an_onshore_drift_strands_whatever_the_step(tmp_path: Path) -> None:
     """0.6 m/s straight onto a wall 7 km away: all are ashore after 12 h; nothing is ever outside of the forcing."""
     lon, lat = np.arange(-1, 0.5001, 0.005), np.arange(49.3, 50.7, 0.005)
@@ -248,14 +245,12 @@ def test_an_onshore_drift_strands_whatever_the_step(tmp_path: Path) -> None:
     assert account["ashore"] == pytest.approx(1.0)
 
 
-@pytest.mark.xfail(strict=True, reason="drift/environment.py: fill depths are keyed by name alone")
 def test_a_wind_of_the_same_name_leaves_the_fill_of_a_current_alone(tmp_path: Path) -> None:
     same = 'name = "model"\nconstant = { speed = "0.5 m/s", toward = 90 }\n'
     case = case_of(tmp_path, current=f"fill = 5\n{same}[[wind]]\nfill = 0\n{same}")
-    assert environment.open_for(case).scenarios[0].cells["model"] == 5
+    assert environment.open_for(case).scenarios[0].cells["current", "model"] == 5
 
 
-@pytest.mark.xfail(strict=True, reason="drift/environment.py: reach knows the waypoints, not the great circle")
 def test_the_reach_holds_the_great_circle_between_waypoints(tmp_path: Path) -> None:
     prior = """[scenario.trackline]
     waypoints = [[140.0, 35.0], [-125.0, 48.0]]
@@ -266,7 +261,6 @@ def test_the_reach_holds_the_great_circle_between_waypoints(tmp_path: Path) -> N
     assert drift.run(case_of(tmp_path, prior=prior)).summary["account"]["adrift"] == pytest.approx(1.0)
 
 
-@pytest.mark.xfail(strict=True, reason="drift/forecast.py: the last step leads past the end of the run")
 def test_the_account_is_of_the_end_of_the_run() -> None:
     """1 m/s for 4000 s does not leave a box whose edge is 5000 m away."""
     edge = round(5000 / (sphere.UNIT * sphere.RADIUS))
@@ -275,24 +269,16 @@ def test_the_account_is_of_the_end_of_the_run() -> None:
     place = world(forcing.constant("current", 1.0, 0.0), domain=box)
     (end,) = forecast.run(ensemble, place, Clock(T0, 4000, 1, 3600), np.array([4000]))
     assert end.status[0] == Status.ADRIFT
-    assert record.account(ensemble).by_status[0, Status.ADRIFT] == 1
+    assert record.account(ensemble, end.status).by_status[0, Status.ADRIFT] == 1
 
 
-@pytest.mark.xfail(
-    strict=True, reason="kernels/advance.py: mean of both ends is the process's mean only for short steps"
-)
-def test_the_spread_of_a_correlated_error_does_not_depend_on_the_step() -> None:
-    """Taylor (1921): 2 s^2 T (t - T (1 - exp(-t / T))); 20,000 draws: 1 % standard error, 5 % allowed."""
-    std, time, span, n = 0.3, 1200.0, 86_400, 20_000
-    ensemble = ensemble_at(0.0, 0.0, [0] * n)
-    ensemble.current_error_east.from_numpy((std * np.random.default_rng(1).normal(size=n)).astype(np.float32))
-    place = world(forcing.constant("current", 0.0, 0.0), physics=kernel.Physics(std, time))
-    (end,) = forecast.run(ensemble, place, Clock(T0, span, 1, 3600), np.array([span]))
-    exact = 2 * std**2 * time * (span - time * (1 - np.exp(-span / time)))
-    assert (end.lon * sphere.UNIT * sphere.RADIUS).var() == pytest.approx(exact, rel=0.05)
+def test_a_step_too_long_for_the_correlation_of_errors_is_refused(tmp_path: Path) -> None:
+    """At a step of three decorrelation times the spread would come out 1.6 times too large."""
+    more = "clock = { step = 3600 }\nuncertainty = { current = { std = 0.3, time = 1200 } }"
+    with pytest.raises(drift.UserError, match=r"clock\.step: 3600 s is longer than .* \(200 s\)"):
+        drift.run(case_of(tmp_path, more=more))
 
 
-@pytest.mark.xfail(strict=True, reason="drift/forecast.py: an output inside a step lies on the chord of a random walk")
 def test_the_spread_at_an_output_inside_a_step() -> None:
     """2 D t at any t, not only on the lattice; 20,000 draws: 1 % standard error, 5 % allowed."""
     ensemble = ensemble_at(0.0, 0.0, [0] * 20_000)

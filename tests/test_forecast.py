@@ -123,7 +123,12 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
     other[...] = np.nan
     other[:6, :, :] = (0.0, 3.0)
     second = replace(first, name="second", read=lambda i: other)
-    place = World(Forcing([Sources((first, second), cells={"first": 3, "second": 0})], 1), (STILL,), None, EVERYWHERE)
+    place = World(
+        Forcing([Sources((first, second), cells={("current", "first"): 3, ("current", "second"): 0})], 1),
+        (STILL,),
+        None,
+        EVERYWHERE,
+    )
     place.forcing.set(T0, T0 + 600)
     first_tile, last_tile = place.forcing.ranges[0][:2]
     lon, lat = sphere.to_binary([0.55, 1.25, 1.25, 1.75]), sphere.to_binary([50.25, 50.25, 50.85, 50.85])

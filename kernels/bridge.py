@@ -1,0 +1,65 @@
+"""Where particles are inside a step that ended with them adrift: a Brownian bridge between its two ends.
+
+The straight line between the ends alone would make the cloud of a random walk too narrow there.
+"""
+
+import numpy as np
+import taichi as ti
+
+from kernels import noise, sphere
+from kernels.coast import Bytes, DeviceCoast, Frame, Ints, Reals, first_crossing, open_sea
+
+
+@ti.kernel
+def _between(
+    coastal: ti.template(),
+    lon: Ints,
+    lat: Ints,
+    end_lon: Ints,
+    end_lat: Ints,
+    share: Reals,
+    spread: Reals,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    moment: ti.i32,
+    cell: Bytes,
+    start: Ints,
+    edge: Ints,
+    edge_id: Ints,
+    frame: Frame,
+):
+    for i in range(lon.shape[0]):
+        x, y = lon[i], lat[i]
+        dlon = ti.cast(end_lon[i] - x, ti.f32) * share[i]
+        dlat = ti.cast(end_lat[i] - y, ti.f32) * share[i]
+        line_lon, line_lat = ti.cast(ti.round(dlon), ti.i32), ti.cast(ti.round(dlat), ti.i32)
+        move_lon, move_lat = line_lon, line_lat
+        if spread[i] > 0.0:
+            w = noise.words(seed0, seed1, noise.STREAM_BRIDGE, i, moment)
+            n = noise.normals(w[0], w[1]) * (spread[i] * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT)))
+            move_lon = ti.cast(ti.round(dlon + n[0] / sphere.cos_lat(y)), ti.i32)
+            move_lat = ti.cast(ti.round(dlat + n[1]), ti.i32)
+            if ti.static(coastal):
+                hit, _x, _y, _part, _edge = first_crossing(x, y, move_lon, move_lat, cell, start, edge, edge_id, frame)
+                if hit == 1:  # the line itself is in water: the step along it met no coast
+                    move_lon, move_lat = line_lon, line_lat
+        lon[i], lat[i] = x + move_lon, y + move_lat
+
+
+def between(
+    begin: tuple[np.ndarray, np.ndarray],
+    end: tuple[np.ndarray, np.ndarray],
+    share: np.ndarray,
+    spread: np.ndarray,
+    seed: int,
+    moment: int,
+    coast: DeviceCoast | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (lon, lat) [binary angle], shape (n,), at a share of the way from begin to end, in water.
+
+    spread [m]: standard deviation there, a component; 0 keeps to the straight line. moment: the key of the noise.
+    """
+    lon, lat = begin[0].copy(), begin[1].copy()
+    arrays = (lon, lat, *end, share.astype(np.float32), spread.astype(np.float32))
+    _between(coast is not None, *arrays, *noise.key(seed), moment, *(coast or open_sea()))
+    return lon, lat
