@@ -2,9 +2,9 @@
 
     python benchmarks/cold_start.py [CASE] [--json FILE]
 
-Phases: import, start (Taichi), read (forcing, coast), prior, step (choice of it), drift, products, write. Kernels compile
-where they are first called: what prior, step, drift and products lose from the first to the second run is compilation, what
-read loses is the decoding of GSHHG.
+Phases: import, taichi, read (forcing, coast), start (prior, choice of the step), drift, products, write. Kernels compile
+where they are first called: what start, drift and products lose from the first to the second run is compilation, what read
+loses is the decoding of GSHHG.
 """
 
 import argparse

@@ -8,18 +8,14 @@ A raft case on NorKyst and AROME, released all over the coastal sea, GSHHG at fu
 import sys
 import tempfile
 import time
-from dataclasses import replace
 
 import numpy as np
 
 import drift
 from drift import ensemble as record
-from drift import environment, flow, forecast, prior
-from drift.forcing import Forcing
-from drift.forecast import World
+from drift import environment, forecast, prior, start
 from geo import coast as shoreline
 from geo import sphere
-from kernels import coast as device_coast
 from kernels import runtime
 
 CASE = """
@@ -53,24 +49,20 @@ def main(particles: int = 1_000_000, hours: int = 60) -> None:
         file.flush()
         case = drift.load(file.name)
     runtime.start()
-    where = environment.open_for(replace(case))
+    where = environment.open_for(case)
     coast = where.coast
     assert coast is not None
-    shore = device_coast.upload(coast)
-    drawn = prior.draw(case, shore)
-    forcing = Forcing(list(where.scenarios), case.direction)
-    world = World(forcing, tuple(flow._physics(case, s) for s in case.scenarios), shore, flow._domain(where), case.scheme)
-    clock, _ = flow._clock(case, where, drawn.ensemble, world)
+    run = start.prepare(case, where)
     outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
     begin, inland, tested = time.perf_counter(), 0, 0
-    for moment in forecast.run(drawn.ensemble, world, clock, outputs):
+    for moment in forecast.run(run.ensemble, run.world, run.clock, outputs):
         land = shoreline.is_land(coast, moment.lon, moment.lat)
         inland, tested = inland + int(land.sum()), tested + land.size
-    forcing.close()
-    account = record.account(drawn.ensemble).by_status.sum(axis=0)
-    print(f"{particles:,} particles, {hours} h, step {clock.step} s, {time.perf_counter() - begin:.0f} s: {inland} of "
+    run.world.forcing.close()
+    account = record.account(run.ensemble, moment.status).by_status.sum(axis=0)
+    print(f"{particles:,} particles, {hours} h, step {run.clock.step} s, {time.perf_counter() - begin:.0f} s: {inland} of "
           f"{tested:,} positions inland; adrift {account[0]:.1%}, ashore {account[1]:.1%}, without forcing {account[2]:.1%}, "
-          f"left {account[3]:.1%}; prior on land {drawn.dry[0]:.1%}; grid cell {(1 << coast.shift) * sphere.UNIT * 6371:.2f} km")  # fmt: skip
+          f"left {account[3]:.1%}; prior on land {run.dry[0]:.1%}; grid cell {(1 << coast.shift) * sphere.UNIT * 6371:.2f} km")  # fmt: skip
 
 
 if __name__ == "__main__":

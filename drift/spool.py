@@ -1,0 +1,58 @@
+"""The particles at all output times, kept in a temporary file: memory holds one time, however many there are."""
+
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from types import TracebackType
+from typing import overload
+
+import numpy as np
+
+from drift import ensemble as record
+from drift.case import Case
+from drift.ensemble import Ensemble
+from drift.forecast import Moment
+from drift.snapshot import Snapshot
+
+
+class Spool(Sequence[Snapshot]):
+    """Snapshots of a run, read back one at a time; a context, which removes the file at its end."""
+
+    def __init__(self, case: Case, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
+        """Take up the moments of a run as they come. Weights are those that the ensemble has afterwards."""
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
+        self._times = []
+        for moment in moments:
+            for column, kind in ((moment.lon, np.int32), (moment.lat, np.int32), (moment.status, np.uint8)):
+                self._file.write(np.ascontiguousarray(column, kind).data)
+            self._times.append(case.start + np.timedelta64(case.direction * moment.elapsed, "s"))
+        self._n = ensemble.n
+        self._probability = record.probability(ensemble)
+        kinds = np.arange(len(case.scenarios), dtype=np.int32)
+        self._scenario = np.repeat(kinds, np.diff(ensemble.bounds))
+
+    def __enter__(self) -> "Spool":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    @overload
+    def __getitem__(self, index: int) -> Snapshot: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Snapshot]: ...
+    def __getitem__(self, index: int | slice) -> Snapshot | list[Snapshot]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        at = range(len(self))[index]
+        self._file.seek(at * self._n * 9)
+        lon, lat = (np.frombuffer(self._file.read(4 * self._n), np.int32) for _ in range(2))
+        status = np.frombuffer(self._file.read(self._n), np.uint8).astype(np.int32)
+        return Snapshot(self._times[at], lon, lat, self._probability, status, self._scenario)
+
+    def __iter__(self) -> Iterator[Snapshot]:
+        return (self[i] for i in range(len(self)))

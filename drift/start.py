@@ -1,0 +1,128 @@
+"""The start of a run: the initial ensemble, the world that it moves through, and the clock it moves by."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from drift import ensemble as record
+from drift import forecast, prior
+from drift.case import Case, ForcingError
+from drift.ensemble import Ensemble
+from drift.environment import Environment
+from drift.forcing import QUANTITIES, Forcing
+from drift.forecast import Clock, Trial, World
+from drift.scenario import Scenario
+from geo import sphere
+from geo.errors import UserError
+from kernels import advance
+from kernels import coast as device_coast
+
+LEAST_INTERVAL = 300  # [s] a lattice finer than that is not worth a node of forcing
+
+
+@dataclass(frozen=True)
+class Start:
+    """All that the first step needs. dry: share of each scenario's prior on land; trial: why "auto" chose its step."""
+
+    ensemble: Ensemble
+    dry: tuple[float, ...]
+    world: World
+    clock: Clock
+    trial: Trial | None
+
+
+def prepare(case: Case, where: Environment) -> Start:
+    """Return the start of a case's run; close `world.forcing` after it.
+
+    Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
+    """
+    shore = device_coast.upload(where.coast) if where.coast else None
+    drawn = prior.draw(case, shore)
+    forcing = Forcing(list(where.scenarios), case.direction)
+    try:
+        world = World(forcing, tuple(_physics(case, s) for s in case.scenarios), shore, _domain(where), case.scheme)
+        clock, trial = _clock(case, where, drawn.ensemble, world)
+        _check_place(case, where, drawn.ensemble, world, clock)
+    except BaseException:
+        forcing.close()
+        raise
+    return Start(drawn.ensemble, drawn.dry, world, clock, trial)
+
+
+def _physics(case: Case, scenario: Scenario) -> advance.Physics:
+    """Return a scenario's physics; an error without spread is off."""
+    wind = case.wind_error if scenario.object.uses_wind else ForcingError(0.0, 1.0)
+    return advance.Physics(
+        case.current_error.std, case.current_error.time, wind.std, wind.time, case.diffusivity, scenario.jibe_rate
+    )
+
+
+def _domain(where: Environment) -> advance.Domain:
+    box = where.box
+    west, south = (int(sphere.to_binary(x)) for x in (box.west, box.south))
+    width = min(round((box.east - box.west) * sphere.TURN / 360), sphere.TURN - 1)
+    return advance.Domain(west, south, width, round((box.north - box.south) * sphere.TURN / 360))
+
+
+def _clock(case: Case, where: Environment, ensemble: Ensemble, world: World) -> tuple[Clock, Trial | None]:
+    """Return the clock: the case's step, or the largest whose error is small; on the lattice of the forcing's times."""
+    divisor, origin = _lattice([s.times.astype("datetime64[s]").astype(np.int64) for s in where.sources])
+    start = int(case.start.astype("datetime64[s]").astype(np.int64))
+    duration = abs(int((case.end - case.start) / np.timedelta64(1, "s")))
+    errors = [e.time for e in (case.current_error, case.wind_error) if e.std > 0]
+    longest = min(errors) / 6 if errors else np.inf
+    if case.step is not None and case.step > longest:
+        raise UserError(
+            f"clock.step: {case.step} s is longer than a sixth of the errors' decorrelation time ({longest:.0f} s), and the "
+            'spread would depend on it; give at most that, or "auto"'
+        )
+    if case.step is not None:
+        return Clock(start, duration, case.direction, case.step, origin % case.step), None
+    ladder_clock = Clock(start, duration, case.direction, 1, 0)
+    trial = forecast.choose_step(ensemble, world, ladder_clock, divisor, origin, longest, case.tolerance)
+    return Clock(start, duration, case.direction, trial.step, origin % trial.step), trial
+
+
+def _lattice(times: list[npt.NDArray[np.int64]]) -> tuple[int, int]:
+    """Return the interval [s] that steps should divide, and a point of the lattice [s since 1970].
+
+    That is the common divisor of all sources' times; times that share none of use are left to interpolation.
+    """
+    several = [t for t in times if t.size > 1]
+    for chosen in (several, [t for t in several if _common(t, int(t[0])) >= LEAST_INTERVAL]):
+        if chosen:
+            origin = int(chosen[0][0])
+            divisor = _common(np.concatenate(chosen), origin)
+            if divisor >= LEAST_INTERVAL:
+                return divisor, origin
+    return 3600, int(several[0][0]) // 3600 * 3600 if several else 0
+
+
+def _common(times: npt.NDArray[np.int64], origin: int) -> int:
+    return int(np.gcd.reduce(np.abs(times - origin)))
+
+
+def _check_place(case: Case, where: Environment, ensemble: Ensemble, world: World, clock: Clock) -> None:
+    """Refuse a prior of which more than may be lost lies where there is no forcing."""
+    low, high, _ = next(clock.steps())
+    world.forcing.set(low, high)
+    lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
+    # What is released later may find a source that has nothing yet: the run itself judges it.
+    probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
+    missing = dict.fromkeys(QUANTITIES, 0.0)
+    for (first, last), ranges in zip(ensemble.scenarios, world.forcing.ranges, strict=True):
+        for k, quantity in enumerate(missing):
+            tiles = ranges[2 * k : 2 * k + 2]
+            if tiles[1] > tiles[0]:
+                valid = world.forcing.tiles.at(*tiles, lon[first:last], lat[first:last], 0.0)[:, 2]
+                missing[quantity] += float(probability[first:last][valid < 0.5].sum())
+    for quantity, share in missing.items():
+        if share > case.max_lost:
+            boxes = [s.grid.box for s in where.sources if s.quantity == quantity]
+            extents = ", ".join(f"{b.west:.2f}..{b.east:.2f} E {b.south:.2f}..{b.north:.2f} N" for b in boxes)
+            raise UserError(
+                f"[[{quantity}]]: {share:.0%} of the prior lies where there is no {quantity} ({extents} of the domain "
+                f"is covered, land excluded); at most {case.max_lost:.0%} may be lost (max_lost). Add a source, or move "
+                "the scenario"
+            )

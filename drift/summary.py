@@ -1,0 +1,70 @@
+"""What a run says about itself besides its forecast: the summary's numbers, and what every file carries."""
+
+from importlib import metadata
+from typing import Any
+
+from drift.case import Case
+from drift.ensemble import Account
+from drift.environment import Environment
+from drift.start import Start
+from drift.status import Status
+from kernels import runtime
+
+PACKAGES = ("casp-drift", "taichi", "numpy", "xarray", "netCDF4", "roaring-landmask")
+
+
+def attributes(case: Case, where: Environment) -> dict[str, str]:
+    """Return what every file carries: the case, the seed, versions, and what the forcing was."""
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
+    return {
+        "title": case.title,
+        "source": versions.split(",")[0],
+        "versions": versions,
+        "seed": str(case.seed),
+        "backend": runtime.backend(),
+        "forcing": "; ".join(f"{s.quantity} {s.name}: {s.fingerprint}" for s in where.sources),
+        "coast": where.coast.source if where.coast else "none",
+        "case": case.text,
+    }
+
+
+def numbers(
+    case: Case,
+    where: Environment,
+    account: Account,
+    start: Start,
+    seconds: dict[str, float],
+) -> dict[str, Any]:
+    """Return the numbers of a run that are not in its forecast."""
+    by_status = account.by_status.sum(axis=0)
+    return {
+        "run": {
+            "start": str(case.start),
+            "end": str(case.end),
+            "particles": case.particles,
+            "seed": case.seed,
+            "step_s": start.clock.step,
+            "step_errors_m_per_day": {str(k): v for k, v in start.trial.errors.items()} if start.trial else None,
+            "scheme": case.scheme,
+            "coast_behaviour": case.coast.behaviour,
+            "backend": runtime.backend(),
+        },
+        "effective_sample_size": account.ess,
+        "account": {status.name.lower(): float(by_status[status]) for status in Status},
+        "scenario_weights": {
+            s.name: {"prior": s.weight, "posterior": float(w), "prior_on_land": dry}
+            for s, w, dry in zip(case.scenarios, account.by_status.sum(axis=1), start.dry, strict=True)
+        },
+        "forcing": [
+            {
+                "quantity": s.quantity,
+                "name": s.name,
+                "missing_share": s.missing,
+                "understood": list(s.notes),
+                "fingerprint": s.fingerprint,
+            }
+            for s in where.sources
+        ],
+        "coast": {"source": where.coast.source if where.coast else "none", "notes": list(where.notes)},
+        "wall_time_s": seconds,
+    }
