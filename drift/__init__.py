@@ -20,6 +20,11 @@ _HOMES = {
 __all__ = ["Case", "Result", "UserError", "load", "run"]
 
 
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return __all__
+
+
 def __getattr__(name: str) -> Any:
     """Return a public name."""
     if name not in _HOMES:

@@ -3,7 +3,7 @@
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from geo.errors import UserError
 from kernels import deposit, runtime
 
 Report = Callable[[str, float], None]
+CHECKED = 10_000  # particles that a check draws
 LOST = (Status.OUTSIDE, Status.LEFT)
 
 
@@ -104,16 +105,30 @@ def run(
 
 
 def check(case: Case) -> dict[str, Any]:
-    """Return how a case's forcing and coast were understood, having opened them all; run nothing."""
+    """Return how a case was understood, having opened all and drawn a few particles; run nothing.
+
+    Raises UserError for all that a run would refuse at its start.
+    """
+    runtime.start()
     where = environment.open_for(case)
+    few = replace(case, particles=min(case.particles, CHECKED))
+    begin = start.prepare(few, where)
+    begin.world.forcing.close()
     box = where.box
     found: dict[str, Any] = {
-        "run": f"{case.start} to {case.end} UTC, {case.particles:,} particles",
+        "run": f"{case.start} to {case.end} UTC, {case.particles:,} particles, step {begin.clock.step} s",
         "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
         "coast": where.coast.source if where.coast else "none in the domain",
     }
     for source in where.sources:
-        found[f"{source.quantity} {source.name}"] = "; ".join(source.notes) or "as is"
+        missing = f"{source.missing:.1%} missing; " if source.missing else ""
+        found[f"{source.quantity} {source.name}"] = f"{missing}{'; '.join(source.notes) or 'as is'}"
+    for scenario, dry in zip(case.scenarios, begin.dry, strict=True):
+        found[f'scenario "{scenario.name}"'] = (
+            f"{scenario.weight:.0%}, {scenario.object.name}: {scenario.object.description}"
+        )
+        if dry > 0:
+            found[f'scenario "{scenario.name}"'] += f"; {dry:.1%} of its prior is on land and left out"
     return found
 
 

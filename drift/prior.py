@@ -40,6 +40,10 @@ def draw(case: Case, coast: DeviceCoast | None) -> Prior:
 
     Raises UserError when a scenario's prior holds next to no water.
     """
+    if case.particles < len(case.scenarios):
+        raise UserError(
+            f"particles: {case.particles} cannot tell {len(case.scenarios)} scenarios; give at least one each"
+        )
     ensemble = record.empty(case.seed, _bounds(case))
     key = noise.key(case.seed)
     dry = []

@@ -67,21 +67,31 @@ def _domain(where: Environment) -> advance.Domain:
 
 def _clock(case: Case, where: Environment, ensemble: Ensemble, world: World) -> tuple[Clock, Trial | None]:
     """Return the clock: the case's step, or the largest whose error is small; on the lattice of the forcing's times."""
-    divisor, origin = _lattice([s.times.astype("datetime64[s]").astype(np.int64) for s in where.sources])
+    times = [s.times.astype("datetime64[s]").astype(np.int64) for s in where.sources if s.times.size > 1]
+    divisor, origin = _lattice(times)
     start = int(case.start.astype("datetime64[s]").astype(np.int64))
     duration = abs(int((case.end - case.start) / np.timedelta64(1, "s")))
-    errors = [e.time for e in (case.current_error, case.wind_error) if e.std > 0]
-    longest = min(errors) / 6 if errors else np.inf
-    if case.step is not None and case.step > longest:
+    limits = {
+        "a sixth of the decorrelation time of the current's errors": _sixth(case.current_error),
+        "a sixth of the decorrelation time of the wind's errors": _sixth(case.wind_error),
+        "the interval of the forcing": min((float(np.median(np.diff(t))) for t in times), default=np.inf),
+    }
+    reason, longest = min(limits.items(), key=lambda item: item[1])
+    if case.step is None:
+        ladder_clock = Clock(start, duration, case.direction, 1, 0)
+        trial = forecast.choose_step(ensemble, world, ladder_clock, divisor, origin, longest, case.tolerance)
+        return Clock(start, duration, case.direction, trial.step, origin % trial.step), trial
+    if case.step > longest:
         raise UserError(
-            f"clock.step: {case.step} s is longer than a sixth of the errors' decorrelation time ({longest:.0f} s), and the "
-            'spread would depend on it; give at most that, or "auto"'
+            f"clock.step: {case.step} s is longer than {reason}, {longest:.0f} s: the result would depend on it; give at "
+            'most that, or "auto"'
         )
-    if case.step is not None:
-        return Clock(start, duration, case.direction, case.step, origin % case.step), None
-    ladder_clock = Clock(start, duration, case.direction, 1, 0)
-    trial = forecast.choose_step(ensemble, world, ladder_clock, divisor, origin, longest, case.tolerance)
-    return Clock(start, duration, case.direction, trial.step, origin % trial.step), trial
+    return Clock(start, duration, case.direction, case.step, origin % case.step), None
+
+
+def _sixth(error: ForcingError) -> float:
+    """Return the longest step [s] that an error's process allows."""
+    return error.time / 6 if error.std > 0 else np.inf
 
 
 def _lattice(times: list[npt.NDArray[np.int64]]) -> tuple[int, int]:
@@ -89,14 +99,13 @@ def _lattice(times: list[npt.NDArray[np.int64]]) -> tuple[int, int]:
 
     That is the common divisor of all sources' times; times that share none of use are left to interpolation.
     """
-    several = [t for t in times if t.size > 1]
-    for chosen in (several, [t for t in several if _common(t, int(t[0])) >= LEAST_INTERVAL]):
+    for chosen in (times, [t for t in times if _common(t, int(t[0])) >= LEAST_INTERVAL]):
         if chosen:
             origin = int(chosen[0][0])
             divisor = _common(np.concatenate(chosen), origin)
             if divisor >= LEAST_INTERVAL:
                 return divisor, origin
-    return 3600, int(several[0][0]) // 3600 * 3600 if several else 0
+    return 3600, int(times[0][0]) // 3600 * 3600 if times else 0
 
 
 def _common(times: npt.NDArray[np.int64], origin: int) -> int:

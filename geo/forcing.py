@@ -103,7 +103,16 @@ def _uniform(
     def read(i: int) -> NDArray[np.float32]:
         return np.ascontiguousarray(np.broadcast_to(values[i], (2, 2, 2)))
 
-    return Source(quantity, name, EVERYWHERE, times, read, 0.0, ("the same everywhere",), digest)
+    spoken = " then ".join(_spoken(quantity, *vector) for vector in values[:3].tolist())
+    rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
+    return Source(quantity, name, EVERYWHERE, times, read, 0.0, (f"the same everywhere: {spoken}{rest}",), digest)
+
+
+def _spoken(quantity: str, east: float, north: float) -> str:
+    """Return a vector as mariners say it: winds from, currents toward, knots."""
+    toward = np.degrees(np.arctan2(east, north))
+    angle = (toward + 180 if quantity == "wind" else toward) % 360
+    return f"{np.hypot(east, north) * 3600 / 1852:.1f} kn {'from' if quantity == 'wind' else 'toward'} {angle:03.0f}"
 
 
 def analytic(

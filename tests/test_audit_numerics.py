@@ -275,8 +275,16 @@ def test_the_account_is_of_the_end_of_the_run() -> None:
 def test_a_step_too_long_for_the_correlation_of_errors_is_refused(tmp_path: Path) -> None:
     """At a step of three decorrelation times the spread would come out 1.6 times too large."""
     more = "clock = { step = 3600 }\nuncertainty = { current = { std = 0.3, time = 1200 } }"
-    with pytest.raises(drift.UserError, match=r"clock\.step: 3600 s is longer than .* \(200 s\)"):
+    with pytest.raises(drift.UserError, match=r"clock\.step: 3600 s is longer than a sixth of .*, 200 s"):
         drift.run(case_of(tmp_path, more=more))
+
+
+def test_a_step_longer_than_the_forcing_interval_is_refused(tmp_path: Path) -> None:
+    """A current of 0, 4, 0 kn within 12 h: a step of 12 h would see both zeros and nothing of what lies between."""
+    rows = ", ".join(f'{{ time = "+{h} h", speed = "{s} kn", toward = 90 }}' for h, s in ((0, 0), (6, 4), (12, 0)))
+    case = case_of(tmp_path, duration="12 h", current=f"table = [{rows}]", more='clock = { step = "12 h" }')
+    with pytest.raises(drift.UserError, match="longer than the interval of the forcing, 21600 s"):
+        drift.run(case)
 
 
 def test_the_spread_at_an_output_inside_a_step() -> None:

@@ -83,10 +83,10 @@ FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "NaN everywhere": (nothing_but_nan, "missing"),
     "time axis not increasing": (backwards, "increas"),
     "absent units": (without_units, "units"),
-    "too early": (lambda path: field(hours=np.arange(-50, -30)).to_netcdf(path), "0%"),
-    "ends halfway": (lambda path: field(hours=np.arange(7)).to_netcdf(path), "50%"),
-    "elsewhere": (lambda path: field(west=120.0).to_netcdf(path), "sea"),
-    "half of the prior outside": (lambda path: field(west=-88.0).to_netcdf(path), "%"),
+    "too early": (lambda path: field(hours=np.arange(-50, -30)).to_netcdf(path), ": 0% of it is covered"),
+    "ends halfway": (lambda path: field(hours=np.arange(7)).to_netcdf(path), ": 50% of it is covered"),
+    "elsewhere": (lambda path: field(west=120.0).to_netcdf(path), "no overlap"),
+    "half of the prior outside": (lambda path: field(west=-88.0).to_netcdf(path), "54% of the prior"),
 }
 
 
