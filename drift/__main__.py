@@ -1,17 +1,20 @@
 """The command line `drift`: run or check a case, list cases and objects, say how a forcing file was understood.
 
-Exit status: 0, 2 for the user's error (one line), 1 for ours, 130 when interrupted. Nothing heavy is imported before
+Exit status: 0, 2 for the user's error (one line), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing heavy is imported before
 the command that needs it, so that help and lists come at once.
 """
 
 import argparse
 import contextlib
+import io
 import os
 import signal
 import sys
+import tempfile
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +22,16 @@ from geo.errors import UserError
 
 BACKENDS = ("cpu", "cuda", "vulkan", "metal")
 INTERRUPTED = "drift: interrupted; no half file is left"
+TERMINATED = "drift: asked to end; no half file is left"
 EXAMPLES = """examples:
   drift run overdue_boat
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
   drift objects raft deep ballast
   drift info currents/*.nc --plot currents.png"""
+
+
+class Terminated(BaseException):
+    """A request to end (SIGTERM): unwinds as Ctrl-C does, so that nothing half-written stays."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -83,14 +91,23 @@ def _add_case(command: argparse.ArgumentParser) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
+    _open_streams()
+    warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # the map then shows a box
+    if os.name == "posix" and not os.environ.get("HOME"):  # Taichi aborts at import without one
+        home = os.path.expanduser("~")
+        os.environ["HOME"] = home if os.path.isdir(home) else tempfile.gettempdir()
     try:
-        return _dispatch(argv)
+        with _ending_cleanly():
+            return _dispatch(argv)
     except UserError as error:
-        print(f"drift: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"drift: {_line(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(INTERRUPTED, file=sys.stderr)
         return 130
+    except Terminated:
+        print(TERMINATED, file=sys.stderr)
+        return 143
     except BrokenPipeError:  # the reader left, as in `drift objects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -102,20 +119,94 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
 
 
+def _line(error: Exception) -> str:
+    """Return a refusal as one line that a terminal can show, whatever the user had written."""
+    line = "".join(letter if letter.isprintable() else " " for letter in " ".join(str(error).split()))
+    return line if len(line) <= 1200 else f"{line[:600]} ... {line[-500:]}"
+
+
 def _dispatch(argv: Sequence[str] | None) -> int:
     whole = parser()
     given = whole.parse_args(argv)
     if given.version:
         from importlib.metadata import version
 
-        print(f"drift {version('casp-drift')}")
+        _say(f"drift {version('casp-drift')}")
         return 0
     if given.command is None:
         whole.print_help()
         return 0
     {"run": _run, "check": _check, "cases": _cases, "objects": _objects, "info": _info}[given.command](given)
-    sys.stdout.flush()
     return 0
+
+
+def _open_streams() -> None:
+    """Give closed streams (`>&-`) a place to go, and letters that a stream cannot show a substitute."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+            setattr(sys, name, nowhere)
+            setattr(sys, f"__{name}__", nowhere)  # Taichi takes a stream that was exchanged for a notebook's
+        elif isinstance(stream, io.TextIOWrapper) and stream.errors in {"strict", "surrogateescape"}:
+            stream.reconfigure(errors="replace")
+
+
+def _say(text: str) -> None:
+    """Print on standard output, at once: a failure can still be told."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        with contextlib.suppress(OSError):  # what is left in the buffer would fail once more at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise UserError(
+            f"cannot write to standard output: {error.strerror}; results that were asked for stand"
+        ) from None
+
+
+_asked: list[int] = []  # signals to end that have come: the exception is lost where a destructor is running
+
+
+@contextlib.contextmanager
+def _ending_cleanly() -> Iterator[None]:
+    """Turn Ctrl-C and a request to end into exceptions that unwind the run."""
+    _asked.clear()
+
+    def end(number: int, frame: object) -> None:
+        _asked.append(number)
+        _heed()
+
+    def unraisable(lost: Any) -> None:
+        if not isinstance(lost.exc_value, KeyboardInterrupt | Terminated):
+            before(lost)
+
+    before, sys.unraisablehook = sys.unraisablehook, unraisable
+    try:
+        with _on(signal.SIGTERM, end), _on(signal.SIGINT, end):
+            yield
+    finally:
+        sys.unraisablehook = before
+
+
+def _heed() -> None:
+    """Leave if that was asked for."""
+    if _asked:
+        raise Terminated if _asked[0] == signal.SIGTERM else KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _on(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Handle a signal for a while; only a process's main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before if before is not None else signal.SIG_DFL)
 
 
 def _load(given: argparse.Namespace) -> Any:
@@ -140,7 +231,12 @@ def _run(given: argparse.Namespace) -> None:
             raise UserError(f"--threads {given.threads} must be at least 1")
         from drift import flow, progress, tables
 
-    with progress.shown(case) as report:
+    with progress.shown(case) as show:
+
+        def report(phase: str, share: float) -> None:
+            _heed()
+            show(phase, share)
+
         result = flow.run(
             case, out, threads=given.threads, backend=given.backend, overwrite=given.overwrite, report=report
         )
@@ -148,7 +244,7 @@ def _run(given: argparse.Namespace) -> None:
     last = {**tables.numbers(result.forecast), "account": result.summary["account"]}
     _print_facts(case.title, _outcome(last))
     basis = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
-    print(f"{basis}\nResults in {out}")
+    _say(f"{basis}\nResults in {out}")
 
 
 @contextlib.contextmanager
@@ -156,17 +252,12 @@ def _leaving_at_once() -> Iterator[None]:
     """Leave at the first Ctrl-C: libraries swallow KeyboardInterrupt while they are imported. Nothing is open yet."""
 
     def leave(number: int, frame: object) -> None:
-        os.write(2, f"{INTERRUPTED}\n".encode())
-        os._exit(130)
+        asked = number == signal.SIGTERM
+        os.write(2, f"{TERMINATED if asked else INTERRUPTED}\n".encode())
+        os._exit(128 + number)
 
-    if threading.current_thread() is not threading.main_thread():
+    with _on(signal.SIGINT, leave), _on(signal.SIGTERM, leave):
         yield
-        return
-    before = signal.signal(signal.SIGINT, leave)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _outcome(numbers: dict[str, Any]) -> dict[str, str]:
@@ -225,13 +316,13 @@ def _info(given: argparse.Namespace) -> None:
 
     understood = describe.understand(given.files)
     for source in understood:
-        print("\n".join([*describe.describe(source), *describe.sketch(source)]))
+        _say("\n".join([*describe.describe(source), *describe.sketch(source)]))
     for source in understood if given.plot else ():
         plot = given.plot
         if len(understood) > 1:
             plot = plot.with_name(f"{plot.stem}-{source.quantity}{plot.suffix}")
         _draw(source, plot)
-        print(f"Map in {plot}")
+        _say(f"Map in {plot}")
 
 
 def _draw(source: Any, path: Path) -> None:
@@ -250,7 +341,7 @@ def _draw(source: Any, path: Path) -> None:
 def _print_facts(title: str, facts: dict[str, str]) -> None:
     table = _table("", "")
     table.show_header = False
-    print(title)
+    _say(title)
     for name, fact in facts.items():
         table.add_row(name, fact)
     _show(table)
@@ -260,13 +351,12 @@ def _show(table: Any) -> None:
     from rich.console import Console
 
     if sys.stdout.isatty():
-        Console(highlight=False).print(table)
+        Console(highlight=False, markup=False).print(table)
         return
     # A pipe has no width of its own: lines stay whole there, and end where their text does.
-    plain = Console(highlight=False, width=10_000, color_system=None)
-    with plain.capture() as captured:
-        plain.print(table)
-    print("\n".join(line.rstrip() for line in captured.get().splitlines()).strip("\n"))
+    page = io.StringIO()
+    Console(file=page, highlight=False, markup=False, width=10_000, color_system=None).print(table)
+    _say("\n".join(line.rstrip() for line in page.getvalue().splitlines()).strip("\n"))
 
 
 def _table(*headings: str) -> Any:

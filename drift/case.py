@@ -99,8 +99,8 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
     path, text = _read(name)
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{path.name}: not valid TOML: {error}") from None
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError; numbers of 5,000 digits; 1,000 brackets deep
+        raise UserError(_one_line(path, f"not valid TOML: {error}")) from None
     try:
         for key, value in (overrides or {}).items():
             _override(data, key, value)
@@ -110,6 +110,8 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
         raise UserError(_one_line(path, messages.line(error, data))) from None
     except UserError as error:
         raise UserError(_one_line(path, str(error))) from None
+    except OverflowError:  # integers beyond the largest float
+        raise UserError(f"{path.name}: one of its whole numbers is too large") from None
 
 
 def _one_line(path: Path, message: str) -> str:
@@ -123,7 +125,7 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
         packaged = resources.files("cases").joinpath(f"{name}.toml")
         path = path if path.is_file() else Path(str(packaged))
     try:
-        return path, path.read_text(encoding="utf-8")
+        return path, path.read_text(encoding="utf-8-sig")  # Windows' editors begin with a mark
     except FileNotFoundError:
         names = ", ".join(name for name, _ in shipped())
         raise UserError(f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases') from None
@@ -135,10 +137,12 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
 
 def _override(data: dict[str, Any], key: str, value: str) -> None:
     """Set one place of the tables as read; numbers in the key count list items from 0."""
+    if not f"{key}{value}".isascii() and any("\ud800" <= letter <= "\udfff" for letter in f"{key}{value}"):
+        raise UserError(f"--set {key!a}={value!a} is not text in UTF-8")
     try:
         parsed = tomllib.loads(f"value = {value}")
         new = parsed["value"] if len(parsed) == 1 else value
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         new = value  # so that --set clock.step="10 min" needs no second pair of quotes
     *above, last = key.split(".")
     here: Any = data

@@ -96,6 +96,8 @@ def _sector(value: object) -> tuple[float, float]:
 def count(value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int | float) or value % 1 != 0:
         raise ValueError(f"{value!r} is not a whole number")
+    if abs(value) > 2**64:
+        raise ValueError(f"{str(value)[:20]}... is too large a number")
     return int(value)
 
 
@@ -130,6 +132,15 @@ Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.
 Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]
 Weight = Annotated[float, _quantity("", "weight", "0.5")]
 Share = Annotated[float, BeforeValidator(_share)]
+
+
+def _label(value: object) -> object:
+    if isinstance(value, str) and (not value.strip() or not value.isprintable()):
+        raise ValueError(f"{value!r} must be one line of letters")
+    return value
+
+
+Label = Annotated[str, BeforeValidator(_label)]  # a title or name, as it will stand on maps and in tables
 Count = Annotated[int, BeforeValidator(count)]
 Rate = Annotated[float, BeforeValidator(_jibe)]
 Direction = Annotated[float, BeforeValidator(_direction)]

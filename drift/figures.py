@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from drift import summary, tables
 from drift.case import Case
 from drift.environment import Environment
 from drift.products import Forecast
@@ -21,12 +22,14 @@ def figures(case: Case, where: Environment, forecast: Forecast, footer: str) -> 
         maps,  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
     )
 
+    attributes = summary.attributes(case, where)
+    known_as, short = ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
     marks, lines = [], []
     for scenario in case.scenarios:
         prior = scenario.prior
         alone = len(case.scenarios) == 1
         if isinstance(prior, PositionPrior):
-            label = "Last known position" if alone else f"LKP, {scenario.name}"
+            label = known_as if alone else f"{short}, {scenario.name}"
             marks.append(maps.Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
         else:
             lon = np.degrees(np.unwrap(prior.lon)).tolist()
@@ -36,10 +39,12 @@ def figures(case: Case, where: Environment, forecast: Forecast, footer: str) -> 
         "title": case.title,
         "polygons": where.coast.polygons if where.coast is not None else (),
         "marks": marks,
+        "particles": case.particles,
         "footer": footer,
+        "attributes": {**attributes, "run_id": tables.run_id(attributes)},
         "synthetic": any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes)),
     }
     return {
-        "map.png": partial(maps.draw_map, forecast, lines=lines, **common),
+        "map.png": partial(maps.draw_map, forecast, lines=lines, known_as=known_as, **common),
         "snapshots.png": partial(maps.draw_snapshots, forecast, **common),
     }

@@ -92,7 +92,7 @@ def run(
             names = [scenario.name for scenario in case.scenarios]
             is_land = partial(shoreline.is_land, where.coast) if where.coast else None
             made = products.build(snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit)
-            tracks = _trajectories(case, snapshots)
+            tracks = _trajectories(case, begin.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
     if out is not None:
         tell("write", 0.0)
@@ -146,12 +146,17 @@ def _check_lost(case: Case, where: Environment, by_status: npt.NDArray[np.float6
     )
 
 
-def _trajectories(case: Case, snapshots: Sequence[Snapshot]) -> output.Trajectories:
+def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Sequence[Snapshot]) -> output.Trajectories:
     """Return the tracks of slots spread evenly over the ensemble."""
-    first = snapshots[0]
+    first, last = snapshots[0], snapshots[-1]
     count = min(case.trajectories, first.lon.size)
     slot = np.unique(np.linspace(0, first.lon.size - 1, count).astype(int))
     times, columns = zip(*((s.time, (s.lon[slot], s.lat[slot], s.status[slot])) for s in snapshots), strict=True)
     lon, lat, status = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
     weight = np.repeat(first.probability[slot][:, None], len(times), axis=1)
-    return output.Trajectories(np.array(times), slot, first.scenario[slot], lon, lat, status, weight)
+    release, ended, edge = (column.to_numpy()[slot] for column in (ensemble.release, ensemble.ended, ensemble.edge))
+    over = (last.status[slot] != Status.ADRIFT) & (last.status[slot] != Status.PENDING)
+    ended, edge = np.where(over, ended, -1), np.where(over, edge, -1)
+    return output.Trajectories(
+        np.array(times), slot, first.scenario[slot], lon, lat, status, weight, release, ended, edge
+    )

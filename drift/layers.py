@@ -16,14 +16,20 @@ from matplotlib.colors import Colormap, ListedColormap
 from drift import chart, labels, tables
 from drift.cells import Array
 from drift.chart import Frame
-from drift.products import Forecast
+from drift.products import Contour, Forecast
 
 LINES: dict[float, dict[str, Any]] = {
     0.5: {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"},
     0.75: {"color": "#0b4f8a", "linewidth": 1.5, "linestyle": (0, (6, 2))},
     0.95: {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))},
 }
-TRACK, ASHORE, PRIOR, LAST_KNOWN = "#111111", "#7a1fa2", "#2e7d32", "#c62828"
+TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", "#c62828"
+SHOWN = 0.995  # containment of the cells that are shaded
+ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
+RELEASED = 0.99  # share of the probability ever released from which the mean track is that of the whole
+PARTIAL: dict[str, Any] = {"color": TRACK, "linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": ".", "markersize": 3}
+PRIOR_COLOURS = ("#1b5e20", "#00a0b0", "#5d4037", "#8bc34a", "#000000")
+PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), "-")
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,16 @@ class Line:
     closed: bool = False
 
 
+def prior_style(which: int) -> dict[str, Any]:
+    """Return colour, dashes and halo of a scenario's area or trackline; twenty differ, in grey too by their dashes."""
+    return {
+        "color": PRIOR_COLOURS[which % len(PRIOR_COLOURS)],
+        "linestyle": PRIOR_DASHES[which % len(PRIOR_DASHES)],
+        "linewidth": 1.7,
+        "path_effects": [patheffects.withStroke(linewidth=3.2, foreground="white", alpha=0.7)],
+    }
+
+
 def shading() -> Colormap:
     """Magma reversed, without its nearly black end, so that lines on top stay visible."""
     return ListedColormap(matplotlib.colormaps["magma_r"](np.linspace(0.03, 0.8, 256)), name="shading")
@@ -61,12 +77,12 @@ def edges(centres: Array) -> Array:
 def extent(
     forecast: Forecast, times: Sequence[Any], marks: Sequence[Mark], lines: Sequence[Line], aspect: float
 ) -> Frame:
-    """Return the frame of the 95 % areas at these times, the mean track and what is marked; not of outliers."""
+    """Return the frame of what is shaded at these times, the mean track and what is marked; not of outliers."""
     data = forecast.data
     lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
     for one in forecast.contours:
         if one.time in times and one.share == max(c.share for c in forecast.contours) and not one.polygon.is_empty:
-            west, south, east, north = one.polygon.bounds
+            west, south, east, north = _shaded(forecast, one)
             lon.append(np.array([west, east]))
             lat.append(np.array([south, north]))
     middle = float(data["lon"].mean())
@@ -81,7 +97,25 @@ def extent(
     known = np.isfinite(every_lon) & np.isfinite(every_lat)
     if not known.any():
         every_lon, every_lat, known = data["lon"].values[[0, -1]], data["lat"].values[[0, -1]], np.array([True, True])
-    return chart.frame(every_lon[known], every_lat[known], aspect)
+    return chart.frame(every_lon[known], every_lat[known], aspect, margin=0.05)
+
+
+def _shaded(forecast: Forecast, one: Contour) -> tuple[float, float, float, float]:
+    """Return the bounds [deg] of the cells shaded at a contour's time, at most its size beyond the contour: no outliers."""
+    data = forecast.data
+    west, south, east, north = one.polygon.bounds
+    cells = data["containment"].values[int(np.flatnonzero(data["time"].values == one.time)[0])] <= SHOWN
+    lon, lat = (data[name].values[np.flatnonzero(cells.any(axis=axis))] for name, axis in (("lon", 0), ("lat", 1)))
+    if not len(lon):
+        return west, south, east, north
+    half = (edges(data["lon"].values)[1] - data["lon"].values[0], edges(data["lat"].values)[1] - data["lat"].values[0])
+    wide, high = east - west, north - south
+    return (
+        min(west, max(lon[0] - half[0], west - wide)),
+        min(south, max(lat[0] - half[1], south - high)),
+        max(east, min(lon[-1] + half[0], east + wide)),
+        max(north, min(lat[-1] + half[1], north + high)),
+    )
 
 
 def near(lon: float, middle: float) -> float:
@@ -121,16 +155,28 @@ def shade(ax: Axes, here: Frame, forecast: Forecast, values: Array, norm: Any) -
     return ax.pcolormesh(x, y, np.ma.masked_invalid(values[r, c]), cmap=shading(), norm=norm, zorder=1, rasterized=True)
 
 
+def kept(polygon: shapely.MultiPolygon) -> list[Array]:
+    """Return the rings to draw of an area, each (n, 2): without islands and holes of less than ISLAND of its size.
+
+    That is for pictures, not for files; where islands are so many that they make up a tenth, the larger ones stay.
+    """
+    if polygon.is_empty:
+        return []
+    size = np.array([shapely.Polygon(part.exterior).area for part in polygon.geoms])
+    order = np.argsort(size, kind="stable")
+    small = size[order] < ISLAND * polygon.area
+    drop = set(order[small & (np.cumsum(size[order]) < 0.1 * polygon.area)].tolist())
+    rings = []
+    for i, part in enumerate(polygon.geoms):
+        if i not in drop:
+            holes = [ring for ring in part.interiors if shapely.Polygon(ring).area >= ISLAND * polygon.area]
+            rings += [np.array(ring.coords) for ring in (part.exterior, *holes)]
+    return rings
+
+
 def rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str, Any]) -> None:
-    """Draw outlines; islands and holes of less than 1/200 of the whole are left out of the picture (not of the files)."""
-    least = polygon.area / 200
-    rings = [
-        np.array(ring.coords)
-        for part in polygon.geoms
-        for ring in (part.exterior, *part.interiors)
-        if shapely.Polygon(ring).area >= least
-    ]
-    lines = [np.column_stack(here.project(ring[:, 0], ring[:, 1])) for ring in rings]
+    """Draw the outlines of an area."""
+    lines = [np.column_stack(here.project(ring[:, 0], ring[:, 1])) for ring in kept(polygon)]
     ax.add_collection(
         LineCollection(
             lines,
@@ -144,11 +190,12 @@ def rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str,
     )
 
 
-def prior_line(ax: Axes, here: Frame, line: Line) -> None:
+def prior_line(ax: Axes, here: Frame, line: Line, which: int) -> None:
+    """Draw a scenario's area or trackline in the style of its number among them."""
     lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
     if line.closed:
         lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
-    ax.plot(*here.project(lon, lat), color=PRIOR, linewidth=1.4, linestyle=(0, (5, 2, 1, 2)), zorder=8)
+    ax.plot(*here.project(lon, lat), zorder=8, **prior_style(which))
 
 
 def mark_point(ax: Axes, here: Frame, mark: Mark, size: float) -> None:
@@ -193,16 +240,28 @@ def occupied(here: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Arr
     return every[:, 0], every[:, 1]
 
 
+def complete(forecast: Forecast) -> int:
+    """Return the first output from which on all that is ever released is, but for 1 - RELEASED; 0 if nothing is."""
+    status = [str(name) for name in forecast.data["status"].values]
+    released = 1 - forecast.data["status_probability"].values[:, status.index("pending")]
+    return int(np.argmax(released >= RELEASED * released.max()))
+
+
 def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, time: int, marks: Sequence[Mark]) -> None:
-    """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner."""
+    """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner.
+
+    Where a part is not released yet, the mean jumps with each release: there it is thin and dotted.
+    """
     data = forecast.data
     lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values
     last = range(len(times))[time]
     known = [i for i in range(last + 1) if np.isfinite(lat[i])]
     x, y = here.project(lon[known], lat[known])
-    ax.plot(x, y, color="white", linewidth=3.2, zorder=10, solid_capstyle="round")
-    ax.plot(x, y, color=TRACK, linewidth=1.4, zorder=10.5)
-    ax.plot(x, y, "o", color="white", markeredgecolor=TRACK, markersize=4.5, zorder=11)
+    first = int(np.searchsorted(known, complete(forecast)))
+    ax.plot(x[first:], y[first:], color="white", linewidth=3.2, zorder=10, solid_capstyle="round")
+    ax.plot(x[first:], y[first:], color=TRACK, linewidth=1.4, zorder=10.5)
+    ax.plot(x[first:], y[first:], "o", color="white", markeredgecolor=TRACK, markersize=4.5, zorder=11)
+    ax.plot(x[: first + 1], y[: first + 1], zorder=10.2, **PARTIAL)
     ax.plot(x[-1:], y[-1:], "o", color=TRACK, markersize=7, zorder=11.5)
     small = {"fontsize": 8, "color": TRACK}
     texts: list[labels.Point] = []
@@ -210,11 +269,11 @@ def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, ti
         mark_point(ax, here, mark, 9)
         mx, my = here.project(mark.lon, mark.lat)
         texts.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
-    first = len(texts)
+    must = range(len(texts))
     texts += [
         (float(a), float(b), f"{tables.group(times[i])[:6]}Z", small) for i, a, b in zip(known, x, y, strict=True)
     ]
     cx, cy = occupied(here, forecast, [times[last]])
     mx, my = here.project([m.lon for m in marks], [m.lat for m in marks])
     bar = chart.scale_bar(ax, here, chart.free_corner(here, np.append(cx, mx), np.append(cy, my)))
-    labels.place(ax, canvas, texts, [bar], must={*range(first), len(texts) - 1})
+    labels.place(ax, canvas, texts, [bar], must={*must, len(texts) - 1})

@@ -5,7 +5,7 @@ state behind. Shading runs from light to dark (magma reversed): even steps to th
 """
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift import chart, layers, tables
+from drift import chart, labels, layers, tables
 from drift.cells import Array
 from drift.chart import INK, Frame
 from drift.layers import Line, Mark
@@ -34,30 +34,36 @@ def draw_map(
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
     lines: Sequence[Line] = (),
+    known_as: str = "Last known position",
+    particles: int | None = None,
     footer: str = "",
+    attributes: Mapping[str, str] | None = None,
     synthetic: bool = False,
     time: int = -1,
 ) -> None:
     """Draw the forecast at one output time (index).
 
-    polygons: shapely land polygons [deg]. footer: a line of where it comes from (case, seed, version).
+    polygons: shapely land polygons [deg]. known_as: what the marks are. particles: their number in the run.
+    footer: a line of where it comes from (case, seed, version); attributes: the same in full, into the file.
     synthetic: says on the map that winds or currents are made up.
     """
     figure, canvas = _figure(11.7, 8.3)
-    ax = figure.add_axes((0.055, 0.095, 0.665, 0.775))
     at = forecast.data.isel(time=time)
+    missing = labels.missing(at)
+    high = 0.745 if missing else 0.775
+    ax = figure.add_axes((0.055, 0.095, 0.665, high))
     now = at["time"].values[()]
     outlines = [c for c in forecast.contours if c.time == now]
-    here = layers.extent(forecast, [now], marks, lines, aspect=0.665 * 11.7 / (0.775 * 8.3))
+    here = layers.extent(forecast, [now], marks, lines, aspect=0.665 * 11.7 / (high * 8.3))
     chart.prepare(ax, here)
     density = layers.density(forecast, time)
-    shown = np.where(at["containment"].values <= 0.995, density, np.nan)
+    shown = np.where(at["containment"].values <= layers.SHOWN, density, np.nan)
     mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
     land = chart.land_path(here, polygons, 1100)
     chart.draw_land(ax, land)
     chart.graticule(ax, here)
-    for line in lines:
-        layers.prior_line(ax, here, line)
+    for i, line in enumerate(lines):
+        layers.prior_line(ax, here, line, i)
     for outline in outlines:
         layers.rings(ax, here, outline.polygon, layers.LINES[outline.share])
     ashore = layers.ashore_marks(ax, here, forecast, time)
@@ -66,14 +72,18 @@ def draw_map(
     figure.text(0.055, 0.955, textwrap.shorten(title, 95, placeholder=" …"), fontsize=15, weight="bold", color=INK)
     valid = f"Valid {tables.group(now)}   ({tables.iso(now)}, UTC)"
     figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
-    figure.text(0.055, 0.888, _basis(forecast, time), fontsize=9, color=INK)
+    figure.text(0.055, 0.888, labels.basis(forecast, time, particles), fontsize=9, color=INK)
     if synthetic:
         _warning(figure, 0.985, 0.955, "right", 10)
-    _panel(figure, at, mesh, outlines, marks, lines, ashore, land is not None)
-    figure.text(0.055, 0.04, _account(at), fontsize=9.5, color=INK)
+    if missing:
+        figure.text(0.055, 0.849, _fit(missing, 130), fontsize=9.5, weight="bold", color=layers.LAST_KNOWN)
+    rows = _rows(forecast, time, outlines, lines, ashore, (known_as, len(marks)), land is not None)
+    _legend(figure, rows)
+    _panel(figure, at, mesh)
+    figure.text(0.055, 0.04, labels.account(at), fontsize=9.5, color=INK)
     if footer:
         figure.text(0.055, 0.015, textwrap.shorten(footer, 190, placeholder=" …"), fontsize=7.5, color="#55606b")
-    _save(canvas, path, title, dpi=140)
+    _save(canvas, path, title, attributes, dpi=140)
 
 
 def draw_snapshots(
@@ -83,10 +93,12 @@ def draw_snapshots(
     title: str,
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
+    particles: int | None = None,
     footer: str = "",
+    attributes: Mapping[str, str] | None = None,
     synthetic: bool = False,
 ) -> None:
-    """Draw the output times side by side, at most twelve, on one extent and one colour scale."""
+    """Draw the output times side by side, at most twelve, on one extent and one colour scale; see draw_map."""
     count = forecast.data.sizes["time"]
     picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int))
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
@@ -99,6 +111,7 @@ def draw_snapshots(
     land = chart.land_path(here, polygons, 420)
     densities = [layers.density(forecast, i) for i in picks]
     top = max(layers.scale_top(forecast.data.isel(time=i)) for i in picks)
+    waiting = "not yet released" if times[-1] < times[0] else "not yet adrift"
     norm, mesh = LogNorm(top / 1000, top), None
     for k, (i, density) in enumerate(zip(picks, densities, strict=True)):
         row, column = divmod(k, columns)
@@ -107,7 +120,7 @@ def draw_snapshots(
         chart.prepare(ax, here)
         at = forecast.data.isel(time=i)
         contained = at["containment"].values
-        shown = np.where((contained <= 0.995) & (density > 0), np.maximum(density, top / 1000), np.nan)
+        shown = np.where((contained <= layers.SHOWN) & (density > 0), np.maximum(density, top / 1000), np.nan)
         mesh = layers.shade(ax, here, forecast, shown, norm)
         chart.draw_land(ax, land)
         below = k + columns >= len(picks)
@@ -119,29 +132,41 @@ def draw_snapshots(
         layers.ashore_marks(ax, here, forecast, int(i), scale=0.5)
         for mark in marks:
             layers.mark_point(ax, here, mark, 6)
-        areas = dict(zip(at["share"].values, at["containment_area"].values / tables.NMI**2, strict=True))
         ax.set_title(tables.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
-        ax.set_title(
-            f"50 %: {_number(areas[0.5])}   95 %: {_number(areas[0.95])} nmi²",
-            fontsize=7,
-            loc="right",
-            pad=3,
-            color=INK,
-        )
+        ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
+        if labels.missing(at) and np.isfinite(at["mean_lat"]):
+            ax.text(
+                0.98,
+                0.02,
+                _off_map(at, waiting),
+                fontsize=7,
+                color=layers.LAST_KNOWN,
+                ha="right",
+                va="bottom",
+                transform=ax.transAxes,
+                path_effects=labels.HALO,
+                zorder=16,
+            )
         if k == 0:
             chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
     if synthetic:
         _warning(figure, side / width, 1 - 0.9 / height, "left", 8)
     figure.text(side / width, 1 - 0.36 / height, _fit(title, width * 9), fontsize=12, weight="bold", color=INK)
-    figure.text(side / width, 1 - 0.62 / height, _fit(_span(times), width * 15), fontsize=8, color=INK)
+    figure.text(
+        side / width, 1 - 0.62 / height, _fit(_joined(labels.span(times), particles), width * 15), fontsize=8, color=INK
+    )
     if footer:
         figure.text(side / width, 0.1 / height, _fit(footer, width * 17), fontsize=7, color="#55606b")
     if mesh is not None:
         bar = figure.add_axes((1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height))
         figure.colorbar(mesh, cax=bar, extend="both")
-        bar.set_title("% per nmi²", fontsize=7, color=INK, pad=8)
+        per, unit = labels.scale(top)
+        powers = 10.0 ** np.arange(np.ceil(np.log10(top * per) - 3), np.floor(np.log10(top * per)) + 1)
+        bar.set_yticks(powers / per, labels=[labels.plain(v) for v in powers])
+        bar.minorticks_off()
+        bar.set_title(f"% per {unit}", fontsize=7, color=INK, pad=8)
         bar.tick_params(labelsize=7)
-    _save(canvas, path, title, dpi=130)
+    _save(canvas, path, title, attributes, dpi=130)
 
 
 def draw_field(
@@ -179,7 +204,7 @@ def draw_field(
     bar = figure.add_axes((0.87, 0.15, 0.02, 0.6))
     figure.colorbar(mesh, cax=bar, extend="max", label="speed [m/s]")
     figure.text(0.08, 0.945, _fit(title, 80), fontsize=12, weight="bold", color=INK)
-    _save(canvas, path, title, dpi=110)
+    _save(canvas, path, title, None, dpi=110)
 
 
 def turned(here: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
@@ -213,127 +238,129 @@ def _figure(width: float, height: float) -> tuple[Figure, FigureCanvasAgg]:
     return figure, FigureCanvasAgg(figure)
 
 
-def _save(canvas: FigureCanvasAgg, path: Path, title: str, dpi: int) -> None:
-    canvas.figure.savefig(path, format="png", dpi=dpi, metadata={"Title": title, "Software": "casp-drift"})
+def _save(canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int) -> None:
+    """Write the picture with its provenance as text chunks, and no date: the same forecast gives the same bytes."""
+    texts = {"Title": title, "Software": "casp-drift", **(attributes or {})}
+    canvas.figure.savefig(path, format="png", dpi=dpi, metadata=texts)
 
 
 def _fit(text: str, characters: float) -> str:
     return textwrap.shorten(text, int(characters), placeholder=" …")
 
 
-def _panel(
-    figure: Figure,
-    at: Any,
-    mesh: Any,
+def _joined(text: str, particles: int | None) -> str:
+    return text if particles is None else f"{text}; {particles:,} particles"
+
+
+def _sizes(at: Any, waiting: str) -> str:
+    """Return what stands over a panel: the areas, or why there are none."""
+    areas = dict(zip(at["share"].values, at["containment_area"].values / tables.NMI**2, strict=True))
+    if np.isfinite(areas[0.5]):
+        return f"50 %: {labels.number(areas[0.5])}   95 %: {labels.number(areas[0.95])} nmi²"
+    return waiting if labels.statuses(at)["pending"] > 0 else "nothing left on the map"
+
+
+def _off_map(at: Any, waiting: str) -> str:
+    """Return how much of the probability a panel does not show, in a few words."""
+    pending = labels.statuses(at)["pending"]
+    gone = sum(labels.statuses(at)[name] for name in ("outside", "left", "sunk"))
+    parts = [f"{labels.percent(pending)} {waiting}"] if pending > 0 else []
+    return "\n".join(parts + ([f"{labels.percent(gone)} off the map"] if gone > 0 else []))
+
+
+def _rows(
+    forecast: Forecast,
+    time: int,
     outlines: Sequence[Any],
-    marks: Sequence[Mark],
     lines: Sequence[Line],
     ashore: float,
+    marks: tuple[str, int],
     land: bool,
-) -> None:
-    """Write the legend beside the map: areas, symbols, colours."""
-    handles: list[Any] = []
-    texts: list[str] = []
+) -> list[tuple[Any, str]]:
+    """Return symbols and texts of the legend: areas, track, priors, what is ashore.
+
+    marks: what they are, and how many.
+    """
+    rows: list[tuple[Any, str]] = []
     for one in outlines:
-        handles.append(Line2D([], [], **layers.LINES[one.share]))
-        texts.append(f"{one.share:.0%} area: {_number(one.area / tables.NMI**2)} nmi²".replace("%", " %"))
-    handles.append(
-        Line2D([], [], color=layers.TRACK, linewidth=1.4, marker="o", markersize=4.5, markerfacecolor="white")
-    )
-    texts.append("Mean track, day and time UTC")
-    handles.append(Line2D([], [], color=layers.TRACK, linestyle="none", marker="o", markersize=7))
-    texts.append("Mean position at the valid time")
-    if marks:
-        style: dict[str, Any] = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
-        handles.append(
+        size = labels.number(one.area / tables.NMI**2)
+        rows.append((Line2D([], [], **layers.LINES[one.share]), f"{100 * one.share:.0f} % area: {size} nmi²"))
+    style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}
+    first, last = layers.complete(forecast), range(forecast.data.sizes["time"])[time]
+    if first <= last:
+        rows.append(
             (
-                Line2D([], [], marker="o", markersize=8, markerfacecolor="white", **style),
-                Line2D([], [], marker="+", markersize=13, **style),
+                Line2D([], [], linewidth=1.4, markersize=4.5, markerfacecolor="white", **style),
+                "Mean track, day and time UTC",
             )
         )
-        texts.append("Last known position" + ("s" if len(marks) > 1 else ""))
-    for line in lines:
-        handles.append(Line2D([], [], color=layers.PRIOR, linewidth=1.4, linestyle=(0, (5, 2, 1, 2))))
-        texts.append(line.label)
-    if ashore >= 5e-4:
-        handles.append(
-            Line2D([], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white")
+    if np.isfinite(forecast.data["mean_lat"].values[:first]).any():
+        rows.append((Line2D([], [], **layers.PARTIAL), "Mean of the part adrift so far"))
+    rows.append((Line2D([], [], linestyle="none", markersize=7, **style), "Mean position at the valid time"))
+    if marks[1]:
+        style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
+        symbol = (
+            Line2D([], [], marker="o", markersize=8, markerfacecolor="white", **style),
+            Line2D([], [], marker="+", markersize=13, **style),
         )
-        texts.append(f"Ashore, {_percent(ashore)} in all; size by\nprobability")
+        rows.append((symbol, marks[0] if marks[1] == 1 else marks[0].replace("osition", "ositions")))
+    for i, line in enumerate(lines):
+        kind = "area" if line.closed else "trackline"
+        rows.append((Line2D([], [], **layers.prior_style(i)), f"Start {kind}: {line.label}"))
+    if ashore >= labels.TINY:
+        triangle = Line2D(
+            [], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white"
+        )
+        rows.append((triangle, f"Ashore, {labels.percent(ashore)} in all; size by\nprobability"))
     if land:
-        handles.append(Patch(facecolor=chart.LAND, edgecolor=chart.SHORE))
-        texts.append("Land")
-    texts = [textwrap.fill(text, 34) if "\n" not in text else text for text in texts]
-    figure.legend(
-        handles,
-        texts,
-        loc="upper left",
-        bbox_to_anchor=(0.735, 0.875),
-        frameon=False,
-        fontsize=9.5,
-        labelspacing=0.75,
-        handlelength=2.4,
-        labelcolor=INK,
-        borderaxespad=0,
-    )
+        rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
+    return rows
+
+
+def _legend(figure: Figure, rows: Sequence[tuple[Any, str]]) -> None:
+    """Write the legend beside the map, as small as it must be to end above the positions."""
+    handles = [handle for handle, _ in rows]
+    for size in (9.5, 8.0, 6.5, 5.0):
+        wide = int(34 * 9.5 / size)
+        legend = figure.legend(
+            handles,
+            [textwrap.fill(text, wide) if "\n" not in text else text for _, text in rows],
+            loc="upper left",
+            bbox_to_anchor=(0.735, 0.875),
+            frameon=False,
+            fontsize=size,
+            labelspacing=0.75,
+            handlelength=2.8,
+            labelcolor=INK,
+            borderaxespad=0,
+        )
+        if size == 5.0 or legend.get_window_extent().y0 > 0.425 * figure.bbox.height:
+            return
+        legend.remove()
+
+
+def _panel(figure: Figure, at: Any, mesh: Any) -> None:
+    """Write positions, the colour bar and what the areas are beside the map."""
     mean = tables.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
     datum = tables.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
     figure.text(
-        0.738, 0.40, f"Mean position   {mean}\nDatum (adrift)   {datum}", fontsize=9.5, color=INK, linespacing=1.6
+        0.738, 0.36, f"Mean position   {mean}\nDatum (adrift)   {datum}", fontsize=9.5, color=INK, linespacing=1.6
     )
-    bar = figure.add_axes((0.745, 0.30, 0.215, 0.022))
+    bar = figure.add_axes((0.745, 0.27, 0.215, 0.022))
     figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="max")
-    bar.set_title("Probability density [% per nmi²]", fontsize=9, loc="left", color=INK)
+    per, unit = labels.scale(mesh.norm.vmax)
+    ticks = labels.ticks(mesh.norm.vmax * per)
+    bar.set_title(f"Probability density [% per {unit}]", fontsize=9, loc="left", color=INK)
     bar.tick_params(labelsize=8)
-    bar.set_xticks([mesh.norm.vmax * f for f in (0, 0.1, 0.35, 1)])
-    bar.set_xticklabels([_number(mesh.norm.vmax * f) for f in (0, 0.1, 0.35, 1)])
+    bar.set_xticks(ticks / per, labels=[labels.plain(v) for v in ticks])
     bar.minorticks_off()
     figure.text(
         0.738,
-        0.195,
-        "Areas are the smallest that hold the stated\nshare of the probability adrift or ashore.",
+        0.145,
+        "Areas are the smallest that hold the stated\nshare of the probability adrift or ashore.\n"
+        f"Shaded: {100 * layers.SHOWN:g} %. Islands and holes of under\n"
+        f"{100 * layers.ISLAND:g} % of an area are not drawn.",
         fontsize=8,
         color="#55606b",
         linespacing=1.4,
     )
-
-
-def _number(value: float) -> str:
-    """Return a positive number to three digits: 1,234 -> 1,230."""
-    if not np.isfinite(value):
-        return "none"
-    if value <= 0:
-        return "0"
-    if value < 1e-3:
-        return f"{value:.1e}"
-    digits = 2 - int(np.floor(np.log10(value)))
-    return f"{round(value, digits):,.{max(digits, 0)}f}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %"
-
-
-def _account(at: Any) -> str:
-    """Return the account in words: what is adrift, ashore, and lost to the map."""
-    words = {"adrift": "adrift", "ashore": "ashore", "outside": "outside the forcing", "left": "left the domain"}
-    words |= {"sunk": "sunk", "pending": "not yet released"}
-    parts = [
-        f"{words[str(name)]} {_percent(float(value))}"
-        for name, value in zip(at["status"].values, at["status_probability"].values, strict=True)
-        if value >= 5e-4 or name in ("adrift", "ashore")
-    ]
-    return "Account:  " + "   ·   ".join(parts)
-
-
-def _span(times: Sequence[Any]) -> str:
-    """Return in words which times are drawn, and what the numbers over each panel are."""
-    return f"{tables.group(times[0])} to {tables.group(times[-1])}, UTC; areas that hold 50 and 95 % (lines), in nmi²"
-
-
-def _basis(forecast: Forecast, time: int) -> str:
-    """Return in words when the forecast starts and how many particles it stands on."""
-    times = forecast.data["time"].values
-    hours = (times[time] - times[0]) / np.timedelta64(1, "s") / 3600
-    many = float(forecast.data["effective_particles"].values[time])
-    return f"{hours:g} h after {tables.group(times[0])}   ·   worth {many:,.0f} independent particles"

@@ -1,14 +1,22 @@
 """The only writer of files: a run's results in one folder, complete or not there at all.
 
-Everything is written into a hidden folder beside the target and renamed at the end: a killed run leaves no half
-file. Files: forecast.nc, particles.nc, summary.json, contours.geojson, track.csv, ashore.csv, and the figures.
-Data depend on the forecast alone; the date of creation stands in attributes only.
+Everything is written into a hidden folder beside the target, or in it, and renamed at the end: a killed run leaves no
+half file. Files: forecast.nc, particles.nc, summary.json, contours.geojson, track.csv, ashore.csv, and the figures.
+Data depend on the forecast alone; the date of creation stands in attributes only. summary.json lists the other files
+with their digests, so that a later run can tell what is ours in the folder.
 """
 
+import contextlib
+import errno
+import glob
+import hashlib
 import json
 import os
 import shutil
+import signal
+import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -28,6 +36,9 @@ from geo.errors import UserError
 
 Figure = Callable[[Path], None]
 
+ADVICE = "name another with --out, or add --overwrite"
+STALE = 86_400  # [s] after which what a killed run left is taken away
+SUMMARY = "summary.json"
 EPOCH = "seconds since 1970-01-01 00:00:00"
 
 
@@ -42,19 +53,37 @@ class Trajectories:
     lat: Array  # int32 binary angle, (m, t)
     status: Array  # drift.status.Status, (m, t)
     weight: Array  # probability of the particle [1], (m, t)
+    # int32 [s] in the direction of the run after its start, (m,); -1: none; None: not known
+    release: Array | None = None
+    ended: Array | None = None  # when it went ashore, outside the forcing or left the domain
+    edge: Array | None = None  # int32 (m,), edge of the shoreline where it went ashore; -1: none; None: not known
 
 
 def check_folder(folder: Path, overwrite: bool = False) -> None:
     """Raise UserError unless results may be written to the folder; made before the work starts. Creates nothing."""
-    advice = "name another with --out, or add --overwrite"
-    if folder.is_symlink() or folder.exists():
-        if not folder.is_dir():
-            raise UserError(f"output folder {folder}: is a file, not a folder; {advice.split(',')[0]}")
-        if any(folder.iterdir()) and not overwrite:
-            raise UserError(f"output folder {folder}: is not empty; {advice}")
+    try:
+        str(folder.absolute()).encode(sys.getfilesystemencoding())  # HDF5 takes no other names
+        exists = folder.is_symlink() or folder.exists()
+        (folder.absolute().parent / _prefix(folder)).exists()  # room for the staging folder's longer name
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise UserError(f"output folder {str(folder)[:300]!a}: {reason}; name another with --out") from None
+    if exists and not folder.is_dir():
+        raise UserError(f"output folder {folder}: is no folder; name another with --out")
+    if exists and not overwrite and _filled(folder):
+        raise UserError(f"output folder {folder}: is not empty; {ADVICE}")
     ground = folder if folder.is_dir() else next(p for p in folder.absolute().parents if p.exists())
     if not ground.is_dir() or not os.access(ground, os.W_OK):
         raise UserError(f"output folder {folder}: cannot write in {ground}; name another with --out")
+
+
+def _prefix(folder: Path) -> str:
+    return f".{folder.absolute().name[:100]}.partial-"
+
+
+def _filled(folder: Path) -> bool:
+    """Whether a folder holds anything but what a killed run left."""
+    return any(not path.name.startswith(_prefix(folder)) for path in folder.iterdir())
 
 
 def write(
@@ -71,49 +100,85 @@ def write(
 
     summary: what the run knows besides the forecast (case, versions, forcing, wall time); the forecast's numbers are
     added. figures: file name -> function that draws it to a path. attributes: what every file carries
-    (title, case, seed, versions, forcing); `history` and `date_created` are added.
+    (title, case, seed, versions, forcing); `run_id`, `history` and `date_created` are added. With `overwrite` what an
+    earlier run wrote into the folder and this one does not is taken away.
     """
     check_folder(folder, overwrite)
     now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     stamped = {
         "Conventions": "CF-1.11",
         **attributes,
+        "run_id": tables.run_id(attributes),
         "history": f"{now} {attributes.get('source', 'casp-drift')}",
         "date_created": now,
     }
-    with _staging(folder) as staging:
-        _netcdf(forecast.data.assign_attrs(stamped), staging / "forecast.nc")
-        _netcdf(
-            particles(trajectories, forecast).assign_attrs({**stamped, "featureType": "trajectory"}),
-            staging / "particles.nc",
-        )
-        _json({**stamped, **summary, **tables.numbers(forecast)}, staging / "summary.json", indent=1)
-        _json(tables.geojson(forecast, stamped), staging / "contours.geojson", indent=None)
-        header = "; ".join(f"{k}: {' '.join(str(v).split())}" for k, v in attributes.items() if len(str(v)) < 200)
-        for name, text in (("track.csv", tables.track(forecast)), ("ashore.csv", tables.ashore(forecast))):
-            (staging / name).write_text(f"# {header}\n{text}", encoding="utf-8", newline="\n")
-        for name, draw in figures.items():
-            draw(staging / name)
-        names = sorted(path.name for path in staging.iterdir())
-        _publish(staging, folder, names)
+    try:
+        with _staging(folder) as staging:
+            _netcdf(forecast.data.assign_attrs(stamped), staging / "forecast.nc")
+            _netcdf(
+                particles(trajectories, forecast).assign_attrs({**stamped, "featureType": "trajectory"}),
+                staging / "particles.nc",
+            )
+            _json(tables.geojson(forecast, stamped), staging / "contours.geojson", indent=None)
+            for name, table in (("track.csv", tables.track), ("ashore.csv", tables.ashore)):
+                (staging / name).write_text(table(forecast, stamped["run_id"]), encoding="utf-8", newline="\n")
+            for name, draw in figures.items():
+                draw(staging / name)
+            files = {path.name: _digest(path) for path in sorted(staging.iterdir())}
+            whole = {**stamped, **summary, **tables.numbers(forecast), "files": files}
+            _json(whole, staging / SUMMARY, indent=1)
+            names = sorted(path.name for path in staging.iterdir())
+            _publish(staging, folder, names, overwrite)
+    except OSError as error:
+        raise UserError(
+            f"output folder {folder}: cannot be written ({error.strerror or error}), and nothing of this run was; "
+            "make room, or name another with --out"
+        ) from error
     return [folder / name for name in names]
 
 
 @contextmanager
 def _staging(folder: Path) -> Iterator[Path]:
-    """A hidden folder beside the target, gone afterwards; what a killed run left a day ago goes too."""
-    parent = folder.absolute().parent
-    parent.mkdir(parents=True, exist_ok=True)
-    prefix = f".{folder.absolute().name}.partial-"
-    for old in parent.glob(f"{prefix}*"):
-        if time.time() - old.stat().st_mtime > 86_400:
+    """A hidden folder on the target's file system, gone afterwards; what a killed run left a day ago goes too.
+
+    It lies in the target where that is there (it may be a mount, and what is beside it not writable), else beside it.
+    """
+    ground = folder.absolute() if folder.is_dir() else folder.absolute().parent
+    made = [path for path in (ground, *ground.parents) if not path.exists()]  # the innermost first
+    ground.mkdir(parents=True, exist_ok=True)
+    for old in ground.glob(f"{glob.escape(_prefix(folder))}*"):
+        if time.time() - old.stat().st_mtime > STALE:
             shutil.rmtree(old, ignore_errors=True)
-    staging = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+    staging = Path(tempfile.mkdtemp(prefix=_prefix(folder), dir=ground))
     try:
         staging.chmod(0o777 & ~_umask())
         yield staging
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        with _undisturbed():
+            shutil.rmtree(staging, ignore_errors=True)
+            with contextlib.suppress(OSError):  # the results are in them, or they were there before
+                for path in made:
+                    path.rmdir()
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Put off Ctrl-C and a request to end until the block is done."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _: waiting.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
+        if waiting:
+            signal.raise_signal(waiting[0])
 
 
 def _umask() -> int:
@@ -122,15 +187,43 @@ def _umask() -> int:
     return mask
 
 
-def _publish(staging: Path, folder: Path, names: list[str]) -> None:
+def _publish(staging: Path, folder: Path, names: list[str], overwrite: bool) -> None:
     """Move the finished files: the folder at once where there is none yet, else file by file."""
-    if folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir()):
-        folder.rmdir()
-    if not folder.exists():
+    with _undisturbed():
+        if not folder.exists():
+            with contextlib.suppress(FileExistsError):
+                _rename(staging, folder)
+                return
+        if not overwrite and _filled(folder):
+            raise UserError(f"output folder {folder}: another run has filled it meanwhile; {ADVICE}")
+        stale = [path for path in _ours(folder) if path.name not in names]
+        for name in names:
+            os.replace(staging / name, folder / name)
+        for path in stale:
+            path.unlink(missing_ok=True)
+
+
+def _ours(folder: Path) -> list[Path]:
+    """Return the files in a folder that an earlier run of ours lists and that are as it wrote them."""
+    try:
+        listed = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["files"].items()
+    except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
+        return []  # no run of ours, or of a version without a list
+    named = [(folder / str(name), digest) for name, digest in listed if Path(str(name)).name == name]
+    return [path for path, digest in named if path.is_file() and not path.is_symlink() and _digest(path) == digest]
+
+
+def _digest(path: Path) -> str:
+    return f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
+
+
+def _rename(staging: Path, folder: Path) -> None:
+    try:
         os.rename(staging, folder)
-        return
-    for name in names:
-        os.replace(staging / name, folder / name)
+    except OSError as error:
+        if error.errno in {errno.ENOTEMPTY, errno.EEXIST}:
+            raise FileExistsError from None
+        raise
 
 
 def _netcdf(data: xr.Dataset, path: Path) -> None:
@@ -147,7 +240,11 @@ def _netcdf(data: xr.Dataset, path: Path) -> None:
             encoding[str(name)] |= {"zlib": True, "complevel": 1, "shuffle": True}
         if variable.dtype.kind == "M":
             encoding[str(name)] = {"units": EPOCH, "calendar": "standard", "dtype": "int64", "_FillValue": None}
-    data.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
+    try:
+        with _undisturbed():  # an exception in the middle of it leaves HDF5's lock taken: closing waits for ever
+            data.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
+    except RuntimeError as error:  # what netCDF4 raises where HDF5 cannot write
+        raise OSError(f"{path.name}: {error}") from error
 
 
 def particles(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
@@ -178,6 +275,7 @@ def particles(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                     "flag_meanings": " ".join("_".join(name.split()) for name in names),
                 },
             ),
+            **_events(tracks),
         },
         {
             "trajectory": (
@@ -198,6 +296,30 @@ def particles(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
             ),
         },
     )
+
+
+def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]]:
+    """Return as variables when each trajectory was released and ended, and where on the coast; none that is not known."""
+    found: dict[str, tuple[str, Array, dict[str, str]]] = {}
+    direction = -1 if tracks.time[-1] < tracks.time[0] else 1
+    halted = np.isin(tracks.status[:, -1], (Status.ASHORE, Status.OUTSIDE, Status.LEFT))
+
+    clock = {"units": EPOCH, "calendar": "standard"}  # written as numbers: xarray cannot encode times that are all NaT
+    begin = int(tracks.time[0].astype("datetime64[s]").astype(np.int64))
+
+    def times(seconds: Array, known: Array) -> Array:
+        return np.where(known & (seconds >= 0), begin + direction * seconds.astype(np.float64), np.nan)
+
+    if tracks.release is not None:
+        released = times(tracks.release, np.ones(len(tracks.slot), bool))
+        found["time_released"] = ("trajectory", released, {"long_name": "time of release, UTC", **clock})
+    if tracks.ended is not None:
+        words = {"long_name": "time of going ashore, out of the forcing or out of the domain, UTC; see status", **clock}
+        found["time_ended"] = ("trajectory", times(tracks.ended, halted), words)
+    if tracks.edge is not None:
+        words = {"long_name": "edge of the run's shoreline where it went ashore", "comment": "-1: not ashore"}
+        found["coast_edge"] = ("trajectory", tracks.edge.astype(np.int32), words)
+    return found
 
 
 def _json(value: Any, path: Path, indent: int | None) -> None:

@@ -17,6 +17,8 @@ from drift.objects import ObjectTable
 from geo import sphere
 
 JIBE_RATE = 0.04 / 3600  # [1/s] 4 % an hour (Allen 2005, CG-D-05-05; Breivik and Allen 2008, section 2.3)
+LONGEST_EDGE = 90.0  # [deg] of longitude, of a polygon's edge
+NARROWEST = 1e-5  # [deg] area of a polygon by its outline, half its width: 1 m
 
 
 @dataclass(frozen=True)
@@ -193,10 +195,18 @@ class AreaTable(WindowTable):
         steps = (np.diff(lon, append=lon[0]) + 180) % 360 - 180
         if abs(steps.sum()) > 1:
             raise ValueError("polygon goes round a pole; split it into areas that don't")
+        if np.abs(steps).max() > LONGEST_EDGE:
+            (west, south), (east, north) = points[k := int(np.argmax(np.abs(steps)))], points[(k + 1) % len(points)]
+            raise ValueError(
+                f"polygon's edge from [{west:g}, {south:g}] to [{east:g}, {north:g}] is {abs(steps[k]):.0f} degrees of "
+                f"longitude wide: which way round is not clear; put corners at most {LONGEST_EDGE:g} degrees apart"
+            )
         unwrapped = lon[0] + np.concatenate([[0.0], np.cumsum(steps[:-1])])
         shape = shapely.Polygon(np.column_stack([unwrapped, lat]))
         if not shape.is_valid or shape.area == 0:
             raise ValueError(f"polygon {_fault(shapely.is_valid_reason(shape))}; give its corners in order")
+        if shape.area < NARROWEST * shape.length:
+            raise ValueError("polygon is narrower than 2 m, too narrow to lie in; give a position or a trackline")
         return list(zip(unwrapped.tolist(), lat.tolist(), strict=True))
 
     def prior(self, start: np.datetime64) -> AreaPrior:
@@ -258,6 +268,8 @@ class TracklineTable(fields.Table):
         if length < 1:
             raise ValueError("waypoints: the voyage has no length")
         voyage = length / self.speed
+        if voyage > units.CENTURY:
+            raise ValueError(f"trackline: at {self.speed:g} m/s the voyage takes more than a century; check speed")
         departure = units.resolve(self.departure, start)
         low, high, mode = 0.0, 1.0, None
         if self.distress.triangular:
@@ -291,7 +303,7 @@ def _share(time: units.Instant, departure: np.datetime64, voyage: float, start: 
 class ScenarioTable(fields.Table):
     """A [[scenario]] table as written."""
 
-    name: Annotated[str, Field(min_length=1)]
+    name: fields.Label
     weight: fields.Weight = 1.0
     object: Annotated[ObjectTable, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)]
     jibe: fields.Rate | None = None

@@ -112,7 +112,7 @@ def _particles(value: object) -> int:
 class CaseTable(fields.Table):
     """The case file as written."""
 
-    title: str | None = None
+    title: fields.Label | None = None
     start: fields.Time
     duration: fields.Duration | None = None
     end: fields.Time | None = None

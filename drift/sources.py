@@ -119,6 +119,8 @@ def _base(value: object) -> float:
     """Return a parameter of a built-in flow in SI base units, whatever its kind."""
     if isinstance(value, str) and (match := units.NUMBER.fullmatch(value)) and match[2]:
         try:
+            if units.TOWER.search(match[2]):
+                raise ValueError
             return float(units.registry().Quantity(value).to_base_units().magnitude)
         except Exception:
             raise ValueError(f'"{value}" is not a quantity') from None
@@ -128,7 +130,7 @@ def _base(value: object) -> float:
 class SourceTable(fields.Table):
     """A [[current]], [[wind]] or [[stokes]] table as written."""
 
-    name: Annotated[str, Field(min_length=1)] | None = None
+    name: fields.Label | None = None
     files: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(_paths)] | None = None
     constant: Vector | None = None
     table: list[TimedVector] | None = None
@@ -203,14 +205,19 @@ def found(written: str, folder: Path) -> list[str]:
     text = re.sub(r"\$\{(\w+)\}|\$(\w+)", lambda match: _variable(match[1] or match[2], written), written)
     if ADDRESS.match(text):
         return [text]
-    path = Path(text).expanduser()
-    path = path if path.is_absolute() else folder / path
-    if path.exists():
-        return [str(path.resolve())]
-    matches = sorted(glob.glob(str(path), recursive=True))
-    if not matches:
-        raise ValueError(f'no file "{written}"; looked for {path}')
-    return [str(Path(match).resolve()) for match in matches]
+    path = folder / os.path.expanduser(text)
+    try:
+        matches = [str(path)] if path.exists() else sorted(glob.glob(str(path), recursive=True))
+        if matches:
+            return [str(Path(match).resolve()) for match in matches]
+    except (OSError, RuntimeError, ValueError) as error:  # too long a name, a loop of links
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise ValueError(f'no file "{_short(written)}" ({reason or "a loop of links"}); name another') from None
+    raise ValueError(f'no file "{_short(written)}"; looked for {_short(str(path))}')
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 300 else f"{text[:300]}..."
 
 
 def _variable(name: str, written: str) -> str:

@@ -1,6 +1,7 @@
 """The forecast's numbers as text: the summary, the contours as GeoJSON, tables as CSV. Writes no file."""
 
 import csv
+import hashlib
 import io
 from collections.abc import Iterable, Mapping
 from datetime import datetime, timezone
@@ -64,6 +65,16 @@ def plain(value: Any) -> Any:
     return str(value)
 
 
+def run_id(attributes: Mapping[str, Any]) -> str:
+    """Return a short name of a run, the same in all its files: a digest of what made it (case, forcing, versions), the seed.
+
+    No spreadsheet takes it for a number or a date.
+    """
+    names = ("case", "seed", "forcing", "coast", "versions", "backend")
+    text = "\0".join(f"{name}={attributes.get(name, '')}" for name in names)
+    return f"{hashlib.sha256(text.encode()).hexdigest()[:10]}-s{attributes.get('seed', '')}"
+
+
 def numbers(forecast: Forecast) -> dict[str, Any]:
     """Return the forecast's numbers for the summary: `scenarios` and, by time, `outputs`."""
     data = forecast.data
@@ -108,8 +119,8 @@ def _place(lon: float, lat: float) -> dict[str, Any] | None:
     return {"lon": (lon + 180) % 360 - 180, "lat": lat, "text": position(lon, lat)}
 
 
-def track(forecast: Forecast) -> str:
-    """Return the mean track with areas and account by time, as CSV."""
+def track(forecast: Forecast, run: str) -> str:
+    """Return the mean track with areas and account by time, as CSV; run: its run_id, in the last column."""
     data = forecast.data
     shares = [f"{share * 100:.0f}" for share in data["share"].values]
     status = [str(s) for s in data["status"].values]
@@ -128,6 +139,7 @@ def track(forecast: Forecast) -> str:
                 position(*datum) or "",
                 *_numbers(*(at["containment_area"].values / NMI**2), form=".6g"),
                 *_numbers(*at["status_probability"].values, form=".6f"),
+                run,
             ]
         )
     return _csv(
@@ -142,15 +154,16 @@ def track(forecast: Forecast) -> str:
             "datum_position",
             *(f"area_{share}_nmi2" for share in shares),
             *(f"probability_{s}" for s in status),
+            "run_id",
         ],
         rows,
     )
 
 
-def ashore(forecast: Forecast) -> str:
+def ashore(forecast: Forecast, run: str) -> str:
     """Return where the object may be ashore at the end, cell by cell, likeliest first, and by when, as CSV.
 
-    first_time is the first output time at which half of the cell's final probability had landed there.
+    run: its run_id, in the last column. first_time is the first output time at which half of the cell's final probability had landed there.
     """
     data = forecast.data
     every = data["probability_ashore"].values.astype(np.float64)
@@ -162,8 +175,9 @@ def ashore(forecast: Forecast) -> str:
     rows = []
     for cell, first in zip(cells, half, strict=True):
         x, y = (float(lon.ravel()[cell]) + 180) % 360 - 180, float(lat.ravel()[cell])
-        rows.append([*_numbers(x, y, form=".6f"), position(x, y), f"{last[cell]:.4g}", iso(data["time"].values[first])])
-    return _csv(["lon", "lat", "position", "probability_ashore", "first_time"], rows)
+        when = iso(data["time"].values[first])
+        rows.append([*_numbers(x, y, form=".6f"), position(x, y), f"{last[cell]:.4g}", when, run])
+    return _csv(["lon", "lat", "position", "probability_ashore", "first_time", "run_id"], rows)
 
 
 def _numbers(*values: float, form: str) -> list[str]:

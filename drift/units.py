@@ -27,6 +27,8 @@ ANGLE = re.compile(
     r"\s*(?P<after>[NSEW])?"
 )
 
+TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")  # arithmetic that no unit needs and that may take for ever
+
 CENTURY = 3_155_760_000  # [s]
 
 Instant = np.datetime64 | np.timedelta64  # a time, or an interval after the start of the case
@@ -38,7 +40,7 @@ MISREAD = {"nm": "nmi", "NM": "nmi", "Nm": "nmi", "M": "nmi or m", "miles": "nmi
 @lru_cache(maxsize=1)
 def registry() -> Any:
     """Return the units in use; built once, at the first quantity that carries a unit."""
-    units = pint.UnitRegistry()
+    units: Any = pint.UnitRegistry()
     if "kn" not in units:  # pint before 0.25, the last for Python 3.10, knows a knot as kt alone
         units.define("@alias knot = kn")
     return units
@@ -69,6 +71,8 @@ def _convert(text: str, unit: str, what: str, example: str) -> float:
         raise ValueError(f'"{text}": the unit "{name}" can be misread; write {MISREAD[name]}')
     try:
         spelled = re.sub(r"^(/|per\s+)\s*", "1/", name.replace("²", "2"))
+        if TOWER.search(spelled):
+            raise ValueError
         given = registry().Unit(POWER.sub(r"**\1", spelled))
         factor = registry().Quantity(1.0, given).to(unit).magnitude
     except pint.DimensionalityError:

@@ -69,6 +69,8 @@ def decode(data: xr.Dataset, name: str) -> tuple[Times, list[str]]:
         return _seconds(values), notes
     if " since " not in units:
         raise UserError(f'"{name}" has units "{units}", which give no date')
+    if not np.issubdtype(values.dtype, np.number):
+        raise UserError(f'"{name}" holds no numbers')
     numbers = values.astype(np.float64)
     if not np.isfinite(numbers).all():
         raise UserError(f'"{name}" has missing values')

@@ -53,6 +53,8 @@ def open_one(path: str, quantity: str) -> xr.Dataset:
     """Return one file's dataset with fill values and packing resolved but times as they are stored."""
     where = f"set [[{quantity}]] files"
     is_zarr = os.path.isdir(path)
+    if not remote(path) and not is_zarr and not os.path.isfile(path):  # a pipe would wait for ever
+        raise UserError(f'"{path}" is neither a file nor a folder; {where}')
     if is_zarr and not any(os.path.exists(os.path.join(path, n)) for n in (".zgroup", ".zmetadata", "zarr.json")):
         raise UserError(f'"{path}" is a folder, not a netCDF file or a Zarr store; {where}')
     try:
@@ -89,11 +91,21 @@ def _refuse_truncated(path: str) -> None:
                 pass
         except Exception as error:
             raise UserError(f'"{path}" is a truncated or damaged netCDF file') from error
+    if magic == b"CDF\x05":  # scipy does not know it; its values alone must fit into the file
+        import netCDF4
+
+        with netCDF4.Dataset(path) as data:
+            least = sum(int(np.prod(v.shape)) * v.dtype.itemsize for v in data.variables.values())
+        if os.path.getsize(path) < least:
+            raise UserError(f'"{path}" is a truncated or damaged netCDF file')
 
 
 def _why(path: str, error: Exception) -> str:
-    with open(path, "rb") as file:
-        magic = file.read(8)
+    try:
+        with open(path, "rb") as file:
+            magic = file.read(8)
+    except OSError as trouble:
+        return str(trouble.strerror).lower()
     if not magic:
         return "it is empty"
     if magic.startswith((b"CDF", b"\x89HDF")):

@@ -34,6 +34,8 @@ def is_vertical(data: xr.Dataset, dim: str) -> bool:
 def choose(data: xr.Dataset, dim: str, quantity: str, depth: float | None) -> tuple[int, str]:
     """Return the index to read along a vertical dimension, and a remark that says which level that is."""
     count = int(data.sizes[dim])
+    if not count:
+        raise UserError(f'"{dim}" has no level; set [[{quantity}]] files')
     coordinate = data[dim] if dim in data.variables else None
     if coordinate is None or not np.issubdtype(coordinate.dtype, np.number):
         if count == 1:
@@ -42,6 +44,8 @@ def choose(data: xr.Dataset, dim: str, quantity: str, depth: float | None) -> tu
     values = np.asarray(coordinate.values, np.float64)
     if values.ndim > 1:  # FVCOM: siglay(siglay, node)
         values = np.nanmean(values.reshape(count, -1), axis=1)
+    if not np.isfinite(values).all():
+        raise UserError(f'"{dim}" has missing values; set [[{quantity}]] variables.{dim} to the index of a level')
     units = str(coordinate.attrs.get("units", "")).strip().lower()
     metres = units in ("m", "meter", "meters", "metre", "metres") or (
         not units and str(coordinate.attrs.get("standard_name", "")) == "depth"

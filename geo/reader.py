@@ -58,8 +58,10 @@ def read(request: Request, paths: dataset.Paths) -> Reading:
             if variable.ndim >= 1:
                 attributes.setdefault(str(key), variable.attrs)
     found = {k: a for k, a in attributes.items() if _is_field(k, files)}
+    _check_chosen(request, files)
     pair = quantities.find(q, found, request.variables, request.name)
     notes.append(f"{quantities.SPOKEN[q]} from {pair.east}, {pair.north} (found by {pair.how})")
+    _check_sizes(request, pair, files)
     first, second = _components(request, pair, files, notes)
     first, second, times = _join(request, first, second, notes)
     notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
@@ -82,6 +84,36 @@ def read(request: Request, paths: dataset.Paths) -> Reading:
         tuple(notes) + made.notes + seen.notes,
         dataset.fingerprint(listed, [d for _, d in files], f"{q} {pair.east} {pair.north} {asked}"),
     )
+
+
+def _check_chosen(request: Request, files: list[tuple[str, xr.Dataset]]) -> None:
+    """Refuse names of variables that no file holds: they would be passed over."""
+    held = {str(n): v for _, d in files for n, v in d.variables.items()}
+    for key in ("lon", "lat", "time", "angle", "mask", "x", "y"):
+        name = request.variables.get(key)
+        if name is None or (key == "mask" and name in ("none", False)):
+            continue
+        if name not in held:
+            raise UserError(f'{request.name}: no variable "{name}"; set [[{request.quantity}]] variables.{key}')
+        if key in ("lon", "lat", "x", "y") and not np.issubdtype(held[name].dtype, np.number):
+            raise UserError(f'{request.name}: "{name}" holds no numbers; set [[{request.quantity}]] variables.{key}')
+
+
+def _check_sizes(request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]]) -> None:
+    """Refuse components without a value, and one variable that is both of them."""
+    for path, data in files:
+        for name in (pair.east, pair.north):
+            empty = [str(d) for d in data[name].dims if data.sizes[d] == 0] if name in data.variables else []
+            if empty:
+                raise UserError(
+                    f"{path}: {component.describe_dims(data, name)} holds no value along {empty[0]}; "
+                    f"set [[{request.quantity}]] files"
+                )
+        both = pair.east == pair.north and pair.east in data.variables
+        if both and not any(str(d).lower() in component.HORIZONTAL for d in data[pair.east].dims):
+            raise UserError(
+                f"{path}: {pair.east} is named as both components; set [[{request.quantity}]] variables.north"
+            )
 
 
 def _is_field(name: str, files: list[tuple[str, xr.Dataset]]) -> bool:
@@ -110,11 +142,19 @@ def _components(
     result = []
     for side, name in enumerate((pair.east, pair.north)):
         having = [(path, data) for path, data in holding if name in data.variables]
-        result.append(
-            component.gather(
-                name, side, having, request.quantity, request.variables, request.units, request.depth, not stated
+        try:
+            result.append(
+                component.gather(
+                    name, side, having, request.quantity, request.variables, request.units, request.depth, not stated
+                )
             )
-        )
+        except (IndexError, ValueError) as error:
+            if not {"lon", "lat"} & set(request.variables):
+                raise
+            raise UserError(
+                f"{request.name}: the longitude and latitude that [[{request.quantity}]] variables name do not fit "
+                f"{component.describe_dims(having[0][1], name)}; set variables.lon and variables.lat"
+            ) from error
     return result[0], result[1]
 
 

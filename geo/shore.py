@@ -11,6 +11,7 @@ import importlib.metadata
 import os
 import re
 import tempfile
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -141,8 +142,10 @@ def _read(path: Path) -> tuple[Polygons, tuple[str, ...]]:
     import pyproj
 
     try:
-        meta, _, wkb, _ = pyogrio.raw.read(path, layer=0, columns=[], force_2d=True)
-        geometries = shapely.from_wkb(wkb)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # GDAL's, on what is refused or mended below
+            meta, _, wkb, _ = pyogrio.raw.read(path, layer=0, columns=[], force_2d=True)
+        geometries = shapely.from_wkb(wkb if wkb is not None else np.empty(0, object))  # None: a table without places
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, shapely.errors.GEOSException) as error:
         reason = str(error).splitlines()[0]
         raise UserError(f'shoreline "{path}": cannot be read ({reason}); give a .bna, GeoJSON or shapefile') from None
@@ -167,7 +170,7 @@ def _refuse_impossible(polygons: Polygons, path: Path) -> None:
         )
 
 
-_HEADER = re.compile(r'\s*"([^"]*)"\s*,\s*"([^"]*)"\s*,\s*(-?\d+)\s*$')
+_HEADER = re.compile(r'\s*"([^"]*)"\s*,\s*"([^"]*)"\s*,\s*(-?\d{1,12})\s*$')
 
 
 def _read_bna(path: Path) -> tuple[Polygons, tuple[str, ...]]:
@@ -194,11 +197,11 @@ def _read_bna(path: Path) -> tuple[Polygons, tuple[str, ...]]:
         body = lines[at + 1 : at + 1 + abs(count)]
         try:
             points = np.array([line.split(",")[:2] for line in body], np.float64).reshape(-1, 2)
-            if len(points) != abs(count) or not np.isfinite(points).all():
+            if not count or len(points) != abs(count) or not np.isfinite(points).all():
                 raise ValueError
         except ValueError:
             raise UserError(
-                f'shoreline "{path}", line {at + 1}: record "{header[1]}" needs {abs(count)} lines "lon,lat"'
+                f'shoreline "{path}", line {at + 1}: record "{header[1]}" needs {abs(count) or "some"} lines "lon,lat"'
             ) from None
         at += 1 + abs(count)
         if name == "mapbounds":

@@ -15,6 +15,9 @@ COMMON = {  # [m/s]
 }  # fmt: skip
 
 
+TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")  # arithmetic that no unit needs and that may take for ever
+
+
 def factor(units: str) -> float:
     """Return what a value in these units is multiplied by to be in m/s; a UserError where it is no speed."""
     text = units.strip()
@@ -26,6 +29,8 @@ def factor(units: str) -> float:
     spelled = re.sub(r"(?<=[A-Za-z])\s*(\*\*|\^)?\s*([+-]?\d+)", r"**(\2)", spelled)  # s-1, s^-1, s**-1
     spelled = re.sub(r"(?<=[A-Za-z)])[\s.]+(?=[A-Za-z])", "*", spelled)
     try:
+        if TOWER.search(spelled):
+            raise ValueError
         return float(pint.UnitRegistry()(spelled).to("m/s").magnitude)
     except Exception as error:  # pint raises its own, tokenizer's and arithmetic errors
         raise UserError(f'units "{units}" are not a speed; allowed: m/s, cm/s, kn and the like') from error

@@ -3,12 +3,14 @@
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 from drift import chart, labels, layers, maps, products
 from drift.status import Status
@@ -180,6 +182,82 @@ def test_land_is_thinned_to_the_pixel_and_keeps_holes():
     turned = chart.land_path(here, [shapely.Polygon(ring - [360, 0], [np.array(lake) - [360, 0]])], 1000)
     np.testing.assert_allclose(turned.vertices[:, 1].max(), path.vertices[:, 1].max(), atol=500)
     assert chart.land_path(here, [], 1000) is None
+
+
+def test_small_islands_and_holes_are_not_drawn_unless_they_are_many():
+    def square(x, side):
+        return shapely.box(x, 0, x + side, side)
+
+    big = square(0, 10).difference(shapely.box(4, 4, 8, 8)).difference(shapely.box(1, 1, 2, 2))
+    whole = shapely.MultiPolygon([big, square(20, 1), square(30, 2)])
+    lengths = sorted(float(np.ptp(ring[:, 0])) for ring in layers.kept(whole))
+    assert lengths == [2, 4, 10]  # 1 x 1 is less than 2 % of 88, as island and as hole
+    many = shapely.MultiPolygon([square(2 * i, 1) for i in range(100)])
+    assert len(layers.kept(many)) >= 90
+    assert layers.kept(shapely.MultiPolygon()) == []
+
+
+def test_the_track_is_whole_once_all_is_released():
+    made = forecast(-87.5, 28.7)
+    account = made.data["status_probability"].values
+    account[:] = 0
+    account[:, Status.PENDING] = [1, 0.8, 0.112, 0.105, 0.1]  # a tenth is never released
+    account[:, Status.ADRIFT] = 1 - account[:, Status.PENDING]
+    assert layers.complete(made) == 3
+
+
+@pytest.mark.parametrize("top", [3e-7, 0.0916, 0.0322, 0.341, 1.0, 7.3, 99.0, 4e5])
+def test_colour_bars_have_round_numbers(top):
+    per, _ = labels.scale(top)
+    ticks = labels.ticks(top * per)
+    assert 3 <= len(ticks) <= 6
+    assert ticks[0] == 0
+    assert ticks[-1] <= top * per < 100
+    assert all(labels.plain(v).replace(",", "").strip("0.") in ("1", "2", "5") for v in ticks[1:])
+    assert np.diff(np.sqrt(ticks / (top * per))).min() > 0.13
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0, "0 %"), (1e-6, "< 0.1 %"), (0.069, "6.9 %"), (0.99999, "> 99.9 %"), (1 - 1e-12, "100.0 %")],
+)
+def test_percent_tells_none_from_little(share, text):
+    assert labels.percent(share) == text
+
+
+def test_what_is_off_the_map_is_said():
+    at = forecast(-87.5, 28.7).data.isel(time=0)
+    account = at["status_probability"].values
+    for outside, left, words in (
+        (0.01, 0, ""),
+        (0.069, 0, "6.9 % of the probability ran out of forcing and is not on the map; areas are shares of the rest"),
+        (
+            0.2,
+            0.05,
+            "25.0 % of the probability is not on the map: 20.0 % ran out of forcing, 5.0 % left the domain; areas",
+        ),
+    ):
+        account[:] = 0
+        account[[Status.ADRIFT, Status.OUTSIDE, Status.LEFT]] = 1 - outside - left, outside, left
+        assert labels.missing(at).startswith(words)
+        assert bool(labels.missing(at)) == bool(words)
+        assert "ashore" not in labels.account(at)
+
+
+def test_a_backward_run_counts_hours_before():
+    made = forecast(-87.5, 28.7)
+    assert labels.basis(made, -1, 4000) == "24 h after 211830ZNOV26   ·   4,000 particles, effective 4,000"
+    back = replace(made, data=made.data.isel(time=slice(None, None, -1)))
+    assert labels.basis(back, -1, None).startswith("24 h before 221830ZNOV26")
+
+
+def test_provenance_is_in_the_picture(tmp_path):
+    made, marks = forecast(-87.5, 28.7), [maps.Mark(-87.5, 28.7)]
+    for name in ("a.png", "b.png"):
+        maps.draw_map(made, tmp_path / name, title="t", marks=marks, attributes={"case": "title = 'Bjørnøya → 1'"})
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.text["case"] == "title = 'Bjørnøya → 1'"
 
 
 def test_pyplot_stays_out():

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -165,15 +166,16 @@ def test_contours_are_valid_geojson(tmp_path, forecast, tracks):
 
 def test_tables(tmp_path, forecast, tracks):
     write(tmp_path / "out", forecast, tracks)
-    head, *lines = (tmp_path / "out" / "track.csv").read_text().splitlines()
-    assert head.startswith("# ")
-    assert "seed: 7" in head
-    rows = list(csv.DictReader(io.StringIO("\n".join(lines))))
+    run_id = json.loads((tmp_path / "out" / "summary.json").read_text())["run_id"]
+    assert run_id.endswith("-s7")
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "out" / "track.csv").read_text())))
+    assert {r["run_id"] for r in rows} == {run_id}
+    assert all(None not in r and None not in r.values() for r in rows)  # as many values as names, in one header row
     assert [r["date_time_group"] for r in rows] == ["211830ZNOV26", "220030ZNOV26", "220630ZNOV26"]
     assert float(rows[-1]["probability_ashore"]) == pytest.approx(0.1)
     assert float(rows[0]["mean_lat"]) == pytest.approx(-17.2, abs=0.02)
-    _, *lines = (tmp_path / "out" / "ashore.csv").read_text().splitlines()
-    rows = list(csv.DictReader(io.StringIO("\n".join(lines))))
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "out" / "ashore.csv").read_text())))
+    assert {r["run_id"] for r in rows} == {run_id}
     assert sum(float(r["probability_ashore"]) for r in rows) == pytest.approx(0.1, rel=1e-2)  # four digits a row
     assert {r["first_time"] for r in rows} == {"2026-11-22T06:30:00Z"}
 
@@ -234,13 +236,58 @@ def test_overwrite_replaces_ours_and_keeps_the_rest(tmp_path, forecast, tracks):
     assert (folder / "track.csv").read_text() == "old"
     write(folder, forecast, tracks, overwrite=True)
     assert (folder / "notes.txt").read_text() == "mine"
-    assert (folder / "track.csv").read_text().startswith("# ")
+    assert (folder / "track.csv").read_text().startswith("time,")
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_overwrite_takes_away_what_only_an_earlier_run_wrote(tmp_path, forecast, tracks):
+    folder = tmp_path / "out"
+    pictures = {f"{name}.png": lambda path: path.write_bytes(b"png") for name in ("map", "old", "edited")}
+    write(folder, forecast, tracks, figures=pictures)
+    (folder / "edited.png").write_bytes(b"mine now")
+    (folder / "other.png").write_bytes(b"png")
+    write(folder, forecast, tracks, overwrite=True)
+    assert not (folder / "old.png").exists()
+    assert (folder / "edited.png").read_bytes() == b"mine now"
+    assert (folder / "other.png").exists()
+
+
+@pytest.mark.parametrize("names", ['{"../mine": "%s"}', '{"a/mine": "%s"}', "[1]", "7", "{"])
+def test_a_foreign_summary_takes_nothing_away(tmp_path, forecast, tracks, names):
+    folder = tmp_path / "out"
+    (folder / "a").mkdir(parents=True)
+    for path in (tmp_path / "mine", folder / "a" / "mine"):
+        path.write_bytes(b"mine")
+    digest = output._digest(tmp_path / "mine")
+    (folder / "summary.json").write_text(f'{{"files": {names.replace("%s", digest)}}}')
+    write(folder, forecast, tracks, overwrite=True)
+    assert (tmp_path / "mine").exists()
+    assert (folder / "a" / "mine").exists()
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_release_and_end_of_trajectories(tmp_path, forecast, tracks, direction):
+    m = len(tracks.slot)
+    events = {
+        "release": np.arange(m, dtype=np.int32),
+        "ended": np.where(np.arange(m) % 2 == 0, 7201, 0).astype(np.int32),
+        "edge": np.where(np.arange(m) % 2 == 0, 40, -1).astype(np.int32),
+    }
+    status = tracks.status.copy()
+    status[:, -1] = np.where(np.arange(m) % 2 == 0, Status.ASHORE, Status.ADRIFT)
+    write(tmp_path / "out", forecast, replace(tracks, time=TIMES[::direction], status=status, **events))
+    with xr.open_dataset(tmp_path / "out" / "particles.nc") as data:
+        data.load()
+    start, second = TIMES[::direction][0], np.timedelta64(direction, "s")
+    np.testing.assert_array_equal(data["time_released"].values, start + np.arange(m) * second)
+    assert (data["time_ended"].values[::2] == start + 7201 * second).all()
+    assert np.isnat(data["time_ended"].values[1::2]).all()
+    np.testing.assert_array_equal(data["coast_edge"].values, events["edge"])
 
 
 def test_refused_folders(tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(UserError, match="is a file"):
+    with pytest.raises(UserError, match="is no folder"):
         output.check_folder(tmp_path / "file")
     with pytest.raises(UserError, match="cannot write"):
         output.check_folder(tmp_path / "file" / "out")
@@ -254,3 +301,37 @@ def test_an_empty_folder_is_filled(tmp_path, forecast, tracks):
     (tmp_path / "out").mkdir()
     write(tmp_path / "out", forecast, tracks)
     assert (tmp_path / "out" / "forecast.nc").exists()
+
+
+def test_a_run_that_another_has_overtaken_leaves_its_results_alone(tmp_path, forecast, tracks):
+    def meanwhile(path: Path) -> None:
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "forecast.nc").write_text("the other's")
+
+    with pytest.raises(UserError, match="meanwhile"):
+        write(tmp_path / "out", forecast, tracks, figures={"map.png": meanwhile})
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert (tmp_path / "out" / "forecast.nc").read_text() == "the other's"
+
+
+@pytest.mark.parametrize("trouble", [OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")])
+def test_a_full_disk_leaves_nothing(tmp_path, forecast, tracks, monkeypatch, trouble):
+    """What netCDF4 and HDF5 raise on a file system of 100 kB."""
+
+    def full(self: xr.Dataset, path: Path, **more: object) -> None:
+        path.write_bytes(b"half")
+        raise trouble
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
+    with pytest.raises(UserError, match=r"cannot be written \(.*make room"):
+        write(tmp_path / "above" / "out", forecast, tracks)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_there_is_staged_in_itself_not_beside_it(tmp_path, forecast, tracks):
+    """It may be a mount: what is beside it lies on another file system, where a rename fails."""
+    (tmp_path / "out").mkdir()
+    seen = []
+    figures = {"map.png": lambda path: (seen.append(path.parent.parent), path.write_bytes(b"png"))}
+    write(tmp_path / "out", forecast, tracks, figures=figures)
+    assert seen == [tmp_path / "out"]
