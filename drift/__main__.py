@@ -21,6 +21,7 @@ from typing import Any
 from geo.errors import UserError
 
 BACKENDS = ("cpu", "cuda", "vulkan", "metal")
+WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
 INTERRUPTED = "drift: interrupted; no half file is left"
 TERMINATED = "drift: asked to end; no half file is left"
 EXAMPLES = """examples:
@@ -241,7 +242,8 @@ def _run(given: argparse.Namespace) -> None:
             case, out, threads=given.threads, backend=given.backend, overwrite=given.overwrite, report=report
         )
     facts = result.summary["run"]
-    last = {**tables.numbers(result.forecast), "account": result.summary["account"]}
+    told = {name: result.summary[name] for name in ("account", "scenario_weights")}
+    last = {**tables.numbers(result.forecast), **told}
     _print_facts(case.title, _outcome(last))
     basis = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
     _say(f"{basis}\nResults in {out}")
@@ -264,17 +266,29 @@ def _outcome(numbers: dict[str, Any]) -> dict[str, str]:
     """Return where, how sure and what ended how, at the end of the run."""
     end = numbers["outputs"][-1]
     facts = {"time": end["date_time_group"]}
-    for name, key in (("mean position", "mean"), ("datum (most likely)", "datum")):
+    for name, key in (("mean position", "mean"), ("datum (mean of those adrift)", "datum")):
         if end[key]:
             facts[name] = end[key]["text"]
     for share, area in end["area_nmi2"].items():
         facts[f"{share} area"] = f"{area:,.0f} nmi2" if area == area else "none"
     for status, share in numbers["account"].items():
         if share > 0:
-            facts[status] = f"{share:.1%}"
-    for story in numbers["scenarios"]:
-        facts[f'scenario "{story["name"]}"'] = f"{story['posterior']:.1%} (before: {story['prior']:.1%})"
+            facts[status] = _percent(share)
+    lost = sum(numbers["account"][status] for status in ("outside", "left"))
+    if lost > WORTH_A_WARNING:
+        facts["warning"] = f"{_percent(lost)} of the probability was lost; the areas are shares of the rest"
+    stories = numbers["scenario_weights"]
+    for name, story in stories.items():
+        told = [f"{_percent(story['posterior'])} (before: {_percent(story['prior'])})"] if len(stories) > 1 else []
+        if story["prior_on_land"] > 0:
+            told.append(f"{_percent(story['prior_on_land'])} of its prior was on land and left out")
+        if told:
+            facts[f'scenario "{name}"'] = "; ".join(told)
     return facts
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share >= 0.0005 else "under 0.1%"
 
 
 def _check(given: argparse.Namespace) -> None:
@@ -302,13 +316,16 @@ def _objects(given: argparse.Namespace) -> None:
         raise UserError(f'no leeway class holds "{words}"; see them all: drift objects')
     table = _table("Class", "Description")
     for side in ("Downwind", "Right", "Left"):
-        table.add_column(f"{side}\n% + cm/s", justify="right", no_wrap=True)
+        table.add_column(f"{side}\n% + cm/s ± cm/s", justify="right", no_wrap=True)
     for drifter in found:
         lines = (
-            f"{100 * line.slope:.2f} {100 * line.offset:+6.2f}" for line in (drifter.down, drifter.right, drifter.left)
+            f"{100 * line.slope:.2f} {100 * line.offset:+6.2f} {100 * line.std:5.2f}"
+            for line in (drifter.down, drifter.right, drifter.left)
         )
         table.add_row(drifter.name, "  " * drifter.level + drifter.description, *lines)
     _show(table)
+    if not words:
+        _say('Besides: "water" for a pure water drifter, { windage = "3 %" } or lines of your own in the case file.')
 
 
 def _info(given: argparse.Namespace) -> None:

@@ -1,5 +1,6 @@
 """The pictures of a run: what is drawn on them comes from the case, its environment and its forecast."""
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -45,6 +46,19 @@ def figures(case: Case, where: Environment, forecast: Forecast, footer: str) -> 
         "synthetic": any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes)),
     }
     return {
-        "map.png": partial(maps.draw_map, forecast, lines=lines, known_as=known_as, **common),
-        "snapshots.png": partial(maps.draw_snapshots, forecast, **common),
+        "map.png": _kept(partial(maps.draw_map, forecast, lines=lines, known_as=known_as, **common)),
+        "snapshots.png": _kept(partial(maps.draw_snapshots, forecast, **common)),
     }
+
+
+def _kept(draw: Figure) -> Figure:
+    """Return a drawing that, where it fails, costs its own picture only: hours of forecast hang on the other files."""
+
+    def attempt(path: Path) -> None:
+        try:
+            draw(path)
+        except (ArithmeticError, LookupError, StopIteration, TypeError, ValueError) as error:
+            path.unlink(missing_ok=True)
+            warnings.warn(f"{path.name} could not be drawn ({error}); all other files are complete", stacklevel=2)
+
+    return attempt

@@ -15,7 +15,7 @@ from drift.scenario import ScenarioTable
 from drift.sources import SourceTable
 from geo.box import Box
 
-BYTES_PER_PARTICLE = 100
+BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 72 on the device, the rest on the host
 
 
 class OutputTable(fields.Table):

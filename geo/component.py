@@ -112,7 +112,7 @@ def gather(
 
 
 def _no_time(path: str, quantity: str, count: int, why: str) -> str:
-    keys = f"[[{quantity}]] times = {{ start = ..., interval = ... }}"
+    keys = f"[[{quantity}]] times = {{ start = ..., every = ... }}"
     return f"{path}: {why}; state {keys}, or steady = true to hold {'it' if count == 1 else 'the first slice'} constant"
 
 

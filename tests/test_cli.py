@@ -30,7 +30,7 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_objects_lists_and_searches(capsys: pytest.CaptureFixture[str]) -> None:
     _, whole, _ = call(capsys, "objects")
-    assert sum(line.strip() != "" for line in whole.splitlines()) == 85 + 3
+    assert sum(line.strip() != "" for line in whole.splitlines()) == 85 + 4
     status, out, _ = call(capsys, "objects", "raft", "15-50", "light")
     assert status == 0
     assert "LIFE-RAFT-DB-19" in out

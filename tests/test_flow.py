@@ -101,3 +101,17 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
         first = gone.argmax(axis=1)
         for track in np.flatnonzero(gone.any(axis=1)):  # for good: where it went ashore it stays
             assert (tracks.lon[track, first[track] :] == tracks.lon[track, first[track]]).all()
+
+
+def test_a_picture_that_cannot_be_drawn_costs_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from drift import maps
+
+    def broken(*_: object, **__: object) -> None:
+        raise ValueError("Axis limits cannot be NaN")
+
+    monkeypatch.setattr(maps, "draw_map", broken)
+    with pytest.warns(UserWarning, match=r"map\.png could not be drawn .*; all other files are complete"):
+        drift.run(case_of(tmp_path), tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert "map.png" not in names
+    assert {"forecast.nc", "particles.nc", "summary.json", "snapshots.png"} <= names
