@@ -75,16 +75,19 @@ def integrate(
     error: f32x4,
     lon: ti.i32,
     lat: ti.i32,
+    c0: ti.f32,
+    s0: ti.f32,
     dt: ti.f32,
     begin: ti.f32,
 ) -> f32x3:
     """Return (dlon, dlat, valid) [binary angle units] over dt [s, signed], from fraction `begin` of the step on.
 
+    c0, s0: cosine and sine of lat.
+
     Classical Runge-Kutta of order 4, or the midpoint rule of order 2, in the coordinates lon and lat themselves: stages
     of east and north metres, added up and wrapped afterwards, would be of first order. Where a stage finds no forcing,
     valid is 0 and the way is that of the last stage that did: where the coast may still stop it.
     """
-    c0, s0 = sphere.cos_lat(lat), sphere.sin_lat(lat)
     scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
     dlon, dlat, sum_lon, sum_lat, valid = 0.0, 0.0, 0.0, 0.0, 1.0
     for stage in range(ti.static(4 if features & RK4 else 2)):
@@ -106,8 +109,8 @@ def integrate(
             ranges,
             line,
             error,
-            lon + ti.cast(ti.round(at * dlon), ti.i32),
-            lat + ti.cast(ti.round(at * dlat), ti.i32),
+            lon + ti.cast(at * dlon, ti.i32),
+            lat + ti.cast(at * dlat, ti.i32),
             begin + at * (1.0 - begin),
         )
         valid *= r[2]
@@ -216,18 +219,20 @@ def _advance(
                     line[2], line[3] = left_slope[i], left_offset[i]
 
             x, y = lon[i], lat[i]
-            r = integrate(velocity, features, nodes, where, scale, ranges, line, error, x, y, direction * dt, begin)
+            c0, s0 = sphere.cos_lat(y), sphere.sin_lat(y)
+            r = integrate(
+                velocity, features, nodes, where, scale, ranges, line, error, x, y, c0, s0, direction * dt, begin
+            )
             dlon, dlat = r[0], r[1]
             if ti.static(features & DIFFUSION):
                 # The exponential map to second order: without its last term a walk drifts poleward by D tan(lat) / R.
                 unit = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
-                c, s = sphere.cos_lat(y), sphere.sin_lat(y)
-                dlon += walk_east * unit / c
-                dlat += (walk_north - walk_east * walk_east * s / c * ti.f32(0.5 / sphere.RADIUS)) * unit
-            known = r[2] > 0.5 and ti.abs(dlon) < FARTHEST and ti.abs(dlat) < FARTHEST
-            move_lon, move_lat = 0, 0
-            if ti.abs(dlon) < FARTHEST and ti.abs(dlat) < FARTHEST:
+                dlon += walk_east * unit / c0
+                dlat += (walk_north - walk_east * walk_east * s0 / c0 * ti.f32(0.5 / sphere.RADIUS)) * unit
+            move_lon, move_lat, known = 0, 0, False
+            if ti.max(ti.abs(dlon), ti.abs(dlat)) < FARTHEST:
                 move_lon, move_lat = ti.cast(ti.round(dlon), ti.i32), ti.cast(ti.round(dlat), ti.i32)
+                known = r[2] > 0.5
             stopped = 0
             x_end, y_end = x + move_lon, y + move_lat
             if ti.static(features & COAST):

@@ -40,10 +40,11 @@ def sample(
     tile = first
     while tile < last:
         w, s = tile * WHERE, tile * SCALE
-        # The difference of longitudes is taken modulo a turn, so a tile may lie across the antimeridian.
+        # Differences are taken modulo a turn: a tile may lie across the antimeridian, and what lies west or south of it
+        # comes out far east or north.
         x = ti.cast(ti.cast(lon - where[w + 1], ti.u32), ti.f32) * scale[s]
-        y = ti.cast(lat - where[w + 2], ti.f32) * scale[s + 1]
-        if x <= scale[s + 2] and y >= 0.0 and y <= scale[s + 3]:
+        y = ti.cast(ti.cast(lat - where[w + 2], ti.u32), ti.f32) * scale[s + 1]
+        if x <= scale[s + 2] and y <= scale[s + 3]:
             ix = ti.cast(ti.min(x, scale[s + 2] - 0.5), ti.i32)  # on the last node: the cell before it
             iy = ti.cast(ti.min(y, scale[s + 3] - 0.5), ti.i32)
             fx, fy = x - ix, y - iy
@@ -55,7 +56,7 @@ def sample(
             alpha = scale[s + 4] + scale[s + 5] * fraction
             u = both[0] + alpha * (both[2] - both[0])
             v = both[1] + alpha * (both[3] - both[1])
-            if u == u and v == v:  # not NaN
+            if u + v == u + v:  # not NaN
                 valid = 1.0
                 tile = last
         tile += 1
