@@ -35,6 +35,14 @@ def _draw(
         out[i, 4] = noise.uniform(w[0])
 
 
+@ti.kernel
+def _pairs(seed0: ti.u32, seed1: ti.u32, out: ti.types.ndarray(ti.f32, ndim=2)):
+    for i in range(out.shape[0]):
+        w = noise.words(seed0, seed1, 1, i, 0)
+        n = noise.normals(w[0], w[1])
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = noise.uniform(w[0]), noise.uniform(w[1]), n[0], n[1]
+
+
 def draw(n: int, seed: int = 1, stream: int = 4, step: int = 0, first: int = 0) -> np.ndarray:
     out = np.zeros((n, 5), np.float32)
     _draw(*noise.key(seed), stream, step, first, out)
@@ -67,6 +75,17 @@ def test_seeds_streams_and_steps_are_independent(other: dict[str, int]) -> None:
     n = 100_000
     a, b = draw(n)[:, 0], draw(n, **other)[:, 0]
     assert abs(np.corrcoef(a, b)[0, 1]) < 4.5 / np.sqrt(n)
+
+
+def test_normals_are_box_and_muller_of_their_uniforms() -> None:
+    """Against NumPy in float64: r = sqrt(-2 log u), angle 2 pi v; within 6e-7 of r, all quadrants."""
+    n = 100_000
+    out = np.zeros((n, 4), np.float32)
+    _pairs(*noise.key(9), out)
+    u, v, a, b = out.astype(np.float64).T
+    r = np.sqrt(-2 * np.log(u))
+    assert np.abs(a - r * np.cos(2 * np.pi * v)).max() < 6e-7 * r.max()
+    assert np.abs(b - r * np.sin(2 * np.pi * v)).max() < 6e-7 * r.max()
 
 
 def test_a_shard_draws_what_the_whole_draws() -> None:
