@@ -12,15 +12,25 @@ QUARTER = 1 << 30  # binary angle of 90 degrees
 
 
 @ti.func
+def _sine(x: ti.f32) -> ti.f32:
+    """Return sin x for |x| <= pi/2 by its series, relative error 2e-7: without a call of libm, alike on every backend."""
+    y = x * x
+    return x * (
+        1.0
+        - y * (1 / 6 - y * (1 / 120 - y * (1 / 5040 - y * (1 / 362880 - y * (1 / 39916800 - y * (1 / 6227020800))))))
+    )
+
+
+@ti.func
 def cos_lat(lat: ti.i32) -> ti.f32:
     """Return the cosine of a latitude [binary angle], relative error 2e-7 up to the pole."""
-    return ti.sin(ti.cast(QUARTER - ti.abs(lat), ti.f32) * ti.f32(UNIT))
+    return _sine(ti.cast(QUARTER - ti.abs(lat), ti.f32) * ti.f32(UNIT))
 
 
 @ti.func
 def sin_lat(lat: ti.i32) -> ti.f32:
     """Return the sine of a latitude [binary angle], absolute error 1e-7."""
-    return ti.sin(ti.cast(lat, ti.f32) * ti.f32(UNIT))
+    return _sine(ti.cast(lat, ti.f32) * ti.f32(UNIT))
 
 
 @ti.func
