@@ -52,9 +52,10 @@ def draw(case: Case, coast: DeviceCoast | None) -> Prior:
         _place(case, scenario, ensemble, slots, key, tries, coast)
         drawn, failed = (int(x) for x in tries.to_numpy())
         if failed:
+            fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
             raise UserError(
-                f'scenario "{scenario.name}": its prior lies on land: {failed} of {slots[1] - slots[0]} particles found '
-                "no water in many tries; move it, or check [coast] source"
+                f'scenario "{scenario.name}": {fault}: {failed} of {slots[1] - slots[0]} particles found no place in many '
+                "tries; move or widen it, or check [coast] source"
             )
         dry.append(1.0 - (slots[1] - slots[0]) / drawn)
         _equip(ensemble, slots, key, scenario.object)
