@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.transforms import Bbox
 
-from drift import tables
+from drift import tables, units
 from drift.cells import Array
 from drift.products import Forecast
 
@@ -133,7 +133,7 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
     """Return in words when the forecast starts and how many particles it stands on."""
     times = forecast.data["time"].values
     hours = float((times[time] - times[0]) / np.timedelta64(1, "s")) / 3600
-    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {tables.group(times[0])}"
+    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {units.group(times[0])}"
     many = float(forecast.data["effective_particles"].values[time])
     if particles is None:
         return f"{when}   ·   {many:,.0f} effective particles"
@@ -143,7 +143,7 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
 def span(times: Sequence[Any]) -> str:
     """Return in words which times are drawn, and what the numbers over each panel are."""
     to = "back to" if times[-1] < times[0] else "to"
-    return f"{tables.group(times[0])} {to} {tables.group(times[-1])}, UTC; areas that hold 50 and 95 % (lines), in nmi²"
+    return f"{units.group(times[0])} {to} {units.group(times[-1])}, UTC; areas that hold 50 and 95 % (lines), in nmi²"
 
 
 def scale(top: float) -> tuple[float, str]:

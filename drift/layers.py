@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, ListedColormap
 
-from drift import chart, labels, tables
+from drift import chart, labels, tables, units
 from drift.cells import Array
 from drift.chart import Frame
 from drift.products import Contour, Forecast
@@ -270,9 +270,7 @@ def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, ti
         mx, my = here.project(mark.lon, mark.lat)
         texts.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
     must = range(len(texts))
-    texts += [
-        (float(a), float(b), f"{tables.group(times[i])[:6]}Z", small) for i, a, b in zip(known, x, y, strict=True)
-    ]
+    texts += [(float(a), float(b), f"{units.group(times[i])[:6]}Z", small) for i, a, b in zip(known, x, y, strict=True)]
     cx, cy = occupied(here, forecast, [times[last]])
     mx, my = here.project([m.lon for m in marks], [m.lat for m in marks])
     bar = chart.scale_bar(ax, here, chart.free_corner(here, np.append(cx, mx), np.append(cy, my)))

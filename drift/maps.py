@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift import chart, labels, layers, tables
+from drift import chart, labels, layers, tables, units
 from drift.cells import Array
 from drift.chart import INK, Frame
 from drift.layers import Line, Mark
@@ -70,7 +70,7 @@ def draw_map(
     layers.track(ax, canvas, here, forecast, time, marks)
 
     figure.text(0.055, 0.955, textwrap.shorten(title, 95, placeholder=" …"), fontsize=15, weight="bold", color=INK)
-    valid = f"Valid {tables.group(now)}   ({tables.iso(now)}, UTC)"
+    valid = f"Valid {units.group(now)}   ({tables.iso(now)}, UTC)"
     figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
     figure.text(0.055, 0.888, labels.basis(forecast, time, particles), fontsize=9, color=INK)
     if synthetic:
@@ -132,7 +132,7 @@ def draw_snapshots(
         layers.ashore_marks(ax, here, forecast, int(i), scale=0.5)
         for mark in marks:
             layers.mark_point(ax, here, mark, 6)
-        ax.set_title(tables.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
+        ax.set_title(units.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
         ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
         if labels.missing(at) and np.isfinite(at["mean_lat"]):
             ax.text(

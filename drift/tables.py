@@ -4,29 +4,23 @@ import csv
 import hashlib
 import io
 from collections.abc import Iterable, Mapping
-from datetime import datetime, timezone
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
 
+from drift import units
 from drift.cells import Array
 from drift.products import Forecast
 
 NMI = 1852.0  # [m] international nautical mile
-MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 
 
 def iso(time: np.datetime64 | Array) -> str:
     """Return a time as 2026-11-21T18:30:00Z."""
     return f"{np.datetime_as_string(time, unit='s')}Z"
-
-
-def group(time: np.datetime64 | Array) -> str:
-    """Return a time as a date-time group, 211830ZNOV26; seconds are dropped."""
-    at = datetime.fromtimestamp(int(time.astype("datetime64[s]").astype(np.int64)), timezone.utc)
-    return f"{at:%d%H%M}Z{MONTHS[at.month - 1]}{at:%y}"
 
 
 def position(lon: float, lat: float) -> str | None:
@@ -95,7 +89,7 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
     status = [str(s) for s in at["status"].values]
     return {
         "time": at["time"].values[()],
-        "date_time_group": group(at["time"].values[()]),
+        "date_time_group": units.group(at["time"].values[()]),
         "mean": _place(at["mean_lon"].item(), at["mean_lat"].item()),
         "datum": _place(at["datum_lon"].item(), at["datum_lat"].item()),
         "area_nmi2": dict(zip(shares, areas / NMI**2, strict=True)),
@@ -132,7 +126,7 @@ def track(forecast: Forecast, run: str) -> str:
         rows.append(
             [
                 iso(when),
-                group(when),
+                units.group(when),
                 *_numbers((mean[0] + 180) % 360 - 180, mean[1], form=".6f"),
                 position(*mean) or "",
                 *_numbers((datum[0] + 180) % 360 - 180, datum[1], form=".6f"),

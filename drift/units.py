@@ -224,7 +224,7 @@ def resolve(instant: Instant, start: np.datetime64) -> np.datetime64:
     return start + instant if isinstance(instant, np.timedelta64) else instant
 
 
-def group(moment: np.datetime64) -> str:
-    """Return a time as a date-time group, 211830ZNOV26."""
-    when: datetime = moment.astype("datetime64[s]").item()
+def group(moment: Any) -> str:
+    """Return a time, np.datetime64, as a date-time group, 211830ZNOV26; seconds are dropped."""
+    when: datetime = np.asarray(moment).astype("datetime64[s]").item()
     return f"{when:%d%H%M}Z{MONTHS[when.month - 1]}{when:%y}"

@@ -17,7 +17,7 @@ from geo import analytic as flows
 from geo import dataset, quantities, reader
 from geo.box import Box
 from geo.errors import UserError
-from geo.grid import Grid, share_covered
+from geo.grid import Grid
 
 EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for what does not vary in space
 MOST_NODES = 1_000_000  # of a built-in flow's tile
@@ -153,33 +153,5 @@ def analytic(
     return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)
 
 
-def overlap(source: Source, box: Box, start: np.datetime64, end: np.datetime64) -> tuple[float, str]:
-    """Return the share of a case's time [0, 1] that a source covers, and a line on its overlap in time and place."""
-    first, last = sorted((_second(start), _second(end)))
-    place = share_covered(source.grid, box)
-    span = source.grid.box
-    where = (
-        f"it lies at {_degrees(span)}, the case's area at {_degrees(box)}: {place:.0%} of the area covered"
-        if place < 1
-        else "it covers the case's area"
-    )
-    if len(source.times) == 0:
-        return 1.0, f"{source.name}: steady, holds at all times; {where}"
-    low, high = max(first, source.times[0]), min(last, source.times[-1])
-    share = float(max(0.0, (high - low) / (last - first))) if last > first else float(low <= high)
-    held = f"it holds {_minutes(source.times[0])} to {_minutes(source.times[-1])}"
-    case = f"the case {_minutes(first)} to {_minutes(last)}"
-    common = f"common: {_minutes(low)} to {_minutes(high)}" if low <= high else "nothing in common"
-    return share, f"{source.name}: {held}, {case}; {common} ({share:.0%} of the case's time); {where}"
-
-
 def _second(time: Any) -> np.datetime64:
     return np.datetime64(time, "s")
-
-
-def _minutes(time: np.datetime64) -> str:
-    return str(time.astype("datetime64[m]")) + "Z"
-
-
-def _degrees(box: Box) -> str:
-    return f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N"

@@ -145,9 +145,6 @@ def test_paria_joins_daily_files(data: Path) -> None:
     assert (wind.times[0], len(wind.times)) == (np.datetime64("2017-04-23T00:00:00"), 28)
     last = raw(data / "paria" / "Sea_Med_slice_20170429_Paria.nc", "uo")
     np.testing.assert_allclose(current.read(7)[20, 30, 0], last[0, 0, 20, 30], atol=1e-6)
-    share, told = forcing.overlap(wind, Box(-65, 10, -61.5, 11), current.times[0], current.times[-1])
-    assert share == pytest.approx(1 - 12 / 168)
-    assert "79% of the area" in told  # 2.75 of 3.5 degrees
 
 
 def test_biscay_components_stand_at_their_own_points(data: Path) -> None:
@@ -613,22 +610,6 @@ def test_constant_and_table() -> None:
         forcing.table("current", times[::-1], [0.1, 0.2], [0.3, -0.4])
     with pytest.raises(UserError, match="not a finite"):
         forcing.constant("wind", np.nan, 0.0)
-
-
-def test_overlap(tmp_path: Path) -> None:
-    source = forcing.open_source("current", timed(tmp_path / "a.nc", [0.0, 3.0, 6.0]))
-    day = np.datetime64("2024-03-05", "s")
-    hours = np.timedelta64(1, "h")
-    box = Box(0.5, 50.2, 1.5, 51.0)
-    assert forcing.overlap(source, box, day, day + 6 * hours)[0] == 1.0
-    assert forcing.overlap(source, box, day + 9 * hours, day + 3 * hours)[0] == pytest.approx(0.5)  # backward
-    share, told = forcing.overlap(source, box, day + 24 * hours, day + 30 * hours)
-    assert share == 0.0
-    assert "nothing in common" in told
-    share, told = forcing.overlap(source, Box(1.0, 50.2, 3.0, 51.0), day, day + 3 * hours)
-    assert share == 1.0
-    assert "50% of the area covered" in told
-    assert forcing.overlap(forcing.constant("wind", 1.0, 2.0), box, day, day + hours)[0] == 1.0
 
 
 def test_understand_and_describe(data: Path, tmp_path: Path) -> None:
