@@ -209,7 +209,7 @@ def found(written: str, folder: Path) -> list[str]:
     try:
         matches = [str(path)] if path.exists() else sorted(glob.glob(str(path), recursive=True))
         if matches:
-            return [str(Path(match).resolve()) for match in matches]
+            return [str(Path(match).resolve(strict=True)) for match in matches]  # a link may lead nowhere
     except (OSError, RuntimeError, ValueError) as error:  # too long a name, a loop of links
         reason = error.strerror if isinstance(error, OSError) else None
         raise ValueError(f'no file "{_short(written)}" ({reason or "a loop of links"}); name another') from None
