@@ -39,11 +39,13 @@ def _between(
             n = noise.normals(w[0], w[1]) * (spread[i] * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT)))
             move_lon = ti.cast(ti.round(dlon + n[0] / sphere.cos_lat(y)), ti.i32)
             move_lat = ti.cast(ti.round(dlat + n[1]), ti.i32)
-            if ti.static(coastal):
-                hit, _x, _y, _part, _edge = first_crossing(x, y, move_lon, move_lat, cell, start, edge, edge_id, frame)
-                if hit == 1:  # the line itself is in water: the step along it met no coast
-                    move_lon, move_lat = line_lon, line_lat
-        lon[i], lat[i] = x + move_lon, y + move_lat
+        if ti.static(coastal):
+            hit, x_end, y_end, _p, _e = first_crossing(x, y, move_lon, move_lat, cell, start, edge, edge_id, frame)
+            if hit == 1:  # keep to the line, which met no coast but may touch one where it is rounded
+                hit, x_end, y_end, _p, _e = first_crossing(x, y, line_lon, line_lat, cell, start, edge, edge_id, frame)
+            lon[i], lat[i] = x_end, y_end
+        else:
+            lon[i], lat[i] = x + move_lon, y + move_lat
 
 
 def between(
