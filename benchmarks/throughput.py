@@ -107,7 +107,9 @@ def measure(most: int) -> list[dict[str, object]]:
             ) -> None:  # type: ignore[no-untyped-def]
                 step = kernel.Step(k, 600 * k, 600, 1)
                 shore_or_none = device if coastal else None
-                kernel.advance(ensemble, (0, n), tiles, ranges, physics, step, domain, shore_or_none, scheme)
+                kernel.advance(
+                    ensemble, (0, n), tiles, ranges, physics, step, kernel.Place(domain, shore_or_none, scheme=scheme)
+                )
                 runtime.wait()
 
             row[f"{n:.0e}"] = round(best(job, max(4, min(200, 8_000_000 // n))) * 1e9 / n, 1)

@@ -38,7 +38,9 @@ class Coast:
     """Where the shoreline comes from ("gshhg", "none" or an absolute path) and what it does to a particle."""
 
     source: str
-    behaviour: Literal["strand"]
+    behaviour: Literal["strand", "refloat", "slide"]
+    half_life: float = 0.0  # [s] of lying ashore before it is afloat again; 0: it lies there for good
+    offing: float = 0.0  # [m] off the beach where it is afloat again
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,9 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         scheme=table.clock.scheme,
         tolerance=table.clock.tolerance,
         domain=table.domain.box() if table.domain else None,
-        coast=Coast(_shore(table.coast.source, folder), table.coast.behaviour),
+        coast=Coast(
+            _shore(table.coast.source, folder), table.coast.behaviour, table.coast.half_life or 0.0, table.coast.offing
+        ),
         currents=currents,
         winds=winds,
         stokes=stokes,

@@ -81,9 +81,9 @@ def run(
         begin = start.prepare(case, where)
     outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
     with contextlib.ExitStack() as stack:
-        stack.callback(begin.world.forcing.close)
+        stack.callback(begin.scene.forcing.close)
         with clock.phase("drift"):
-            moments = forecast.run(begin.ensemble, begin.world, begin.clock, outputs, partial(tell, "drift"))
+            moments = forecast.run(begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"))
             snapshots = stack.enter_context(spool.Spool(case, begin.ensemble, moments))
         account = record.account(begin.ensemble, snapshots[-1].status)
         _check_lost(case, where, account.by_status.sum(axis=0))
@@ -113,7 +113,7 @@ def check(case: Case) -> dict[str, Any]:
     where = environment.open_for(case)
     few = replace(case, particles=min(case.particles, CHECKED))
     begin = start.prepare(few, where)
-    begin.world.forcing.close()
+    begin.scene.forcing.close()
     box = where.box
     found: dict[str, Any] = {
         "run": f"{case.start} to {case.end} UTC, {case.particles:,} particles, step {begin.clock.step} s",

@@ -57,26 +57,23 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class World:
-    """What does not change in a run and every scenario needs to move: forcing, physics, coast, domain, scheme."""
+class Scene:
+    """What does not change in a run and every scenario needs to move: forcing, physics, and the place."""
 
     forcing: Forcing
     physics: tuple[kernel.Physics, ...]  # one a scenario
-    coast: Any  # kernels.coast.DeviceCoast or None
-    domain: kernel.Domain
-    scheme: str = "rk4"
+    place: kernel.Place
 
     def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step) -> None:
         """Move all slots over one step, in place."""
         self.forcing.set(low, high)
         for slots, ranges, physics in zip(ensemble.scenarios, self.forcing.ranges, self.physics, strict=True):
-            kernel.advance(
-                ensemble, slots, self.forcing.tiles, ranges, physics, step, self.domain, self.coast, self.scheme
-            )
+            kernel.advance(ensemble, slots, self.forcing.tiles, ranges, physics, step, self.place)
 
-    def without_noise(self) -> "World":
-        """Return the same world in which nothing is left to chance."""
-        return replace(self, physics=tuple(kernel.Physics() for _ in self.physics))
+    def without_noise(self) -> "Scene":
+        """Return the same scene in which nothing is left to chance, and what comes ashore stays there."""
+        still = self.place._replace(beach=kernel.Beach(), sinks=False, divergence=False)
+        return replace(self, physics=tuple(kernel.Physics() for _ in self.physics), place=still)
 
 
 @dataclass(frozen=True)
@@ -90,7 +87,7 @@ class Moment:
 
 
 def run(
-    ensemble: Ensemble, world: World, clock: Clock, outputs: Array, progress: Progress | None = None
+    ensemble: Ensemble, scene: Scene, clock: Clock, outputs: Array, progress: Progress | None = None
 ) -> Iterator[Moment]:
     """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
 
@@ -104,19 +101,19 @@ def run(
         end = step.elapsed + step.duration
         within = [t for t in due if t <= end]
         before = (ensemble.lon.to_numpy(), ensemble.lat.to_numpy()) if within and within[0] < end else None
-        world.advance(ensemble, low, high, step)
+        scene.advance(ensemble, low, high, step)
         for t in within:
             due.pop(0)
             if before is None or t == end:
                 yield _moment(ensemble, ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), t)
             else:
-                yield _moment(ensemble, *_inside(ensemble, world, clock, before, step, t), t)
+                yield _moment(ensemble, *_inside(ensemble, scene, clock, before, step, t), t)
         if progress:
             progress(min(end / clock.duration, 1.0))
 
 
 def _inside(
-    ensemble: Ensemble, world: World, clock: Clock, before: tuple[Array, Array], step: kernel.Step, time: int
+    ensemble: Ensemble, scene: Scene, clock: Clock, before: tuple[Array, Array], step: kernel.Step, time: int
 ) -> tuple[Array, Array]:
     """Return positions at a time inside a step that has just been made: on each particle's bridge between its ends."""
     end = step.elapsed + step.duration
@@ -125,12 +122,12 @@ def _inside(
     there = np.where(status == Status.ADRIFT, end, np.minimum(ended, end))
     lasting = np.maximum(there - left, 1)
     share = np.clip((time - left) / lasting, 0.0, 1.0)
-    diffusivity = np.repeat([p.diffusivity for p in world.physics], np.diff(ensemble.bounds))
+    diffusivity = np.repeat([p.diffusivity for p in scene.physics], np.diff(ensemble.bounds))
     variance = 2 * diffusivity * share * (1 - share) * lasting
     spread = np.where(status == Status.ADRIFT, np.sqrt(variance), 0.0)
     after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     moment = (clock.start + clock.direction * time) % 2**31
-    lon, lat = bridge.between(before, after, share, spread, ensemble.seed, moment, world.coast)
+    lon, lat = bridge.between(before, after, share, spread, ensemble.seed, moment, scene.place.coast)
     return lon, lat
 
 
@@ -152,7 +149,7 @@ class Trial:
 
 
 def choose_step(
-    ensemble: Ensemble, world: World, clock: Clock, divisor: int, origin: int, longest: float, tolerance: float
+    ensemble: Ensemble, scene: Scene, clock: Clock, divisor: int, origin: int, longest: float, tolerance: float
 ) -> Trial:
     """Return the largest step of the ladder whose error stays under a tolerance [m a day].
 
@@ -170,7 +167,7 @@ def choose_step(
         rungs = ladder[first:last]
         steps = sorted({*rungs, *(_half(s) for s in rungs)})
         ends, elapsed = _march(
-            ensemble, world.without_noise(), chosen, steps, Clock(clock.start, span, clock.direction, 1, origin)
+            ensemble, scene.without_noise(), chosen, steps, Clock(clock.start, span, clock.direction, 1, origin)
         )
         days = np.maximum(elapsed - np.maximum(release, 0), 3600) / DAY
         for step in rungs:
@@ -186,7 +183,7 @@ def choose_step(
 
 
 def _march(
-    ensemble: Ensemble, world: World, chosen: Array, steps: list[int], clock: Clock
+    ensemble: Ensemble, scene: Scene, chosen: Array, steps: list[int], clock: Clock
 ) -> tuple[dict[int, tuple[Array, Array, Array]], int]:
     """Return where a sample ends (lon, lat, status) with each step, and after how long [s].
 
@@ -202,7 +199,7 @@ def _march(
             for k in range(stretch // step):
                 begin = low + k * step if clock.direction > 0 else high - (k + 1) * step
                 part = kernel.Step(0, whole.elapsed + k * step, step, clock.direction)
-                world.advance(trial, begin, begin + step, part)
+                scene.advance(trial, begin, begin + step, part)
         elapsed = whole.elapsed + stretch
     return {s: (t.lon.to_numpy(), t.lat.to_numpy(), t.status.to_numpy()) for s, t in trials.items()}, elapsed
 

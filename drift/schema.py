@@ -77,7 +77,16 @@ class CoastTable(fields.Table):
     """The [coast] table as written."""
 
     source: str = "gshhg"
-    behaviour: Literal["strand"] = "strand"
+    behaviour: Literal["strand", "refloat", "slide"] = "strand"
+    half_life: fields.Duration | None = None
+    offing: Annotated[fields.Length, Field(gt=0, le=2000)] = 100.0
+
+    @model_validator(mode="after")
+    def one_behaviour(self) -> "CoastTable":
+        """Refuse a half-life of what does not refloat, and refloating without one."""
+        if (self.half_life is None) == (self.behaviour == "refloat"):
+            raise ValueError('behaviour = "refloat" needs a half_life, like "12 h"; no other behaviour has one')
+        return self
 
 
 class ErrorTable(fields.Table):

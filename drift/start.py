@@ -1,5 +1,6 @@
-"""The start of a run: the initial ensemble, the world that it moves through, and the clock it moves by."""
+"""The start of a run: the initial ensemble, the scene that it moves through, and the clock it moves by."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from drift.case import Case, ForcingError
 from drift.ensemble import Ensemble
 from drift.environment import Environment
 from drift.forcing import QUANTITIES, Forcing
-from drift.forecast import Clock, Trial, World
+from drift.forecast import Clock, Scene, Trial
 from drift.scenario import Scenario
 from geo import sphere
 from geo.errors import UserError
@@ -27,13 +28,13 @@ class Start:
 
     ensemble: Ensemble
     dry: tuple[float, ...]
-    world: World
+    scene: Scene
     clock: Clock
     trial: Trial | None
 
 
 def prepare(case: Case, where: Environment) -> Start:
-    """Return the start of a case's run; close `world.forcing` after it.
+    """Return the start of a case's run; close `scene.forcing` after it.
 
     Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
     """
@@ -41,13 +42,14 @@ def prepare(case: Case, where: Environment) -> Start:
     drawn = prior.draw(case, shore)
     forcing = Forcing(list(where.scenarios), case.direction)
     try:
-        world = World(forcing, tuple(_physics(case, s) for s in case.scenarios), shore, _domain(where), case.scheme)
-        clock, trial = _clock(case, where, drawn.ensemble, world)
-        _check_place(case, where, drawn.ensemble, world, clock)
+        place = advance.Place(_domain(where), shore, _beach(case), scheme=case.scheme)
+        scene = Scene(forcing, tuple(_physics(case, s) for s in case.scenarios), place)
+        clock, trial = _clock(case, where, drawn.ensemble, scene)
+        _check_place(case, where, drawn.ensemble, scene, clock)
     except BaseException:
         forcing.close()
         raise
-    return Start(drawn.ensemble, drawn.dry, world, clock, trial)
+    return Start(drawn.ensemble, drawn.dry, scene, clock, trial)
 
 
 def _physics(case: Case, scenario: Scenario) -> advance.Physics:
@@ -58,6 +60,11 @@ def _physics(case: Case, scenario: Scenario) -> advance.Physics:
     )
 
 
+def _beach(case: Case) -> advance.Beach:
+    coast = case.coast
+    return advance.Beach(coast.half_life / math.log(2), coast.offing, coast.behaviour == "slide")
+
+
 def _domain(where: Environment) -> advance.Domain:
     box = where.box
     west, south = (int(sphere.to_binary(x)) for x in (box.west, box.south))
@@ -65,7 +72,7 @@ def _domain(where: Environment) -> advance.Domain:
     return advance.Domain(west, south, width, round((box.north - box.south) * sphere.TURN / 360))
 
 
-def _clock(case: Case, where: Environment, ensemble: Ensemble, world: World) -> tuple[Clock, Trial | None]:
+def _clock(case: Case, where: Environment, ensemble: Ensemble, scene: Scene) -> tuple[Clock, Trial | None]:
     """Return the clock: the case's step, or the largest whose error is small; on the lattice of the forcing's times."""
     times = [s.times.astype("datetime64[s]").astype(np.int64) for s in where.sources if s.times.size > 1]
     divisor, origin = _lattice(times)
@@ -79,7 +86,7 @@ def _clock(case: Case, where: Environment, ensemble: Ensemble, world: World) -> 
     reason, longest = min(limits.items(), key=lambda item: item[1])
     if case.step is None:
         ladder_clock = Clock(start, duration, case.direction, 1, 0)
-        trial = forecast.choose_step(ensemble, world, ladder_clock, divisor, origin, longest, case.tolerance)
+        trial = forecast.choose_step(ensemble, scene, ladder_clock, divisor, origin, longest, case.tolerance)
         return Clock(start, duration, case.direction, trial.step, origin % trial.step), trial
     if case.step > longest:
         raise UserError(
@@ -112,19 +119,19 @@ def _common(times: npt.NDArray[np.int64], origin: int) -> int:
     return int(np.gcd.reduce(np.abs(times - origin)))
 
 
-def _check_place(case: Case, where: Environment, ensemble: Ensemble, world: World, clock: Clock) -> None:
+def _check_place(case: Case, where: Environment, ensemble: Ensemble, scene: Scene, clock: Clock) -> None:
     """Refuse a prior of which more than may be lost lies where there is no forcing."""
     low, high, _ = next(clock.steps())
-    world.forcing.set(low, high)
+    scene.forcing.set(low, high)
     lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     # What is released later may find a source that has nothing yet: the run itself judges it.
     probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
     missing = dict.fromkeys(QUANTITIES, 0.0)
-    for (first, last), ranges in zip(ensemble.scenarios, world.forcing.ranges, strict=True):
+    for (first, last), ranges in zip(ensemble.scenarios, scene.forcing.ranges, strict=True):
         for k, quantity in enumerate(missing):
             tiles = ranges[2 * k : 2 * k + 2]
             if tiles[1] > tiles[0]:
-                valid = world.forcing.tiles.at(*tiles, lon[first:last], lat[first:last], 0.0)[:, 2]
+                valid = scene.forcing.tiles.at(*tiles, lon[first:last], lat[first:last], 0.0)[:, 2]
                 missing[quantity] += float(probability[first:last][valid < 0.5].sum())
     for quantity, share in missing.items():
         if share > case.max_lost:

@@ -1,7 +1,7 @@
 """One lattice step of all particles: drift through currents, wind and waves, with errors, diffusion and a coast.
 
 A step from position (lon, lat) integrates dlon/dt = u / (R cos lat), dlat/dt = v / R by an explicit Runge-Kutta scheme;
-adds a random walk; and ends at its first crossing of the shore. Positions are integers; within the step everything is
+adds a random walk; and ends at its first crossing of the shore, or goes on along it. Positions are integers; within the step everything is
 float32 on differences from the position at its begin. Writing of the increment is one rounding of at most 5 mm.
 """
 
@@ -9,16 +9,20 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import noise, sphere
-from kernels.coast import Bytes, DeviceCoast, Frame, Ints, Reals, first_crossing, open_sea
+from kernels import noise, shore, sphere
+from kernels.coast import Bytes, DeviceCoast, Frame, Ints, Reals, first_crossing, is_clear, open_sea
 from kernels.sample import Nodes, Tiles, sample
 
 # Features of a step, as bits of a compile-time number: what is not asked for is not compiled.
-CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4 = (1 << k for k in range(8))
+CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4, BIAS, SINK, REFLOAT, SLIDE, DIVERGENCE = (
+    1 << k for k in range(13)
+)
 
 FARTHEST = 5.0e8  # [binary angle unit] 42 degrees: a step that is longer, next to a pole, is none
+NEVER = 2.0e9  # [s]
+ASIDE = 200.0  # [m] across which a divergence is measured, to either side
 
-ADRIFT, ASHORE, OUTSIDE, LEFT, PENDING = 0, 1, 2, 3, 5  # drift.status.Status
+ADRIFT, ASHORE, OUTSIDE, LEFT, SUNK, PENDING = range(6)  # drift.status.Status
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x3 = ti.types.vector(3, ti.f32)
@@ -79,8 +83,9 @@ def integrate(
     s0: ti.f32,
     dt: ti.f32,
     begin: ti.f32,
+    share: ti.f32,
 ) -> f32x3:
-    """Return (dlon, dlat, valid) [binary angle units] over dt [s, signed], from fraction `begin` of the step on.
+    """Return (dlon, dlat, valid) [binary angle units] over dt [s, signed], a share of the step from `begin` on.
 
     c0, s0: cosine and sine of lat.
 
@@ -91,14 +96,14 @@ def integrate(
     scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
     dlon, dlat, sum_lon, sum_lat, valid = 0.0, 0.0, 0.0, 0.0, 1.0
     for stage in range(ti.static(4 if features & RK4 else 2)):
-        # Where the stage stands in the step, and its share of the sum: 0, 1/2 with 0, 1; or 0, 1/2, 1/2, 1 with
+        # Where the stage stands in the step, and its part of the sum: 0, 1/2 with 0, 1; or 0, 1/2, 1/2, 1 with
         # 1/6, 1/3, 1/3, 1/6. A loop at run time: unrolled it compiles three times as long and runs no faster.
         at = 0.5 * ti.cast(stage > 0, ti.f32) + 0.5 * ti.cast(stage > 2, ti.f32)
-        share = ti.cast(stage, ti.f32)
+        part = ti.cast(stage, ti.f32)
         if ti.static(features & RK4):
-            share = 1.0 / 3.0
+            part = 1.0 / 3.0
             if stage == 0 or stage == 3:
-                share = 1.0 / 6.0
+                part = 1.0 / 6.0
         d = at * dlat * ti.f32(sphere.UNIT)
         c = c0 - d * (s0 + d * (0.5 * c0 - d * s0 * (1.0 / 6.0)))  # cos(lat + d), |d| < 0.02: error 7e-9
         r = velocity(
@@ -111,16 +116,50 @@ def integrate(
             error,
             lon + ti.cast(at * dlon, ti.i32),
             lat + ti.cast(at * dlat, ti.i32),
-            begin + at * (1.0 - begin),
+            begin + at * share,
         )
         valid *= r[2]
         if valid > 0.5:
             dlon, dlat = r[0] * scale_lat / c, r[1] * scale_lat
-        sum_lon += share * dlon
-        sum_lat += share * dlat
+        sum_lon += part * dlon
+        sum_lat += part * dlat
     if valid < 0.5:
         sum_lon, sum_lat = dlon, dlat  # the way that the last valid stage leads
     return f32x3(sum_lon, sum_lat, valid)
+
+
+@ti.func
+def divergence(
+    velocity: ti.template(),
+    features: ti.template(),
+    nodes: ti.template(),
+    where: ti.template(),
+    scale: ti.template(),
+    ranges: ti.template(),
+    line: f32x4,
+    error: f32x4,
+    lon: ti.i32,
+    lat: ti.i32,
+    fraction: ti.f32,
+) -> ti.f32:
+    """Return the divergence [1/s] of the drift on the sphere, by central differences; 0 where a side has no forcing."""
+    c, s = sphere.cos_lat(lat), sphere.sin_lat(lat)
+    dx = ti.cast(ASIDE / (c * ti.f32(sphere.RADIUS * sphere.UNIT)), ti.i32)
+    dy = ti.cast(ASIDE / (sphere.RADIUS * sphere.UNIT), ti.i32)
+    # east, west, north, south: sides that are left or up count +1
+    total, valid, north = 0.0, 1.0, 0.0
+    for side in range(4):
+        sign = 1 - 2 * (side & 1)
+        x, y = lon, lat
+        if side < 2:
+            x += sign * dx
+        else:
+            y += sign * dy
+        r = velocity(features, nodes, where, scale, ranges, line, error, x, y, fraction)
+        total += ti.cast(sign, ti.f32) * (r[0] if side < 2 else r[1])
+        north += 0.25 * r[1]
+        valid *= r[2]
+    return valid * (total * ti.f32(0.5 / ASIDE) - north * s / c * ti.f32(1.0 / sphere.RADIUS))
 
 
 @ti.kernel
@@ -135,6 +174,7 @@ def _advance(
     release: Ints,
     ended: Ints,
     edge: Ints,
+    log_weight: Reals,
     down_slope: Reals,
     down_offset: Reals,
     right_slope: Reals,
@@ -142,10 +182,14 @@ def _advance(
     left_slope: Reals,
     left_offset: Reals,
     side: Ints,
+    world: Ints,
+    sinks: Ints,
     current_error_east: Reals,
     current_error_north: Reals,
     wind_error_east: Reals,
     wind_error_north: Reals,
+    bias_east: Reals,
+    bias_north: Reals,
     nodes: Nodes,
     where: Ints,
     scale: Reals,
@@ -162,6 +206,8 @@ def _advance(
     wind_time: ti.f32,
     diffusivity: ti.f32,
     jibe_rate: ti.f32,
+    stay: ti.f32,
+    offing: ti.f32,
     west: ti.i32,
     south: ti.i32,
     width: ti.u32,
@@ -171,14 +217,30 @@ def _advance(
     edges: Ints,
     edge_id: Ints,
     frame: Frame,
+    line_of: Ints,
 ):
     for i in range(first, last):
         if status[i] == PENDING and release[i] < elapsed + duration:
             status[i] = ADRIFT
-        if status[i] == ADRIFT:
-            lasting = ti.min(duration, elapsed + duration - release[i])
+        moves = status[i] == ADRIFT
+        left = ti.max(elapsed, release[i])  # when in this step it begins to move
+        if ti.static(features & REFLOAT):
+            if status[i] == ASHORE:
+                # The end of its wait is a function of the landing, so that no step draws it anew.
+                w = noise.words(seed0, seed1, noise.STREAM_REFLOAT, i, ended[i])
+                wait = ti.min(-ti.log(noise.uniform(w[0])) * stay, NEVER)
+                due = ended[i] + ti.cast(ti.min(wait, NEVER - ti.cast(ended[i], ti.f32)), ti.i32)
+                moves = due < elapsed + duration
+                left = ti.max(elapsed, due)
+        finish = elapsed + duration
+        if ti.static(features & SINK):
+            if sinks[i] < finish:
+                finish = ti.max(sinks[i], left)
+                moves = moves and (finish > left or status[i] == ADRIFT)  # waterlogged on the beach it stays there
+        if moves:
+            lasting = finish - left
             dt = ti.cast(lasting, ti.f32)
-            begin = 1.0 - dt / duration
+            begin, share = ti.cast(left - elapsed, ti.f32) / duration, dt / duration
 
             walk_east, walk_north = 0.0, 0.0
             error = f32x4(0.0)
@@ -196,6 +258,9 @@ def _advance(
                     new = keep * old + kick * n
                     current_error_east[i], current_error_north[i] = new[0], new[1]
                     error[0], error[1] = 0.5 * (old[0] + new[0]), 0.5 * (old[1] + new[1])
+            if ti.static(features & BIAS):
+                error[0] += bias_east[world[i]]
+                error[1] += bias_north[world[i]]
             if ti.static(features & (JIBE | ERRORS) and features & WIND):
                 w = noise.words(seed0, seed1, noise.STREAM_WIND, i, step)
                 if ti.static(features & ERRORS):
@@ -220,41 +285,113 @@ def _advance(
 
             x, y = lon[i], lat[i]
             c0, s0 = sphere.cos_lat(y), sphere.sin_lat(y)
-            r = integrate(
-                velocity, features, nodes, where, scale, ranges, line, error, x, y, c0, s0, direction * dt, begin
-            )
-            dlon, dlat = r[0], r[1]
-            if ti.static(features & DIFFUSION):
-                # The exponential map to second order: without its last term a walk drifts poleward by D tan(lat) / R.
-                unit = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
-                dlon += walk_east * unit / c0
-                dlat += (walk_north - walk_east * walk_east * s0 / c0 * ti.f32(0.5 / sphere.RADIUS)) * unit
-            move_lon, move_lat, known = 0, 0, False
-            if ti.max(ti.abs(dlon), ti.abs(dlat)) < FARTHEST:
-                move_lon, move_lat = ti.cast(ti.round(dlon), ti.i32), ti.cast(ti.round(dlat), ti.i32)
-                known = r[2] > 0.5
-            stopped = 0
-            x_end, y_end = x + move_lon, y + move_lat
-            if ti.static(features & COAST):
-                # Asked first: a stage may have found no forcing just because it lies inland, behind the shore.
-                hit, x_stop, y_stop, part, number = first_crossing(
-                    x, y, move_lon, move_lat, cell, start, edges, edge_id, frame
+            held = 0
+            if ti.static(features & REFLOAT):
+                if status[i] == ASHORE:
+                    x, y, nx, ny = shore.leave(x, y, c0, offing, edge[i], cell, start, edges, edge_id, frame, line_of)
+                    r = velocity(features, nodes, where, scale, ranges, line, error, x, y, begin)
+                    if r[2] < 0.5 or r[0] * nx + r[1] * ny <= 0.0:
+                        held = 1  # the drift leads onto the beach: it waits for one that leads off it
+            if held == 0:
+                r = integrate(
+                    velocity,
+                    features,
+                    nodes,
+                    where,
+                    scale,
+                    ranges,
+                    line,
+                    error,
+                    x,
+                    y,
+                    c0,
+                    s0,
+                    direction * dt,
+                    begin,
+                    share,
                 )
-                if hit == 1:
-                    stopped = 1
-                    lon[i], lat[i] = x_stop, y_stop
-                    status[i] = ASHORE
-                    ended[i] = elapsed + duration - lasting + ti.cast(part * dt, ti.i32)
-                    edge[i] = number
-            if stopped == 0:
-                if known:
+                dlon, dlat = r[0], r[1]
+                if ti.static(features & DIVERGENCE):
+                    x_half, y_half = x + ti.cast(0.5 * dlon, ti.i32), y + ti.cast(0.5 * dlat, ti.i32)
+                    middle = begin + 0.5 * share
+                    log_weight[i] -= dt * divergence(
+                        velocity, features, nodes, where, scale, ranges, line, error, x_half, y_half, middle
+                    )
+                if ti.static(features & DIFFUSION):
+                    # The exponential map to second order: without its last term a walk drifts poleward by D tan(lat) / R.
+                    unit = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
+                    dlon += walk_east * unit / c0
+                    dlat += (walk_north - walk_east * walk_east * s0 / c0 * ti.f32(0.5 / sphere.RADIUS)) * unit
+                move_lon, move_lat, known = 0, 0, False
+                if ti.max(ti.abs(dlon), ti.abs(dlat)) < FARTHEST:
+                    move_lon, move_lat = ti.cast(ti.round(dlon), ti.i32), ti.cast(ti.round(dlat), ti.i32)
+                    known = r[2] > 0.5
+                x_end, y_end = x + move_lon, y + move_lat
+                met, number, part = 0, -1, ti.cast(1.0, ti.f32)
+                if ti.static(features & COAST):
+                    # Asked first: a stage may have found no forcing just because it lies inland, behind the shore.
+                    met, x_end, y_end, part, number = first_crossing(
+                        x, y, move_lon, move_lat, cell, start, edges, edge_id, frame
+                    )
+                    before, after, nx, ny, chance = 0.0, 0.0, 0.0, 0.0, 0.0
+                    if ti.static(features & DIFFUSION):
+                        variance = 2.0 * diffusivity * dt
+                        span = ti.max(ti.abs(move_lon), ti.abs(move_lat))
+                        # Beyond 2.9 standard deviations of the walk no bridge comes back with a chance of 2^-24.
+                        span += ti.cast(2.9 * ti.sqrt(variance) / (c0 * ti.f32(shore.METRES)), ti.i32) + 1
+                        if not is_clear(x, y, span, cell, frame):
+                            w = noise.words(seed0, seed1, noise.STREAM_COAST, i, step)
+                            chance = -0.5 * variance * ti.log(noise.uniform(w[0]))
+                            if met == 1:
+                                f = shore.facing(x, y, c0, number, line_of)
+                                before, nx, ny = f[0], f[1], f[2]
+                            else:
+                                met, before, after, nx, ny = shore.touch(
+                                    x, y, move_lon, move_lat, chance, c0, cell, start, edges, frame
+                                )
+                                if ti.static(not features & SLIDE):
+                                    if met == 1:  # the bridge's mirror image goes ashore where it touched
+                                        k = ti.f32(shore.METRES)
+                                        mirrored_lon = move_lon - ti.cast(ti.round(2.0 * after * nx / (c0 * k)), ti.i32)
+                                        mirrored_lat = move_lat - ti.cast(ti.round(2.0 * after * ny / k), ti.i32)
+                                        hit, x_hit, y_hit, part_hit, number_hit = first_crossing(
+                                            x, y, mirrored_lon, mirrored_lat, cell, start, edges, edge_id, frame
+                                        )
+                                        met = hit  # past the end of a spit it may find water
+                                        if hit == 1:
+                                            x_end, y_end, part, number = x_hit, y_hit, part_hit, number_hit
+                            if met == 1:
+                                n = noise.normals(w[1], w[2])
+                                part = shore.landing(part, before, variance, n[0], noise.uniform(w[3]))
+                    elif ti.static(features & SLIDE):
+                        if met == 1:
+                            f = shore.facing(x, y, c0, number, line_of)
+                            before, nx, ny = f[0], f[1], f[2]
+                    if ti.static(features & SLIDE):
+                        if met == 1:
+                            x_end, y_end = shore.slide(
+                                x, y, move_lon, move_lat, c0, before, nx, ny, chance,
+                                cell, start, edges, edge_id, frame, line_of,
+                            )  # fmt: skip
+                            met = 0
+                            known = True  # a stage that found no forcing lay inland
+                if met == 1:
                     lon[i], lat[i] = x_end, y_end
+                    status[i] = ASHORE
+                    ended[i] = left + ti.cast(part * dt, ti.i32)
+                    edge[i] = number
+                elif known:
+                    lon[i], lat[i] = x_end, y_end
+                    status[i] = ADRIFT
                     if ti.cast(x_end - west, ti.u32) > width or ti.cast(y_end - south, ti.u32) > height:
                         status[i] = LEFT
                         ended[i] = elapsed + duration
+                    elif finish < elapsed + duration:
+                        status[i] = SUNK
+                        ended[i] = finish
                 else:
                     status[i] = OUTSIDE
-                    ended[i] = elapsed + duration - lasting
+                    ended[i] = left
 
 
 class Physics(NamedTuple):
@@ -266,6 +403,21 @@ class Physics(NamedTuple):
     wind_time: float = 1.0
     diffusivity: float = 0.0  # [m2/s]
     jibe_rate: float = 0.0  # [1/s]
+
+
+class Beach(NamedTuple):
+    """What the coast does to a particle that reaches it: it stays for good, for a while, or slides along."""
+
+    stay: float = 0.0  # [s] mean wait before it is afloat again; 0: for good
+    offing: float = 0.0  # [m] off the beach where it is afloat again
+    slides: bool = False
+
+
+class Bias(NamedTuple):
+    """Error of the current that all particles of a world share [m/s], on the device, shape (worlds,)."""
+
+    east: ti.Ndarray
+    north: ti.Ndarray
 
 
 class Step(NamedTuple):
@@ -286,9 +438,22 @@ class Domain(NamedTuple):
     height: int
 
 
-def features(ranges: tuple[int, ...], physics: Physics, coast: DeviceCoast | None, scheme: str) -> int:
+class Place(NamedTuple):
+    """What is the same for all scenarios of a run: where they are, what the coast does, what is asked of a step."""
+
+    domain: Domain
+    coast: DeviceCoast | None = None
+    beach: Beach = Beach()
+    bias: Bias | None = None
+    sinks: bool = False
+    divergence: bool = False  # log weights lose the divergence along the track: a backward run's likelihood
+    scheme: str = "rk4"
+
+
+def features(ranges: tuple[int, ...], physics: Physics, place: Place) -> int:
     """Return the compile-time features that a scenario needs."""
     wind = ranges[3] > ranges[2]
+    coastal = place.coast is not None
     return (
         CURRENT * (ranges[1] > ranges[0])
         | WIND * wind
@@ -296,8 +461,13 @@ def features(ranges: tuple[int, ...], physics: Physics, coast: DeviceCoast | Non
         | ERRORS * (physics.current_std > 0 or (wind and physics.wind_std > 0))
         | DIFFUSION * (physics.diffusivity > 0)
         | JIBE * (wind and physics.jibe_rate > 0)
-        | COAST * (coast is not None)
-        | RK4 * (scheme == "rk4")
+        | COAST * coastal
+        | RK4 * (place.scheme == "rk4")
+        | BIAS * (place.bias is not None)
+        | SINK * place.sinks
+        | REFLOAT * (coastal and place.beach.stay > 0)
+        | SLIDE * (coastal and place.beach.slides)
+        | DIVERGENCE * place.divergence
     )
 
 
@@ -308,29 +478,30 @@ def advance(
     ranges: tuple[int, ...],
     physics: Physics,
     step: Step,
-    domain: Domain,
-    coast: DeviceCoast | None,
-    scheme: str = "rk4",
+    place: Place,
     velocity: Any = drift,
 ) -> None:
     """Move the slots [first, last) of an ensemble over one lattice step, in place.
 
     ensemble: a drift.ensemble.Ensemble. ranges: first and last tile of currents, winds and Stokes drift. velocity: a
     function of the outline of `drift`, so that the order of the scheme can be measured on an analytic flow.
-    A particle moves only while adrift, from its release on; it ends ashore, outside the forcing or outside the domain.
+    A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the forcing or the domain.
     """
     e, (seed0, seed1) = ensemble, noise.key(ensemble.seed)
-    shore = coast or open_sea()
+    bias = place.bias or Bias(e.log_weight, e.log_weight)  # not compiled in: any array will do
     _advance(
-        features(ranges, physics, coast, scheme),
+        features(ranges, physics, place),
         velocity,
         *slots,
-        *(e.lon, e.lat, e.status, e.release, e.ended, e.edge),
-        *(e.down_slope, e.down_offset, e.right_slope, e.right_offset, e.left_slope, e.left_offset, e.side),
+        *(e.lon, e.lat, e.status, e.release, e.ended, e.edge, e.log_weight),
+        *(e.down_slope, e.down_offset, e.right_slope, e.right_offset, e.left_slope, e.left_offset),
+        *(e.side, e.world, e.sinks),
         *(e.current_error_east, e.current_error_north, e.wind_error_east, e.wind_error_north),
+        *bias,
         *(tiles.nodes, tiles.where, tiles.scale, i32x6(ranges)),
         *(step.elapsed, step.duration, step.direction, step.number, seed0, seed1),
         *physics,
-        *domain,
-        *shore,
+        *(place.beach.stay, place.beach.offing),
+        *place.domain,
+        *(place.coast or open_sea()),
     )

@@ -63,5 +63,5 @@ def between(
     """
     lon, lat = begin[0].copy(), begin[1].copy()
     arrays = (lon, lat, *end, share.astype(np.float32), spread.astype(np.float32))
-    _between(coast is not None, *arrays, *noise.key(seed), moment, *(coast or open_sea()))
+    _between(coast is not None, *arrays, *noise.key(seed), moment, *(coast or open_sea()).grid)
     return lon, lat

@@ -27,21 +27,28 @@ class DeviceCoast(NamedTuple):
 
     cell: ti.Ndarray  # u8 (ny * nx,)
     start: ti.Ndarray  # i32 (ny * nx + 1,)
-    edge: ti.Ndarray  # i32 (4 * n,)
+    edge: ti.Ndarray  # i32 (4 * n,), as listed by cell
     edge_id: ti.Ndarray  # i32 (n,)
     frame: Frame
+    line: ti.Ndarray  # i32 (4 * m,), by number: what an edge_id points to
+
+    @property
+    def grid(self) -> tuple:
+        """All but the edges by number: what it takes to find a crossing."""
+        return self[:5]
 
 
 def upload(coast: shore_grid.Coast) -> DeviceCoast:
     """Return the device copy of a coast."""
     frame = Frame([coast.lon0, coast.lat0, coast.shift, coast.nx, coast.ny, *coast.reference])
-    return DeviceCoast(*(runtime.upload(a) for a in (coast.cell, coast.start, coast.edge, coast.edge_id)), frame)
+    listed = (runtime.upload(a) for a in (coast.cell, coast.start, coast.edge, coast.edge_id))
+    return DeviceCoast(*listed, frame, runtime.upload(shore_grid.edges(coast)))
 
 
 def open_sea() -> DeviceCoast:
     """Return a coast of no cells, to stand for the arguments of a kernel that was compiled without one."""
     nothing = runtime.empty(1, ti.i32)
-    return DeviceCoast(runtime.empty(1, ti.u8), nothing, nothing, nothing, Frame([0] * 7))
+    return DeviceCoast(runtime.empty(1, ti.u8), nothing, nothing, nothing, Frame([0] * 7), nothing)
 
 
 @ti.func
@@ -159,6 +166,19 @@ def _first(lon, lat, sx, sy, cell: ti.template(), start: ti.template(), edge: ti
 
 
 @ti.func
+def is_clear(lon, lat, reach, cell: ti.template(), frame):
+    """1 if no move of at most `reach` units along each axis can meet the coast: one look-up in a cell's byte."""
+    clear = reach == 0
+    column = ti.cast(ti.bit_shr(ti.cast(lon - frame[0], ti.u32), frame[2]), ti.i32)
+    row = ti.cast((ti.cast(lat, ti.i64) - frame[1]) >> frame[2], ti.i32)
+    if column < frame[3] and row >= 0 and row < frame[4]:
+        away = ti.cast(cell[row * frame[3] + column], ti.i32) & 127
+        # From anywhere in a cell, a move of k whole cells' width ends at most k cells away, where k < away is clear.
+        clear = clear or reach <= (away - 1) << frame[2]
+    return clear
+
+
+@ti.func
 def first_crossing(
     lon, lat, dlon, dlat, cell: ti.template(), start: ti.template(), edge: ti.template(), edge_id: ti.template(), frame
 ):
@@ -174,14 +194,7 @@ def first_crossing(
     fraction = ti.cast(1.0, ti.f32)
     number = -1
     reach = ti.max(abs(dlon), abs(dlat))
-    clear = reach == 0
-    column = ti.cast(ti.bit_shr(ti.cast(lon - frame[0], ti.u32), frame[2]), ti.i32)
-    row = ti.cast((ti.cast(lat, ti.i64) - frame[1]) >> frame[2], ti.i32)
-    if column < frame[3] and row >= 0 and row < frame[4]:
-        away = ti.cast(cell[row * frame[3] + column], ti.i32) & 127
-        # From anywhere in a cell, a move of k whole cells' width ends at most k cells away, where k < away is clear.
-        clear = clear or reach <= (away - 1) << frame[2]
-    if not clear:
+    if not is_clear(lon, lat, reach, cell, frame):
         sx = ti.cast(dlon, ti.i64)
         sy = ti.cast(dlat, ti.i64)
         along = reach  # how much of the step is left, counted along its longer side
@@ -271,5 +284,5 @@ def crossings(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.nda
     hit, stop_lon, stop_lat, number = (np.zeros(n, np.int32) for _ in range(4))
     fraction = np.ones(n, np.float32)
     if n:
-        _crossings(*steps, hit, stop_lon, stop_lat, fraction, number, *coast)
+        _crossings(*steps, hit, stop_lon, stop_lat, fraction, number, *coast.grid)
     return Crossings(hit == 1, stop_lon, stop_lat, fraction, number)

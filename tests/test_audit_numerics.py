@@ -12,7 +12,7 @@ import drift
 from drift import ensemble as record
 from drift import environment, forecast
 from drift.forcing import Forcing, Sources
-from drift.forecast import Clock, World
+from drift.forecast import Clock, Scene
 from drift.status import Status
 from geo import coast as shoreline
 from geo import forcing, sphere
@@ -53,7 +53,7 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
 
 
 def world(current: forcing.Source, direction: int = 1, physics: kernel.Physics = STILL, coast=None, domain=EVERYWHERE):
-    return World(Forcing([Sources(current=(current,))], direction), (physics,), coast, domain)
+    return Scene(Forcing([Sources(current=(current,))], direction), (physics,), kernel.Place(domain, coast))
 
 
 def case_of(folder: Path, **changes: str) -> drift.Case:

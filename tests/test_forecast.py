@@ -8,7 +8,7 @@ import pytest
 from drift import ensemble as record
 from drift import forecast
 from drift.forcing import Forcing, Sources
-from drift.forecast import Clock, World
+from drift.forecast import Clock, Scene
 from drift.status import Status
 from geo import forcing, sphere
 from geo.forcing import Source
@@ -33,8 +33,8 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
     return ensemble
 
 
-def world(*currents: Source, direction: int = 1, physics: kernel.Physics = STILL) -> World:
-    return World(Forcing([Sources(current=currents)], direction), (physics,), None, EVERYWHERE)
+def world(*currents: Source, direction: int = 1, physics: kernel.Physics = STILL) -> Scene:
+    return Scene(Forcing([Sources(current=currents)], direction), (physics,), kernel.Place(EVERYWHERE))
 
 
 def moved(moment: forecast.Moment, lon: float, lat: float) -> np.ndarray:
@@ -123,11 +123,10 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
     other[...] = np.nan
     other[:6, :, :] = (0.0, 3.0)
     second = replace(first, name="second", read=lambda i: other)
-    place = World(
+    place = Scene(
         Forcing([Sources((first, second), cells={("current", "first"): 3, ("current", "second"): 0})], 1),
         (STILL,),
-        None,
-        EVERYWHERE,
+        kernel.Place(EVERYWHERE),
     )
     place.forcing.set(T0, T0 + 600)
     first_tile, last_tile = place.forcing.ranges[0][:2]
@@ -139,13 +138,12 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
 
 def test_rival_forcing_is_a_matter_of_the_scenario() -> None:
     ensemble = record.empty(1, (0, 3, 5))
-    place = World(
+    place = Scene(
         Forcing(
             [Sources((forcing.constant("current", 1.0, 0.0),)), Sources((forcing.constant("current", 0.0, 1.0),))], 1
         ),
         (STILL, STILL),
-        None,
-        EVERYWHERE,
+        kernel.Place(EVERYWHERE),
     )
     (end,) = forecast.run(ensemble, place, Clock(T0, 3600, 1, 600), np.array([3600]))
     east, north = moved(end, 0.0, 0.0)

@@ -26,7 +26,16 @@ def end_of(flow: Flow, scheme: str, step: int, direction: int = 1, start=None) -
         clock = kernel.Step(k, k * step, step, direction)
         none = (0, 0, 0, 0, 0, 0)
         slots = (0, lon.size)
-        kernel.advance(ensemble, slots, tiles, none, kernel.Physics(), clock, EVERYWHERE, None, scheme, flow.velocity)
+        kernel.advance(
+            ensemble,
+            slots,
+            tiles,
+            none,
+            kernel.Physics(),
+            clock,
+            kernel.Place(EVERYWHERE, scheme=scheme),
+            flow.velocity,
+        )
     return ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
 
 

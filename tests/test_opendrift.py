@@ -7,7 +7,7 @@ import numpy as np
 from drift import ensemble as record
 from drift import forecast, leeway
 from drift.forcing import Forcing, Sources
-from drift.forecast import Clock, World
+from drift.forecast import Clock, Scene
 from drift.status import Status
 from geo import forcing, sphere
 from geo.box import Box
@@ -37,7 +37,7 @@ def test_a_raft_ends_within_one_percent_of_where_opendrift_has_it(data: Path) ->
         getattr(ensemble, f"{name}_offset").fill(mirror * line.offset)
     ensemble.side.from_numpy(rows["side"].astype(np.int32))
     sources = Sources((current,), (wind,), cells={("current", current.name): 3})
-    world = World(Forcing([sources], 1), (kernel.Physics(),), None, EVERYWHERE)
+    world = Scene(Forcing([sources], 1), (kernel.Physics(),), kernel.Place(EVERYWHERE))
     start = int(np.datetime64("2015-11-16T06:00:00", "s").astype(int))
     (end,) = forecast.run(ensemble, world, Clock(start, 86_400, 1, 600), np.array([86_400]))
     world.forcing.close()

@@ -31,7 +31,7 @@ def drifted(physics: kernel.Physics, step: int, ranges=NOWHERE, tiles: Tiles | N
     tiles = tiles or Tiles([])
     for k in range(HOURS * 3600 // step):
         clock = kernel.Step(k, k * step, step, 1)
-        kernel.advance(ensemble, slots, tiles, ranges, physics, clock, EVERYWHERE, None)
+        kernel.advance(ensemble, slots, tiles, ranges, physics, clock, kernel.Place(EVERYWHERE))
     return ensemble
 
 
@@ -132,6 +132,6 @@ def test_no_thread_or_order_of_slots_matters() -> None:
     for slots in ((1000, 2000), (0, 1000)):
         for k in range(HOURS):
             clock = kernel.Step(k, k * 3600, 3600, 1)
-            kernel.advance(halves, slots, Tiles([]), NOWHERE, physics, clock, EVERYWHERE, None)
+            kernel.advance(halves, slots, Tiles([]), NOWHERE, physics, clock, kernel.Place(EVERYWHERE))
     assert (whole.lon.to_numpy() == halves.lon.to_numpy()).all()
     assert (whole.lat.to_numpy() == halves.lat.to_numpy()).all()

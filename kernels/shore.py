@@ -1,0 +1,188 @@
+"""What the shore does to a step: touches between its end points, the moment of landing, sliding along, refloating.
+
+Where a step meets the shore is exact (kernels.coast). What happens there is reckoned in float32 metres on the plane
+tangent at the particle, with the shore near it taken as a straight line.
+"""
+
+import taichi as ti
+
+from kernels import sphere
+from kernels.coast import first_crossing
+
+METRES = sphere.RADIUS * sphere.UNIT  # [m] of a binary angle unit along a meridian
+OFF = 0.5  # [m] that a sliding particle keeps off the shore, so that rounding does not put it ashore
+CORNERS = 6  # edges that a step slides along at most
+
+f32x3 = ti.types.vector(3, ti.f32)
+
+
+@ti.func
+def nearest(lon, lat, reach, c, cell: ti.template(), start: ti.template(), edge: ti.template(), frame) -> f32x3:
+    """(distance, east, north) [m] of the nearest point of the shore from a point, searched within reach [m].
+
+    c: cosine of the latitude. A distance above reach says that there is none.
+    """
+    shift = frame[2]
+    around = (1 << (32 - shift)) - 1
+    tall = ti.cast(reach * ti.f32(1.0 / METRES), ti.i64) + 1
+    wide = ti.cast(reach / (c * ti.f32(METRES)), ti.i64) + 1
+    x0 = ti.cast(ti.cast(lon - frame[0], ti.u32), ti.i64)
+    y0 = ti.cast(lat, ti.i64) - frame[1]
+    best, east, north = reach * reach * 1.0001 + 1e-6, 0.0, 0.0
+    limit = best
+    for row in range(ti.cast((y0 - tall) >> shift, ti.i32), ti.cast((y0 + tall) >> shift, ti.i32) + 1):
+        if row >= 0 and row < frame[4]:
+            for k in range(ti.cast((x0 - wide) >> shift, ti.i32), ti.cast((x0 + wide) >> shift, ti.i32) + 1):
+                column = k & around
+                if column < frame[3]:
+                    i = row * frame[3] + column
+                    for e in range(start[i], start[i + 1]):
+                        ax = ti.cast(edge[4 * e] - lon, ti.f32) * (c * ti.f32(METRES))
+                        ay = ti.cast(edge[4 * e + 1] - lat, ti.f32) * ti.f32(METRES)
+                        dx = ti.cast(edge[4 * e + 2] - edge[4 * e], ti.f32) * (c * ti.f32(METRES))
+                        dy = ti.cast(edge[4 * e + 3] - edge[4 * e + 1], ti.f32) * ti.f32(METRES)
+                        t = ti.min(ti.max(-(ax * dx + ay * dy) / (dx * dx + dy * dy), 0.0), 1.0)
+                        px, py = ax + t * dx, ay + t * dy
+                        square = px * px + py * py
+                        if square < best:
+                            best, east, north = square, px, py
+    distance = ti.sqrt(best)
+    if best >= limit:
+        distance = 2.0 * reach + 1.0
+    return f32x3(distance, east, north)
+
+
+@ti.func
+def facing(lon, lat, c, number, line: ti.template()) -> f32x3:
+    """(distance [m], east, north) of a point from the straight line of an edge, and the unit normal on its side."""
+    ax = ti.cast(line[4 * number] - lon, ti.i64)
+    ay = ti.cast(line[4 * number + 1] - lat, ti.i64)
+    ex = ti.cast(line[4 * number + 2] - line[4 * number], ti.i64)
+    ey = ti.cast(line[4 * number + 3] - line[4 * number + 1], ti.i64)
+    turn = ey * ax - ex * ay  # exact: its sign is the side on which the point lies
+    dx, dy = ti.cast(ex, ti.f32) * c, ti.cast(ey, ti.f32)
+    length = ti.sqrt(dx * dx + dy * dy)
+    left = 1.0 if turn > 0 else -1.0
+    away = ti.abs(ti.cast(turn, ti.f32)) * c / length * ti.f32(METRES)
+    return f32x3(away, -left * dy / length, left * dx / length)
+
+
+@ti.func
+def touch(lon, lat, dlon, dlat, chance, c, cell: ti.template(), start: ti.template(), edge: ti.template(), frame):
+    """(touched, before, after, east, north): whether the bridge over a step that ends in water met the shore.
+
+    A Brownian bridge over a time t between points at distances d1 and d2 on one side of a line meets it with probability
+    exp(-d1 d2 / (D t)) (Karatzas and Shreve 1991, eq. 4.3.40); chance [m2] = -D t log(u), u uniform, so that it does where
+    d1 d2 < chance. The line is the shore's tangent at the point nearest to either end. before, after: d1, d2 [m]; east,
+    north: the line's unit normal towards the water.
+    """
+    sx = ti.cast(dlon, ti.f32) * (c * ti.f32(METRES))
+    sy = ti.cast(dlat, ti.f32) * ti.f32(METRES)
+    reach = ti.sqrt(chance)  # one of the two ends lies within it
+    touched, before, after, nx, ny = 0, 0.0, 0.0, 0.0, 0.0
+    for end in range(2):
+        if touched == 0:
+            p = nearest(lon + end * dlon, lat + end * dlat, reach, c, cell, start, edge, frame)
+            if p[0] <= reach and p[0] > 1e-3:
+                nx, ny = -p[1] / p[0], -p[2] / p[0]
+                other = p[0] + (sx * nx + sy * ny) * (1.0 - 2.0 * end)
+                if other > 0.0 and p[0] * other < chance:
+                    touched = 1
+                    before, after = p[0], other
+                    if end == 1:
+                        before, after = other, p[0]
+    return touched, before, after, nx, ny
+
+
+@ti.func
+def landing(fraction, before, variance, normal, uniform):
+    """The share of a step [1] after which a random walk first meets a line that its straight way meets at `fraction`.
+
+    before: distance [m] to the line at the step's begin; variance [m2]: 2 D t of the walk over the step. In the clock
+    s = share / (1 - share) a bridge is Brownian motion with drift, so s is inverse Gaussian with mean
+    fraction / (1 - fraction) and shape before^2 / variance; drawn by Michael, Schucany and Haas 1976
+    (doi:10.1080/00031305.1976.10479147). The same law holds for a bridge that comes back, to its mirror image.
+    """
+    share = fraction
+    if variance > 0.0 and fraction < 0.9999 and before > 0.0:
+        mean = fraction / (1.0 - fraction)
+        k = 0.5 * mean * variance / (before * before) * normal * normal  # mean y / (2 shape)
+        root = mean / (1.0 + k + ti.sqrt(k * (k + 2.0)))  # the smaller root, without cancellation
+        s = root
+        if uniform > mean / (mean + root):
+            s = mean * mean / root
+        share = s / (1.0 + s)
+    return share
+
+
+@ti.func
+def slide(
+    lon,
+    lat,
+    dlon,
+    dlat,
+    c,
+    before,
+    nx,
+    ny,
+    chance,
+    cell: ti.template(),
+    start: ti.template(),
+    edge: ti.template(),
+    edge_id: ti.template(),
+    frame,
+    line: ti.template(),
+):
+    """(lon, lat): where a step that meets the shore's line at distance `before`, normal (nx, ny), ends along the shore.
+
+    The step is pushed off the line by as much as its bridge went over it: reflected Brownian motion in a half-plane,
+    exact in law (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H); without diffusion, projected onto the shore. At
+    further edges what is left of the step follows each in turn.
+    """
+    k = ti.f32(METRES)
+    sx, sy = ti.cast(dlon, ti.f32) * (c * k), ti.cast(dlat, ti.f32) * k
+    after = before + sx * nx + sy * ny
+    lowest = 0.5 * (before + after - ti.sqrt((before - after) * (before - after) + 4.0 * chance))
+    push = OFF - ti.min(lowest, 0.0)
+    sx, sy = sx + push * nx, sy + push * ny
+    x, y = lon, lat
+    going = 1
+    for _ in range(CORNERS):
+        if going == 1:
+            move_x, move_y = ti.cast(ti.round(sx / (c * k)), ti.i32), ti.cast(ti.round(sy / k), ti.i32)
+            hit, x_stop, y_stop, _part, number = first_crossing(x, y, move_x, move_y, cell, start, edge, edge_id, frame)
+            going = hit
+            if hit == 1:
+                sx -= ti.cast(x_stop - x, ti.f32) * (c * k)
+                sy -= ti.cast(y_stop - y, ti.f32) * k
+                f = facing(x_stop, y_stop, c, number, line)
+                inward = sx * f[1] + sy * f[2]
+                sx, sy = sx + (OFF - inward) * f[1], sy + (OFF - inward) * f[2]
+            x, y = x_stop, y_stop
+    return x, y
+
+
+@ti.func
+def leave(
+    lon,
+    lat,
+    c,
+    offing,
+    number,
+    cell: ti.template(),
+    start: ti.template(),
+    edge: ti.template(),
+    edge_id: ti.template(),
+    frame,
+    line: ti.template(),
+):
+    """(lon, lat, east, north): a point an offing [m] straight off the beach, and the way there; half-way over to another shore."""
+    f = facing(lon, lat, c, number, line)
+    move_x = ti.cast(ti.round(offing * f[1] / (c * ti.f32(METRES))), ti.i32)
+    move_y = ti.cast(ti.round(offing * f[2] / ti.f32(METRES)), ti.i32)
+    hit, x, y, _part, _number = first_crossing(lon, lat, move_x, move_y, cell, start, edge, edge_id, frame)
+    if hit == 1:
+        _hit, x, y, _part, _number = first_crossing(
+            lon, lat, (x - lon) // 2, (y - lat) // 2, cell, start, edge, edge_id, frame
+        )
+    return x, y, f[1], f[2]
