@@ -55,10 +55,10 @@ def main(particles: int = 1_000_000, hours: int = 60) -> None:
     run = start.prepare(case, where)
     outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
     begin, inland, tested = time.perf_counter(), 0, 0
-    for moment in forecast.run(run.ensemble, run.world, run.clock, outputs):
+    for moment in forecast.run(run.ensemble, run.scene, run.clock, outputs):
         land = shoreline.is_land(coast, moment.lon, moment.lat)
         inland, tested = inland + int(land.sum()), tested + land.size
-    run.world.forcing.close()
+    run.scene.forcing.close()
     account = record.account(run.ensemble, moment.status).by_status.sum(axis=0)
     print(f"{particles:,} particles, {hours} h, step {run.clock.step} s, {time.perf_counter() - begin:.0f} s: {inland} of "
           f"{tested:,} positions inland; adrift {account[0]:.1%}, ashore {account[1]:.1%}, without forcing {account[2]:.1%}, "

@@ -19,9 +19,12 @@ from pydantic import ValidationError
 
 from drift import messages, sources, units
 from drift.expect import Expect
+from drift.leeway import Drifter
 from drift.scenario import Scenario, ScenarioTable
 from drift.schema import CaseTable, OutputTable
 from drift.sources import ForcingSpec, Quantity, SourceTable
+from drift.spill import Find, Patrol, Spill
+from drift.spill import build as build_spill
 from geo.box import Box
 from geo.errors import UserError
 
@@ -41,6 +44,7 @@ class Coast:
     behaviour: Literal["strand", "refloat", "slide"]
     half_life: float = 0.0  # [s] of lying ashore before it is afloat again; 0: it lies there for good
     offing: float = 0.0  # [m] off the beach where it is afloat again
+    lakes: bool | str = False  # water; or the absolute path of a file of lakes
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,8 @@ class Case:
     current_error: ForcingError
     wind_error: ForcingError
     diffusivity: float  # [m2/s]
-    scenarios: tuple[Scenario, ...]
+    scenarios: tuple[Scenario, ...]  # of a spill: one a class of objects, all with its prior
+    spill: Spill | None
     expect: Expect
 
 
@@ -173,6 +178,8 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
     stokes = _sources("stokes", table.stokes, start, folder)
     uncertain = table.uncertainty
     off = ForcingError(0.0, 21_600.0)
+    spill = _spill(table, start, end, folder) if table.spill else None
+    known = (currents, winds, stokes)
     return Case(
         title=table.title or path.stem,
         path=path,
@@ -180,17 +187,23 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         start=start,
         end=end,
         direction=-1 if table.direction == "backward" else 1,
-        particles=table.particles,
+        particles=spill.particles if spill else table.particles,
         seed=table.seed,
         max_lost=table.max_lost,
-        outputs=_outputs(table.output, start, end),
+        outputs=_outputs(table.output, start, end, [f.time for f in spill.finds if f.at_sea] if spill else []),
         trajectories=table.output.trajectories,
         step=table.clock.step,
         scheme=table.clock.scheme,
         tolerance=table.clock.tolerance,
         domain=table.domain.box() if table.domain else None,
         coast=Coast(
-            _shore(table.coast.source, folder), table.coast.behaviour, table.coast.half_life or 0.0, table.coast.offing
+            _shore(table.coast.source, folder),
+            table.coast.behaviour,
+            table.coast.half_life or 0.0,
+            table.coast.offing,
+            _file(table.coast.lakes, folder, "coast.lakes")
+            if isinstance(table.coast.lakes, str)
+            else table.coast.lakes,
         ),
         currents=currents,
         winds=winds,
@@ -198,12 +211,15 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         current_error=ForcingError(uncertain.current.std, uncertain.current.time) if uncertain.current else off,
         wind_error=ForcingError(uncertain.wind.std, uncertain.wind.time) if uncertain.wind else off,
         diffusivity=uncertain.diffusivity,
-        scenarios=_scenarios(table.scenario, start, end, (currents, winds, stokes)),
+        scenarios=_classes(spill, start, end, known) if spill else _scenarios(table.scenario, start, end, known),
+        spill=spill,
         expect=table.expect,
     )
 
 
-def _outputs(table: OutputTable, start: np.datetime64, end: np.datetime64) -> NDArray[np.datetime64]:
+def _outputs(
+    table: OutputTable, start: np.datetime64, end: np.datetime64, more: list[np.datetime64]
+) -> NDArray[np.datetime64]:
     sign = 1 if end > start else -1
     if table.times is not None:
         times = [units.resolve(time, start) for time in table.times]
@@ -218,20 +234,59 @@ def _outputs(table: OutputTable, start: np.datetime64, end: np.datetime64) -> ND
         if span // every > MOST_OUTPUTS:
             raise UserError(f"output.every gives {span // every:,} output times; at most {MOST_OUTPUTS}")
         times = [start + np.timedelta64(sign * k * every, "s") for k in range(span // every + 1)]
-    every_time = np.unique(np.array([start, *times, end], dtype="datetime64[s]"))
+    every_time = np.unique(np.array([start, *times, *more, end], dtype="datetime64[s]"))
     return every_time[::sign]
 
 
 def _shore(source: str, folder: Path) -> str:
     if source in {"gshhg", "none"}:
         return source
+    return _file(source, folder, "coast.source", '; allowed are "gshhg", "none" and a shoreline file')
+
+
+def _file(name: str, folder: Path, place: str, allowed: str = "") -> str:
+    """Return the absolute path of one file."""
     try:
-        files = sources.found(source, folder)
+        files = sources.found(name, folder)
     except ValueError as error:
-        raise UserError(f'coast.source: {error}; allowed are "gshhg", "none" and a shoreline file') from None
+        raise UserError(f"{place}: {error}{allowed}") from None
     if len(files) != 1 or not Path(files[0]).is_file():
-        raise UserError(f'coast.source: "{source}" is not one file; it is {", ".join(files)}')
+        raise UserError(f'{place}: "{name}" is not one file; it is {", ".join(files)}')
     return files[0]
+
+
+def _spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Spill:
+    assert table.spill is not None
+    if end < start:
+        raise UserError("a [spill] runs forward; where it came from follows from its finds: see drift origin")
+    if table.coast.source == "none":
+        raise UserError('coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file')
+    named = table.spill.stretches.file
+    file = _file(named, folder, "spill.stretches.file") if named else None
+    try:
+        spill = build_spill(table.spill, table.find, table.patrol, start, file)
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    known: list[Find | Patrol] = [*spill.finds, *spill.patrols]
+    for thing in known:
+        if thing.time > end:
+            raise UserError(
+                f"{thing.name}: at {units.group(thing.time)}, after the run's end, {units.group(end)}; run for longer"
+            )
+    return spill
+
+
+def _classes(
+    spill: Spill, start: np.datetime64, end: np.datetime64, known: tuple[tuple[ForcingSpec, ...], ...]
+) -> tuple[Scenario, ...]:
+    """Return a spill's classes of objects as scenarios: what the engine moves."""
+    names = [tuple(spec.name for spec in specs) for specs in known]
+    made = []
+    for kind in spill.kinds:
+        _check_release(f'class "{kind.name}"', spill.prior, start, end)
+        _check_sources(f'class "{kind.name}"', kind.object, names[0], names[1])
+        made.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, *names))
+    return tuple(made)
 
 
 def _sources(
@@ -279,29 +334,37 @@ def _scenario(
         prior = table.prior(start)
     except ValueError as error:
         raise UserError(f"{place}: {error}") from None
-    for time in (prior.release_start, prior.release_end):
-        if not min(start, end) <= time <= max(start, end):
-            raise UserError(
-                f"{place}: it may go adrift at {units.group(time)}, outside the run, {units.group(start)} to "
-                f"{units.group(end)}; change its times or the case's start and end"
-            )
+    _check_release(place, prior, start, end)
     chosen = [
         _chosen(wanted, specs, f"{place}.{key}")
         for key, wanted, specs in zip(
             ("currents", "winds", "stokes"), (table.currents, table.winds, table.stokes), known, strict=True
         )
     ]
-    if not chosen[0]:
+    _check_sources(place, drifter, chosen[0], chosen[1])
+    return Scenario(table.name, weight, drifter, table.jibe_rate(drifter), prior, *chosen)
+
+
+def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetime64) -> None:
+    for time in (prior.release_start, prior.release_end):
+        if not min(start, end) <= time <= max(start, end):
+            raise UserError(
+                f"{place}: it may go adrift at {units.group(time)}, outside the run, {units.group(start)} to "
+                f"{units.group(end)}; change its times or the case's start and end"
+            )
+
+
+def _check_sources(place: str, drifter: Drifter, currents: tuple[str, ...], winds: tuple[str, ...]) -> None:
+    if not currents:
         raise UserError(
             f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
             "to say that there is none"
         )
-    if drifter.uses_wind and not chosen[1]:
+    if drifter.uses_wind and not winds:
         raise UserError(
             f'{place}: object "{drifter.name}" drifts with the wind and there is none: add [[wind]] with files, or '
             'constant = { speed = "12 kn", from = 240 }'
         )
-    return Scenario(table.name, weight, drifter, table.jibe_rate(drifter), prior, *chosen)
 
 
 def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str) -> tuple[str, ...]:

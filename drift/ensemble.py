@@ -17,14 +17,10 @@ Array = npt.NDArray[Any]
 Device = Any  # a one-dimensional array on the device
 
 INTEGERS = ("lon", "lat", "status", "release", "ended", "edge", "side", "world", "sinks")
+LEEWAY = ("down_slope", "down_offset", "right_slope", "right_offset", "left_slope", "left_offset")
 REALS = (
     "log_weight",
-    "down_slope",
-    "down_offset",
-    "right_slope",
-    "right_offset",
-    "left_slope",
-    "left_offset",
+    *LEEWAY,
     "current_error_east",
     "current_error_north",
     "wind_error_east",
@@ -77,6 +73,7 @@ def empty(seed: int, bounds: tuple[int, ...]) -> Ensemble:
     integers = {name: runtime.upload(np.zeros(n, np.int32)) for name in INTEGERS}
     integers["status"].fill(int(Status.PENDING))
     integers["edge"].fill(-1)
+    integers["sinks"].fill(2**31 - 1)
     integers["side"].fill(1)
     return Ensemble(seed, bounds, **integers, **{name: runtime.empty(n) for name in REALS})
 

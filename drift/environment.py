@@ -1,5 +1,6 @@
 """What a case drifts in: the box it can reach, the winds and currents there, the coast; opened once, checked once."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,8 +61,13 @@ def open_for(case: Case) -> Environment:
     shown = tuple(opened.values())
     # A last step may lead out of the box: the coast reaches a little further.
     coastal = _shrunk(box, shown).grown(COAST_MARGIN / np.cos(np.radians(min(abs(box.north), 80))), COAST_MARGIN)
-    land = shore.land(case.coast.source, coastal)
+    land = shore.land(case.coast.source, coastal, case.coast.lakes)
     coast = shoreline.build(land, coastal) if land.polygons.size else None
+    if coast is None and case.spill:
+        raise UserError(
+            f"[spill]: there is no coast in its domain, {box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
+            f"{box.north:.2f} N ({land.source}): nothing can come ashore; widen [domain], or check [coast] source"
+        )
     if coast is not None:
         for scenario in case.scenarios:
             _check_water(scenario, coast)
@@ -97,6 +103,9 @@ def reach(case: Case) -> Box:
         default=0.0,
     )
     fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * case.current_error.std
+    if case.spill:
+        spread += SPREADS * case.spill.scatter
+        fastest += 3 * case.spill.current_bias + slope * STRONGEST_WIND * (math.exp(2 * case.spill.windage_bias) - 1)
     duration = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
     grown = np.degrees((spread + fastest * duration) / sphere.RADIUS)
     x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))

@@ -109,6 +109,14 @@ def _jibe(value: object) -> float:
     return number
 
 
+def rate(value: object) -> float:
+    """Return a rate of events [1/s]."""
+    number = units.quantity(value, "1/s", "rate", "0.2 /day")
+    if not 0 <= number <= 1:
+        raise ValueError(f"rate {value!r} must be 0 to 1 per second")
+    return number
+
+
 def _share(value: object) -> float:
     number = units.quantity(value, "", "share", "0.2")
     if not 0 <= number <= 1:
@@ -126,7 +134,8 @@ Depth = Annotated[float, _quantity("m", "depth", "0 m", high=12_000)]
 Speed = Annotated[float, _quantity("m/s", "speed", "12 kn", high=150)]
 SignedSpeed = Annotated[float, _quantity("m/s", "speed", "2 cm/s", low=-150, high=150)]
 ShipSpeed = Annotated[float, _quantity("m/s", "speed", "8 kn", above=True, high=150)]
-Duration = Annotated[float, _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)]
+_duration = _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)
+Duration = Annotated[float, _duration]
 Diffusivity = Annotated[float, _quantity("m^2/s", "diffusivity", "10 m2/s", high=1e6)]
 Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.5, high=0.5)]
 Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]
@@ -143,10 +152,12 @@ def _label(value: object) -> object:
 Label = Annotated[str, BeforeValidator(_label)]  # a title or name, as it will stand on maps and in tables
 Count = Annotated[int, BeforeValidator(count)]
 Rate = Annotated[float, BeforeValidator(_jibe)]
+EventRate = Annotated[float, BeforeValidator(rate)]
 Direction = Annotated[float, BeforeValidator(_direction)]
 Sector = Annotated[tuple[float, float], BeforeValidator(_sector)]
 LengthRange = Annotated[tuple[float, float], _ordered(_length.func)]
 AreaRange = Annotated[tuple[float, float], _ordered(_area.func)]
+DurationRange = Annotated[tuple[float, float], _ordered(_duration.func)]
 ShareRange = Annotated[tuple[float, float], _ordered(_share)]
 LengthPair = Annotated[tuple[float, float], BeforeValidator(pair_of(_length.func))]
 Position = Annotated[tuple[float, float], BeforeValidator(units.position)]  # (lon, lat) [deg]

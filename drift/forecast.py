@@ -22,6 +22,7 @@ from kernels import bridge
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], None]
+Watch = Callable[[int], None]
 
 LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
 RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # of the ladder that are tried together: often the first one will do
@@ -87,11 +88,16 @@ class Moment:
 
 
 def run(
-    ensemble: Ensemble, scene: Scene, clock: Clock, outputs: Array, progress: Progress | None = None
+    ensemble: Ensemble,
+    scene: Scene,
+    clock: Clock,
+    outputs: Array,
+    progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Iterator[Moment]:
     """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
 
-    progress is told the share of the run that is done, after every step.
+    progress is told the share of the run that is done, after every step; watch when the step began [s since start].
     """
     due = [int(t) for t in outputs]
     while due and due[0] <= 0:
@@ -102,6 +108,8 @@ def run(
         within = [t for t in due if t <= end]
         before = (ensemble.lon.to_numpy(), ensemble.lat.to_numpy()) if within and within[0] < end else None
         scene.advance(ensemble, low, high, step)
+        if watch:
+            watch(step.elapsed)
         for t in within:
             due.pop(0)
             if before is None or t == end:

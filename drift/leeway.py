@@ -10,8 +10,11 @@ import difflib
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from typing import Any
 
 from geo.errors import UserError
+
+AIR_IN_WATER = 0.0346  # sqrt(1.225 kg/m3 / 1025 kg/m3)
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Drifter:
     right: Line
     left: Line
     level: int = 0
+    immersion: tuple[float, float] | None = None  # share under water, uniform between objects; down holds the mean
 
     @property
     def uses_wind(self) -> bool:
@@ -59,6 +63,15 @@ class Drifter:
     def jibes(self) -> bool:
         """Whether the side on which it drifts makes a difference."""
         return self.right != self.left
+
+
+def windage(immersion: Any) -> Any:
+    """Return the share of the wind speed [1] at which a box drifts, of a share of its height under water; any shape.
+
+    Drag of air on what is above balances that of water below: sqrt(rho_air / rho_water) sqrt((1 - I) / I), drag coefficients
+    taken as equal (Daniel et al. 2002, doi:10.1016/S1353-2561(02)00075-0).
+    """
+    return AIR_IN_WATER * ((1.0 - immersion) / immersion) ** 0.5
 
 
 WATER = Drifter("water", "Water particle: moves with the current alone", Line(), Line(), Line())

@@ -11,13 +11,12 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift import chart, labels, layers, tables, units
+from drift import chart, labels, layers, page, tables, units
 from drift.cells import Array
 from drift.chart import INK, Frame
 from drift.layers import Line, Mark
@@ -47,7 +46,7 @@ def draw_map(
     footer: a line of where it comes from (case, seed, version); attributes: the same in full, into the file.
     synthetic: says on the map that winds or currents are made up.
     """
-    figure, canvas = _figure(11.7, 8.3)
+    figure, canvas = page.figure(11.7, 8.3)
     at = forecast.data.isel(time=time)
     missing = labels.missing(at)
     high = 0.745 if missing else 0.775
@@ -74,16 +73,16 @@ def draw_map(
     figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
     figure.text(0.055, 0.888, labels.basis(forecast, time, particles), fontsize=9, color=INK)
     if synthetic:
-        _warning(figure, 0.985, 0.955, "right", 10)
+        page.warn(figure, 0.985, 0.955, "right", 10)
     if missing:
-        figure.text(0.055, 0.849, _fit(missing, 130), fontsize=9.5, weight="bold", color=layers.LAST_KNOWN)
+        figure.text(0.055, 0.849, page.fit(missing, 130), fontsize=9.5, weight="bold", color=layers.LAST_KNOWN)
     rows = _rows(forecast, time, outlines, lines, ashore, (known_as, len(marks)), land is not None)
     _legend(figure, rows)
     _panel(figure, at, mesh)
     figure.text(0.055, 0.04, labels.account(at), fontsize=9.5, color=INK)
     if footer:
         figure.text(0.055, 0.015, textwrap.shorten(footer, 190, placeholder=" …"), fontsize=7.5, color="#55606b")
-    _save(canvas, path, title, attributes, dpi=140)
+    page.save(canvas, path, title, attributes, dpi=140)
 
 
 def draw_snapshots(
@@ -105,7 +104,7 @@ def draw_snapshots(
     rows = -(-len(picks) // columns)
     wide, gap, head, foot, side = 3.0, 0.14, 1.3 if synthetic else 1.0, 0.5, 0.35
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
-    figure, canvas = _figure(width, height)
+    figure, canvas = page.figure(width, height)
     times = [forecast.data["time"].values[i] for i in picks]
     here = layers.extent(forecast, times, marks, (), aspect=1.0)
     land = chart.land_path(here, polygons, 420)
@@ -150,13 +149,13 @@ def draw_snapshots(
         if k == 0:
             chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
     if synthetic:
-        _warning(figure, side / width, 1 - 0.9 / height, "left", 8)
-    figure.text(side / width, 1 - 0.36 / height, _fit(title, width * 9), fontsize=12, weight="bold", color=INK)
+        page.warn(figure, side / width, 1 - 0.9 / height, "left", 8)
+    figure.text(side / width, 1 - 0.36 / height, page.fit(title, width * 9), fontsize=12, weight="bold", color=INK)
     figure.text(
-        side / width, 1 - 0.62 / height, _fit(_joined(labels.span(times), particles), width * 15), fontsize=8, color=INK
+        side / width, 1 - 0.62 / height, page.fit(_joined(labels.span(times), particles), width * 15), fontsize=8, color=INK
     )
     if footer:
-        figure.text(side / width, 0.1 / height, _fit(footer, width * 17), fontsize=7, color="#55606b")
+        figure.text(side / width, 0.1 / height, page.fit(footer, width * 17), fontsize=7, color="#55606b")
     if mesh is not None:
         bar = figure.add_axes((1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height))
         figure.colorbar(mesh, cax=bar, extend="both")
@@ -166,7 +165,7 @@ def draw_snapshots(
         bar.minorticks_off()
         bar.set_title(f"% per {unit}", fontsize=7, color=INK, pad=8)
         bar.tick_params(labelsize=7)
-    _save(canvas, path, title, attributes, dpi=130)
+    page.save(canvas, path, title, attributes, dpi=130)
 
 
 def draw_field(
@@ -176,7 +175,7 @@ def draw_field(
 
     lon: (nlon,), lat: (nlat,) [deg], ascending; east, north: (nlat, nlon) [m/s].
     """
-    figure, canvas = _figure(9.0, 7.2)
+    figure, canvas = page.figure(9.0, 7.2)
     ax = figure.add_axes((0.08, 0.07, 0.76, 0.84))
     here = chart.frame(lon[[0, -1, 0, -1]], lat[[0, -1, -1, 0]], aspect=0.76 * 9.0 / (0.84 * 7.2), margin=0.02)
     chart.prepare(ax, here)
@@ -203,8 +202,8 @@ def draw_field(
     ax.quiver(*here.project(px, py), u, v, color=INK, scale=22 * max(top, 1e-9), width=0.002, zorder=4.5, pivot="mid")
     bar = figure.add_axes((0.87, 0.15, 0.02, 0.6))
     figure.colorbar(mesh, cax=bar, extend="max", label="speed [m/s]")
-    figure.text(0.08, 0.945, _fit(title, 80), fontsize=12, weight="bold", color=INK)
-    _save(canvas, path, title, None, dpi=110)
+    figure.text(0.08, 0.945, page.fit(title, 80), fontsize=12, weight="bold", color=INK)
+    page.save(canvas, path, title, None, dpi=110)
 
 
 def turned(here: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
@@ -218,34 +217,6 @@ def turned(here: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tu
     length = np.hypot(u, v)
     scale = np.divide(np.hypot(east, north), length, out=np.zeros_like(length), where=length > 0)
     return u * scale, v * scale
-
-
-def _warning(figure: Figure, x: float, y: float, side: str, size: float) -> None:
-    figure.text(
-        x,
-        y,
-        "SYNTHETIC wind or current: not for operations",
-        fontsize=size,
-        weight="bold",
-        color="white",
-        ha=side,
-        bbox={"facecolor": layers.LAST_KNOWN, "edgecolor": "none", "boxstyle": "square,pad=0.35"},
-    )
-
-
-def _figure(width: float, height: float) -> tuple[Figure, FigureCanvasAgg]:
-    figure = Figure((width, height), facecolor="white")
-    return figure, FigureCanvasAgg(figure)
-
-
-def _save(canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int) -> None:
-    """Write the picture with its provenance as text chunks, and no date: the same forecast gives the same bytes."""
-    texts = {"Title": title, "Software": "casp-drift", **(attributes or {})}
-    canvas.figure.savefig(path, format="png", dpi=dpi, metadata=texts)
-
-
-def _fit(text: str, characters: float) -> str:
-    return textwrap.shorten(text, int(characters), placeholder=" …")
 
 
 def _joined(text: str, particles: int | None) -> str:

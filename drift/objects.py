@@ -1,10 +1,13 @@
-"""Objects as a case describes them: a leeway class, own leeway lines, plain windage, or water."""
+"""Objects as a case describes them: a leeway class, own leeway lines, plain windage, an immersion level, or water."""
 
+import numpy as np
 from pydantic import model_validator
 
 from drift import fields, leeway
 from drift.leeway import Drifter, Line
 from geo.errors import UserError
+
+LEAST_IMMERSION = 0.05
 
 
 class LineTable(fields.Table):
@@ -28,11 +31,19 @@ class ObjectTable(fields.Table):
     left: LineTable | None = None
     windage: fields.Windage | None = None
     spread: fields.Windage = 0.0
+    immersion: fields.ShareRange | None = None
 
     @model_validator(mode="after")
     def one_kind(self) -> "ObjectTable":
         """Refuse half a description, and two at once."""
-        if self.downwind is None and self.windage is None:
+        if self.immersion is not None:
+            if self.downwind or self.windage is not None or self.right or self.left or self.spread:
+                raise ValueError("immersion alone says how the object answers the wind; leave the other keys out")
+            if self.immersion[0] < LEAST_IMMERSION:
+                raise ValueError(
+                    f"immersion {self.immersion[0]:g} must be {LEAST_IMMERSION:g} to 1, the share under water"
+                )
+        elif self.downwind is None and self.windage is None:
             if self.right or self.left or self.spread or self.name is None:
                 raise ValueError('give a class ("PIW-1"), { downwind, right, left }, { windage, spread } or "water"')
             try:
@@ -52,6 +63,11 @@ class ObjectTable(fields.Table):
     def drifter(self) -> Drifter:
         """Return what drifts."""
         still = Line()
+        if self.immersion is not None:
+            low, high = self.immersion
+            mean = float(np.mean(leeway.windage(np.linspace(low, high, 1001))))
+            words = f"Immersed to {low:.0%}" + (f" to {high:.0%}" if high > low else "")
+            return Drifter(self.name or "immersed", words, Line(mean), still, still, immersion=self.immersion)
         if self.windage is not None:
             down = Line(self.windage, spread=self.spread)
             return Drifter(self.name or "windage", f"Windage {100 * self.windage:g} %", down, still, still)

@@ -18,7 +18,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,6 +59,14 @@ class Trajectories:
     edge: Array | None = None  # int32 (m,), edge of the shoreline where it went ashore; -1: none; None: not known
 
 
+@dataclass(frozen=True)
+class Product:
+    """A file beside the forecast's own: its name, and what makes its contents from the attributes of all files."""
+
+    name: str
+    make: Callable[[Mapping[str, str]], xr.Dataset | str | dict[str, Any]]
+
+
 def check_folder(folder: Path, overwrite: bool = False) -> None:
     """Raise UserError unless results may be written to the folder; made before the work starts. Creates nothing."""
     try:
@@ -94,12 +102,13 @@ def write(
     figures: Mapping[str, Figure],
     *,
     attributes: Mapping[str, str],
+    more: Sequence[Product] = (),
     overwrite: bool = False,
 ) -> list[Path]:
     """Write all results and return their paths.
 
     summary: what the run knows besides the forecast (case, versions, forcing, wall time); the forecast's numbers are
-    added. figures: file name -> function that draws it to a path. attributes: what every file carries
+    added. figures: file name -> function that draws it to a path. more: products of other kinds. attributes: what every file carries
     (title, case, seed, versions, forcing); `run_id`, `history` and `date_created` are added. With `overwrite` what an
     earlier run wrote into the folder and this one does not is taken away.
     """
@@ -122,6 +131,8 @@ def write(
             _json(tables.geojson(forecast, stamped), staging / "contours.geojson", indent=None)
             for name, table in (("track.csv", tables.track), ("ashore.csv", tables.ashore)):
                 (staging / name).write_text(table(forecast, stamped["run_id"]), encoding="utf-8", newline="\n")
+            for product in more:
+                _product(product, stamped, staging)
             for name, draw in figures.items():
                 draw(staging / name)
             files = {path.name: _digest(path) for path in sorted(staging.iterdir())}
@@ -135,6 +146,17 @@ def write(
             "make room, or name another with --out"
         ) from error
     return [folder / name for name in names]
+
+
+def _product(product: Product, stamped: Mapping[str, str], staging: Path) -> None:
+    """Write what a product holds: a dataset with the run's attributes, a GeoJSON object, or the text of a table."""
+    made, path = product.make(stamped), staging / product.name
+    if isinstance(made, xr.Dataset):
+        _netcdf(made.assign_attrs(stamped), path)
+    elif isinstance(made, str):
+        path.write_text(made, encoding="utf-8", newline="\n")
+    else:
+        _json(made, path, indent=None)
 
 
 @contextmanager

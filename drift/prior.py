@@ -58,11 +58,8 @@ def draw(case: Case, coast: DeviceCoast | None) -> Prior:
                 "tries; move or widen it, or check [coast] source"
             )
         dry.append(1.0 - (slots[1] - slots[0]) / drawn)
-        _equip(ensemble, slots, key, scenario.object)
-        for which, error in enumerate((case.current_error, case.wind_error)):
-            kind = ("current", "wind")[which]
-            east, north = (getattr(ensemble, f"{kind}_error_{axis}") for axis in ("east", "north"))
-            kernel.draw_error(*slots, east, north, which, *key, error.std)
+        equip(ensemble, slots, key, scenario.object)
+        draw_errors(case, ensemble, slots, key)
     ensemble.log_weight.from_numpy(_log_weights(case, ensemble))
     return Prior(ensemble, tuple(dry))
 
@@ -155,7 +152,15 @@ def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
     return points, course, length.astype(np.float32), (np.cumsum(length) / length.sum()).astype(np.float32)
 
 
-def _equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:
+def draw_errors(case: Case, ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int]) -> None:
+    """Draw the errors of current and wind that each particle starts with."""
+    for which, error in enumerate((case.current_error, case.wind_error)):
+        kind = ("current", "wind")[which]
+        east, north = (getattr(ensemble, f"{kind}_error_{axis}") for axis in ("east", "north"))
+        kernel.draw_error(*slots, east, north, which, *key, error.std)
+
+
+def equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:
     """Draw each particle's own leeway lines and its first side."""
     for number, name in enumerate(("down", "right", "left")):
         line = getattr(drifter, name)

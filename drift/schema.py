@@ -13,6 +13,7 @@ from drift import fields, units
 from drift.expect import Expect
 from drift.scenario import ScenarioTable
 from drift.sources import SourceTable
+from drift.spill import FindTable, PatrolTable, SpillTable
 from geo.box import Box
 
 BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 72 on the device, the rest on the host
@@ -77,6 +78,7 @@ class CoastTable(fields.Table):
     """The [coast] table as written."""
 
     source: str = "gshhg"
+    lakes: bool | str = False
     behaviour: Literal["strand", "refloat", "slide"] = "strand"
     half_life: fields.Duration | None = None
     offing: Annotated[fields.Length, Field(gt=0, le=2000)] = 100.0
@@ -137,7 +139,10 @@ class CaseTable(fields.Table):
     wind: list[SourceTable] = Field(default_factory=list)
     stokes: list[SourceTable] = Field(default_factory=list)
     uncertainty: UncertaintyTable = UncertaintyTable()
-    scenario: Annotated[list[ScenarioTable], Field(min_length=1)]
+    scenario: list[ScenarioTable] = Field(default_factory=list)
+    spill: SpillTable | None = None
+    find: list[FindTable] = Field(default_factory=list)
+    patrol: list[PatrolTable] = Field(default_factory=list)
     expect: Expect = Expect()
 
     @field_validator("seed")
@@ -155,6 +160,17 @@ class CaseTable(fields.Table):
         if not isinstance(value, np.datetime64):
             raise ValueError('cannot be relative; write it like "211830ZNOV26"')
         return value
+
+    @model_validator(mode="after")
+    def one_subject(self) -> "CaseTable":
+        """Refuse a case of nothing, and one of two kinds."""
+        if bool(self.scenario) == (self.spill is not None):
+            raise ValueError("give either [[scenario]] tables, of one object, or a [spill] of many")
+        if self.spill is None and (self.find or self.patrol):
+            raise ValueError("[[find]] and [[patrol]] belong to a [spill]")
+        if self.spill is not None and "particles" in self.model_fields_set:
+            raise ValueError("particles: a spill has spill.worlds times spill.per_world of them; give those")
+        return self
 
     @model_validator(mode="after")
     def span(self) -> "CaseTable":

@@ -38,6 +38,10 @@ class Spool(Sequence[Snapshot]):
     ) -> None:
         self._file.close()
 
+    def reweigh(self, ensemble: Ensemble) -> None:
+        """Take the weights that an ensemble has now."""
+        self._probability = record.probability(ensemble)
+
     def __len__(self) -> int:
         return len(self._times)
 

@@ -1,24 +1,31 @@
 """The start of a run: the initial ensemble, the scene that it moves through, and the clock it moves by."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from drift import ensemble as record
-from drift import forecast, prior
+from drift import forecast, prior, release
+from drift import worlds as drawn_worlds
 from drift.case import Case, ForcingError
 from drift.ensemble import Ensemble
 from drift.environment import Environment
 from drift.forcing import QUANTITIES, Forcing
 from drift.forecast import Clock, Scene, Trial
 from drift.scenario import Scenario
+from drift.spill import Spill
+from drift.worlds import Proposal, Worlds
+from geo import coast as shoreline
 from geo import sphere
 from geo.errors import UserError
-from kernels import advance
+from kernels import advance, runtime
 from kernels import coast as device_coast
 
+RENEWAL = 2**40  # between the seeds of a spill's rounds
 LEAST_INTERVAL = 300  # [s] a lattice finer than that is not worth a node of forcing
 
 
@@ -31,6 +38,7 @@ class Start:
     scene: Scene
     clock: Clock
     trial: Trial | None
+    worlds: Worlds | None = None  # of a spill
 
 
 def prepare(case: Case, where: Environment) -> Start:
@@ -39,17 +47,48 @@ def prepare(case: Case, where: Environment) -> Start:
     Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
     """
     shore = device_coast.upload(where.coast) if where.coast else None
-    drawn = prior.draw(case, shore)
+    worlds, bias = None, None
+    if case.spill:
+        assert where.coast is not None  # environment.open_for
+        worlds = drawn_worlds.draw(case.spill, case.seed, partial(shoreline.is_land, where.coast))
+        ensemble, bias = _released(case, case.spill, worlds, shore, case.seed)
+        dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
+    else:
+        drawn = prior.draw(case, shore)
+        ensemble, dry = drawn.ensemble, drawn.dry
     forcing = Forcing(list(where.scenarios), case.direction)
     try:
-        place = advance.Place(_domain(where), shore, _beach(case), scheme=case.scheme)
+        sinks = case.spill is not None and any(kind.sinking for kind in case.spill.kinds)
+        place = advance.Place(_domain(where), shore, _beach(case), bias, sinks, scheme=case.scheme)
         scene = Scene(forcing, tuple(_physics(case, s) for s in case.scenarios), place)
-        clock, trial = _clock(case, where, drawn.ensemble, scene)
-        _check_place(case, where, drawn.ensemble, scene, clock)
+        clock, trial = _clock(case, where, ensemble, scene)
+        _check_place(case, where, ensemble, scene, clock)
     except BaseException:
         forcing.close()
         raise
-    return Start(drawn.ensemble, drawn.dry, scene, clock, trial)
+    return Start(ensemble, dry, scene, clock, trial, worlds)
+
+
+def renew(case: Case, spill: Spill, where: Environment, before: Start, proposal: Proposal, number: int) -> Start:
+    """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
+    assert where.coast is not None
+    before.scene.forcing.close()
+    seed = (case.seed + number * RENEWAL) % 2**63
+    worlds = drawn_worlds.draw(spill, seed, partial(shoreline.is_land, where.coast), proposal)
+    ensemble, bias = _released(case, spill, worlds, before.scene.place.coast, seed)
+    forcing = Forcing(list(where.scenarios), case.direction)
+    scene = replace(before.scene, forcing=forcing, place=before.scene.place._replace(bias=bias))
+    return replace(before, ensemble=ensemble, scene=scene, worlds=worlds)
+
+
+def _released(case: Case, spill: Spill, worlds: Worlds, shore: Any, seed: int) -> tuple[Ensemble, advance.Bias | None]:
+    """Return the objects of worlds, and the error of the current that each world shares."""
+    bias = None
+    if spill.current_bias > 0:
+        bias = advance.Bias(
+            *(runtime.upload(x.astype(np.float32)) for x in (worlds.current_east, worlds.current_north))
+        )
+    return release.draw(case, spill, worlds, shore, seed), bias
 
 
 def _physics(case: Case, scenario: Scenario) -> advance.Physics:

@@ -136,7 +136,7 @@ def track(forecast: Forecast, run: str) -> str:
                 run,
             ]
         )
-    return _csv(
+    return csv_text(
         [
             "time",
             "date_time_group",
@@ -171,14 +171,15 @@ def ashore(forecast: Forecast, run: str) -> str:
         x, y = (float(lon.ravel()[cell]) + 180) % 360 - 180, float(lat.ravel()[cell])
         when = iso(data["time"].values[first])
         rows.append([*_numbers(x, y, form=".6f"), position(x, y), f"{last[cell]:.4g}", when, run])
-    return _csv(["lon", "lat", "position", "probability_ashore", "first_time", "run_id"], rows)
+    return csv_text(["lon", "lat", "position", "probability_ashore", "first_time", "run_id"], rows)
 
 
 def _numbers(*values: float, form: str) -> list[str]:
     return [format(value, form) if np.isfinite(value) else "" for value in values]
 
 
-def _csv(header: list[str], rows: list[list[Any]]) -> str:
+def csv_text(header: list[str], rows: list[list[Any]]) -> str:
+    """Return a table as CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([header, *rows])
     return text.getvalue()

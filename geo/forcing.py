@@ -31,7 +31,8 @@ class Source:
     times: datetime64[s] UTC, strictly increasing, shape (nt,), empty for a steady field;
     read: slice index (0 when steady) -> float32 C-contiguous (nlat, nlon, 2), true east and north [m/s], NaN missing;
     missing: share of nodes missing in the first slice; notes: how it was understood, in plain words;
-    fingerprint: a hash of what is read, independent of where it lies.
+    fingerprint: a hash of what is read, independent of where it lies;
+    domain: (nlat, nlon) nodes inside the source's own grid, None where all are: beyond it no value is missing for land.
     """
 
     quantity: str
@@ -42,6 +43,7 @@ class Source:
     missing: float
     notes: tuple[str, ...]
     fingerprint: str
+    domain: NDArray[np.bool_] | None = None
 
 
 def open_source(
@@ -72,8 +74,9 @@ def open_source(
     asked = reader.Request(quantity, title, variables or {}, units, times, steady, box, depth, lenient)
     reading = reader.read(asked, listed)
     return Source(
-        quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint
-    )
+        quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,
+        reading.domain,
+    )  # fmt: skip
 
 
 def constant(quantity: str, east: float, north: float, name: str = "as reported") -> Source:

@@ -29,6 +29,7 @@ class Reading:
     missing: float
     notes: tuple[str, ...]
     fingerprint: str
+    domain: NDArray[np.bool_] | None
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,7 @@ def read(request: Request, paths: dataset.Paths) -> Reading:
         seen.missing,
         tuple(notes) + made.notes + seen.notes,
         dataset.fingerprint(listed, [d for _, d in files], f"{q} {pair.east} {pair.north} {asked}"),
+        tile.domain(made),
     )
 
 

@@ -3,6 +3,10 @@
 Polygons are shapely polygons in degrees, unwrapped round the box (so a box over the antimeridian holds longitudes
 above 180), cut at the box rounded outward to whole degrees plus MARGIN. What comes in broken (rings that cross
 themselves, polygons that overlap) is mended and said in `notes`; a shoreline without polygons is refused.
+
+Lakes are land, for nothing that drifts at sea gets there, unless they are asked for: the inner rings of a file's own
+polygons, or a file of lake polygons. A .bna tells lakes by their type, and NOAA's hold those that the sea reaches
+(Pontchartrain, Maurepas): they are water always. GSHHG comes without lakes.
 """
 
 import gzip
@@ -39,26 +43,109 @@ class Shore:
     box: Box | None = None
 
 
-def land(source: str | os.PathLike[str], box: Box) -> Shore:
-    """Return the land in a box, from "gshhg", a file (.bna, GeoJSON, shapefile, ...) or "none"."""
+@dataclass(frozen=True)
+class _Contents:
+    """What a file holds: polygons, those a .bna calls lakes, what was done to them; says: what messages call the file."""
+
+    polygons: Polygons
+    lakes: Polygons
+    notes: tuple[str, ...]
+    says: str
+
+
+def land(source: str | os.PathLike[str], box: Box, lakes: bool | str | os.PathLike[str] = False) -> Shore:
+    """Return the land in a box, from "gshhg", a file (.bna, GeoJSON, shapefile, ...) or "none".
+
+    lakes: False: inner rings of the source's polygons are land; True: they are water; a file: its polygons are water
+    (of a .bna with records of type 2, those), its islands land, whatever the source. Type 2 of a .bna source is water.
+    Raises UserError for files that can't be understood, and for lakes where there are none to have.
+    """
     cut = _rounded(box)
     name = os.fspath(source)
-    if name.lower() == "none":
+    kind = name.lower()
+    if lakes is True and kind == "gshhg":
+        raise UserError(
+            'lakes = true: GSHHG as installed holds no lakes; name a file of lake polygons (lakes = "lakes.geojson"), or '
+            "leave lakes out and all inside its shores is land"
+        )
+    if lakes and kind == "none":
+        raise UserError(
+            'lakes: with the coast "none" there is no land to cut them from; leave lakes out or name a coast'
+        )
+    if kind == "none":
         return Shore(np.empty(0, object), "none", ("no coast: particles pass over land",), cut)
-    if name.lower() == "gshhg":
+    notes: tuple[str, ...] = ()
+    if kind == "gshhg":
         version = importlib.metadata.version("roaring-landmask")
         polygons = _cached(f"gshhg-{version}_{cut.west:g}_{cut.south:g}_{cut.east:g}_{cut.north:g}.wkb.gz", cut)
-        return Shore(polygons, f"GSHHG, full resolution (roaring-landmask {version})", (), cut)
-    polygons, notes = _read(Path(name))
+        origin = f"GSHHG, full resolution (roaring-landmask {version})"
+    else:
+        polygons, notes = _of_file(Path(name), lakes is True)
+        polygons = clip(polygons, cut)
+        if not polygons.size:
+            notes += (f"none of its land lies in {_spoken(box)}",)
+        origin = _signed(name)
+    if lakes and lakes is not True:
+        polygons, said = _without(polygons, Path(lakes), cut, box)
+        origin, notes = f"{origin}, lakes {_signed(lakes)}", notes + said
+    return Shore(polygons, origin, notes, cut)
+
+
+def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
+    """Return the land of a user's file; lakes: whether its inner rings are water."""
+    found = _read(path, "shoreline", 'a .bna, GeoJSON or shapefile, "gshhg" or "none"')
+    polygons, notes = found.polygons, found.notes
+    if not polygons.size:
+        raise UserError(f'{found.says}: holds no land polygon; give polygons of land, "gshhg" or "none"')
+    rings = int(shapely.get_num_interior_rings(polygons).sum())
+    if rings and not lakes:
+        polygons = shapely.polygons(shapely.get_exterior_ring(polygons))
+        notes += (f"{rings} inner rings of the shoreline (lakes) are land; lakes = true makes them water",)
     polygons, mended = _mend(polygons)
     if not polygons.size:
-        raise UserError(f'shoreline "{name}": holds no land polygon; give polygons of land, "gshhg" or "none"')
+        raise UserError(f'{found.says}: holds no land polygon; give polygons of land, "gshhg" or "none"')
     notes += mended
-    polygons = clip(polygons, cut)
-    if not polygons.size:
-        notes += (f"none of its land lies in {box.west:g}..{box.east:g} E, {box.south:g}..{box.north:g} N",)
-    digest = hashlib.sha256(Path(name).read_bytes()).hexdigest()[:12]
-    return Shore(polygons, f"{Path(name).name} (sha256 {digest})", notes, cut)
+    if found.lakes.size:
+        water = shapely.union_all(shapely.make_valid(found.lakes))
+        polygons = _polygonal(shapely.difference(polygons, water))
+    if found.lakes.size or (lakes and rings):
+        notes += (f"{rings * lakes + found.lakes.size} lakes of the shoreline are water",)
+    elif lakes:
+        notes += ("lakes were asked for, but the shoreline holds none",)
+    return polygons, notes
+
+
+def _without(land: Polygons, path: Path, cut: Box, box: Box) -> tuple[Polygons, tuple[str, ...]]:
+    """Return land (cut to a box) without the lakes of a file, and what was done."""
+    found = _read(path, "lakes", "a .bna, GeoJSON or shapefile of lake polygons")
+    lakes = found.lakes if found.lakes.size else found.polygons
+    if not lakes.size:
+        raise UserError(f"{found.says}: holds no polygon; give polygons of lakes")
+    total = lakes.size
+    broken = int((~shapely.is_valid(lakes)).sum())
+    water = clip(_polygonal(shapely.make_valid(lakes)), cut)  # before they are joined: a world of lakes is large
+    notes = found.notes
+    if broken:
+        notes += (f"{broken} of {total} lakes crossed themselves and were repaired",)
+    if not water.size:
+        return land, (*notes, f"none of the {total} lakes of {path.name} lies in {_spoken(box)}")
+    near, touched = shapely.STRtree(land).query(water, "intersects")[::-1]
+    wet = np.unique(near)
+    parts = _polygonal(shapely.difference(land[wet], shapely.union_all(water)))
+    count = np.unique(touched).size
+    return (
+        np.concatenate([np.delete(land, wet), parts]),
+        (*notes, f"{count} lakes of {path.name}, or parts of them, are water"),
+    )
+
+
+def _signed(path: str | os.PathLike[str]) -> str:
+    """Return a file's name and a digest of what it holds."""
+    return f"{Path(path).name} (sha256 {hashlib.sha256(Path(path).read_bytes()).hexdigest()[:12]})"
+
+
+def _spoken(box: Box) -> str:
+    return f"{box.west:g}..{box.east:g} E, {box.south:g}..{box.north:g} N"
 
 
 def clip(polygons: Polygons, box: Box) -> Polygons:
@@ -133,11 +220,13 @@ def _gshhg() -> Polygons:
     return np.asarray(shapely.get_parts(shapely.from_wkb(Shapes.wkb(LandmaskProvider.Gshhg))))
 
 
-def _read(path: Path) -> tuple[Polygons, tuple[str, ...]]:
+def _read(path: Path, word: str, wanted: str) -> _Contents:
+    """Read a file's polygons; word: "shoreline" or "lakes", wanted: what may stand in its place, both for messages."""
+    says = f'{word} "{path}"'
     if not path.is_file():
-        raise UserError(f'shoreline "{path}": no such file; give a .bna, GeoJSON or shapefile, "gshhg" or "none"')
+        raise UserError(f"{says}: no such file; give {wanted}")
     if path.suffix.lower() == ".bna":
-        return _read_bna(path)
+        return _read_bna(path, word, says)
     import pyogrio
     import pyproj
 
@@ -148,24 +237,24 @@ def _read(path: Path) -> tuple[Polygons, tuple[str, ...]]:
         geometries = shapely.from_wkb(wkb if wkb is not None else np.empty(0, object))  # None: a table without places
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, shapely.errors.GEOSException) as error:
         reason = str(error).splitlines()[0]
-        raise UserError(f'shoreline "{path}": cannot be read ({reason}); give a .bna, GeoJSON or shapefile') from None
+        raise UserError(f"{says}: cannot be read ({reason}); give a .bna, GeoJSON or shapefile") from None
     notes: tuple[str, ...] = ()
     if meta["crs"] and pyproj.CRS(meta["crs"]).is_projected:
         turn = pyproj.Transformer.from_crs(meta["crs"], "EPSG:4326", always_xy=True).transform
         geometries = shapely.transform(geometries, turn, interleaved=False)
-        notes = (f"shoreline converted from {pyproj.CRS(meta['crs']).name} to longitude and latitude",)
+        notes = (f"{word} converted from {pyproj.CRS(meta['crs']).name} to longitude and latitude",)
     polygons = _polygonal(geometries[~shapely.is_missing(geometries)])
-    _refuse_impossible(polygons, path)
-    return polygons, notes
+    _refuse_impossible(polygons, says)
+    return _Contents(polygons, np.empty(0, object), notes, says)
 
 
-def _refuse_impossible(polygons: Polygons, path: Path) -> None:
+def _refuse_impossible(polygons: Polygons, says: str) -> None:
     if not polygons.size:
         return
     west, south, east, north = shapely.total_bounds(polygons)
     if not (west >= -360 and east <= 360 and south >= -90 and north <= 90):
         raise UserError(
-            f'shoreline "{path}": its coordinates run over {west:g}..{east:g}, {south:g}..{north:g}; '
+            f"{says}: its coordinates run over {west:g}..{east:g}, {south:g}..{north:g}; "
             "degrees of longitude (-180..360) and latitude (-90..90) are needed: convert it or state its projection"
         )
 
@@ -173,7 +262,7 @@ def _refuse_impossible(polygons: Polygons, path: Path) -> None:
 _HEADER = re.compile(r'\s*"([^"]*)"\s*,\s*"([^"]*)"\s*,\s*(-?\d{1,12})\s*$')
 
 
-def _read_bna(path: Path) -> tuple[Polygons, tuple[str, ...]]:
+def _read_bna(path: Path, word: str, says: str) -> _Contents:
     """Read NOAA's .bna: records of type 1 are land, of type 2 lakes in it; a negative count is a line.
 
     "Map Bounds" and "SpillableArea" (names of NOAA's GNOME) are frames, not land: outside the map bounds the file
@@ -190,9 +279,7 @@ def _read_bna(path: Path) -> tuple[Polygons, tuple[str, ...]]:
             continue
         header = _HEADER.match(lines[at])
         if not header:
-            raise UserError(
-                f'shoreline "{path}", line {at + 1}: not a .bna record ("name","type",count): {lines[at][:40]!r}'
-            )
+            raise UserError(f'{says}, line {at + 1}: not a .bna record ("name","type",count): {lines[at][:40]!r}')
         name, kind, count = header[1].replace(" ", "").lower(), header[2], int(header[3])
         body = lines[at + 1 : at + 1 + abs(count)]
         try:
@@ -201,23 +288,22 @@ def _read_bna(path: Path) -> tuple[Polygons, tuple[str, ...]]:
                 raise ValueError
         except ValueError:
             raise UserError(
-                f'shoreline "{path}", line {at + 1}: record "{header[1]}" needs {abs(count) or "some"} lines "lon,lat"'
+                f'{says}, line {at + 1}: record "{header[1]}" needs {abs(count) or "some"} lines "lon,lat"'
             ) from None
         at += 1 + abs(count)
         if name == "mapbounds":
             (west, south), (east, north) = points.min(0), points.max(0)
-            notes = (f"the shoreline is known in {west:g}..{east:g} E, {south:g}..{north:g} N only (its map bounds)",)
+            notes = (
+                f"the {word} {'are' if word == 'lakes' else 'is'} known in {west:g}..{east:g} E, {south:g}..{north:g} N only (its map bounds)",
+            )
         elif name == "spillablearea" or count < 3 or kind not in ("1", "2"):
             skipped += name != "spillablearea"
         else:
             (shores if kind == "1" else lakes).append(shapely.Polygon(points))
     if skipped:
-        notes += (f"{skipped} records of the shoreline that are no land polygons (lines, points) were left out",)
-    polygons = np.array(shores, object)
-    _refuse_impossible(polygons, path)
-    if lakes and shores:
-        water = shapely.union_all(shapely.make_valid(np.array(lakes, object)))
-        polygons, mended = _mend(polygons)
-        polygons = _polygonal(shapely.difference(polygons, water))
-        notes += (*mended, f"{len(lakes)} lakes of the shoreline are water")
-    return polygons, notes
+        notes += (
+            f"{skipped} records of the {word} that are no polygons of land or lakes (lines, points) were left out",
+        )
+    polygons, water = np.array(shores, object), np.array(lakes, object)
+    _refuse_impossible(np.concatenate([polygons, water]), says)
+    return _Contents(polygons, water, notes, says)

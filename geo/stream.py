@@ -18,6 +18,8 @@ Array = npt.NDArray[Any]
 
 LONGEST_GAP = 3  # times the usual interval: a longer one is a hole in the data, not something to interpolate over
 
+REACH = 30_000.0  # [m] from its nearest wet node a bay or channel that the source does not resolve still gets a value
+
 Key = int | float  # an index of a slice, or a time [s] between two
 
 
@@ -31,7 +33,8 @@ class Bracket(NamedTuple):
 
 
 class Slices:
-    """The slices of one source, filled `cells` deep towards the coast (0: as they are), read ahead in a pool."""
+    """The slices of one source, read ahead in a pool; filled towards the coast `cells` deep (0: as they are) by neighbours'
+    means, and beyond from the nearest wet node within REACH."""
 
     def __init__(self, source: Source, cells: int, ahead: int, pool: ThreadPoolExecutor) -> None:
         self.source, self.cells, self.ahead, self._pool = source, cells, ahead, pool
@@ -78,5 +81,8 @@ class Slices:
         return self._reading[index]
 
     def _read(self, index: int) -> Array:
-        values = self.source.read(index)
-        return filling.fill(values, self.cells, self.source.grid.seamless) if self.cells else values
+        values, grid = self.source.read(index), self.source.grid
+        if not self.cells:
+            return values
+        spacing, inside = filling.spacing(grid), self.source.domain
+        return filling.fill(values, self.cells, grid.seamless, reach=REACH, spacing=spacing, within=inside)

@@ -81,6 +81,18 @@ def make(components: tuple[Component, Component], layouts: tuple[Layout, Layout]
     return Tile(grid, components, layouts, matrices, directions, None, beyond if beyond.any() else None, tuple(notes))
 
 
+def domain(tile: Tile) -> NDArray[np.bool_] | None:
+    """Return the nodes (nlat, columns) inside the source's own domain; None where all are, or where it can't be told.
+
+    A triangular mesh ends at the coast: what is outside it may be land.
+    """
+    if tile.matrices is None or any(isinstance(layout, Triangles) for layout in tile.layouts):
+        return None
+    held = [m.getnnz(axis=1) > 0 for m in tile.matrices]
+    inside = (held[0] & held[1]).reshape(tile.grid.nlat, -1)
+    return np.concatenate([inside, inside[:, :1]], axis=1) if tile.grid.seamless else inside
+
+
 def _together(first: Layout, second: Layout) -> bool:
     """Whether two components stand at the same points."""
     pairs = list(zip(layout.points(first), layout.points(second), strict=True))

@@ -256,3 +256,96 @@ def draw_error(
         w = noise.words(seed0, seed1, noise.STREAM_ERROR, i, which)
         n = noise.normals(w[0], w[1])
         east[i], north[i] = std * n[0], std * n[1]
+
+
+@ti.kernel
+def draw_objects(
+    coastal: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    per_world: ti.i32,
+    lon: Ints,
+    lat: Ints,
+    release: Ints,
+    world: Ints,
+    tries: I64s,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    world_lon: Ints,
+    world_lat: Ints,
+    world_release: Ints,
+    scatter: ti.f32,
+    lasting: ti.f32,
+    cell: Bytes,
+    start: Ints,
+    edge: Ints,
+    frame: Frame,
+):
+    """Draw the objects of worlds, per_world slots each: about the world's release [binary angle], from its time on.
+
+    scatter [m]: standard deviation of a component; lasting [s]: over which releases are uniform. tries[0] += candidates
+    drawn, tries[1] += slots that found no water and lie at their world's release itself.
+    """
+    for i in range(first, last):
+        k = (i - first) // per_world
+        world[i] = k
+        found = 0
+        tried = 0
+        while found == 0 and tried < TRIES:
+            w = noise.words(seed0, seed1, noise.STREAM_RELEASE, i, tried)
+            tried += 1
+            n = noise.normals(w[0], w[1]) * scatter
+            x, y = sphere.exponential(world_lon[k], world_lat[k], n[0], n[1])
+            found = 1
+            if ti.static(coastal):
+                found = is_wet(x, y, cell, start, edge, frame)
+            lon[i], lat[i] = x, y
+            release[i] = world_release[k] + ti.cast(lasting * noise.uniform(w[2]), ti.i32)
+        if found == 0:
+            lon[i], lat[i] = world_lon[k], world_lat[k]
+        tries[0] += tried
+        tries[1] += 1 - found
+
+
+@ti.kernel
+def draw_immersion(
+    first: ti.i32, last: ti.i32, slope: Reals, seed0: ti.u32, seed1: ti.u32, low: ti.f32, high: ti.f32, ratio: ti.f32
+):
+    """Draw each object's immersion, uniform in [low, high], and write its slope ratio * sqrt((1 - I) / I) downwind."""
+    for i in range(first, last):
+        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, -2)
+        immersion = low + (high - low) * noise.uniform(w[0])
+        slope[i] = ratio * ti.sqrt((1.0 - immersion) / immersion)
+
+
+@ti.kernel
+def scale_windage(first: ti.i32, last: ti.i32, column: Reals, world: Ints, factor: Reals):
+    """Multiply a column of leeway by its world's factor."""
+    for i in range(first, last):
+        column[i] *= factor[world[i]]
+
+
+@ti.kernel
+def draw_sinking(
+    first: ti.i32,
+    last: ti.i32,
+    sinks: Ints,
+    release: Ints,
+    world: Ints,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    time: Reals,
+    spread: ti.f32,
+):
+    """Draw when each object sinks [s after start]: after a lognormal time of median time[world] [s], or by a hazard.
+
+    spread: standard deviation of the time's logarithm; 0 for a hazard of half-life time[world]. Infinite: never.
+    """
+    for i in range(first, last):
+        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, -3)
+        after = time[world[i]]
+        if spread > 0.0:
+            after *= ti.exp(spread * noise.normals(w[0], w[1])[0])
+        else:
+            after *= -ti.log(noise.uniform(w[0])) * ti.f32(1.4426950408889634)  # per half-life: 1 / ln 2
+        sinks[i] = ti.cast(ti.min(ti.cast(release[i], ti.f32) + after, 2.0e9), ti.i32)

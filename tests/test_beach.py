@@ -221,7 +221,7 @@ def test_what_sinks_does_so_at_its_time_and_nowhere_else() -> None:
     assert (status == np.where(times <= 60_000, Status.SUNK, Status.ADRIFT)).all()
     sunk = times < 60_000
     assert (ended[sunk] == np.maximum(times[sunk], 500)).all()
-    way = (ensemble.lon.to_numpy() * (360 / sphere.TURN) + 1.0) / METRE
+    way = (end.lon * (360 / sphere.TURN) + 1.0) / METRE
     assert way == pytest.approx(0.5 * (np.clip(times, 500, 60_000) - 500), abs=2)
 
 

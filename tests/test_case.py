@@ -262,7 +262,7 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"scenario.0.currents": "['gulf']"}, r'scenario "raft".currents: no source "gulf"; there are: set'),
     ({"scenario.0.currents": "[]"}, "has no current: add"),
     ({"scenario.0.winds": "[]"}, r'object "LIFE-RAFT-DB-10" drifts with the wind and there is none: add \[\[wind\]\]'),
-    ({"scenario": "[]"}, "scenario: .* at least 1"),
+    ({"scenario": "[]"}, r"give either \[\[scenario\]\] tables, of one object, or a \[spill\] of many"),
     ({"particles": "0"}, "particles: 0 particles; at least 1"),
     ({"particles": "1_000_000_000_000"}, r"need 232,831 GiB of memory; this machine has \d"),
     ({"particles": "2.5"}, "not a whole number"),

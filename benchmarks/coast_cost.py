@@ -1,0 +1,103 @@
+"""What the coast costs a step: the same particles with and without it, on the Norwegian coast and in open sea.
+
+    DRIFT_DATA=... python benchmarks/coast_cost.py [PARTICLES]
+
+A raft case on NorKyst and AROME with errors and diffusion, GSHHG at full resolution. Every round moves the same particles
+over the same hour with the coast and without; those that go ashore are set afloat again between rounds. The best of
+the rounds counts, and so does the best of the rounds without.
+"""
+
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+import drift
+from drift import environment, start
+from kernels import advance as kernel
+from kernels import runtime
+
+CASE = """
+start = "2015-11-16T00:00Z"
+duration = "12 h"
+particles = {particles}
+max_lost = 1.0
+clock.step = "10 min"
+[[current]]
+name = "norkyst"
+files = "${{DRIFT_DATA}}/norkyst/norkyst800*.nc"
+[[wind]]
+name = "arome"
+files = "${{DRIFT_DATA}}/norkyst/arome*.nc"
+[uncertainty]
+current = {{ std = "0.15 m/s", time = "6 h" }}
+wind = {{ std = "2 m/s", time = "6 h" }}
+diffusivity = "10 m2/s"
+[coast]
+{coast}
+[[scenario]]
+name = "raft"
+object = "LIFE-RAFT-DB-11"
+area.polygon = {area}
+"""
+AREAS = {
+    "along the coast": '["60 10N 004 50E", "60 10N 005 30E", "61 30N 005 20E", "61 30N 004 40E"]',
+    "open sea": '["60 30N 003 00E", "60 30N 004 00E", "61 20N 004 00E", "61 20N 003 00E"]',
+}
+KINDS = {
+    "strand": 'behaviour = "strand"',
+    "refloat": 'behaviour = "refloat"\nhalf_life = "6 h"',
+    "slide": 'behaviour = "slide"',
+}
+ROUNDS, STEPS = 7, 6
+
+
+def measure(area: str, coast: str, particles: int) -> tuple[float, float, float]:
+    """Return ns per particle-step with and without the coast, and the share ashore after the steps."""
+    with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
+        file.write(CASE.format(particles=particles, area=area, coast=coast))
+        file.flush()
+        case = drift.load(file.name)
+    where = environment.open_for(case)
+    run = start.prepare(case, where)
+    place = run.scene.place
+    columns = ("lon", "lat", "status", "release", "ended", "edge", "side")
+    before = {name: getattr(run.ensemble, name).to_numpy() for name in columns}
+    best = {True: np.inf, False: np.inf}
+    ashore = 0.0
+    steps = list(run.clock.steps())[:STEPS]
+    for _ in range(ROUNDS):
+        for coastal in (True, False):
+            for name, column in before.items():
+                getattr(run.ensemble, name).from_numpy(column)
+            chosen = place if coastal else place._replace(coast=None)
+            total = 0.0
+            for low, high, step in steps:
+                run.scene.forcing.set(low, high)
+                begin = time.perf_counter()
+                kernel.advance(
+                    run.ensemble, (0, particles), run.scene.forcing.tiles, run.scene.forcing.ranges[0],
+                    run.scene.physics[0], step, chosen,
+                )  # fmt: skip
+                runtime.wait()
+                total += time.perf_counter() - begin
+            best[coastal] = min(best[coastal], total / STEPS / particles * 1e9)
+            if coastal:
+                ashore = float((run.ensemble.status.to_numpy() == 1).mean())
+    run.scene.forcing.close()
+    return best[True], best[False], ashore
+
+
+def main(particles: int = 1_000_000) -> None:
+    """Measure each place and behaviour and print a line each."""
+    runtime.start()
+    for place, area in AREAS.items():
+        for kind, coast in KINDS.items():
+            with_coast, without, ashore = measure(area, coast, particles)
+            print(f"{place}, {kind}: {with_coast:.1f} ns per particle-step with the coast, {without:.1f} without: "
+                  f"{with_coast - without:+.1f} ns, {with_coast / without - 1:+.1%}; {ashore:.1%} ashore after an hour")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(*(int(float(x)) for x in sys.argv[1:]))

@@ -1,0 +1,73 @@
+"""Figures over weighted worlds and what is uncertain about them: means and quantiles of groups, with standard errors.
+
+Worlds are the independent units: several realisations of a world are averaged before they come here as its one value.
+Weights add up to 1 over all worlds. A standard error holds what the worlds and the particles in them leave open; it is
+NaN where too few worlds speak to tell.
+"""
+
+import numpy as np
+
+from drift.cells import Array
+
+SLACK = 1e-9  # of a share: a cumulative sum that misses it by rounding reaches it
+ONE = 2**52  # share 1 in fixed point: sums are exact, and differences too where they wrap
+
+
+def effective(weight: Array) -> float:
+    """Return the effective number of worlds of weights (n,), 1 / sum of squares (Kish 1965, sec. 11.2)."""
+    return float(weight.sum() ** 2 / np.sum(weight**2))
+
+
+def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Array, Array]:
+    """Return the mean over worlds and its standard error of every group, each (groups, k).
+
+    value: of the worlds that are not 0, (n, k), group after group. weight: theirs, (n,). start: first row of each
+    group, (groups,). squares: sum of the squared weights of all worlds.
+
+    The error is that of self-normalised importance sampling, sqrt(sum w^2 (x - mean)^2) (Owen 2013, Monte Carlo theory,
+    eq. 9.8), times sqrt(m / (m - 1)) at m effective worlds: with equal weights the unbiased variance over W.
+    """
+    count = np.diff(np.append(start, len(weight)))
+    w = weight[:, None]
+    found = np.add.reduceat(w * value, start)
+    spread = np.add.reduceat((w * (value - np.repeat(found, count, axis=0))) ** 2, start)
+    absent = np.maximum(squares - np.add.reduceat(weight**2, start), 0.0)
+    spread += found**2 * absent[:, None]
+    many = 1 / squares
+    factor = many / (many - 1) if many > 1 + SLACK else np.nan
+    return found, np.sqrt(spread * factor)
+
+
+def quantiles(
+    value: Array, weight: Array, start: Array, shares: tuple[float, ...], many: Array | float
+) -> tuple[Array, Array]:
+    """Return the quantiles of every group and their standard errors, each (shares, groups).
+
+    value: (n,), group after group and ascending within each. weight: (n,), of any scale. start: (groups,) first of each
+    group. many: effective worlds of each group.
+
+    A quantile is the smallest value at which the distribution function reaches the share. Its error is half the way
+    between the quantiles at the share plus and minus that of the distribution function, sqrt(p (1 - p) / many)
+    (Woodruff 1952, doi:10.1080/01621459.1952.10483443); NaN where these leave 0..1.
+    """
+    count = np.diff(np.append(start, len(weight)))
+    total = np.repeat(np.add.reduceat(weight, start), count)
+    part = np.rint(weight / total * ONE).astype(np.int64)
+    running = np.cumsum(part)
+    running -= np.repeat(running[start] - part[start], count)
+
+    def at(share: Array) -> Array:
+        goal = np.maximum(np.rint((share - SLACK) * ONE).astype(np.int64), 1)
+        short = np.add.reduceat((running < np.repeat(goal, count)).astype(np.int64), start)
+        return np.asarray(value[start + np.minimum(short, count - 1)])
+
+    many = np.broadcast_to(np.asarray(many, float), start.shape)
+    found, errors = [], []
+    for share in shares:
+        error = np.sqrt(share * (1 - share) / many)
+        low, high = share - error, share + error
+        known = (low >= -SLACK) & (high <= 1 + SLACK) & (many >= 2 - SLACK)
+        found.append(at(np.full(start.shape, share)))
+        width = at(np.clip(high, 0, 1)).astype(float) - at(np.clip(low, 0, 1))
+        errors.append(np.where(known, width / 2, np.nan))
+    return np.array(found), np.array(errors)

@@ -1,0 +1,95 @@
+"""Finds and patrols of a case, put on the stretches of a coast: what the likelihood is made of. Refuses what can't be."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from drift import tables, units
+from drift.spill import Find, Patrol, Reporting, Spill
+from geo import coast as shoreline
+from geo import segments as stretches
+from geo import sphere
+from geo.coast import Coast
+from geo.errors import UserError
+from geo.segments import Segments
+
+FARTHEST = 3000.0  # [m] off the shoreline that a find may be stated to lie
+ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a stretch's middle may lie
+
+
+def cut(spill: Spill, coast: Coast) -> Segments:
+    """Return the stretches of coast that a spill is told by: the user's, or equal ones."""
+    if spill.stretches is not None:
+        return stretches.named(coast, spill.stretches, spill.stretch)
+    return stretches.cut(coast, spill.stretch)
+
+
+def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
+    """Return how soon an object lying on each stretch is reported [1/s], by its kind of shore."""
+    kinds = [reporting.coast if kind == "wild" else kind for kind in segments.access]
+    for kind, name in zip(kinds, segments.name, strict=True):
+        if kind not in reporting.rate:
+            known = ", ".join(reporting.rate)
+            raise UserError(
+                f'stretch "{name}": its kind of shore "{kind}" has no reporting rate; [spill.reporting] rate knows {known}'
+            )
+    return np.array([reporting.rate[kind] for kind in kinds])
+
+
+def place(find: Find, segments: Segments, coast: Coast) -> int:
+    """Return the stretch on which a find lies; -1 at sea.
+
+    Raises UserError for a find off the coast, with the nearest coast and how far it is.
+    """
+    if find.stretch is not None:
+        return named(find.stretch, find.name, segments)
+    binary = sphere.to_binary([find.lon]), sphere.to_binary([find.lat])
+    land = bool(shoreline.is_land(coast, *binary)[0])
+    if find.at_sea:
+        if land:
+            raise UserError(
+                f"{find.name}: {tables.position(find.lon, find.lat)} is not at sea but on land; leave out at_sea, or move it"
+            )
+        return -1
+    near = shoreline.nearest_coast(coast, find.lon, find.lat)
+    if near is None:
+        raise UserError(f"{find.name}: {tables.position(find.lon, find.lat)} lies far from any coast of the domain")
+    if near[2] > FARTHEST:
+        where = "inland" if land else "out at sea"
+        cure = "move it" if land else "move it, or say at_sea = true"
+        raise UserError(
+            f"{find.name}: {tables.position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest coast is "
+            f"at {tables.position(near[0], near[1])}, and a find ashore lies within {FARTHEST / 1000:.0f} km of it; {cure}"
+        )
+    return stretches.nearest(segments, coast, find.lon, find.lat)[0]
+
+
+def named(name: str, place: str, segments: Segments) -> int:
+    """Return the number of a stretch by its name."""
+    import difflib
+
+    if name in segments.name:
+        return segments.name.index(name)
+    near = difflib.get_close_matches(name, segments.name, n=1, cutoff=0.5)
+    hint = f'; nearest is "{near[0]}"' if near else ""
+    raise UserError(f'{place}: no stretch "{name}"{hint}; washup.csv of a run without it lists them')
+
+
+def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
+    """Return the stretches that a patrol searched: those named, or those beside the straight line between its ends."""
+    if patrol.ends is None:
+        return [named(name, f'patrol "{patrol.name}"', segments) for name in patrol.stretches]
+    (lon, lat), end = patrol.ends
+    here = np.radians([lon, lat])
+    x, y = sphere.offset(*here, np.radians(segments.lon), np.radians(segments.lat))
+    to = np.radians(end)
+    line = shapely.LineString([(0, 0), sphere.offset(*here, to[0], to[1])])
+    chosen = np.flatnonzero(shapely.distance(line, shapely.points(x, y)) < ABREAST)
+    if not chosen.size:
+        raise UserError(
+            f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of the line between its ends '
+            f"at {units.group(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
+        )
+    return [int(k) for k in chosen]

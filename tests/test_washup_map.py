@@ -1,0 +1,159 @@
+"""The picture of a washup: that it is drawn everywhere, the same each time, and shows what it must, in grey too."""
+
+import socket
+
+import numpy as np
+import pytest
+import shapely
+from matplotlib.figure import Figure
+from matplotlib.patches import BoxStyle
+from matplotlib.text import Text
+from PIL import Image
+
+from drift import layers, washup, washup_map
+from drift.fates import FOREVER, Fates, Realisation, Stays
+from drift.status import Status
+from geo.segments import Segments
+
+START = np.datetime64("1973-11-21T18:00:00")
+
+
+def coast(lon, lat, count):
+    """Return stretches of 0.1 degrees along a coast that zigzags eastward from a place, and its land."""
+    x = lon + 0.1 * np.arange(count + 1)
+    y = lat + 0.03 * (np.arange(count + 1) % 2)
+    lines = np.array([shapely.LineString([(x[i], y[i]), (x[i + 1], y[i + 1])]) for i in range(count)], object)
+    middle = (x[:-1] + 0.05 + 180) % 360 - 180
+    land = shapely.Polygon([*zip(x, y, strict=True), (x[-1], lat + 0.5), (x[0], lat + 0.5)])
+    names = tuple(f"Beach {i}, a long name that nobody ever said aloud" for i in range(count))
+    where = Segments(names, np.full(count, 1e4), middle, np.full(count, lat + 0.015), np.arange(count), lines,
+                     ("wild",) * count)  # fmt: skip
+    return where, land
+
+
+def spill(where, touched, worlds=50, each=8):
+    """Return the washup of objects that come to one of the touched stretches each, most to the first, over two days."""
+    rng = np.random.default_rng(6)
+    n = worlds * each
+    segment = np.full(n, -1)
+    if len(touched):
+        share = 0.6 ** np.arange(len(touched))
+        segment = rng.choice([-1, *touched], n, p=np.append(0.3, 0.7 * share / share.sum()))
+    slot = np.flatnonzero(segment >= 0)
+    stays = np.stack([slot, segment[slot], rng.integers(20_000, 170_000, len(slot)), np.full(len(slot), FOREVER)])
+    fates = Fates(
+        worlds=worlds,
+        world=np.repeat(np.arange(worlds), each).astype(np.int32),
+        kind=np.zeros(n, np.int32),
+        release=np.zeros(n, np.int32),
+        ended=np.full(n, FOREVER, np.int32),
+        ending=np.where(segment >= 0, Status.ASHORE, Status.ADRIFT).astype(np.int32),
+        stays=Stays(*stays.astype(np.int32)),
+    )
+    nothing = np.zeros(worlds, np.int32)
+    return washup.build(
+        fates,
+        where,
+        [Realisation(np.ones(n, np.int32), nothing, nothing)],
+        np.full(worlds, 1 / worlds),
+        np.arange(1, 9) * 21_600,
+        START,
+    )
+
+
+def words(monkeypatch):
+    """Collect every text that is on a figure when it is saved, those in a circle in brackets."""
+    found = []
+    save = Figure.savefig
+
+    def listen(self, *args, **kwargs):
+        for text in self.findobj(Text):
+            box = text.get_bbox_patch()
+            round_one = box is not None and isinstance(box.get_boxstyle(), BoxStyle.Circle)
+            found.append(f"({text.get_text()})" if round_one else text.get_text())
+        return save(self, *args, **kwargs)
+
+    monkeypatch.setattr(Figure, "savefig", listen)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("lon", "lat", "touched"),
+    [
+        (-95.0, 29.0, range(30)),
+        (179.0, -17.5, range(20)),
+        (-181.2, 66.0, range(25)),
+        (20.0, 80.0, range(12)),
+        (5.1, 60.3, [7]),
+    ],
+)
+def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, touched):
+    monkeypatch.setattr(socket, "socket", lambda *_: pytest.fail("a picture downloads nothing"))
+    said = words(monkeypatch)
+    where, land = coast(lon, lat, 30)
+    washup_map.draw(
+        spill(where, list(touched)),
+        where,
+        tmp_path / "washup.png",
+        title="A test " * 30,
+        polygons=[land],
+        marks=[layers.Mark(lon + 1.5, lat - 0.4, "Release 21/1800Z")],
+        footer="casp-drift " * 40,
+        synthetic=True,
+    )
+    with Image.open(tmp_path / "washup.png") as picture:
+        assert picture.size == (1820, 1316)
+    for rank in range(1, 1 + min(len(touched), 10)):
+        assert said.count(f"({rank})") == 3  # on both maps and in the chart
+    assert "(11)" not in said
+    assert said.count("Release 21/1800Z") == 2
+    assert "SYNTHETIC wind or current: not for operations" in said
+    assert any(text.startswith("Washup by 231800ZNOV73") for text in said)
+    assert any(text.startswith("50 worlds, effective 50") for text in said)
+    assert any("ashore" in text and "afloat" in text for text in said)
+
+
+def test_none_ashore(tmp_path, monkeypatch):
+    said = words(monkeypatch)
+    where, land = coast(179.5, -17.0, 9)
+    washup_map.draw(spill(where, []), where, tmp_path / "washup.png", title="T", polygons=[land])
+    assert "None of the 50 simulated spills puts any object ashore by 231800ZNOV73 (1973-11-23T18:00:00Z, UTC)" in said
+    assert "SYNTHETIC wind or current: not for operations" not in said
+
+
+def test_the_same_spill_gives_the_same_bytes(tmp_path):
+    where, land = coast(-95.0, 29.0, 12)
+    made = spill(where, list(range(12)))
+    for name in ("one.png", "two.png"):
+        options = {"title": "T", "polygons": [land], "attributes": {"run_id": "abc-s1"}}
+        washup_map.draw(made, where, tmp_path / name, **options)
+    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
+    with Image.open(tmp_path / "one.png") as picture:
+        assert picture.text["run_id"] == "abc-s1"
+
+
+def test_colours_run_with_lightness_alone():
+    # Relative luminance of sRGB (Rec. 709) falls all along the scale: in grey print more is darker, everywhere
+    colours = washup_map._dark_is_more()
+    rgb = colours(np.arange(colours.N))[:, :3]
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    assert (np.diff(linear @ [0.2126, 0.7152, 0.0722]) < 0).all()
+
+
+def test_the_worst_come_first():
+    where, _ = coast(-95.0, 29.0, 12)
+    made = spill(where, [5, 2, 9])
+    worst = washup.worst(made)
+    assert made["segment"].values[worst].tolist() == [5, 2, 9]
+    assert washup.worst(made, 1).tolist() == worst[:1].tolist()
+
+
+def test_all_afloat_again(tmp_path, monkeypatch):
+    said = words(monkeypatch)
+    where, _ = coast(-95.0, 29.0, 12)
+    made = spill(where, [5, 2, 9])
+    for name in ("expected", "probability", "number"):
+        made[name][..., -1, :] = 0
+    washup_map.draw(made, where, tmp_path / "washup.png", title="T")
+    assert said.count("(3)") == 3
+    assert "0 - 0 - 0" in said
