@@ -1,13 +1,17 @@
 """Finds and patrols of a case, put on the stretches of a coast: what the likelihood is made of. Refuses what can't be."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
-from drift import tables, units
-from drift.spill import Find, Patrol, Reporting, Spill
+from drift import exposure, finds, tables, units
+from drift.case import Case
+from drift.prior import elapsed
+from drift.spill import NUMBERS, Find, Patrol, Reporting, Spill
+from drift.worlds import Worlds
 from geo import coast as shoreline
 from geo import segments as stretches
 from geo import sphere
@@ -16,6 +20,7 @@ from geo.errors import UserError
 from geo.segments import Segments
 
 FARTHEST = 3000.0  # [m] off the shoreline that a find may be stated to lie
+SHARES = 41  # values of the share destroyed that are summed over
 ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a stretch's middle may lie
 
 
@@ -24,6 +29,63 @@ def cut(spill: Spill, coast: Coast) -> Segments:
     if spill.stretches is not None:
         return stretches.named(coast, spill.stretches, spill.stretch)
     return stretches.cut(coast, spill.stretch)
+
+
+def build(case: Case, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
+    """Return what is known of a spill; where particles are at the time of finds at sea is still to be added.
+
+    Raises UserError for finds and patrols that are not where they can be.
+    """
+    patrols = tuple(
+        exposure.Patrol(tuple(walked(patrol, segments)), elapsed(case, patrol.time), patrol.detection)
+        for patrol in spill.patrols
+    )
+    kinds, names = [kind.name for kind in spill.kinds], [patrol.name for patrol in spill.patrols]
+    found = []
+    for one in spill.finds:
+        where = place(one, segments, coast)
+        by = names.index(one.by) if one.by is not None else None
+        if by is not None and where not in patrols[by].segments:
+            raise UserError(
+                f'{one.name}: found by patrol "{one.by}" on stretch "{segments.name[where]}", where that patrol did not go'
+            )
+        found.append(
+            finds.Find(
+                one.name,
+                kinds.index(one.kind) if one.kind is not None else None,
+                finds.AtSea(one.lon, one.lat, one.radius, 1.0) if where < 0 else where,
+                elapsed(case, one.time),
+                one.latest,
+                by,
+                one.false,
+            )
+        )
+    last = max([find.time for find in found] + [patrol.time for patrol in patrols], default=0)
+    until = spill.reporting.until
+    return finds.Known(
+        _numbers(spill),
+        tuple(found),
+        patrols,
+        exposure.Reporting(rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting),
+        segments.length,
+        float(last if until is None else elapsed(case, until)),
+        {},
+    )
+
+
+def _numbers(spill: Spill) -> finds.Numbers:
+    """Return how many objects there are and what share was destroyed, on grids: each value equally likely."""
+    low, high = spill.objects
+    objects = np.unique(np.rint(np.linspace(low, high, min(high - low + 1, NUMBERS))).astype(np.int64))
+    least, most = spill.destroyed
+    share = (np.arange(SHARES) + 0.5) / SHARES * (most - least) + least if most > least else np.array([least])
+    return finds.Numbers(
+        objects,
+        np.full(objects.size, 1 / objects.size),
+        np.array([kind.share for kind in spill.kinds]),
+        share,
+        np.full(share.size, 1 / share.size),
+    )
 
 
 def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
@@ -82,10 +144,10 @@ def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
     if patrol.ends is None:
         return [named(name, f'patrol "{patrol.name}"', segments) for name in patrol.stretches]
     (lon, lat), end = patrol.ends
-    here = np.radians([lon, lat])
+    here = math.radians(lon), math.radians(lat)
     x, y = sphere.offset(*here, np.radians(segments.lon), np.radians(segments.lat))
-    to = np.radians(end)
-    line = shapely.LineString([(0, 0), sphere.offset(*here, to[0], to[1])])
+    to = math.radians(end[0]), math.radians(end[1])
+    line = shapely.LineString([(0, 0), sphere.offset(*here, *to)])
     chosen = np.flatnonzero(shapely.distance(line, shapely.points(x, y)) < ABREAST)
     if not chosen.size:
         raise UserError(

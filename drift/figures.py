@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from drift import summary, tables
+from drift.aftermath import Aftermath
 from drift.case import Case
 from drift.environment import Environment
 from drift.products import Forecast
@@ -17,18 +19,24 @@ from drift.scenario import AreaPrior, PositionPrior
 Figure = Callable[[Path], None]
 
 
-def figures(case: Case, where: Environment, forecast: Forecast, footer: str) -> dict[str, Figure]:
+def figures(
+    case: Case, where: Environment, forecast: Forecast, footer: str, after: Aftermath | None = None
+) -> dict[str, Figure]:
     """Return, by file name, what draws each picture to a path."""
-    from drift import (
-        maps,  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
+    from drift import (  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
+        maps,
+        washup_map,
     )
 
     attributes = summary.attributes(case, where)
     known_as, short = ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
     marks, lines = [], []
-    for scenario in case.scenarios:
+    told = case.scenarios
+    if case.spill:  # its classes of objects were released together
+        known_as, short, told = "Release", "release", (replace(case.scenarios[0], name="release"),)
+    for scenario in told:
         prior = scenario.prior
-        alone = len(case.scenarios) == 1
+        alone = len(told) == 1
         if isinstance(prior, PositionPrior):
             label = known_as if alone else f"{short}, {scenario.name}"
             marks.append(maps.Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
@@ -45,10 +53,14 @@ def figures(case: Case, where: Environment, forecast: Forecast, footer: str) -> 
         "attributes": {**attributes, "run_id": tables.run_id(attributes)},
         "synthetic": any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes)),
     }
-    return {
+    drawn = {
         "map.png": _kept(partial(maps.draw_map, forecast, lines=lines, known_as=known_as, **common)),
         "snapshots.png": _kept(partial(maps.draw_snapshots, forecast, **common)),
     }
+    if after is not None:
+        rest = {name: value for name, value in common.items() if name != "particles"}
+        drawn["washup.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
+    return drawn
 
 
 def _kept(draw: Figure) -> Figure:

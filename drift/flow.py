@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drift import aftermath, environment, figures, forecast, output, prior, products, spool, start, summary
 from drift import ensemble as record
-from drift import environment, figures, forecast, output, prior, products, spool, start, summary
+from drift.aftermath import Aftermath, Drifted
 from drift.case import Case
 from drift.environment import Environment
+from drift.landings import Landings
 from drift.products import Forecast, Snapshot
+from drift.start import Start
 from drift.status import Status
 from geo import coast as shoreline
 from geo.errors import UserError
@@ -34,11 +37,17 @@ class Result:
     forecast: Forecast
     trajectories: output.Trajectories
     summary: dict[str, Any]
+    aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
 
     @property
     def probability(self) -> Any:
         """Probability that the object is in a cell (time, lat, lon), an xarray.DataArray."""
         return self.forecast.probability
+
+    @property
+    def washup(self) -> Any:
+        """What comes ashore where and when, an xarray.Dataset (see drift.washup); None without a spill."""
+        return self.aftermath.washup if self.aftermath else None
 
 
 @dataclass
@@ -81,12 +90,25 @@ def run(
         begin = start.prepare(case, where)
     outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
     with contextlib.ExitStack() as stack:
-        stack.callback(begin.scene.forcing.close)
-        with clock.phase("drift"):
-            moments = forecast.run(begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"))
-            snapshots = stack.enter_context(spool.Spool(case, begin.ensemble, moments))
+
+        def drifted(begin: Start) -> Drifted:
+            """Move an ensemble through the run, keeping what it was like at every output."""
+            stack.callback(begin.scene.forcing.close)
+            with clock.phase("drift"):
+                landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
+                moments = forecast.run(
+                    begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch
+                )
+                snapshots = stack.enter_context(spool.Spool(case, begin.ensemble, moments))
+            _check_lost(case, where, record.account(begin.ensemble, snapshots[-1].status).by_status.sum(axis=0))
+            return Drifted(begin, snapshots, landings)
+
+        done, after = drifted(begin), None
+        if case.spill:
+            with clock.phase("finds"):
+                done, after = aftermath.settle(case, case.spill, where, done, drifted)
+        begin, snapshots = done.start, done.snapshots
         account = record.account(begin.ensemble, snapshots[-1].status)
-        _check_lost(case, where, account.by_status.sum(axis=0))
         tell("map", 0.0)
         with clock.phase("products"):
             names = [scenario.name for scenario in case.scenarios]
@@ -94,14 +116,17 @@ def run(
             made = products.build(snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit)
             tracks = _trajectories(case, begin.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
+    if after is not None:
+        numbers |= aftermath.numbers(after)
     if out is not None:
         tell("write", 0.0)
         with clock.phase("write"):
             attributes = summary.attributes(case, where)
             footer = f"{attributes['source']}, seed {case.seed}, coast {attributes['coast']}"
-            pictures = figures.figures(case, where, made, footer)
-            output.write(out, made, tracks, numbers, pictures, attributes=attributes, overwrite=overwrite)
-    return Result(case, made, tracks, numbers)
+            pictures = figures.figures(case, where, made, footer, after)
+            files = aftermath.files(after) if after else ()
+            output.write(out, made, tracks, numbers, pictures, attributes=attributes, more=files, overwrite=overwrite)
+    return Result(case, made, tracks, numbers, after)
 
 
 def check(case: Case) -> dict[str, Any]:

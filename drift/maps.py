@@ -152,7 +152,11 @@ def draw_snapshots(
         page.warn(figure, side / width, 1 - 0.9 / height, "left", 8)
     figure.text(side / width, 1 - 0.36 / height, page.fit(title, width * 9), fontsize=12, weight="bold", color=INK)
     figure.text(
-        side / width, 1 - 0.62 / height, page.fit(_joined(labels.span(times), particles), width * 15), fontsize=8, color=INK
+        side / width,
+        1 - 0.62 / height,
+        page.fit(_joined(labels.span(times), particles), width * 15),
+        fontsize=8,
+        color=INK,
     )
     if footer:
         figure.text(side / width, 0.1 / height, page.fit(footer, width * 17), fontsize=7, color="#55606b")

@@ -54,6 +54,7 @@ class Reporting:
     rate: dict[str, float]
     removal: float  # [1/s]
     coast: str  # kind of all stretches that the user's file does not name
+    until: np.datetime64 | None  # up to when all finds are known; None: up to the last one
 
 
 @dataclass(frozen=True)
@@ -164,6 +165,7 @@ class ReportingTable(fields.Table):
     removal: fields.EventRate = 0.0
     bias: Annotated[float, Field(ge=0, le=3)] = 0.0
     coast: str = "wild"
+    until: fields.Time | None = None
 
     @model_validator(mode="after")
     def known(self) -> "ReportingTable":
@@ -317,7 +319,12 @@ def build(
         renewals=table.renewals,
         stretch=table.stretches.length,
         stretches=file,
-        reporting=Reporting(table.reporting.rate, table.reporting.removal, table.reporting.coast),
+        reporting=Reporting(
+            table.reporting.rate,
+            table.reporting.removal,
+            table.reporting.coast,
+            None if table.reporting.until is None else units.resolve(table.reporting.until, start),
+        ),
         finds=found,
         patrols=known,
     )
@@ -357,6 +364,11 @@ def _check(spill: Spill) -> None:
     sure = [find for find in spill.finds if find.false == 0]
     if len(sure) > spill.objects[1]:
         raise ValueError(f"{len(sure)} finds, but only {spill.objects[1]} objects were spilled ([spill] objects)")
+    last = max([find.time for find in spill.finds] + [patrol.time for patrol in spill.patrols], default=None)
+    if spill.reporting.until is not None and last is not None and spill.reporting.until < last:
+        raise ValueError(
+            f"spill.reporting.until {units.group(spill.reporting.until)} is before the last find or patrol, {units.group(last)}"
+        )
     for find in spill.finds:
         if find.kind is not None and find.kind not in kinds:
             raise ValueError(f'{find.name}: class "{find.kind}" is none of the spill\'s: {", ".join(kinds)}')

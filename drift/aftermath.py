@@ -1,0 +1,223 @@
+"""After a spill's drift: its fates, what the finds say about its worlds, and the washup that follows.
+
+Where the finds leave too few worlds that count, worlds are drawn anew about those that do and the drift is run again:
+population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803), the finds tempered while the worlds are chosen,
+never in the result.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from drift import evidence, finds, unknowns, washup, washup_tables, worlds
+from drift.case import Case
+from drift.environment import Environment
+from drift.fates import FOREVER, Fates, Realisation
+from drift.landings import Landings
+from drift.output import Product
+from drift.prior import elapsed
+from drift.realise import realise
+from drift.spill import Spill
+from drift.spool import Spool
+from drift.start import Start, renew
+from drift.status import Status
+from drift.worlds import Worlds
+from geo.segments import Segments
+
+Array = npt.NDArray[Any]
+
+FEWEST = 50.0  # effective worlds below which they are drawn anew
+TEMPERED = 200.0  # effective worlds that a proposal is made from
+WORST = 10  # stretches that the summary tells
+ODD = 0.02  # tail probability below which a find is called odd
+REALISATIONS = 4  # complete spills drawn in every world, at most
+
+
+@dataclass(frozen=True)
+class Drifted:
+    """A run that has been made: how it started, the particles at its outputs, their stays on the shore."""
+
+    start: Start
+    snapshots: Spool
+    landings: Landings
+
+
+@dataclass(frozen=True)
+class Aftermath:
+    """What a spill has come to."""
+
+    case: Case
+    spill: Spill
+    segments: Segments
+    fates: Fates
+    worlds: Worlds
+    prior: Worlds  # of the first round
+    posterior: finds.Posterior
+    surprises: tuple[finds.Surprise, ...]
+    washup: xr.Dataset
+    rounds: tuple[float, ...]  # effective worlds in each round
+
+
+def settle(
+    case: Case, spill: Spill, where: Environment, first: Drifted, drift: Callable[[Start], Drifted]
+) -> tuple[Drifted, Aftermath]:
+    """Return the run whose worlds the finds leave enough of, weighted by them, and its aftermath.
+
+    drift: moves a start's ensemble through the run. Raises UserError for finds that cannot be.
+    """
+    assert where.coast is not None
+    assert first.start.worlds is not None
+    segments = evidence.cut(spill, where.coast)
+    done, drawn, rounds = first, first.start.worlds, [0.0]
+    while True:
+        known = evidence.build(case, spill, segments, where.coast, drawn)
+        known = replace(known, adrift=_adrift(case, known, done.snapshots))
+        fates = _fates(spill, done, segments)
+        told = finds.posterior(fates, known, drawn.latent, drawn.log_weight)
+        rounds[-1] = told.effective
+        if told.effective >= FEWEST or len(rounds) > spill.renewals or not (known.finds or known.patrols):
+            break
+        power = finds.tempered(told.log_likelihood, TEMPERED, drawn.log_weight)
+        about = worlds.around(drawn, worlds.normal(power * told.log_likelihood + drawn.log_weight))
+        done = drift(renew(case, spill, where, done.start, about, len(rounds)))
+        assert done.start.worlds is not None
+        drawn = done.start.worlds
+        rounds.append(0.0)
+    _reweigh(done, spill, told)
+    made = Aftermath(
+        case,
+        spill,
+        segments,
+        fates,
+        drawn,
+        first.start.worlds,
+        told,
+        finds.surprises(fates, known, drawn.latent, drawn.log_weight),
+        _washup(case, spill, segments, fates, told, done.start.ensemble.seed),
+        tuple(rounds),
+    )
+    return done, made
+
+
+def _fates(spill: Spill, done: Drifted, segments: Segments) -> Fates:
+    """Return what became of every particle by the end of the run."""
+    ensemble = done.start.ensemble
+    snapshot = done.snapshots[-1]
+    over = np.isin(snapshot.status, (Status.SUNK, Status.LEFT, Status.OUTSIDE))
+    return Fates(
+        worlds=spill.worlds,
+        world=ensemble.world.to_numpy(),
+        kind=snapshot.scenario,
+        release=ensemble.release.to_numpy(),
+        ended=np.where(over, ensemble.ended.to_numpy(), FOREVER).astype(np.int32),
+        ending=snapshot.status,
+        stays=done.landings.stays(segments.of_edge),
+    )
+
+
+def _adrift(case: Case, known: finds.Known, snapshots: Spool) -> dict[int, finds.Adrift]:
+    """Return where the particles are at the times of finds at sea, which are output times."""
+    times = [elapsed(case, time) for time in case.outputs]
+    found = {}
+    for number, find in enumerate(known.finds):
+        if isinstance(find.place, finds.AtSea):
+            at = snapshots[times.index(find.time)]
+            found[number] = finds.Adrift(at.lon, at.lat, at.status)
+    return found
+
+
+def _reweigh(done: Drifted, spill: Spill, told: finds.Posterior) -> None:
+    """Give the particles the weights that the finds leave: of their world, times the chance of not having been found."""
+    ensemble = done.start.ensemble
+    with np.errstate(divide="ignore"):
+        log_weight = np.log(told.weight)[ensemble.world.to_numpy()] + np.log1p(-told.found)
+        for kind, (first, last) in zip(spill.kinds, ensemble.scenarios, strict=True):
+            log_weight[first:last] += np.log(kind.share) - np.log((last - first) / spill.worlds)
+    ensemble.log_weight.from_numpy(log_weight.astype(np.float32))
+    done.snapshots.reweigh(ensemble)
+
+
+def _washup(case: Case, spill: Spill, segments: Segments, fates: Fates, told: finds.Posterior, seed: int) -> xr.Dataset:
+    count = int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
+    drawn: Sequence[Realisation] = realise(fates, told, seed, count)
+    outputs = np.array([elapsed(case, time) for time in case.outputs])
+    kinds = [kind.name for kind in spill.kinds]
+    return washup.build(fates, segments, drawn, told.weight, outputs, case.start, kinds)
+
+
+def files(after: Aftermath) -> tuple[Product, ...]:
+    """Return the files that a spill adds to a forecast's."""
+    data, told = after.washup, unknowns.table(after.worlds, after.prior, after.posterior, after.case.start)
+    return (
+        Product("washup.nc", lambda stamped: data),
+        Product("washup.csv", lambda stamped: washup_tables.stretches(data, stamped["run_id"])),
+        Product("washup_times.csv", lambda stamped: washup_tables.times(data, stamped["run_id"])),
+        Product("totals.csv", lambda stamped: washup_tables.totals(data, stamped["run_id"])),
+        Product("washup.geojson", lambda stamped: washup_tables.geojson(data, after.segments, stamped)),
+        Product("unknowns.csv", lambda stamped: unknowns.text(told, stamped["run_id"])),
+    )
+
+
+def numbers(after: Aftermath) -> dict[str, Any]:
+    """Return the numbers of a spill for the summary."""
+    data, spill = after.washup, after.spill
+    end = data.isel(time=-1)
+    columns = washup_tables.records(data)
+    worst = list(zip(*(list(column)[:WORST] for column in columns.values()), strict=True))
+    return {
+        "spill": {
+            "objects": list(spill.objects),
+            "worlds": spill.worlds,
+            "particles_per_world": spill.per_world,
+            "effective_worlds": after.posterior.effective,
+            "effective_worlds_by_round": list(after.rounds),
+            "warning": warning(after),
+            "notes": notes(spill),
+            "stretches": len(after.segments.name),
+            "totals": {
+                str(fate): {
+                    "expected": float(end["total"].values[k]),
+                    "standard_error": float(end["total_se"].values[k]),
+                }
+                for k, fate in enumerate(data["fate"].values)
+            },
+            "worst_stretches": [dict(zip(columns, row, strict=True)) for row in worst],
+            "finds": [_find(after, surprise) for surprise in after.surprises],
+            "unknowns": unknowns.table(after.worlds, after.prior, after.posterior, after.case.start),
+        }
+    }
+
+
+def _find(after: Aftermath, surprise: finds.Surprise) -> dict[str, Any]:
+    place = surprise.find.place
+    return {
+        "name": surprise.find.name,
+        "stretch": "at sea" if isinstance(place, finds.AtSea) else after.segments.name[place],
+        "probability_beforehand": surprise.probability,
+        "tail": surprise.tail,
+        "odd": surprise.tail < ODD,
+    }
+
+
+def warning(after: Aftermath) -> str | None:
+    """Return what to raise where too few worlds count; None where there are enough."""
+    if after.posterior.effective >= FEWEST:
+        return None
+    return (
+        f"only {after.posterior.effective:.0f} of {after.spill.worlds:,} worlds count after the finds, fewer than {FEWEST:.0f}: "
+        "figures are rough; raise spill.worlds or spill.renewals, or check the finds that are called odd"
+    )
+
+
+def notes(spill: Spill) -> list[str]:
+    """Return what a reader of the numbers must know of how they were made."""
+    if spill.objects[1] <= spill.per_world:
+        return []
+    return [
+        f"a world has {spill.per_world:,} particles for up to {spill.objects[1]:,} objects: each stands for several, which makes "
+        f"ranges up to {(spill.objects[1] / spill.per_world) ** 0.5:.2f} times too wide; raise spill.per_world"
+    ]
