@@ -21,7 +21,6 @@ from typing import Any
 from geo.errors import UserError
 
 BACKENDS = ("cpu", "cuda", "vulkan", "metal")
-WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
 INTERRUPTED = "drift: interrupted; no half file is left"
 TERMINATED = "drift: asked to end; no half file is left"
 EXAMPLES = """examples:
@@ -230,7 +229,7 @@ def _run(given: argparse.Namespace) -> None:
         out = given.out or Path(f"{case.path.stem}-forecast")
         if given.threads is not None and given.threads < 1:
             raise UserError(f"--threads {given.threads} must be at least 1")
-        from drift import flow, progress, tables
+        from drift import flow, outcome, progress, tables
 
     with progress.shown(case) as show:
 
@@ -242,9 +241,8 @@ def _run(given: argparse.Namespace) -> None:
             case, out, threads=given.threads, backend=given.backend, overwrite=given.overwrite, report=report
         )
     facts = result.summary["run"]
-    told = {name: result.summary[name] for name in ("account", "scenario_weights")}
-    last = {**tables.numbers(result.forecast), **told}
-    _print_facts(case.title, _outcome(last))
+    last = {**tables.numbers(result.forecast), **result.summary}
+    _print_facts(case.title, outcome.spill(last) if case.spill else outcome.forecast(last))
     basis = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
     _say(f"{basis}\nResults in {out}")
 
@@ -260,35 +258,6 @@ def _leaving_at_once() -> Iterator[None]:
 
     with _on(signal.SIGINT, leave), _on(signal.SIGTERM, leave):
         yield
-
-
-def _outcome(numbers: dict[str, Any]) -> dict[str, str]:
-    """Return where, how sure and what ended how, at the end of the run."""
-    end = numbers["outputs"][-1]
-    facts = {"time": end["date_time_group"]}
-    for name, key in (("mean position", "mean"), ("datum (mean of those adrift)", "datum")):
-        if end[key]:
-            facts[name] = end[key]["text"]
-    for share, area in end["area_nmi2"].items():
-        facts[f"{share} area"] = f"{area:,.0f} nmi2" if area == area else "none"
-    for status, share in numbers["account"].items():
-        if share > 0:
-            facts[status] = _percent(share)
-    lost = sum(numbers["account"][status] for status in ("outside", "left"))
-    if lost > WORTH_A_WARNING:
-        facts["warning"] = f"{_percent(lost)} of the probability was lost; the areas are shares of the rest"
-    stories = numbers["scenario_weights"]
-    for name, story in stories.items():
-        told = [f"{_percent(story['posterior'])} (before: {_percent(story['prior'])})"] if len(stories) > 1 else []
-        if story["prior_on_land"] > 0:
-            told.append(f"{_percent(story['prior_on_land'])} of its prior was on land and left out")
-        if told:
-            facts[f'scenario "{name}"'] = "; ".join(told)
-    return facts
-
-
-def _percent(share: float) -> str:
-    return f"{share:.1%}" if share >= 0.0005 else "under 0.1%"
 
 
 def _check(given: argparse.Namespace) -> None:

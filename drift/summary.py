@@ -28,6 +28,21 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
     }
 
 
+def _behaviour(case: Case) -> str:
+    """Return what the coast does, in words."""
+    coast = case.coast
+    if coast.source == "none":
+        return "none: particles pass over land"
+    if coast.behaviour == "slide":
+        return "slide: what reaches the shore goes on along it"
+    if coast.behaviour == "refloat":
+        return (
+            f"refloat: what strands is afloat again with a half-life of {coast.half_life / 3600:g} h, once its drift leads off "
+            f"the beach, {coast.offing:g} m off it"
+        )
+    return "strand: what reaches the shore stays there for good"
+
+
 def numbers(
     case: Case,
     where: Environment,
@@ -46,7 +61,7 @@ def numbers(
             "step_s": start.clock.step,
             "step_errors_m_per_day": {str(k): v for k, v in start.trial.errors.items()} if start.trial else None,
             "scheme": case.scheme,
-            "coast_behaviour": case.coast.behaviour,
+            "coast_behaviour": _behaviour(case),
             "backend": runtime.backend(),
         },
         "effective_sample_size": account.ess,

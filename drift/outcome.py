@@ -1,0 +1,74 @@
+"""What a run came to, in a few lines for a terminal: facts by name, in the order in which they are read."""
+
+from typing import Any
+
+WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
+WORST = 5  # stretches that are told
+
+Facts = dict[str, str]
+
+
+def forecast(numbers: dict[str, Any]) -> Facts:
+    """Return where, how sure and what ended how, at the end of the run; numbers: those of the summary."""
+    end = numbers["outputs"][-1]
+    facts = {"time": end["date_time_group"]}
+    for name, key in (("mean position", "mean"), ("datum (mean of those adrift)", "datum")):
+        if end[key]:
+            facts[name] = end[key]["text"]
+    for share, area in end["area_nmi2"].items():
+        facts[f"{share} area"] = f"{area:,.0f} nmi2" if area == area else "none"
+    for status, share in numbers["account"].items():
+        if share > 0:
+            facts[status] = _percent(share)
+    facts |= _lost(numbers)
+    facts["coast"] = numbers["run"]["coast_behaviour"]
+    stories = numbers["scenario_weights"]
+    for name, story in stories.items():
+        told = [f"{_percent(story['posterior'])} (before: {_percent(story['prior'])})"] if len(stories) > 1 else []
+        if story["prior_on_land"] > 0:
+            told.append(f"{_percent(story['prior_on_land'])} of its prior was on land and left out")
+        if told:
+            facts[f'scenario "{name}"'] = "; ".join(told)
+    return facts
+
+
+def spill(numbers: dict[str, Any]) -> Facts:
+    """Return how many objects ended how, which stretches get most and when, and what the finds say."""
+    end, told = numbers["outputs"][-1], numbers["spill"]
+    facts = {"time": end["date_time_group"]}
+    for fate, figure in told["totals"].items():
+        if figure["expected"] >= 0.05:
+            facts[fate] = f"{figure['expected']:.1f} +- {figure['standard_error']:.1f} objects"
+    for place in told["worst_stretches"][:WORST]:
+        facts[place["name"]] = (
+            f"{place['expected']:.1f} ashore ({place['number_10']:.0f} to {place['number_90']:.0f}), at least one "
+            f"{_percent(place['probability'])}, the first about {place['first_50'][:16]}Z"
+        )
+    for find in told["finds"]:
+        odd = "; ODD, check it" if find["odd"] else ""
+        facts[find["name"]] = (
+            f"{find['stretch']}: {_percent(find['probability_beforehand'])} beforehand, {_percent(find['tail'])} for one as "
+            f"unlikely or more{odd}"
+        )
+    counted = f"{told['effective_worlds']:,.0f} of {told['worlds']:,} count"
+    rounds = len(told["effective_worlds_by_round"])
+    facts["worlds"] = counted + (f", drawn anew {rounds - 1} times about what the finds leave" if rounds > 1 else "")
+    facts["coast"] = numbers["run"]["coast_behaviour"]
+    if told["warning"]:
+        facts["warning"] = told["warning"]
+    for number, note in enumerate(told["notes"], 1):
+        facts[f"note {number}"] = note
+    return facts | _lost(numbers)
+
+
+def _lost(numbers: dict[str, Any]) -> Facts:
+    lost = sum(numbers["account"][status] for status in ("outside", "left"))
+    if lost <= WORTH_A_WARNING:
+        return {}
+    return {
+        "lost": f"{_percent(lost)} of the probability ran out of forcing or left the domain; areas are shares of the rest"
+    }
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share >= 0.0005 else "under 0.1%"
