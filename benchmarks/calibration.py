@@ -2,7 +2,7 @@
 
     python benchmarks/calibration.py [TRUTHS] [--worlds N] [--picture FILE.png] [--wrong FACTOR]
 
-Truths are spills drawn from the prior of the case gulf_containers (200 objects, more of them reported), each drifted as one
+Truths are spills drawn from the prior of the case gulf_containers (100 objects, more of them reported), each drifted as one
 world of its own with another seed. After 0, 1, 5 and 20 finds each is forecast, and where the truth lies among the
 simulated spills of the forecast, its rank, must be uniform (Cook, Gelman and Rubin 2006, doi:10.1198/106186006X136976;
 Talts et al. 2018, arXiv:1804.06788): the number of all that come ashore by the end, and the number on stretches with a mean
@@ -27,9 +27,9 @@ from kernels import runtime
 
 FINDS = (0, 1, 5, 20)
 CASE = {
-    "spill.objects": "200",
-    "spill.per_world": "200",
-    "spill.reporting": '{ rate = { wild = "0.1 /day" }, bias = 0.5 }',
+    "spill.objects": "100",
+    "spill.per_world": "100",
+    "spill.reporting": '{ rate = { wild = "0.2 /day" }, bias = 0.5 }',
     "find": "[]",
     "output.every": '"10 d"',
 }

@@ -31,7 +31,8 @@ from geo.segments import Segments
 Array = npt.NDArray[Any]
 
 FEWEST = 50.0  # effective worlds below which they are drawn anew
-TEMPERED = 200.0  # effective worlds that a proposal is made from
+NARROWING = 20.0  # times fewer worlds than are drawn may count where a proposal is made: what one renewal narrows down
+ENOUGH = 10.0  # effective worlds a latent that a proposal is made from at least
 WORST = 10  # stretches that the summary tells
 ODD = 0.02  # tail probability below which a find is called odd
 REALISATIONS = 4  # complete spills drawn in every world, at most
@@ -81,8 +82,10 @@ def settle(
         rounds[-1] = told.effective
         if told.effective >= FEWEST or len(rounds) > spill.renewals or not (known.finds or known.patrols):
             break
-        power = finds.tempered(told.log_likelihood, TEMPERED, drawn.log_weight)
-        about = worlds.around(drawn, worlds.normal(power * told.log_likelihood + drawn.log_weight))
+        least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
+        # From where these worlds were drawn (exponent 0) towards where the finds have them (1): never back to the prior.
+        aim = told.log_likelihood + drawn.log_weight
+        about = worlds.around(drawn, worlds.normal(finds.tempered(aim, least) * aim))
         done = drift(renew(case, spill, where, done.start, about, len(rounds)))
         assert done.start.worlds is not None
         drawn = done.start.worlds

@@ -254,7 +254,10 @@ def _when(
     any_comes = np.bincount(row, minlength=len(weight))[:, None] / len(firsts)
     ever, ever_se = estimate.mean(any_comes, weight * len(firsts), start, squares)
     mass = weight * any_comes[:, 0]
-    many = np.add.reduceat(mass, start) ** 2 / np.add.reduceat(mass**2, start)
+    # Of weights relative to the largest of each stretch: their squares may be too small for a float.
+    size = np.diff(np.append(start, mass.size))
+    part = mass / np.repeat(np.maximum(np.maximum.reduceat(mass, start), np.finfo(float).tiny), size)
+    many = np.add.reduceat(part, start) ** 2 / np.maximum(np.add.reduceat(part**2, start), np.finfo(float).tiny)
     found = {"ever": ever[:, 0], "ever_se": ever_se[:, 0], "effective_arrivals": many}
     for name, which in (("first_arrival", 1), ("bulk_arrival", 2)):
         value = np.concatenate([one[which] for one in firsts])

@@ -24,7 +24,7 @@ TURN = sphere.TURN
 POLE = TURN // 4  # [unit] the north pole's binary latitude
 FINEST = 17  # smallest shift: a cell of 2**17 units is 0.011 degrees, 1.2 km of latitude
 COARSEST = 21  # largest shift: 0.18 degrees, less than geo.shore.MARGIN
-LONGEST_EDGE = 2**29  # [unit] 45 degrees: kernels multiply differences in 64 bits
+LONGEST_EDGE = 2**18  # [unit] 2.4 km: stretches of coast are made of whole edges; kernels allow 45 degrees
 FAR = 127  # distances [cells] are capped here: seven bits
 LAND = 128  # the bit of a cell's byte that says that its reference point is on land
 

@@ -147,7 +147,8 @@ def test_long_edges_leave_no_empty_segment():
     built = coast_of([shapely.box(1, 1, 2, 1.5)], Box(0, 0, 3, 2))
     cut = segments.cut(built, 1000)
     check(built, cut)
-    assert len(cut.name) == 4
+    assert len(cut.name) > 150  # of 333 km: edges are 2.4 km long at most, and not split
+    assert cut.length.max() < 2500
 
 
 def test_equal_names_are_told_apart():

@@ -1,0 +1,169 @@
+"""A whole spill, from case to washup, against an independent sampler of its closed form; finds; a renewal of worlds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import drift
+from drift import aftermath, washup
+from geo import sphere
+
+DAY = 86_400
+METRE = 1 / np.radians(1) / sphere.RADIUS  # [deg] on the equator
+CASE = """
+title = "Straight coast"
+start = "2026-11-21T00:00Z"
+duration = "{duration}"
+seed = {seed}
+output.every = "12 h"
+clock.step = "30 min"
+domain = {{ west = -1.2, south = -1.2, east = 0.8, north = 1.2 }}
+coast = {{ source = "land.geojson" }}
+[[current]]
+constant = {{ speed = "0.25 m/s", toward = 90 }}
+[uncertainty]
+diffusivity = "50 m2/s"
+[spill]
+objects = {objects}
+worlds = {worlds}
+per_world = {per_world}
+position = {{ at = [-0.25, 0.03], std = "4 km" }}
+destroyed = [0, 0.2]
+current_bias = "0.04 m/s"
+stretches.length = "10 km"
+{more}
+[[spill.class]]
+name = "drum"
+object = "water"
+sinking = {{ half_life = "2 d" }}
+"""
+SHORE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",
+"coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}"""
+
+
+def case_of(folder: Path, more: str = "", **changes: object) -> drift.Case:
+    values = {"duration": "3 d", "objects": 60, "worlds": 1500, "per_world": 60, "seed": 3, **changes}
+    (folder / "land.geojson").write_text(SHORE)
+    (folder / "case.toml").write_text(CASE.format(more=more, **values))
+    return drift.load(folder / "case.toml")
+
+
+def sampled(worlds: int, objects: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return (arrival [s], inf: never; place north [m]) of every object of simulated spills, (worlds, objects).
+
+    Brownian motion with drift u from a distance a meets the line after an inverse Gaussian time; meanwhile it moves north
+    with the drift and spreads as 2 D T; it has sunk before with probability 1 - 2^(-T / 2 d).
+    """
+    u = 0.25 + 0.04 * rng.standard_normal((worlds, 1))
+    v = 0.04 * rng.standard_normal((worlds, 1))
+    away = 0.25 / METRE + 4000 * rng.standard_normal((worlds, 1))
+    north = 0.03 / METRE + 4000 * rng.standard_normal((worlds, 1))
+    mean, shape = away / u, away**2 / (2 * 50.0)
+    time = stats.invgauss.rvs(mean / shape, scale=shape, size=(worlds, objects), random_state=rng)
+    place = north + v * time + np.sqrt(2 * 50.0 * time) * rng.standard_normal((worlds, objects))
+    sunk = rng.exponential(2 * DAY / np.log(2), (worlds, objects)) < time
+    lost = rng.random((worlds, objects)) < rng.uniform(0, 0.2, (worlds, 1))
+    return np.where(sunk | lost, np.inf, time), place
+
+
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory: pytest.TempPathFactory) -> drift.Result:
+    return drift.run(case_of(tmp_path_factory.mktemp("straight")))
+
+
+def test_arrival_times_and_numbers_on_a_straight_coast_are_those_of_the_closed_form(straight) -> None:
+    """All within three standard errors as the products state them, added to the sampler's own."""
+    data, worlds = straight.washup, 20_000
+    rng = np.random.default_rng(11)
+    time, place = sampled(worlds, 60, rng)
+    seconds = (data["time"].values - data["start"].values) / np.timedelta64(1, "s")
+    fates = [str(f) for f in data["fate"].values]
+    for k, until in enumerate(seconds):
+        number = (time <= until).sum(1)
+        total = data["total"].values[fates.index("ashore"), k]
+        error = np.hypot(data["total_se"].values[fates.index("ashore"), k], number.std() / np.sqrt(worlds))
+        assert abs(total - number.mean()) <= 3 * error + 1e-9
+    # Stretch by stretch at the end of the run.
+    tested = 0
+    for k in range(data.sizes["segment"]):
+        at = data.isel(segment=k, time=-1)
+        length = float(at["length"])
+        middle = float(at["lat"]) / METRE
+        here = (time <= seconds[-1]) & (np.abs(place - middle) < length / 2)
+        number = here.sum(1)
+        if number.mean() < 0.5 or abs(float(at["lon"])) > 1e-6:
+            continue
+        tested += 1
+        expected_error = np.hypot(float(at["expected_se"]), number.std() / np.sqrt(worlds))
+        assert abs(float(at["expected"]) - number.mean()) < 3 * expected_error
+        some = (number > 0).mean()
+        some_error = np.hypot(float(at["probability_se"]), np.sqrt(some * (1 - some) / worlds))
+        assert abs(float(at["probability"]) - some) < 3 * some_error + 1e-9
+        first = np.where(here, time, np.inf).min(1)
+        for share, found, error in zip(
+            data["quantile"].values, at["first_arrival"].values, at["first_arrival_se"].values, strict=True
+        ):
+            wanted = np.quantile(first[np.isfinite(first)], share)
+            moment = (found - data["start"].values.astype("datetime64[s]").astype(float)) if found > 1e8 else found
+            assert abs(moment - wanted) < 3 * 1.1 * error + 1800 * 1e-3
+    assert tested >= 3
+
+
+def test_every_world_adds_up(straight) -> None:
+    total = straight.washup["world_total"].values
+    assert (total.sum(-1) == 60).all()
+
+
+def test_finds_draw_the_forecast_to_where_they_were_and_the_odd_one_is_called_odd(tmp_path: Path, straight) -> None:
+    """Objects found in the north say that the current sets north; one far in the south is noticed."""
+    finds = "\n".join(
+        f'[[find]]\nname = "{name}"\nat = [0.0, {lat}]\ntime = "+{hours} h"'
+        for name, lat, hours in (("one", 0.09, 40), ("two", 0.10, 44), ("three", 0.09, 50), ("odd", -0.30, 55))
+    )
+    rate = '[spill.reporting]\nrate = { wild = "0.5 /day" }'
+    result = drift.run(case_of(tmp_path, f"{rate}\n{finds}"))
+    told = {surprise.find.name: surprise for surprise in result.aftermath.surprises}
+    assert told["odd"].tail < 0.02 < told["two"].tail
+    numbers = aftermath.numbers(result.aftermath)["spill"]
+    assert [find["odd"] for find in numbers["finds"]] == [False, False, False, True]
+    without = drift.run(case_of(tmp_path, f"{rate}\n" + finds.split('[[find]]\nname = "odd"')[0]))
+    before, after = (one.aftermath.worlds.current_north @ one.aftermath.posterior.weight for one in (straight, without))
+    assert after > before + 0.005
+
+    def north_of(data, lat: float) -> float:
+        at = data.isel(time=-1)
+        return float(at["expected"].values[at["lat"].values > lat].sum() / at["expected"].values.sum())
+
+    assert north_of(without.washup, 0.09) > north_of(straight.washup, 0.09) + 0.05
+    assert (without.washup["world_total"].values.sum(-1) == 60).all()
+    assert (
+        without.washup["world_total"].values[..., [str(f) for f in without.washup["fate"].values].index("found")] == 3
+    ).all()
+
+
+def test_worlds_are_drawn_anew_where_too_few_count(tmp_path: Path) -> None:
+    """A release that is vague by 40 km and ten finds close together: few worlds of 300 count, then enough do."""
+    finds = "\n".join(f'[[find]]\nat = [0.0, {0.2 + 0.01 * k}]\ntime = "+{40 + 2 * k} h"' for k in range(10))
+    rate = '[spill.reporting]\nrate = { wild = "0.5 /day" }'
+    case = case_of(tmp_path, f"{rate}\n{finds}", worlds=300)
+    text = case.path.read_text().replace('std = "4 km"', 'std = "40 km"').replace("0.04 m/s", "0.08 m/s")
+    case.path.write_text(text)
+    after = drift.run(drift.load(case.path)).aftermath
+    print(after.rounds)
+    assert after.rounds[0] < aftermath.FEWEST < after.rounds[-1]
+    assert after.posterior.effective == after.rounds[-1]
+    assert (after.worlds.log_weight != 0).any()
+    # Importance weights correct for where the new worlds were drawn: the release stays within the prior's reach.
+    lat = after.worlds.lat * 360 / 2**32 / METRE
+    assert abs(after.posterior.weight @ lat - 0.03 / METRE) < 3 * 40_000
+
+
+def test_washup_of_no_world_is_that_of_all_when_weights_are_even(straight) -> None:
+    assert straight.aftermath.posterior.effective == pytest.approx(1500)
+    assert straight.washup.sizes["world"] == 1500
+    assert (
+        list(washup.worst(straight.washup, 2))
+        == sorted(range(straight.washup.sizes["segment"]), key=lambda k: -straight.washup["expected"].values[-1, k])[:2]
+    )
