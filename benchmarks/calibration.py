@@ -168,10 +168,13 @@ def main() -> None:
             for name in ("total alone", "stretch alone"):
                 if name in values:
                     shown.setdefault(name, []).extend(values[name])
-        every = [r for one in stretch for r in one]
-        shown[f"{count} finds, total"], shown[f"{count} finds, stretches"] = total, every
-        print(line(f"{count} finds", total, stretch), f"effective worlds: median {np.median(sizes):.0f}, least {min(sizes):.0f}; "
-              f"{time.perf_counter() - begin:.0f} s", flush=True)  # fmt: skip
+        told = f"effective worlds: median {np.median(sizes):.0f}, least {min(sizes):.0f}; {time.perf_counter() - begin:.0f} s"
+        print(line(f"{count} finds", total, stretch), told, flush=True)
+        # A run would draw worlds anew for the others; which they are depends on what was found alone, so ranks stay uniform.
+        enough = [k for k, size in enumerate(sizes) if size >= aftermath.FEWEST]
+        total, stretch = [total[k] for k in enough], [stretch[k] for k in enough]
+        print(line(f"{count} finds, where {aftermath.FEWEST:.0f} worlds count", total, stretch), flush=True)
+        shown[f"{count} finds, total"], shown[f"{count} finds, stretches"] = total, [r for one in stretch for r in one]
     print(line("without worlds", shown["total alone"], [[r] for r in shown["stretch alone"]]))
     if given.picture:
         draw(shown, given.picture, given.truths)

@@ -63,16 +63,29 @@ class Aftermath:
     rounds: tuple[float, ...]  # effective worlds in each round
 
 
+def stretches(case: Case, spill: Spill, where: Environment, begin: Start) -> Segments:
+    """Return the stretches of coast that a spill is told by; raise UserError for finds and patrols that cannot be."""
+    assert where.coast is not None
+    assert begin.worlds is not None
+    segments = evidence.cut(spill, where.coast)
+    evidence.build(case, spill, segments, where.coast, begin.worlds)
+    return segments
+
+
 def settle(
-    case: Case, spill: Spill, where: Environment, first: Drifted, drift: Callable[[Start], Drifted]
+    case: Case,
+    spill: Spill,
+    where: Environment,
+    segments: Segments,
+    first: Drifted,
+    drift: Callable[[Start], Drifted],
 ) -> tuple[Drifted, Aftermath]:
     """Return the run whose worlds the finds leave enough of, weighted by them, and its aftermath.
 
-    drift: moves a start's ensemble through the run. Raises UserError for finds that cannot be.
+    drift: moves a start's ensemble through the run.
     """
     assert where.coast is not None
     assert first.start.worlds is not None
-    segments = evidence.cut(spill, where.coast)
     done, drawn, rounds = first, first.start.worlds, [0.0]
     while True:
         known = evidence.build(case, spill, segments, where.coast, drawn)

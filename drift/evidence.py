@@ -31,35 +31,36 @@ def cut(spill: Spill, coast: Coast) -> Segments:
     return stretches.cut(coast, spill.stretch)
 
 
+def check(spill: Spill, coast: Coast) -> None:
+    """Refuse finds and patrols that are not where they can be: all of `build` that needs no drift."""
+    segments = cut(spill, coast)
+    rates(spill.reporting, segments)
+    _placed(spill, segments, coast)
+
+
 def build(case: Case, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
     """Return what is known of a spill; where particles are at the time of finds at sea is still to be added.
 
     Raises UserError for finds and patrols that are not where they can be.
     """
+    walks, places = _placed(spill, segments, coast)
     patrols = tuple(
-        exposure.Patrol(tuple(walked(patrol, segments)), elapsed(case, patrol.time), patrol.detection)
-        for patrol in spill.patrols
+        exposure.Patrol(walk, elapsed(case, patrol.time), patrol.detection)
+        for walk, patrol in zip(walks, spill.patrols, strict=True)
     )
     kinds, names = [kind.name for kind in spill.kinds], [patrol.name for patrol in spill.patrols]
-    found = []
-    for one in spill.finds:
-        where = place(one, segments, coast)
-        by = names.index(one.by) if one.by is not None else None
-        if by is not None and where not in patrols[by].segments:
-            raise UserError(
-                f'{one.name}: found by patrol "{one.by}" on stretch "{segments.name[where]}", where that patrol did not go'
-            )
-        found.append(
-            finds.Find(
-                one.name,
-                kinds.index(one.kind) if one.kind is not None else None,
-                finds.AtSea(one.lon, one.lat, one.radius, 1.0) if where < 0 else where,
-                elapsed(case, one.time),
-                one.latest,
-                by,
-                one.false,
-            )
+    found = [
+        finds.Find(
+            one.name,
+            kinds.index(one.kind) if one.kind is not None else None,
+            finds.AtSea(one.lon, one.lat, one.radius, 1.0) if where < 0 else where,
+            elapsed(case, one.time),
+            one.latest,
+            names.index(one.by) if one.by is not None else None,
+            one.false,
         )
+        for one, where in zip(spill.finds, places, strict=True)
+    ]
     last = max([find.time for find in found] + [patrol.time for patrol in patrols], default=0)
     until = spill.reporting.until
     return finds.Known(
@@ -71,6 +72,19 @@ def build(case: Case, spill: Spill, segments: Segments, coast: Coast, worlds: Wo
         float(last if until is None else elapsed(case, until)),
         {},
     )
+
+
+def _placed(spill: Spill, segments: Segments, coast: Coast) -> tuple[list[tuple[int, ...]], list[int]]:
+    """Return the stretches that each patrol walked, and that of each find (-1: at sea)."""
+    walks = [tuple(walked(patrol, segments)) for patrol in spill.patrols]
+    names = [patrol.name for patrol in spill.patrols]
+    places = [place(find, segments, coast) for find in spill.finds]
+    for find, where in zip(spill.finds, places, strict=True):
+        if find.by is not None and where not in walks[names.index(find.by)]:
+            raise UserError(
+                f'{find.name}: found by patrol "{find.by}" on stretch "{segments.name[where]}", where that patrol did not go'
+            )
+    return walks, places
 
 
 def _numbers(spill: Spill) -> finds.Numbers:
@@ -117,9 +131,12 @@ def place(find: Find, segments: Segments, coast: Coast) -> int:
         return -1
     near = shoreline.nearest_coast(coast, find.lon, find.lat)
     if near is None:
-        raise UserError(f"{find.name}: {tables.position(find.lon, find.lat)} lies far from any coast of the domain")
+        raise UserError(
+            f"{find.name}: {tables.position(find.lon, find.lat)} lies far from any coast of the domain; move it, or widen "
+            "[domain]"
+        )
     if near[2] > FARTHEST:
-        where = "inland" if land else "out at sea"
+        where = "inland" if land else "off the coast"
         cure = "move it" if land else "move it, or say at_sea = true"
         raise UserError(
             f"{find.name}: {tables.position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest coast is "
@@ -136,7 +153,7 @@ def named(name: str, place: str, segments: Segments) -> int:
         return segments.name.index(name)
     near = difflib.get_close_matches(name, segments.name, n=1, cutoff=0.5)
     hint = f'; nearest is "{near[0]}"' if near else ""
-    raise UserError(f'{place}: no stretch "{name}"{hint}; washup.csv of a run without it lists them')
+    raise UserError(f'{place}: no stretch "{name}"{hint}; a run without it lists those touched in washup.csv')
 
 
 def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:

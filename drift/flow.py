@@ -88,6 +88,7 @@ def run(
         where = environment.open_for(case)
     with clock.phase("start"):
         begin = start.prepare(case, where)
+        stretches = aftermath.stretches(case, case.spill, where, begin) if case.spill else None
     outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
     with contextlib.ExitStack() as stack:
 
@@ -104,9 +105,9 @@ def run(
             return Drifted(begin, snapshots, landings)
 
         done, after = drifted(begin), None
-        if case.spill:
+        if case.spill and stretches:
             with clock.phase("finds"):
-                done, after = aftermath.settle(case, case.spill, where, done, drifted)
+                done, after = aftermath.settle(case, case.spill, where, stretches, done, drifted)
         begin, snapshots = done.start, done.snapshots
         account = record.account(begin.ensemble, snapshots[-1].status)
         tell("map", 0.0)
@@ -137,8 +138,11 @@ def check(case: Case) -> dict[str, Any]:
     runtime.start()
     where = environment.open_for(case)
     few = replace(case, particles=min(case.particles, CHECKED))
+    if case.spill:
+        few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))
     begin = start.prepare(few, where)
     begin.scene.forcing.close()
+    stretches = aftermath.stretches(case, few.spill, where, begin) if few.spill else None
     box = where.box
     found: dict[str, Any] = {
         "run": f"{case.start} to {case.end} UTC, {case.particles:,} particles, step {begin.clock.step} s",
@@ -148,6 +152,10 @@ def check(case: Case) -> dict[str, Any]:
     for source in where.sources:
         missing = f"{source.missing:.1%} missing; " if source.missing else ""
         found[f"{source.quantity} {source.name}"] = f"{missing}{'; '.join(source.notes) or 'as is'}"
+    if case.spill and stretches:
+        names = ", ".join(f"{find.name}" for find in case.spill.finds) or "none"
+        found["stretches of coast"] = f"{len(stretches.name):,}, {stretches.length.sum() / 1000:,.0f} km"
+        found["finds"] = names
     for scenario, dry in zip(case.scenarios, begin.dry, strict=True):
         found[f'scenario "{scenario.name}"'] = (
             f"{scenario.weight:.0%}, {scenario.object.name}: {scenario.object.description}"

@@ -10,7 +10,7 @@ from drift import prior
 from drift.case import Case
 from drift.ensemble import Ensemble
 from drift.leeway import AIR_IN_WATER
-from drift.spill import Spill
+from drift.spill import FEWEST_PARTICLES, Spill
 from drift.worlds import Worlds
 from geo.errors import UserError
 from kernels import noise, runtime
@@ -19,8 +19,8 @@ from kernels.coast import DeviceCoast
 
 
 def per_world(spill: Spill) -> tuple[int, ...]:
-    """Return the particles of each class in a world: in proportion to its share, at least a hundredth."""
-    share = np.maximum([kind.share for kind in spill.kinds], 0.01)
+    """Return the particles of each class in a world: in proportion to its share, at least a hundredth and about ten."""
+    share = np.maximum([kind.share for kind in spill.kinds], max(0.01, FEWEST_PARTICLES / spill.per_world))
     ends = np.rint(np.cumsum(share / share.sum()) * spill.per_world).astype(int)
     return tuple(int(n) for n in np.diff(ends, prepend=0))
 

@@ -22,6 +22,8 @@ DAY = 86_400.0  # [s]
 NUMBERS = 25  # values at most that an uncertain number of objects is summed over
 MOST_CLASSES = 4
 FEWEST_WORLDS = 50
+FEWEST_PARTICLES = 10  # of a class in a world
+LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,9 @@ class SinkingTable(fields.Table):
     @model_validator(mode="after")
     def one_law(self) -> "SinkingTable":
         """Refuse none or two laws."""
-        fields.one_of(self, ("half_life", "waterlogged"))
+        law = fields.one_of(self, ("half_life", "waterlogged"))
+        if law == "half_life" and "spread" in self.model_fields_set:
+            raise ValueError("spread belongs to waterlogged; a half_life is spread by itself")
         return self
 
     def sinking(self) -> Sinking:
@@ -150,10 +154,16 @@ class KindTable(fields.Table):
         return Kind(self.name, self.share / total, drifter, jibe, self.sinking.sinking() if self.sinking else None)
 
 
+def _rate(value: Any) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool) and value != 0:  # SI would be one a second
+        raise ValueError(f'rate {value!r} needs a unit, like "{value:g} /day"')
+    return fields.rate(value)
+
+
 def _rates(value: Any) -> dict[str, float]:
     if not isinstance(value, dict):
         raise ValueError('must be a table of rates by kind of shore, like { town = "1 /day", wild = "0.02 /day" }')
-    return {str(kind): fields.rate(rate) for kind, rate in value.items()}
+    return {str(kind): _rate(rate) for kind, rate in value.items()}
 
 
 class ReportingTable(fields.Table):
@@ -162,7 +172,7 @@ class ReportingTable(fields.Table):
     rate: Annotated[dict[str, float], BeforeValidator(_rates)] = Field(
         default_factory=lambda: {"town": 1 / DAY, "road": 0.2 / DAY, "wild": 0.02 / DAY}
     )
-    removal: fields.EventRate = 0.0
+    removal: Annotated[float, BeforeValidator(_rate)] = 0.0
     bias: Annotated[float, Field(ge=0, le=3)] = 0.0
     coast: str = "wild"
     until: fields.Time | None = None
@@ -171,7 +181,7 @@ class ReportingTable(fields.Table):
     def known(self) -> "ReportingTable":
         """Refuse a kind of shore without a rate."""
         if self.coast not in self.rate:
-            raise ValueError(f'coast = "{self.coast}" has no rate; kinds with one: {", ".join(self.rate)}')
+            raise ValueError(f'coast = "{self.coast}" has no rate; kinds with one: {", ".join(self.rate) or "none"}')
         return self
 
 
@@ -220,10 +230,10 @@ class SpillTable(fields.Table):
                 raise ValueError(f'class "{name}": two classes have this name; give each its own')
         if self.worlds < FEWEST_WORLDS:
             raise ValueError(f"worlds {self.worlds}: must be at least {FEWEST_WORLDS}; 2000 is usual")
-        if self.lasting < 0:
-            raise ValueError("lasting must not be negative")
-        if self.per_world is not None and self.per_world < 10 * len(self.kinds):
-            raise ValueError(f"per_world {self.per_world}: at least 10 particles for each class")
+        if not 0 <= self.lasting <= LONGEST:
+            raise ValueError(f"lasting {self.lasting / DAY:g} d: must be 0 to {LONGEST / DAY:g} d")
+        if self.per_world is not None and self.per_world < FEWEST_PARTICLES * len(self.kinds):
+            raise ValueError(f"per_world {self.per_world}: must be at least {FEWEST_PARTICLES} for each class")
         particles = self.worlds * self.particles()
         if hasattr(os, "sysconf"):
             most = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 400
@@ -260,11 +270,14 @@ class FindTable(fields.Table):
     def placed(self) -> "FindTable":
         """Refuse none or two of place and of time."""
         fields.one_of(self, ("at", "stretch"))
-        fields.one_of(self, ("time", "by_time"))
+        if self.by is None or self.time is not None or self.by_time is not None:
+            fields.one_of(self, ("time", "by_time"))
         if self.at_sea and (self.at is None or self.by is not None or self.by_time is not None):
             raise ValueError("at_sea needs at = a position and a time, and no patrol")
         if self.by is not None and self.by_time is not None:
             raise ValueError("by a patrol, at the patrol's time: give time, or leave it to the patrol")
+        if "radius" in self.model_fields_set and not self.at_sea:
+            raise ValueError("radius belongs to a find with at_sea = true; one ashore lies on its stretch")
         if self.false >= 1:
             raise ValueError("false = 1: a find that is surely none of ours says nothing; leave it out")
         return self
@@ -277,7 +290,7 @@ class PatrolTable(fields.Table):
     stretches: list[str] = Field(default_factory=list)
     between: Annotated[list[fields.Position], Field(min_length=2, max_length=2)] | None = None
     time: fields.Time
-    detection: float
+    detection: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))]
 
     @model_validator(mode="after")
     def proper(self) -> "PatrolTable":
@@ -304,9 +317,13 @@ def build(
         if names.count(name) > 1:
             raise ValueError(f'patrol "{name}": two patrols have this name; give each its own')
     found = tuple(_find(find, k, known, start) for k, find in enumerate(finds, 1))
+    names = [find.name for find in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f'find "{name}": two finds have this name; give each its own')
     spill = Spill(
         objects=table.objects,
-        kinds=tuple(kind.kind(total) for kind in table.kinds),
+        kinds=tuple(kind.kind(total) for kind in table.kinds if kind.share > 0),
         prior=prior,
         scatter=table.scatter,
         lasting=table.lasting,
@@ -340,17 +357,20 @@ def _patrol(table: PatrolTable, start: np.datetime64) -> Patrol:
 def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.datetime64) -> Find:
     name = table.name or f"find {number}"
     when = table.time if table.time is not None else table.by_time
-    assert when is not None  # placed
-    time = units.resolve(when, start)
+    time = units.resolve(when, start) if when is not None else None
     if table.by is not None:
         patrol = next((p for p in patrols if p.name == table.by), None)
         if patrol is None:
             allowed = ", ".join(f'"{p.name}"' for p in patrols) or "none is given"
             raise ValueError(f'{name}: by "{table.by}" is no patrol; patrols: {allowed}; leave it out for the public')
-        if time != patrol.time:
+        if time is not None and time != patrol.time:
             raise ValueError(
                 f'{name}: found at {units.group(time)}, but patrol "{table.by}" was there at {units.group(patrol.time)}'
             )
+        if patrol.detection == 0:
+            raise ValueError(f'{name}: found by patrol "{table.by}", whose detection is 0; raise it')
+        time = patrol.time
+    assert time is not None  # placed
     lon, lat = table.at if table.at is not None else (math.nan, math.nan)
     return Find(
         name, time, table.by_time is not None, table.stretch, lon, lat,
@@ -359,21 +379,44 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
 
 
 def _check(spill: Spill) -> None:
-    """Refuse finds that cannot be."""
-    kinds = [kind.name for kind in spill.kinds]
-    sure = [find for find in spill.finds if find.false == 0]
-    if len(sure) > spill.objects[1]:
-        raise ValueError(f"{len(sure)} finds, but only {spill.objects[1]} objects were spilled ([spill] objects)")
-    last = max([find.time for find in spill.finds] + [patrol.time for patrol in spill.patrols], default=None)
-    if spill.reporting.until is not None and last is not None and spill.reporting.until < last:
-        raise ValueError(
-            f"spill.reporting.until {units.group(spill.reporting.until)} is before the last find or patrol, {units.group(last)}"
-        )
+    """Refuse finds and patrols that cannot be."""
+    kinds, most = [kind.name for kind in spill.kinds], spill.objects[1]
     for find in spill.finds:
         if find.kind is not None and find.kind not in kinds:
-            raise ValueError(f'{find.name}: class "{find.kind}" is none of the spill\'s: {", ".join(kinds)}')
-        if find.time <= spill.prior.release_start:
             raise ValueError(
-                f"{find.name}: found at {units.group(find.time)}, before anything can have been spilled "
-                f"({units.group(spill.prior.release_start)}); check its time, or [spill] position.time"
+                f'{find.name}: class "{find.kind}" is none of the spill\'s with a share: {", ".join(kinds)}'
             )
+    sure = [find for find in spill.finds if find.false == 0]
+    cure = "raise it, or give finds a probability of being false"
+    if len(sure) > most:
+        raise ValueError(f"{len(sure)} finds, but only {most} objects were spilled ([spill] objects); {cure}")
+    for kind in spill.kinds:
+        number = sum(find.kind == kind.name for find in sure)
+        there = math.ceil(kind.share * most - 1e-9)
+        if number > there:
+            raise ValueError(
+                f'{number} finds of class "{kind.name}", but at most {there} of the {most} objects ([spill] objects) are of '
+                f"it; {cure}"
+            )
+    if sure and spill.destroyed[0] == 1:
+        raise ValueError(f"{sure[0].name}: [spill] destroyed = 1 leaves nothing to be found; lower it")
+    began = spill.prior.release_start
+    known: list[Find | Patrol] = [*spill.finds, *spill.patrols]
+    for thing in known:
+        if thing.time <= began:
+            word = "found" if isinstance(thing, Find) else "a patrol"
+            raise ValueError(
+                f"{thing.name}: {word} at {units.group(thing.time)}, not after the spill, which began at "
+                f"{units.group(began)} at the earliest; check its time, or [spill] {_when(spill)}"
+            )
+    until, last = spill.reporting.until, max((thing.time for thing in known), default=began)
+    if until is not None and until < last:
+        what = "the last find or patrol" if known else "the spill"
+        raise ValueError(f"spill.reporting.until {units.group(until)} is before {what}, {units.group(last)}")
+
+
+def _when(spill: Spill) -> str:
+    """Return the key that says when a spill began."""
+    if isinstance(spill.prior, TracklinePrior):
+        return "trackline.departure"
+    return "position.time" if isinstance(spill.prior, PositionPrior) else "area.time"

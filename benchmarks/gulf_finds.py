@@ -1,0 +1,58 @@
+"""What each find says: the case gulf_containers after none, one, two ... of its finds, on the same worlds.
+
+    python benchmarks/gulf_finds.py
+
+Prints the table of docs/spill.md. The finds are those of one simulated spill, of which 238 objects came ashore.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+import drift
+from drift import finds, washup
+from drift.prior import elapsed
+from drift.realise import realise
+
+
+def main() -> None:
+    """Drift once, then add the finds one by one."""
+    after = drift.run(drift.load("gulf_containers")).aftermath
+    assert after is not None
+    known, worlds, end = after.posterior.known, after.worlds, elapsed(after.case, after.case.end)
+    surprises = {one.find.name: one for one in after.surprises}
+    fates = [str(f) for f in after.washup["fate"].values]
+    print(
+        "| finds | the last one | beforehand | worlds that count | not yet found, ashore on day 10 | windage | most likely stretch |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    for count in range(len(known.finds) + 1):
+        some = known.finds[:count]
+        told = finds.posterior(
+            after.fates,
+            replace(known, finds=some, now=float(some[-1].time) if some else 0.0),
+            worlds.latent,
+            worlds.log_weight,
+        )
+        drawn = realise(after.fates, told, 1, 1)
+        kinds = [kind.name for kind in after.spill.kinds]
+        data = washup.build(after.fates, after.segments, drawn, told.weight, np.array([end]), after.case.start, kinds)
+        k = fates.index("ashore")
+        low, _, high = data["total_number"].values[:, k, -1]
+        worst = washup.worst(data, 1)[0]
+        place, before = ("", "")
+        if some:
+            one = surprises[some[-1].name]
+            place = f"{some[-1].name}, {after.segments.name[some[-1].place]}"
+            before = f"{one.probability:.1%} ({one.tail:.0%})"
+        print(
+            f"| {count} | {place} | {before} | {told.effective:.0f} | {data['total'].values[k, -1]:.0f} ({low:.0f} to "
+            f"{high:.0f}) | {told.weight @ worlds.windage:.2f} +- "
+            f"{np.sqrt(told.weight @ (worlds.windage - told.weight @ worlds.windage) ** 2):.2f} | "
+            f"{data['name'].values[worst]}: {data['expected'].values[-1, worst]:.1f} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
