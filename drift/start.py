@@ -59,9 +59,9 @@ def prepare(case: Case, where: Environment) -> Start:
     forcing = Forcing(list(where.scenarios), case.direction)
     try:
         sinks = case.spill is not None and any(kind.sinking for kind in case.spill.kinds)
-        place = advance.Place(_domain(where), shore, _beach(case), bias, sinks, scheme=case.scheme)
-        scene = Scene(forcing, tuple(_physics(case, s) for s in case.scenarios), place)
-        clock, trial = _clock(case, where, ensemble, scene)
+        place = advance.Place(domain(where), shore, _beach(case), bias, sinks, scheme=case.scheme)
+        scene = Scene(forcing, tuple(physics(case, s) for s in case.scenarios), place)
+        clock, trial = clock_of(case, where, ensemble, scene)
         _check_place(case, where, ensemble, scene, clock)
     except BaseException:
         forcing.close()
@@ -91,7 +91,7 @@ def _released(case: Case, spill: Spill, worlds: Worlds, shore: Any, seed: int) -
     return release.draw(case, spill, worlds, shore, seed), bias
 
 
-def _physics(case: Case, scenario: Scenario) -> advance.Physics:
+def physics(case: Case, scenario: Scenario) -> advance.Physics:
     """Return a scenario's physics; an error without spread is off."""
     wind = case.wind_error if scenario.object.uses_wind else ForcingError(0.0, 1.0)
     return advance.Physics(
@@ -104,14 +104,15 @@ def _beach(case: Case) -> advance.Beach:
     return advance.Beach(coast.half_life / math.log(2), coast.offing, coast.behaviour == "slide")
 
 
-def _domain(where: Environment) -> advance.Domain:
+def domain(where: Environment) -> advance.Domain:
+    """Return the box outside which a particle has left."""
     box = where.box
     west, south = (int(sphere.to_binary(x)) for x in (box.west, box.south))
     width = min(round((box.east - box.west) * sphere.TURN / 360), sphere.TURN - 1)
     return advance.Domain(west, south, width, round((box.north - box.south) * sphere.TURN / 360))
 
 
-def _clock(case: Case, where: Environment, ensemble: Ensemble, scene: Scene) -> tuple[Clock, Trial | None]:
+def clock_of(case: Case, where: Environment, ensemble: Ensemble, scene: Scene) -> tuple[Clock, Trial | None]:
     """Return the clock: the case's step, or the largest whose error is small; on the lattice of the forcing's times."""
     times = [s.times.astype("datetime64[s]").astype(np.int64) for s in where.sources if s.times.size > 1]
     divisor, origin = _lattice(times)
