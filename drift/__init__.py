@@ -4,6 +4,8 @@ import drift
 case = drift.load("case.toml")      # or the name of a shipped case
 result = drift.run(case)            # or drift.run(case, out=Path("results"))
 result.probability                  # xarray.DataArray (time, lat, lon)
+result.washup                       # of a spill: xarray.Dataset by stretch of coast and time
+drift.trace(case)                   # of a spill: where it may have come from, backward from its finds
 """
 
 from importlib import import_module
@@ -16,8 +18,9 @@ _HOMES = {
     "UserError": "geo.errors",
     "load": "drift.case",
     "run": "drift.flow",
+    "trace": "drift.flow",
 }
-__all__ = ["Case", "Result", "UserError", "load", "run"]
+__all__ = ["Case", "Result", "UserError", "load", "run", "trace"]
 
 
 def __dir__() -> list[str]:

@@ -13,6 +13,7 @@ from drift import summary, tables
 from drift.aftermath import Aftermath
 from drift.case import Case
 from drift.environment import Environment
+from drift.origin import Origin
 from drift.products import Forecast
 from drift.scenario import AreaPrior, PositionPrior
 
@@ -61,6 +62,28 @@ def figures(
         rest = {name: value for name, value in common.items() if name != "particles"}
         drawn["washup.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     return drawn
+
+
+def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[str, Figure]:
+    """Return, by file name, what draws where a spill may have come from."""
+    from drift import layers, origin_map
+
+    assert case.spill is not None
+    attributes = summary.attributes(case, where)
+    marks = [
+        layers.Mark(find.lon, find.lat, str(k)) for k, find in enumerate(case.spill.finds, 1) if find.lat == find.lat
+    ]
+    draw = partial(
+        origin_map.draw,
+        found,
+        title=case.title,
+        polygons=where.coast.polygons if where.coast is not None else (),
+        marks=marks,
+        footer=footer,
+        attributes={**attributes, "run_id": tables.run_id(attributes)},
+        synthetic=any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes)),
+    )
+    return {"origin.png": _kept(draw)}
 
 
 def _kept(draw: Figure) -> Figure:

@@ -11,7 +11,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift import aftermath, environment, figures, forecast, output, prior, products, spool, start, summary
+from drift import (
+    aftermath,
+    environment,
+    evidence,
+    figures,
+    forecast,
+    origin,
+    output,
+    prior,
+    products,
+    spool,
+    start,
+    summary,
+    tables,
+)
 from drift import ensemble as record
 from drift.aftermath import Aftermath, Drifted
 from drift.case import Case
@@ -128,6 +142,54 @@ def run(
             files = aftermath.files(after) if after else ()
             output.write(out, made, tracks, numbers, pictures, attributes=attributes, more=files, overwrite=overwrite)
     return Result(case, made, tracks, numbers, after)
+
+
+def trace(
+    case: Case,
+    out: Path | None = None,
+    *,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> origin.Origin:
+    """Run a spill backward from its finds to where and when it may have been released; with `out`, write what it found.
+
+    It proposes where to look: the answer is a forward run weighted by the finds. Raises UserError for all that the user
+    can mend.
+    """
+    tell = report or (lambda phase, share: None)
+    if case.spill is None:
+        raise UserError(f"{case.path.name}: has no [spill]; an origin is told from the [[find]]s of a spill")
+    if out is not None:
+        output.check_folder(out, overwrite)
+    clock = Stopwatch()
+    runtime.start(backend, threads)
+    tell("read", 0.0)
+    with clock.phase("read"):
+        where = environment.open_for(case)
+        assert where.coast is not None
+        segments = evidence.cut(case.spill, where.coast)
+        places = [evidence.place(find, segments, where.coast) for find in case.spill.finds]
+    with clock.phase("drift"):
+        found = origin.backward(case, where, segments, places, progress=partial(tell, "drift"))
+    if out is not None:
+        attributes, facts = summary.attributes(case, where), origin.summary(found)
+        output.publish(
+            out,
+            (
+                output.Product("origin.nc", lambda stamped: origin.dataset(found)),
+                output.Product(
+                    "origin.csv",
+                    lambda stamped: tables.csv_text([*facts, "run_id"], [[*facts.values(), stamped["run_id"]]]),
+                ),
+            ),
+            {"origin": facts, "wall_time_s": clock.seconds},
+            figures.origin(case, where, found, f"{attributes['source']}, seed {case.seed}"),
+            attributes=attributes,
+            overwrite=overwrite,
+        )
+    return found
 
 
 def check(case: Case) -> dict[str, Any]:

@@ -13,7 +13,7 @@ finds are independent given the release, so their densities multiply; worlds are
 Left out, which is why the forward posterior (drift.finds) is the answer and this is a proposal where to look:
 - the chance that the rest was missed (1 - u), and with it what finds say of the readiness to report. Where many
   objects are not found this draws the release towards the finds: a release near them would have given more;
-- the flux onto a shore, for which the density OFFING off it stands: too far and too late by that much;
+- the flux onto a shore, for which the density tracks_back.OFFING off it stands: too far and too late by that much;
 - refloating and sliding: a track that meets the coast ends.
 All objects are taken to go adrift when half of `lasting` is over. A find that may be false has, as such, the density of
 one that is equally likely to come from anywhere in the box of the prior.
@@ -27,38 +27,32 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy import special
 
-from drift import ensemble as record
-from drift import evidence, forecast, prior, start
+from drift import forecast, start, tracks_back
 from drift import worlds as drawn_worlds
 from drift.case import Case
 from drift.ensemble import Ensemble
 from drift.environment import Environment
 from drift.forcing import Forcing
 from drift.forecast import Progress, Scene
-from drift.leeway import AIR_IN_WATER
 from drift.scenario import TracklinePrior
-from drift.spill import Find, Kind, Spill
+from drift.spill import Spill
 from drift.status import Status
+from drift.tracks_back import Group
 from drift.worlds import Worlds
 from geo import coast as shoreline
 from geo import sphere
-from geo.coast import Coast
 from geo.errors import UserError
 from geo.segments import Segments
-from kernels import advance, noise, runtime
+from kernels import advance, runtime
 from kernels import coast as device_coast
-from kernels import prior as kernel
 
 Array = npt.NDArray[Any]
 Real = npt.NDArray[np.float64]
 
-OFFING = (50.0, 100.0)  # [m] off the beach where the track of a find ashore begins
 DRAWS = 2**19  # of the prior, for its share in every cell
 TAIL = 1e-4  # of the prior beyond each side of the grid
 SMALLEST = 10.0  # [m] cell
-TRIES = 64  # rounds of candidates for a place in water
 FINEST = 0.6  # cells: a normal curve that wide is summed over their centres to 0.2 %
 CUT = 6.0  # widths of a kernel beyond which it is nothing: 2e-9 of it
 LEAST = 1.0001 * np.exp(-(CUT**2) / 2)
@@ -104,17 +98,6 @@ class _Grid:
         return east, np.radians(lat - lat0) * sphere.RADIUS
 
 
-@dataclass(frozen=True)
-class _Group:
-    """The slots from `first` on that go back from one find as objects of one class: `count` for every world."""
-
-    find: int
-    kind: int
-    share: float
-    first: int
-    count: int
-
-
 def backward(
     case: Case,
     where: Environment,
@@ -146,9 +129,7 @@ def backward(
     if elapsed.max() <= 0:
         raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
     back = replace(case, start=latest, end=latest - elapsed.max() * SECOND, direction=-1)
-    groups, bounds = _groups(spill, worlds, per_find)
-    ensemble = _equip(back, spill, shared, groups, bounds)
-    _place(ensemble, back, spill, where.coast, segments, stretch, shared, groups, rng)
+    ensemble, groups = tracks_back.begin(back, spill, shared, where.coast, segments, stretch, per_find, rng)
     forcing = Forcing(list(where.scenarios), -1)
     try:
         shore = device_coast.upload(where.coast) if where.coast else None
@@ -197,147 +178,6 @@ def _cells(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, cells: int, ti
     return _Grid(middle[0], middle[1], np.rint(middle[2]).astype(np.int64), share / share.sum(), side)
 
 
-def _groups(spill: Spill, worlds: int, per_find: int) -> tuple[list[_Group], tuple[int, ...]]:
-    """Return the groups, those of a class side by side, and the bounds of the classes' slots."""
-    groups, bounds = [], [0]
-    for k, kind in enumerate(spill.kinds):
-        first = bounds[-1]
-        for f, find in enumerate(spill.finds):
-            share = kind.share if find.kind is None else float(find.kind == kind.name)
-            if share > 0:
-                count = max(round(per_find * share), 10)
-                groups.append(_Group(f, k, share, first, count))
-                first += worlds * count
-        bounds.append(first)
-    return groups, tuple(bounds)
-
-
-def _equip(case: Case, spill: Spill, shared: Worlds, groups: list[_Group], bounds: tuple[int, ...]) -> Ensemble:
-    """Return objects of every class with the worlds they belong to, each with its own leeway and errors."""
-    seed = (case.seed + 1) % 2**63  # not the noise of the forward run
-    ensemble, key = record.empty(seed, bounds), noise.key(seed)
-    world = np.concatenate([np.repeat(np.arange(shared.size, dtype=np.int32), group.count) for group in groups])
-    ensemble.world.from_numpy(world)
-    factor = runtime.upload(shared.windage.astype(np.float32))
-    for kind, slots in zip(spill.kinds, ensemble.scenarios, strict=True):
-        if slots[0] == slots[1]:
-            continue
-        prior.equip(ensemble, slots, key, kind.object)
-        if kind.object.immersion is not None:
-            kernel.draw_immersion(*slots, ensemble.down_slope, *key, *kind.object.immersion, AIR_IN_WATER)
-        for name in record.LEEWAY:
-            kernel.scale_windage(*slots, getattr(ensemble, name), ensemble.world, factor)
-        prior.draw_errors(case, ensemble, slots, key)
-    return ensemble
-
-
-def _place(
-    ensemble: Ensemble,
-    case: Case,
-    spill: Spill,
-    coast: Coast | None,
-    segments: Segments | None,
-    stretch: Sequence[int],
-    shared: Worlds,
-    groups: list[_Group],
-    rng: np.random.Generator,
-) -> None:
-    """Put every particle where and when its object was: found at sea, or come ashore and lying there till found."""
-    lon, lat = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.int32)
-    release, log_weight = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.float32)
-    edge = shoreline.edges(coast) if coast else np.empty((0, 4), np.int32)
-    for group in groups:
-        find, on = spill.finds[group.find], stretch[group.find]
-        shape = (shared.size, group.count)
-        slots = slice(group.first, group.first + shape[0] * shape[1])
-        late = np.full(shape, (case.start - find.time) / SECOND)
-        if on < 0:
-            x, y, wet = _at_sea(find, coast, shape[0] * shape[1], rng)
-        else:
-            assert segments is not None
-            assert coast is not None
-            x, y, wet = _off_beach(edge[segments.of_edge == on], coast, shape[0] * shape[1], rng)
-            wait = _wait(find, spill, float(evidence.rates(spill.reporting, segments)[on]), shared, group.count, rng)
-            log_weight[slots] = _missed(find, spill, segments, on, wait).ravel()
-            late += wait
-        lon[slots], lat[slots], release[slots] = x, y, np.rint(late).ravel()
-        log_weight[slots][~wet] = -np.inf
-    for column, values in zip(("lon", "lat", "release", "log_weight"), (lon, lat, release, log_weight), strict=True):
-        getattr(ensemble, column).from_numpy(values)
-
-
-def _at_sea(find: Find, coast: Coast | None, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Return places [binary angle] about a find, its radius being the standard deviation of a component; and if wet."""
-    lon, lat = np.empty(n, np.int32), np.empty(n, np.int32)
-    dry = np.arange(n)
-    for _ in range(TRIES):
-        shift = find.radius * rng.standard_normal((2, dry.size))
-        x, y = sphere.destination(np.radians(find.lon), np.radians(find.lat), *shift)
-        lon[dry], lat[dry] = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
-        dry = dry[shoreline.is_land(coast, lon[dry], lat[dry])] if coast else dry[:0]
-        if not dry.size:
-            break
-    return lon, lat, ~np.isin(np.arange(n), dry)
-
-
-def _off_beach(edge: Array, coast: Coast, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Return places [binary angle] in water a little off edges, uniform along them; and whether one was found."""
-    scale = np.cos(edge[:, 1] * sphere.UNIT)  # a unit of longitude in units of latitude
-    east = (edge[:, 2].astype(np.int64) - edge[:, 0]).astype(np.int32) * scale
-    north = edge[:, 3].astype(np.float64) - edge[:, 1]
-    length = np.hypot(east, north)
-    lon, lat = np.empty(n, np.int32), np.empty(n, np.int32)
-    dry = np.arange(n)
-    for _ in range(TRIES):
-        k = rng.choice(len(edge), dry.size, p=length / length.sum())
-        along = rng.random(dry.size)
-        off = (
-            rng.uniform(*OFFING, dry.size)
-            * rng.choice((-1.0, 1.0), dry.size)
-            / (length[k] * sphere.RADIUS * sphere.UNIT)
-        )
-        x = edge[k, 0] + np.rint((along * east[k] - off * north[k]) / scale[k]).astype(np.int64)
-        lon[dry], lat[dry] = x.astype(np.int32), edge[k, 1] + np.rint(along * north[k] + off * east[k]).astype(np.int32)
-        dry = dry[shoreline.is_land(coast, lon[dry], lat[dry])]
-        if not dry.size:
-            break
-    return lon, lat, ~np.isin(np.arange(n), dry)
-
-
-def _wait(find: Find, spill: Spill, rate: float, shared: Worlds, count: int, rng: np.random.Generator) -> Real:
-    """Return times [s] (worlds, count) from going ashore to being found, at most since the earliest release.
-
-    Reported or removed at a constant rate, they are exponential; uniform where found at an unknown time before.
-    """
-    longest = float((find.time - spill.prior.release_start) / SECOND)
-    u = rng.random((shared.size, count))
-    if find.latest:
-        return u * longest
-    rates = np.maximum(rate * shared.reporting + spill.reporting.removal, 1e-9 / longest)
-    return np.asarray(-np.log1p(u * np.expm1(-rates * longest)[:, None]) / rates[:, None])
-
-
-def _missed(find: Find, spill: Spill, segments: Segments, on: int, wait: Real) -> Real:
-    """Return the log probability that the patrols of a stretch missed an object lying there `wait` [s] before its find."""
-    log_missed = np.zeros(wait.shape)
-    for patrol in spill.patrols:
-        before = (find.time - patrol.time) / SECOND
-        if patrol.name != find.by and before > 0 and on in evidence.walked(patrol, segments):
-            with np.errstate(divide="ignore"):
-                log_missed += np.where(wait > before, np.log1p(-patrol.detection), 0.0)
-    return log_missed
-
-
-def _afloat(kind: Kind, time: Real, age: Real) -> Real:
-    """Return the probability that an object has not sunk at an age [s] (worlds, n), by the worlds' times (worlds,)."""
-    if kind.sinking is None:
-        return np.ones(age.shape)
-    relative = np.maximum(age, 1e-9) / time[:, None]
-    if kind.sinking.spread > 0:
-        return np.asarray(special.ndtr(-np.log(relative) / kind.sinking.spread))
-    return np.asarray(np.exp2(-relative))
-
-
 @dataclass(frozen=True)
 class _Slice:
     """What one release time adds: everything but the finds' own mass times exp(-level)."""
@@ -353,15 +193,14 @@ def _slices(
     spill: Spill,
     grid: _Grid,
     shared: Worlds,
-    groups: list[_Group],
+    groups: list[Group],
     ensemble: Ensemble,
     moments: Iterator[tuple[int, forecast.Moment]],
 ) -> Iterator[_Slice]:
     """Yield the likelihood of the finds on the grid, one release time after the other."""
     gx, gy = grid.plane(grid.lon, grid.lat)
-    true = (np.cos(np.radians(grid.centre[1])) / np.cos(np.radians(grid.lat)))[
-        :, None
-    ]  # the plane's area by the sphere's
+    # the plane's area by the sphere's
+    true = (np.cos(np.radians(grid.centre[1])) / np.cos(np.radians(grid.lat)))[:, None]
     box = grid.side**2 * gx.size * gy.size
     release = ensemble.release.to_numpy()
     for k, moment in moments:
@@ -373,7 +212,7 @@ def _slices(
             slots = slice(group.first, group.first + shape[0] * shape[1])
             age = (moment.elapsed - release[slots]).reshape(shape)
             weight = np.exp(log_weight[slots].astype(np.float64)).reshape(shape) * (group.share / group.count)
-            weight *= _afloat(spill.kinds[group.kind], shared.sinking[:, group.kind], age)
+            weight *= tracks_back.afloat(spill.kinds[group.kind], shared.sinking[:, group.kind], age)
             for b in range(0, shared.size, BATCH):
                 part = slice(b, b + BATCH)
                 density[group.find, part] += box * _smooth(

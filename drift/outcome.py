@@ -61,6 +61,19 @@ def spill(numbers: dict[str, Any]) -> Facts:
     return facts | _lost(numbers)
 
 
+def origin(told: dict[str, Any]) -> Facts:
+    """Return where and when a spill may have been released, by a backward run."""
+    facts = {
+        name.replace("_", " "): f"{value:.4g}" if isinstance(value, float) else str(value)
+        for name, value in told.items()
+    }
+    facts["note"] = (
+        "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) with this "
+        "release as its prior, weighted by all finds"
+    )
+    return facts
+
+
 def _lost(numbers: dict[str, Any]) -> Facts:
     lost = sum(numbers["account"][status] for status in ("outside", "left"))
     if lost <= WORTH_A_WARNING:

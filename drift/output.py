@@ -105,12 +105,35 @@ def write(
     more: Sequence[Product] = (),
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write all results and return their paths.
+    """Write all results of a forecast and return their paths; see `publish`. The forecast's numbers join the summary."""
+    tracks = particles(trajectories, forecast).assign_attrs(featureType="trajectory")
+    products = (
+        Product("forecast.nc", lambda stamped: forecast.data),
+        Product("particles.nc", lambda stamped: tracks),
+        Product("contours.geojson", lambda stamped: tables.geojson(forecast, stamped)),
+        Product("track.csv", lambda stamped: tables.track(forecast, stamped["run_id"])),
+        Product("ashore.csv", lambda stamped: tables.ashore(forecast, stamped["run_id"])),
+        *more,
+    )
+    whole = {**summary, **tables.numbers(forecast)}
+    return publish(folder, products, whole, figures, attributes=attributes, overwrite=overwrite)
 
-    summary: what the run knows besides the forecast (case, versions, forcing, wall time); the forecast's numbers are
-    added. figures: file name -> function that draws it to a path. more: products of other kinds. attributes: what every file carries
-    (title, case, seed, versions, forcing); `run_id`, `history` and `date_created` are added. With `overwrite` what an
-    earlier run wrote into the folder and this one does not is taken away.
+
+def publish(
+    folder: Path,
+    products: Sequence[Product],
+    summary: Mapping[str, Any],
+    figures: Mapping[str, Figure],
+    *,
+    attributes: Mapping[str, str],
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write products, figures and a summary into a folder, complete or not at all, and return their paths.
+
+    summary: what the run knows besides its products (case, versions, forcing, wall time). figures: file name -> function
+    that draws it to a path. attributes: what every file carries (title, case, seed, versions, forcing); `run_id`,
+    `history` and `date_created` are added. With `overwrite` what an earlier run wrote into the folder and this one does
+    not is taken away.
     """
     check_folder(folder, overwrite)
     now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
@@ -123,21 +146,12 @@ def write(
     }
     try:
         with _staging(folder) as staging:
-            _netcdf(forecast.data.assign_attrs(stamped), staging / "forecast.nc")
-            _netcdf(
-                particles(trajectories, forecast).assign_attrs({**stamped, "featureType": "trajectory"}),
-                staging / "particles.nc",
-            )
-            _json(tables.geojson(forecast, stamped), staging / "contours.geojson", indent=None)
-            for name, table in (("track.csv", tables.track), ("ashore.csv", tables.ashore)):
-                (staging / name).write_text(table(forecast, stamped["run_id"]), encoding="utf-8", newline="\n")
-            for product in more:
+            for product in products:
                 _product(product, stamped, staging)
             for name, draw in figures.items():
                 draw(staging / name)
             files = {path.name: _digest(path) for path in sorted(staging.iterdir())}
-            whole = {**stamped, **summary, **tables.numbers(forecast), "files": files}
-            _json(whole, staging / SUMMARY, indent=1)
+            _json({**stamped, **summary, "files": files}, staging / SUMMARY, indent=1)
             names = sorted(path.name for path in staging.iterdir())
             _publish(staging, folder, names, overwrite)
     except OSError as error:
@@ -152,7 +166,7 @@ def _product(product: Product, stamped: Mapping[str, str], staging: Path) -> Non
     """Write what a product holds: a dataset with the run's attributes, a GeoJSON object, or the text of a table."""
     made, path = product.make(stamped), staging / product.name
     if isinstance(made, xr.Dataset):
-        _netcdf(made.assign_attrs(stamped), path)
+        _netcdf(made.assign_attrs({**stamped, **made.attrs}), path)
     elif isinstance(made, str):
         path.write_text(made, encoding="utf-8", newline="\n")
     else:

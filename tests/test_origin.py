@@ -10,7 +10,7 @@ from scipy import stats
 
 from drift import case as cases
 from drift import ensemble as record
-from drift import forecast, origin
+from drift import forecast, origin, tracks_back
 from drift import worlds as drawn_worlds
 from drift.environment import Environment
 from drift.forcing import Forcing, Sources
@@ -322,7 +322,7 @@ def test_a_find_ashore_tells_the_release_by_the_law_of_arrivals(tmp_path) -> Non
     )
     mean, error, std = told(found)
     # Tracks begin up to 100 m off the beach, at the time of arrival: that far and that much too late they may lead.
-    offing = origin.OFFING[1] * np.array([1, 0, 1 / SPEED])
+    offing = tracks_back.OFFING[1] * np.array([1, 0, 1 / SPEED])
     assert (np.abs(mean - expected) < 3 * error + offing).all()
     assert (3 * error + offing < 0.1 * std).all()
 

@@ -1,0 +1,75 @@
+"""What the command line prints: lines at once, tables of `rich`, streams that always have a place to go."""
+
+import contextlib
+import io
+import os
+import sys
+from typing import Any
+
+from geo.errors import UserError
+
+
+def line(error: Exception) -> str:
+    """Return a refusal as one line that a terminal can show, whatever the user had written."""
+    line = "".join(letter if letter.isprintable() else " " for letter in " ".join(str(error).split()))
+    return line if len(line) <= 1200 else f"{line[:600]} ... {line[-500:]}"
+
+
+def open_streams() -> None:
+    """Give closed streams (`>&-`) a place to go, and letters that a stream cannot show a substitute."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+            setattr(sys, name, nowhere)
+            setattr(sys, f"__{name}__", nowhere)  # Taichi takes a stream that was exchanged for a notebook's
+        elif isinstance(stream, io.TextIOWrapper) and stream.errors in {"strict", "surrogateescape"}:
+            stream.reconfigure(errors="replace")
+
+
+def say(text: str) -> None:
+    """Print on standard output, at once: a failure can still be told."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        with contextlib.suppress(OSError):  # what is left in the buffer would fail once more at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise UserError(
+            f"cannot write to standard output: {error.strerror}; results that were asked for stand"
+        ) from None
+
+
+def facts(title: str, told: dict[str, str]) -> None:
+    """Print a title and facts by name."""
+    page = table("", "")
+    page.show_header = False
+    say(title)
+    for name, fact in told.items():
+        page.add_row(name, fact)
+    show(page)
+
+
+def show(table: Any) -> None:
+    """Print a table."""
+    from rich.console import Console
+
+    if sys.stdout.isatty():
+        Console(highlight=False, markup=False).print(table)
+        return
+    # A pipe has no width of its own: lines stay whole there, and end where their text does.
+    page = io.StringIO()
+    Console(file=page, highlight=False, markup=False, width=10_000, color_system=None).print(table)
+    say("\n".join(line.rstrip() for line in page.getvalue().splitlines()).strip("\n"))
+
+
+def table(*headings: str) -> Any:
+    """Return an empty table of `rich`."""
+    from rich import box
+    from rich.table import Table
+
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in headings:
+        made.add_column(heading)
+    return made
