@@ -4,7 +4,6 @@
 forcing is found here, and is one line. Cases that ship with the project are found by name.
 """
 
-import math
 import os
 import sys
 from collections.abc import Mapping
@@ -17,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from drift import messages, sources, units
+from drift import messages, sources, subject, units
 from drift.expect import Expect
-from drift.leeway import Drifter
-from drift.scenario import Scenario, ScenarioTable
+from drift.scenario import Scenario
 from drift.schema import CaseTable, OutputTable
 from drift.sources import ForcingSpec, Quantity, SourceTable
-from drift.spill import Find, Patrol, Spill
-from drift.spill import build as build_spill
+from drift.spill import Spill
 from geo.box import Box
 from geo.errors import UserError
 
@@ -178,7 +175,7 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
     stokes = _sources("stokes", table.stokes, start, folder)
     uncertain = table.uncertainty
     off = ForcingError(0.0, 21_600.0)
-    spill = _spill(table, start, end, folder) if table.spill else None
+    spill = subject.spill(table, start, end, folder) if table.spill else None
     known = (currents, winds, stokes)
     return Case(
         title=table.title or path.stem,
@@ -201,7 +198,7 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
             table.coast.behaviour,
             table.coast.half_life or 0.0,
             table.coast.offing,
-            _file(table.coast.lakes, folder, "coast.lakes")
+            sources.one_file(table.coast.lakes, folder, "coast.lakes")
             if isinstance(table.coast.lakes, str)
             else table.coast.lakes,
         ),
@@ -211,7 +208,9 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         current_error=ForcingError(uncertain.current.std, uncertain.current.time) if uncertain.current else off,
         wind_error=ForcingError(uncertain.wind.std, uncertain.wind.time) if uncertain.wind else off,
         diffusivity=uncertain.diffusivity,
-        scenarios=_classes(spill, start, end, known) if spill else _scenarios(table.scenario, start, end, known),
+        scenarios=subject.classes(spill, start, end, known)
+        if spill
+        else subject.scenarios(table.scenario, start, end, known),
         spill=spill,
         expect=table.expect,
     )
@@ -241,52 +240,7 @@ def _outputs(
 def _shore(source: str, folder: Path) -> str:
     if source in {"gshhg", "none"}:
         return source
-    return _file(source, folder, "coast.source", '; allowed are "gshhg", "none" and a shoreline file')
-
-
-def _file(name: str, folder: Path, place: str, allowed: str = "") -> str:
-    """Return the absolute path of one file."""
-    try:
-        files = sources.found(name, folder)
-    except ValueError as error:
-        raise UserError(f"{place}: {error}{allowed}") from None
-    if len(files) != 1 or not Path(files[0]).is_file():
-        raise UserError(f'{place}: "{name}" is not one file; it is {", ".join(files)}')
-    return files[0]
-
-
-def _spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Spill:
-    assert table.spill is not None
-    if end < start:
-        raise UserError("a [spill] runs forward; where it came from follows from its finds: see drift origin")
-    if table.coast.source == "none":
-        raise UserError('coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file')
-    named = table.spill.stretches.file
-    file = _file(named, folder, "spill.stretches.file") if named else None
-    try:
-        spill = build_spill(table.spill, table.find, table.patrol, start, file)
-    except ValueError as error:
-        raise UserError(str(error)) from None
-    known: list[Find | Patrol] = [*spill.finds, *spill.patrols]
-    for thing in known:
-        if thing.time > end:
-            raise UserError(
-                f"{thing.name}: at {units.group(thing.time)}, after the run's end, {units.group(end)}; run for longer"
-            )
-    return spill
-
-
-def _classes(
-    spill: Spill, start: np.datetime64, end: np.datetime64, known: tuple[tuple[ForcingSpec, ...], ...]
-) -> tuple[Scenario, ...]:
-    """Return a spill's classes of objects as scenarios: what the engine moves."""
-    names = [tuple(spec.name for spec in specs) for specs in known]
-    made = []
-    for kind in spill.kinds:
-        _check_release(f'class "{kind.name}"', spill.prior, start, end)
-        _check_sources(f'class "{kind.name}"', kind.object, names[0], names[1])
-        made.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, *names))
-    return tuple(made)
+    return sources.one_file(source, folder, "coast.source", '; allowed are "gshhg", "none" and a shoreline file')
 
 
 def _sources(
@@ -303,73 +257,3 @@ def _sources(
             raise UserError(f"{place}: two sources have this name; give each its own")
         specs.append(spec)
     return tuple(specs)
-
-
-def _scenarios(
-    tables: list[ScenarioTable],
-    start: np.datetime64,
-    end: np.datetime64,
-    known: tuple[tuple[ForcingSpec, ...], ...],
-) -> tuple[Scenario, ...]:
-    total = math.fsum(table.weight for table in tables)
-    if total <= 0:
-        raise UserError("scenario weights add up to 0; at least one must be above 0")
-    names = [table.name for table in tables]
-    for name in names:
-        if names.count(name) > 1:
-            raise UserError(f'scenario "{name}": two scenarios have this name; give each its own')
-    return tuple(_scenario(table, table.weight / total, start, end, known) for table in tables)
-
-
-def _scenario(
-    table: ScenarioTable,
-    weight: float,
-    start: np.datetime64,
-    end: np.datetime64,
-    known: tuple[tuple[ForcingSpec, ...], ...],
-) -> Scenario:
-    place = f'scenario "{table.name}"'
-    drifter = table.object.drifter()
-    try:
-        prior = table.prior(start)
-    except ValueError as error:
-        raise UserError(f"{place}: {error}") from None
-    _check_release(place, prior, start, end)
-    chosen = [
-        _chosen(wanted, specs, f"{place}.{key}")
-        for key, wanted, specs in zip(
-            ("currents", "winds", "stokes"), (table.currents, table.winds, table.stokes), known, strict=True
-        )
-    ]
-    _check_sources(place, drifter, chosen[0], chosen[1])
-    return Scenario(table.name, weight, drifter, table.jibe_rate(drifter), prior, *chosen)
-
-
-def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetime64) -> None:
-    for time in (prior.release_start, prior.release_end):
-        if not min(start, end) <= time <= max(start, end):
-            raise UserError(
-                f"{place}: it may go adrift at {units.group(time)}, outside the run, {units.group(start)} to "
-                f"{units.group(end)}; change its times or the case's start and end"
-            )
-
-
-def _check_sources(place: str, drifter: Drifter, currents: tuple[str, ...], winds: tuple[str, ...]) -> None:
-    if not currents:
-        raise UserError(
-            f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
-            "to say that there is none"
-        )
-    if drifter.uses_wind and not winds:
-        raise UserError(
-            f'{place}: object "{drifter.name}" drifts with the wind and there is none: add [[wind]] with files, or '
-            'constant = { speed = "12 kn", from = 240 }'
-        )
-
-
-def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str) -> tuple[str, ...]:
-    names = tuple(spec.name for spec in specs)
-    for name in wanted or ():
-        if name not in names:
-            raise UserError(f'{place}: no source "{name}"; there are: {", ".join(names) or "none"}')
-    return names if wanted is None else tuple(wanted)

@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift import fields, units
+from geo.errors import UserError
 
 Quantity = Literal["current", "wind", "stokes"]
 
@@ -226,3 +227,14 @@ def _variable(name: str, written: str) -> str:
             f'"{written}" needs the environment variable {name}; set it: export {name}=/folder/of/the/data'
         )
     return os.environ[name]
+
+
+def one_file(name: str, folder: Path, place: str, allowed: str = "") -> str:
+    """Return the absolute path of one file; raise UserError, with `allowed`, where there is none, or several."""
+    try:
+        files = found(name, folder)
+    except ValueError as error:
+        raise UserError(f"{place}: {error}{allowed}") from None
+    if len(files) != 1 or not Path(files[0]).is_file():
+        raise UserError(f'{place}: "{name}" is not one file; it is {", ".join(files)}')
+    return files[0]

@@ -1,0 +1,124 @@
+"""What a case is about: scenarios of one object, or the classes of a spill; built from its tables, checked against the run."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drift import sources, units
+from drift.leeway import Drifter
+from drift.scenario import Scenario, ScenarioTable
+from drift.schema import CaseTable
+from drift.sources import ForcingSpec
+from drift.spill import Find, Patrol, Spill
+from drift.spill import build as build_spill
+from geo.errors import UserError
+
+
+def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Spill:
+    """Return the spill of a case; raise UserError where it does not fit the run."""
+    assert table.spill is not None
+    if end < start:
+        raise UserError("a [spill] runs forward; where it came from follows from its finds: see drift origin")
+    if table.coast.source == "none":
+        raise UserError('coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file')
+    if table.coast.behaviour == "slide":
+        raise UserError('coast.behaviour: "slide": nothing of a [spill] would come ashore; give "strand" or "refloat"')
+    named = table.spill.stretches.file
+    file = sources.one_file(named, folder, "spill.stretches.file") if named else None
+    try:
+        made = build_spill(table.spill, table.find, table.patrol, start, file)
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    known: list[Find | Patrol] = [*made.finds, *made.patrols]
+    for thing in known:
+        if thing.time > end:
+            raise UserError(
+                f"{thing.name}: at {units.group(thing.time)}, after the run's end, {units.group(end)}; run for longer"
+            )
+    return made
+
+
+def classes(
+    spill: Spill, start: np.datetime64, end: np.datetime64, known: tuple[tuple[ForcingSpec, ...], ...]
+) -> tuple[Scenario, ...]:
+    """Return a spill's classes of objects as scenarios: what the engine moves."""
+    names = [tuple(spec.name for spec in specs) for specs in known]
+    made = []
+    for kind in spill.kinds:
+        _check_release(f'class "{kind.name}"', spill.prior, start, end)
+        _check_sources(f'class "{kind.name}"', kind.object, names[0], names[1])
+        made.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, *names))
+    return tuple(made)
+
+
+def scenarios(
+    tables: list[ScenarioTable],
+    start: np.datetime64,
+    end: np.datetime64,
+    known: tuple[tuple[ForcingSpec, ...], ...],
+) -> tuple[Scenario, ...]:
+    """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit the run."""
+    total = math.fsum(table.weight for table in tables)
+    if total <= 0:
+        raise UserError("scenario weights add up to 0; at least one must be above 0")
+    names = [table.name for table in tables]
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(f'scenario "{name}": two scenarios have this name; give each its own')
+    return tuple(_scenario(table, table.weight / total, start, end, known) for table in tables)
+
+
+def _scenario(
+    table: ScenarioTable,
+    weight: float,
+    start: np.datetime64,
+    end: np.datetime64,
+    known: tuple[tuple[ForcingSpec, ...], ...],
+) -> Scenario:
+    place = f'scenario "{table.name}"'
+    drifter = table.object.drifter()
+    try:
+        prior = table.prior(start)
+    except ValueError as error:
+        raise UserError(f"{place}: {error}") from None
+    _check_release(place, prior, start, end)
+    chosen = [
+        _chosen(wanted, specs, f"{place}.{key}")
+        for key, wanted, specs in zip(
+            ("currents", "winds", "stokes"), (table.currents, table.winds, table.stokes), known, strict=True
+        )
+    ]
+    _check_sources(place, drifter, chosen[0], chosen[1])
+    return Scenario(table.name, weight, drifter, table.jibe_rate(drifter), prior, *chosen)
+
+
+def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetime64) -> None:
+    for time in (prior.release_start, prior.release_end):
+        if not min(start, end) <= time <= max(start, end):
+            raise UserError(
+                f"{place}: it may go adrift at {units.group(time)}, outside the run, {units.group(start)} to "
+                f"{units.group(end)}; change its times or the case's start and end"
+            )
+
+
+def _check_sources(place: str, drifter: Drifter, currents: tuple[str, ...], winds: tuple[str, ...]) -> None:
+    if not currents:
+        raise UserError(
+            f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
+            "to say that there is none"
+        )
+    if drifter.uses_wind and not winds:
+        raise UserError(
+            f'{place}: object "{drifter.name}" drifts with the wind and there is none: add [[wind]] with files, or '
+            'constant = { speed = "12 kn", from = 240 }'
+        )
+
+
+def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str) -> tuple[str, ...]:
+    names = tuple(spec.name for spec in specs)
+    for name in wanted or ():
+        if name not in names:
+            raise UserError(f'{place}: no source "{name}"; there are: {", ".join(names) or "none"}')
+    return names if wanted is None else tuple(wanted)
