@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy import stats
 
 from drift import evidence, finds, unknowns, washup, washup_tables, worlds
 from drift.case import Case
@@ -220,13 +221,35 @@ def _find(after: Aftermath, surprise: finds.Surprise) -> dict[str, Any]:
 
 
 def warning(after: Aftermath) -> str | None:
-    """Return what to raise where too few worlds count; None where there are enough."""
-    if after.posterior.effective >= FEWEST:
-        return None
-    return (
-        f"only {after.posterior.effective:.0f} of {after.spill.worlds:,} worlds count after the finds, fewer than {FEWEST:.0f}: "
-        "figures are rough; raise spill.worlds or spill.renewals, or check the finds that are called odd"
-    )
+    """Return what of the finds does not fit, or what to raise where too few worlds count; None where all is well."""
+    told = []
+    few, many = _odds(after)
+    if min(few, many) < ODD:
+        how = f"so few had a probability of {few:.1g}" if few < many else f"so many had a probability of {many:.1g}"
+        told.append(
+            f"{len(after.posterior.known.finds)} finds don't fit the spill: {how} beforehand; check the patrols' detection, "
+            "[spill.reporting] rate and [spill] destroyed before believing the figures"
+        )
+    if after.posterior.effective < FEWEST:
+        told.append(
+            f"only {after.posterior.effective:.0f} of {after.spill.worlds:,} worlds count after the finds, fewer than "
+            f"{FEWEST:.0f}: figures are rough; raise spill.worlds or spill.renewals, or check the finds that are called odd"
+        )
+    return "; ".join(told) or None
+
+
+def _odds(after: Aftermath) -> tuple[float, float]:
+    """Return the probabilities, before any find, of as few finds and of as many."""
+    told, numbers = after.posterior, after.posterior.known.numbers
+    found = sum(find.false < 0.5 for find in told.known.finds)
+    if not told.known.finds and not told.known.patrols:
+        return 1.0, 1.0
+    world = worlds.normal(after.worlds.log_weight)
+    chance = (told.share @ numbers.shares)[:, None, None] * (1 - numbers.destroyed)
+    joint = world[:, None, None] * numbers.objects_prior[:, None] * numbers.destroyed_prior
+    count = numbers.objects[:, None]
+    few = float((joint * stats.binom.cdf(found, count, chance)).sum())
+    return few, float((joint * stats.binom.sf(found - 1, count, chance)).sum())
 
 
 def notes(spill: Spill) -> list[str]:

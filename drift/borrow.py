@@ -50,14 +50,15 @@ def likeness(latent: Real) -> Likeness:
     return Likeness(np.concatenate(terms, axis=1), near)
 
 
-def rates(total: Real, squares: Real, n: int, alike: Likeness) -> Real:
+def rates(total: Real, squares: Real, n: int, alike: Likeness, one: float = 1.0) -> Real:
     """Return every world's mean over its n particles (W,), drawn toward the means of worlds like it.
 
-    total, squares: sums over a world's particles of values and of squared values, (W,).
+    total, squares: sums over a world's particles of values and of squared values, (W,). one: the value of a particle that
+    counts in full, for where none does.
 
     Sums are taken as overdispersed Poisson in units of sum(squares) / sum(total).
     """
-    unit = squares.sum() / total.sum() if total.sum() > 0 else 1.0
+    unit = squares.sum() / total.sum() if squares.sum() > 0 else one
     count = total / unit
     worlds = count.size
     if count.sum() < LEAST:

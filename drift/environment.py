@@ -70,7 +70,7 @@ def open_for(case: Case) -> Environment:
         )
     if coast is not None:
         for scenario in case.scenarios:
-            _check_water(scenario, coast)
+            _check_water("[spill]" if case.spill else f'scenario "{scenario.name}"', scenario, coast)
     return Environment(box, tuple(scenarios), shown, coast, land.notes)
 
 
@@ -158,7 +158,7 @@ def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[S
         names = ", ".join(f'"{source.name}"' for source in sources)
         whole = f"{units.group(min(s[0] for s in spans))} to {units.group(max(s[1] for s in spans))}"
         raise UserError(
-            f'scenario "{scenario.name}": {quantity} {names} lasts from {whole}, the run from {units.group(first)} to '
+            f'{"class" if case.spill else "scenario"} "{scenario.name}": {quantity} {names} lasts from {whole}, the run from {units.group(first)} to '
             f"{units.group(last)}: {share:.0%} of it is covered, and without forcing all that is adrift is lost. Change "
             f"start, duration or end, or add another [[{quantity}]]"
         )
@@ -182,7 +182,7 @@ def _shrunk(box: Box, sources: tuple[Source, ...]) -> Box:
     return Box(start, south, start + east - west, north)
 
 
-def _check_water(scenario: Scenario, coast: shoreline.Coast) -> None:
+def _check_water(story: str, scenario: Scenario, coast: shoreline.Coast) -> None:
     """Refuse a reported position on land."""
     prior = scenario.prior
     if not isinstance(prior, PositionPrior):
@@ -196,6 +196,4 @@ def _check_water(scenario: Scenario, coast: shoreline.Coast) -> None:
         if water
         else "no water near"
     )
-    raise UserError(
-        f'scenario "{scenario.name}".position.at: {tables.position(lon, lat)} lies on land; {hint}. Move it, or give an area'
-    )
+    raise UserError(f"{story}.position.at: {tables.position(lon, lat)} lies on land; {hint}. Move it, or give an area")

@@ -31,13 +31,6 @@ def cut(spill: Spill, coast: Coast) -> Segments:
     return stretches.cut(coast, spill.stretch)
 
 
-def check(spill: Spill, coast: Coast) -> None:
-    """Refuse finds and patrols that are not where they can be: all of `build` that needs no drift."""
-    segments = cut(spill, coast)
-    rates(spill.reporting, segments)
-    _placed(spill, segments, coast)
-
-
 def build(case: Case, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
     """Return what is known of a spill; where particles are at the time of finds at sea is still to be added.
 

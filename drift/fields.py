@@ -152,7 +152,6 @@ def _label(value: object) -> object:
 Label = Annotated[str, BeforeValidator(_label)]  # a title or name, as it will stand on maps and in tables
 Count = Annotated[int, BeforeValidator(count)]
 Rate = Annotated[float, BeforeValidator(_jibe)]
-EventRate = Annotated[float, BeforeValidator(rate)]
 Direction = Annotated[float, BeforeValidator(_direction)]
 Sector = Annotated[tuple[float, float], BeforeValidator(_sector)]
 LengthRange = Annotated[tuple[float, float], _ordered(_length.func)]

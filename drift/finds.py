@@ -230,7 +230,7 @@ def _evidence(known: Known, here: Exposure, latent: Real, log_weight: Real) -> _
         sums = _by_world(fates, slot, value, classes)
         squares = _by_world(fates, slot, value**2, classes)
         for c in range(classes) if find.kind is None else [find.kind]:
-            density[k, c] = np.log(borrow.rates(sums[c], squares[c], int(n[c]), alike))
+            density[k, c] = np.log(borrow.rates(sums[c], squares[c], int(n[c]), alike, _full(known, find)))
         if 0 < find.false < 1:
             alien[k] = special.logit(find.false) + np.log(_alien(known, here, k, prior))
     return _Evidence(density, alien, alike, prior)
@@ -250,6 +250,15 @@ def _found_there(known: Known, here: Exposure, number: int) -> tuple[npt.NDArray
     else:
         rows, value = exposure.public(here, find.place, find.time)
     return here.slot[rows], value
+
+
+def _full(known: Known, find: Find) -> float:
+    """Return the density with which an object is found that is in the very place at the very time."""
+    if isinstance(find.place, AtSea):
+        return find.place.chance / (2 * np.pi * find.place.radius**2)
+    if find.by is not None:
+        return known.patrols[find.by].detection
+    return 1.0 if find.latest else max(float(known.reporting.rate[find.place]), 1e-300)
 
 
 def _around(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:

@@ -218,12 +218,13 @@ def check(case: Case) -> dict[str, Any]:
         names = ", ".join(f"{find.name}" for find in case.spill.finds) or "none"
         found["stretches of coast"] = f"{len(stretches.name):,}, {stretches.length.sum() / 1000:,.0f} km"
         found["finds"] = names
+    story = "class" if case.spill else "scenario"
     for scenario, dry in zip(case.scenarios, begin.dry, strict=True):
-        found[f'scenario "{scenario.name}"'] = (
+        found[f'{story} "{scenario.name}"'] = (
             f"{scenario.weight:.0%}, {scenario.object.name}: {scenario.object.description}"
         )
         if dry > 0:
-            found[f'scenario "{scenario.name}"'] += f"; {dry:.1%} of its prior is on land and left out"
+            found[f'{story} "{scenario.name}"'] += f"; {dry:.1%} of its prior is on land and left out"
     return found
 
 

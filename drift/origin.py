@@ -53,6 +53,7 @@ Real = npt.NDArray[np.float64]
 DRAWS = 2**19  # of the prior, for its share in every cell
 TAIL = 1e-4  # of the prior beyond each side of the grid
 SMALLEST = 10.0  # [m] cell
+POINT = 1e-4  # [deg] cell where all releases are at one longitude or latitude
 FINEST = 0.6  # cells: a normal curve that wide is summed over their centres to 0.2 %
 CUT = 6.0  # widths of a kernel beyond which it is nothing: 2e-9 of it
 LEAST = 1.0001 * np.exp(-(CUT**2) / 2)
@@ -165,7 +166,7 @@ def _cells(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, cells: int, ti
     axes = []
     for low, high, length in ((west, east, width), (south, north, height)):
         n = max(int(np.ceil(length / side - 1e-6)), 1)
-        step = (high - low) / length * side if length > 0 else 1e-4
+        step = (high - low) / length * side if length > 0 else POINT
         axes.append((low + high) / 2 + step * (np.arange(n + 1) - n / 2))
     first, last = (
         int(t.astype("datetime64[s]").astype(np.int64)) for t in (spill.prior.release_start, spill.prior.release_end)
@@ -336,6 +337,18 @@ def dataset(origin: Origin) -> xr.Dataset:
     )
 
 
+def edges(centres: Real) -> Real:
+    """Return the edges [deg] of cells of equal width by their centres, shape (n + 1,); of a lone one POINT apart."""
+    step = centres[1] - centres[0] if centres.size > 1 else POINT
+    return np.append(centres - step / 2, centres[-1] + step / 2)
+
+
+def cell_area(origin: Origin) -> Real:
+    """Return the area [m2] of a cell of each row, R^2 dlon (sin lat2 - sin lat1), shape (nlat,)."""
+    width = np.radians(edges(origin.lon)[1] - edges(origin.lon)[0])
+    return np.asarray(sphere.RADIUS**2 * width * np.diff(np.sin(np.radians(edges(origin.lat)))))
+
+
 def summary(origin: Origin) -> dict[str, float | str]:
     """Return the release in figures, one a column: mean, areas and radii that hold 50 and 90 %, times by quantile.
 
@@ -345,8 +358,7 @@ def summary(origin: Origin) -> dict[str, float | str]:
     lon, lat = np.meshgrid(origin.lon, origin.lat)
     centre = np.radians(origin.mean[:2])
     away = sphere.distance(centre[0], centre[1], np.radians(lon), np.radians(lat)).ravel()
-    steps = [np.radians(axis[1] - axis[0]) if axis.size > 1 else np.radians(1e-4) for axis in (origin.lon, origin.lat)]
-    area = sphere.RADIUS**2 * steps[0] * steps[1] * np.cos(np.radians(lat))
+    area = np.broadcast_to(cell_area(origin)[:, None], place.shape)
     out: dict[str, float | str] = {
         "lon_deg": float((origin.mean[0] + 180) % 360 - 180),
         "lat_deg": origin.mean[1],

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drift.cells import ONE
 from drift.status import Status
 from geo import sphere
 
@@ -25,8 +26,8 @@ class Snapshot:
 
 
 def mapped(one: Snapshot) -> Array:
-    """Return which particles are on the map: adrift or ashore, with any probability; bool (n,)."""
-    return np.asarray((one.status <= Status.ASHORE) & (one.probability > 0))
+    """Return which particles are on the map: adrift or ashore, with a probability that its cells can hold; bool (n,)."""
+    return np.asarray((one.status <= Status.ASHORE) & (one.probability > 0.5 / ONE))
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,11 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
             raise UserError(
                 f"{thing.name}: at {units.group(thing.time)}, after the run's end, {units.group(end)}; run for longer"
             )
+    until = made.reporting.until
+    if until is not None and until > end:
+        raise UserError(
+            f"spill.reporting.until {units.group(until)} is after the run's end, {units.group(end)}; run for longer"
+        )
     return made
 
 
