@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drift import summary, tables
+from drift import summary, tables, units
 from drift.aftermath import Aftermath
 from drift.case import Case
 from drift.environment import Environment

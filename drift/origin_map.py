@@ -154,8 +154,8 @@ def _extent(found: Origin, shown: _Shown, marks: Sequence[Mark]) -> Frame:
     rows, columns = (np.flatnonzero(_within(shown.containment, layers.SHOWN).any(axis=axis)) for axis in (1, 0))
     lon, lat = origin.edges(found.lon), origin.edges(found.lat)
     middle = float(lon.mean())
-    x = [lon[columns[0]], lon[columns[-1] + 1], *(layers.near(mark.lon, middle) for mark in marks)]
-    y = [lat[rows[0]], lat[rows[-1] + 1], *(mark.lat for mark in marks)]
+    x = [lon[columns[0]], lon[columns[-1] + 1], found.mean[0], *(layers.near(mark.lon, middle) for mark in marks)]
+    y = [lat[rows[0]], lat[rows[-1] + 1], found.mean[1], *(mark.lat for mark in marks)]
     west, south, east, north = shown.allowed.bounds
     wide, high = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
     x += [max(west, x[0] - wide), min(east, x[1] + wide)]
@@ -236,7 +236,7 @@ def _legend(figure: Figure, shown: _Shown, finds: int, land: bool) -> None:
 def _times(figure: Figure, found: Origin) -> None:
     """Draw the release time's probability as bars before its prior's, and its middle 80 % over them."""
     if found.time.size == 1:
-        figure.text(LEFT, 0.55, f"Released at {_moment(found.time[0])}, as given", fontsize=9.5, color=INK)
+        figure.text(LEFT, 0.55, f"Released at {units.group(found.time[0])}, as given", fontsize=9.5, color=INK)
         return
     ax = figure.add_axes((LEFT + 0.03, 0.475, RIGHT - LEFT - 0.055, 0.155))
     seconds = found.time.astype("datetime64[s]").astype(np.int64)
@@ -317,10 +317,6 @@ def _seconds(time: np.datetime64) -> int:
 
 def _length(metres: float) -> str:
     return f"{labels.number(metres / tables.NMI)} nmi ({labels.number(metres / 1000)} km)"
-
-
-def _moment(time: np.datetime64) -> str:
-    return f"{units.group(time)} ({tables.iso(time)}, UTC)"
 
 
 def _span(seconds: float) -> str:
