@@ -71,7 +71,9 @@ def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[s
     assert case.spill is not None
     attributes = summary.attributes(case, where)
     marks = [
-        layers.Mark(find.lon, find.lat, str(k)) for k, find in enumerate(case.spill.finds, 1) if find.lat == find.lat
+        layers.Mark(find.lon, find.lat, f"{k} {find.name}, {units.group(find.time)[:6]}Z")
+        for k, find in enumerate(case.spill.finds, 1)
+        if find.lat == find.lat  # a stretch by name has no place of its own
     ]
     draw = partial(
         origin_map.draw,
