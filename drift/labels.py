@@ -40,6 +40,7 @@ UNITS = (
 )  # of area [nmi2], from large to small
 
 Point = tuple[float, float, str, dict[str, Any]]  # x, y [m], text, style
+STEPS = (1, 2, 3, 6, 12, 24, 48, 72, 120, 240, 480, 960)  # [h] between times on an axis
 
 
 def place(ax: Axes, canvas: FigureCanvasAgg, points: Sequence[Point], taken: Sequence[Bbox], must: set[int]) -> None:
@@ -166,3 +167,10 @@ def ticks(top: float) -> Array:
 def plain(value: float) -> str:
     """Return a round number without exponent: 0.005, 2, 1,000."""
     return f"{value:,.0f}" if value >= 1 else str(np.format_float_positional(value, precision=12, trim="-"))
+
+
+def round_times(begin: float, end: float, many: int) -> Array:
+    """Return whole hours [s since 1970] between two times, at most `many`, the same every day."""
+    hours = (end - begin) / 3600
+    step = 3600 * next((step for step in STEPS if hours / step <= many), STEPS[-1])
+    return np.arange(np.ceil(begin / step), np.floor(end / step) + 1) * step

@@ -52,7 +52,6 @@ LISTED = 12  # finds whose names are told
 WIDTH, HEIGHT = 11.7, 8.3  # [in]
 MAP = (0.055, 0.17, 0.57, 0.69)  # left, bottom, width, height, of the figure
 LEFT, RIGHT = 0.66, 0.985  # of what stands beside the map
-STEPS = (1, 2, 3, 6, 12, 24, 48, 72, 120, 240, 480, 960)  # [h] between times on an axis
 
 
 @dataclass(frozen=True)
@@ -250,7 +249,7 @@ def _times(figure: Figure, found: Origin) -> None:
     ax.plot(half, 0.92 * top, "D", markersize=5, markerfacecolor="white", markeredgecolor=INK, zorder=5)
     ax.set_xlim(seconds[0] - step / 2, seconds[-1] + step / 2)
     ax.set_ylim(0, top)
-    ticks = _round_times(*ax.get_xlim(), 4)
+    ticks = labels.round_times(*ax.get_xlim(), 4)
     ax.set_xticks(ticks, labels=[f"{units.group(np.datetime64(int(tick), 's'))[:6]}Z" for tick in ticks])
     ax.tick_params(labelsize=8, colors=INK, length=3)
     ax.locator_params(axis="y", nbins=4)
@@ -321,10 +320,3 @@ def _length(metres: float) -> str:
 
 def _span(seconds: float) -> str:
     return f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds / 60:.3g} min"
-
-
-def _round_times(begin: float, end: float, many: int) -> Array:
-    """Return whole hours [s since 1970] between two times, at most `many`, the same every day."""
-    hours = (end - begin) / 3600
-    step = 3600 * next((step for step in STEPS if hours / step <= many), STEPS[-1])
-    return np.arange(np.ceil(begin / step), np.floor(end / step) + 1) * step

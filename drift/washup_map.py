@@ -32,6 +32,7 @@ from geo.segments import Segments
 WORST = 10
 LEAST = 0.01  # probability of any arrival under which a stretch is not drawn, unless hardly any has more
 DECADES = 2.5  # of the expected number on the colour scale
+ROUGH = 50  # effective worlds below which the page says so
 WIDTH, HEIGHT = 13.0, 9.4  # [in]
 MAP = (0.46, 0.405)  # of the figure
 GREY = "#55606b"
@@ -46,7 +47,6 @@ WORDS = {
     "destroyed": "destroyed at once",
     "found": "found",
 }
-STEPS = (1, 2, 3, 6, 12, 24, 48, 72, 120, 240, 480, 960)  # [h] between times on an axis
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def draw(
             "neither",
             "Median of the first arrival, UTC",
         )
-        ticks = _round_times(*times, 6)
+        ticks = labels.round_times(*times, 6)
         bar.set_xticks(ticks, labels=[_short(tick) for tick in ticks])
         _chart(figure, data, shown)
         _key(figure, (known_as, len(marks)))
@@ -231,7 +231,7 @@ def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
     begin, end = (data[name].values.ravel()[-1].astype("datetime64[s]").astype(np.int64) for name in ("start", "time"))
     ax.set_xlim(min(begin, first.min()), max(end, bulk.max()))
     ax.set_ylim(WORST - 0.4, -0.6)
-    ticks = _round_times(*ax.get_xlim(), 7)
+    ticks = labels.round_times(*ax.get_xlim(), 7)
     ax.set_xticks(ticks, labels=[_short(tick) for tick in ticks])
     ax.set_yticks([])
     ax.tick_params(labelsize=8, colors=INK, length=3)
@@ -307,8 +307,8 @@ def _key(figure: Figure, marks: tuple[str, int]) -> None:
         handler_map={medians: HandlerTuple(None)},
     )
     figure.text(
-        0.685,
-        0.05,
+        0.7,
+        0.044,
         "Times: of the simulated spills in which any arrives there.\n± error: standard error. Stretches that any object reaches\n"
         f"with under {100 * LEAST:g} % are not drawn, unless few have more.",
         fontsize=7.5,
@@ -336,7 +336,7 @@ def _basis(data: xr.Dataset) -> str:
     worlds, many = data.sizes["world"], data["effective_worlds"].item()
     each = data["realisations"].item()
     return (
-        f"{worlds:,} worlds, effective {many:,.0f}, of {each} simulated spill{'s' if each > 1 else ''} each   ·   "
+        f"{worlds:,} worlds, effective {many:,.0f}{', TOO FEW: figures are rough' if many < ROUGH else ''}, of {each} simulated spill{'s' if each > 1 else ''} each   ·   "
         f"{data['total'].values[:, -1].sum():,.1f}".removesuffix(".0")
         + " objects expected in all"
     )
@@ -372,10 +372,3 @@ def _round_numbers(low: float, high: float) -> Array:
     power = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     ticks = np.outer(power, [1, 2, 5]).ravel()
     return np.asarray(ticks[(ticks >= low) & (ticks <= high)])
-
-
-def _round_times(begin: float, end: float, many: int) -> Array:
-    """Return whole hours [s since 1970] between two times, at most `many`, the same every day."""
-    hours = (end - begin) / 3600
-    step = 3600 * next((step for step in STEPS if hours / step <= many), STEPS[-1])
-    return np.arange(np.ceil(begin / step), np.floor(end / step) + 1) * step
