@@ -104,7 +104,7 @@ def settle(
         assert done.start.worlds is not None
         drawn = done.start.worlds
         rounds.append(0.0)
-    _reweigh(done, spill, told)
+    _reweigh(done, fates, told)
     made = Aftermath(
         case,
         spill,
@@ -147,15 +147,18 @@ def _adrift(case: Case, known: finds.Known, snapshots: Spool) -> dict[int, finds
     return found
 
 
-def _reweigh(done: Drifted, spill: Spill, told: finds.Posterior) -> None:
-    """Give the particles the weights that the finds leave: of their world, times the chance of not having been found."""
-    ensemble = done.start.ensemble
+def _reweigh(done: Drifted, fates: Fates, told: finds.Posterior) -> None:
+    """Give the particles the weights of what is left: of their world, of the objects of their class still to be found in
+    it, in proportion to the chance of not having been found."""
+    left = finds.remaining(told)
+    cell = fates.world.astype(np.int64) * left.shape[1] + fates.kind
+    unfound = 1 - told.found
+    shared = np.bincount(cell, unfound, left.size)
     with np.errstate(divide="ignore"):
-        log_weight = np.log(told.weight)[ensemble.world.to_numpy()] + np.log1p(-told.found)
-        for kind, (first, last) in zip(spill.kinds, ensemble.scenarios, strict=True):
-            log_weight[first:last] += np.log(kind.share) - np.log((last - first) / spill.worlds)
-    ensemble.log_weight.from_numpy(log_weight.astype(np.float32))
-    done.snapshots.reweigh(ensemble)
+        each = np.log(told.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300)).reshape(left.shape)
+        log_weight = each.ravel()[cell] + np.log(unfound)
+    done.start.ensemble.log_weight.from_numpy((log_weight - log_weight.max()).astype(np.float32))
+    done.snapshots.reweigh(done.start.ensemble)
 
 
 def _washup(case: Case, spill: Spill, segments: Segments, fates: Fates, told: finds.Posterior, seed: int) -> xr.Dataset:
@@ -241,7 +244,7 @@ def warning(after: Aftermath) -> str | None:
 def _odds(after: Aftermath) -> tuple[float, float]:
     """Return the probabilities, before any find, of as few finds and of as many."""
     told, numbers = after.posterior, after.posterior.known.numbers
-    found = sum(find.false < 0.5 for find in told.known.finds)
+    found = sum(find.false < 0.5 and not isinstance(find.place, finds.AtSea) for find in told.known.finds)
     if not told.known.finds and not told.known.patrols:
         return 1.0, 1.0
     world = worlds.normal(after.worlds.log_weight)

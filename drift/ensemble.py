@@ -16,7 +16,7 @@ from kernels import runtime, weigh
 Array = npt.NDArray[Any]
 Device = Any  # a one-dimensional array on the device
 
-INTEGERS = ("lon", "lat", "status", "release", "ended", "edge", "side", "world", "sinks")
+INTEGERS = ("lon", "lat", "status", "release", "ended", "edge", "side", "world", "sinks", "afloat")
 LEEWAY = ("down_slope", "down_offset", "right_slope", "right_offset", "left_slope", "left_offset")
 REALS = (
     "log_weight",
@@ -44,6 +44,7 @@ class Ensemble:
     side: Device  # int32, +1 drifts to the right of the wind, -1 to the left
     world: Device  # int32, number of the world whose unknowns it shares; 0 where there are none
     sinks: Device  # int32 [s] after the run's start: when it sinks if it is still adrift
+    afloat: Device  # int32 [s] after the run's start: when it last began to move, where what strands refloats
     log_weight: Device  # float32, -inf is legal
     down_slope: Device  # float32, leeway per wind speed [1] and offset [m/s] of the particle's own three lines
     down_offset: Device

@@ -378,6 +378,22 @@ def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
     return np.asarray(joint)
 
 
+def remaining(told: Posterior) -> Real:
+    """Return the mean number of objects of every world and class (W, classes) that are neither destroyed nor found."""
+    numbers, left = told.known.numbers, np.zeros_like(told.share)
+    destroyed = numbers.destroyed
+    for counts, chosen in zip(told.counts, told.chosen, strict=True):
+        joint = joint_of(numbers, counts, told.share)
+        peak = joint.max((1, 2), keepdims=True)
+        mass = np.exp(joint - np.where(np.isfinite(peak), peak, 0.0))
+        mass *= (chosen / np.maximum(mass.sum((1, 2)), 1e-300))[:, None, None]
+        for c, found in enumerate(counts):
+            share = np.minimum(told.share[:, c, None, None], 1 - 1e-15)
+            alive = (1 - destroyed) * (1 - share) / (1 - (1 - destroyed) * share)
+            left[:, c] += (mass * np.maximum(numbers.by_class[:, c, None] - found, 0) * alive).sum((1, 2))
+    return left
+
+
 def _odds(known: Known, here: Exposure, weighed: Posterior, number: int) -> tuple[float, float]:
     """Return the probability of a find's place, and that of all places at most as probable."""
     find, fates, numbers = known.finds[number], here.fates, known.numbers

@@ -1,7 +1,7 @@
 """Stays of particles on the shore, taken down while a run goes on: when each came, to which edge, when it was gone.
 
 Where what strands stays for good, the ensemble's own columns say it all at the end. Where it refloats they are compared
-after every step; a stay is reckoned to end with the begin of the step that took it off.
+after every step.
 """
 
 from dataclasses import dataclass, field
@@ -40,7 +40,7 @@ class Landings:
         ashore = self.ensemble.status.to_numpy() == Status.ASHORE
         ended, edge = self.ensemble.ended.to_numpy(), self.ensemble.edge.to_numpy()
         gone = np.flatnonzero(self._ashore & (~ashore | (ended != self._ended)))
-        leave = np.maximum(self._ended[gone] + 1, elapsed)
+        leave = np.maximum(self._ended[gone] + 1, self.ensemble.afloat.to_numpy()[gone])
         self._rows.append(np.stack([gone, self._edge[gone], self._ended[gone], leave]))
         self._ashore, self._ended, self._edge = ashore, ended, edge
 

@@ -184,6 +184,7 @@ def _advance(
     side: Ints,
     world: Ints,
     sinks: Ints,
+    afloat: Ints,
     current_error_east: Reals,
     current_error_north: Reals,
     wind_error_east: Reals,
@@ -237,6 +238,8 @@ def _advance(
             if sinks[i] < finish:
                 finish = ti.max(sinks[i], left)
                 moves = moves and (finish > left or status[i] == ADRIFT)  # waterlogged on the beach it stays there
+            if moves and finish == left:
+                status[i], ended[i], moves = SUNK, finish, False
         if moves:
             lasting = finish - left
             dt = ti.cast(lasting, ti.f32)
@@ -290,9 +293,11 @@ def _advance(
                 if status[i] == ASHORE:
                     x, y, nx, ny = shore.leave(x, y, c0, offing, edge[i], cell, start, edges, edge_id, frame, line_of)
                     r = velocity(features, nodes, where, scale, ranges, line, error, x, y, begin)
-                    if r[2] < 0.5 or r[0] * nx + r[1] * ny <= 0.0:
+                    if r[2] < 0.5 or direction * (r[0] * nx + r[1] * ny) <= 0.0:
                         held = 1  # the drift leads onto the beach: it waits for one that leads off it
             if held == 0:
+                if ti.static(features & REFLOAT):
+                    afloat[i] = left
                 r = integrate(
                     velocity,
                     features,
@@ -330,51 +335,31 @@ def _advance(
                 met, number, part = 0, -1, ti.cast(1.0, ti.f32)
                 if ti.static(features & COAST):
                     # Asked first: a stage may have found no forcing just because it lies inland, behind the shore.
-                    met, x_end, y_end, part, number = first_crossing(
-                        x, y, move_lon, move_lat, cell, start, edges, edge_id, frame
-                    )
-                    before, after, nx, ny, chance = 0.0, 0.0, 0.0, 0.0, 0.0
                     if ti.static(features & DIFFUSION):
                         variance = 2.0 * diffusivity * dt
                         span = ti.max(ti.abs(move_lon), ti.abs(move_lat))
                         # Beyond 2.9 standard deviations of the walk no bridge comes back with a chance of 2^-24.
                         span += ti.cast(2.9 * ti.sqrt(variance) / (c0 * ti.f32(shore.METRES)), ti.i32) + 1
                         if not is_clear(x, y, span, cell, frame):
-                            w = noise.words(seed0, seed1, noise.STREAM_COAST, i, step)
-                            chance = -0.5 * variance * ti.log(noise.uniform(w[0]))
+                            met, x_end, y_end, part, number = shore.walk(
+                                ti.static(bool(features & SLIDE)), x, y, move_lon, move_lat, c0, variance,
+                                seed0, seed1, i, step, cell, start, edges, edge_id, frame, line_of,
+                            )  # fmt: skip
+                    else:
+                        met, x_end, y_end, part, number = first_crossing(
+                            x, y, move_lon, move_lat, cell, start, edges, edge_id, frame
+                        )
+                        if ti.static(features & SLIDE):
                             if met == 1:
                                 f = shore.facing(x, y, c0, number, line_of)
-                                before, nx, ny = f[0], f[1], f[2]
-                            else:
-                                met, before, after, nx, ny = shore.touch(
-                                    x, y, move_lon, move_lat, chance, c0, cell, start, edges, frame
-                                )
-                                if ti.static(not features & SLIDE):
-                                    if met == 1:  # the bridge's mirror image goes ashore where it touched
-                                        k = ti.f32(shore.METRES)
-                                        mirrored_lon = move_lon - ti.cast(ti.round(2.0 * after * nx / (c0 * k)), ti.i32)
-                                        mirrored_lat = move_lat - ti.cast(ti.round(2.0 * after * ny / k), ti.i32)
-                                        hit, x_hit, y_hit, part_hit, number_hit = first_crossing(
-                                            x, y, mirrored_lon, mirrored_lat, cell, start, edges, edge_id, frame
-                                        )
-                                        met = hit  # past the end of a spit it may find water
-                                        if hit == 1:
-                                            x_end, y_end, part, number = x_hit, y_hit, part_hit, number_hit
-                            if met == 1:
-                                n = noise.normals(w[1], w[2])
-                                part = shore.landing(part, before, variance, n[0], noise.uniform(w[3]))
-                    elif ti.static(features & SLIDE):
-                        if met == 1:
-                            f = shore.facing(x, y, c0, number, line_of)
-                            before, nx, ny = f[0], f[1], f[2]
+                                x_end, y_end = shore.slide(
+                                    x, y, move_lon, move_lat, c0, f[0], f[1], f[2], 0.0,
+                                    cell, start, edges, edge_id, frame, line_of,
+                                )  # fmt: skip
+                                met = 0
                     if ti.static(features & SLIDE):
-                        if met == 1:
-                            x_end, y_end = shore.slide(
-                                x, y, move_lon, move_lat, c0, before, nx, ny, chance,
-                                cell, start, edges, edge_id, frame, line_of,
-                            )  # fmt: skip
-                            met = 0
-                            known = True  # a stage that found no forcing lay inland
+                        if x_end != x + move_lon or y_end != y + move_lat:
+                            known = True  # it slid: a stage that found no forcing lay inland
                 if met == 1:
                     lon[i], lat[i] = x_end, y_end
                     status[i] = ASHORE
@@ -495,7 +480,7 @@ def advance(
         *slots,
         *(e.lon, e.lat, e.status, e.release, e.ended, e.edge, e.log_weight),
         *(e.down_slope, e.down_offset, e.right_slope, e.right_offset, e.left_slope, e.left_offset),
-        *(e.side, e.world, e.sinks),
+        *(e.side, e.world, e.sinks, e.afloat),
         *(e.current_error_east, e.current_error_north, e.wind_error_east, e.wind_error_north),
         *bias,
         *(tiles.nodes, tiles.where, tiles.scale, i32x6(ranges)),

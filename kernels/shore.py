@@ -6,11 +6,13 @@ tangent at the particle, with the shore near it taken as a straight line.
 
 import taichi as ti
 
-from kernels import sphere
+from kernels import noise, sphere
 from kernels.coast import first_crossing
 
 METRES = sphere.RADIUS * sphere.UNIT  # [m] of a binary angle unit along a meridian
 OFF = 0.5  # [m] that a sliding particle keeps off the shore, so that rounding does not put it ashore
+PIECE = 150.0  # [m] standard deviation of a walk's pieces near the shore: islets and channels of that size are met
+MOST_PIECES = 64
 CORNERS = 6  # edges that a step slides along at most
 
 f32x3 = ti.types.vector(3, ti.f32)
@@ -186,3 +188,91 @@ def leave(
             lon, lat, (x - lon) // 2, (y - lat) // 2, cell, start, edge, edge_id, frame
         )
     return x, y, f[1], f[2]
+
+
+@ti.func
+def walk(
+    slides: ti.template(),
+    lon,
+    lat,
+    dlon,
+    dlat,
+    c,
+    variance,
+    seed0,
+    seed1,
+    slot,
+    step,
+    cell: ti.template(),
+    start: ti.template(),
+    edge: ti.template(),
+    edge_id: ti.template(),
+    frame,
+    line: ti.template(),
+):
+    """(met, lon, lat, part, edge number): how a step near the shore ends that is a random walk of variance [m2] = 2 D t.
+
+    The way is a Brownian bridge over (dlon, dlat), walked in pieces of at most PIECE, so that a shore smaller than the
+    step's spread is met as often as at small steps; each piece is tested for a crossing and for a touch. part: share of
+    the step [1] after which the shore is met.
+    """
+    k = ti.f32(METRES)
+    pieces = ti.min(ti.max(ti.cast(ti.ceil(variance / (PIECE * PIECE)), ti.i32), 1), MOST_PIECES)
+    v = variance / ti.cast(pieces, ti.f32)
+    x, y, rest_lon, rest_lat = lon, lat, dlon, dlat
+    met, part, number = 0, ti.cast(1.0, ti.f32), -1
+    for j in range(pieces):
+        if met == 0:
+            w = noise.philox(
+                ti.cast(slot, ti.u32),
+                ti.cast(step, ti.u32),
+                ti.u32(noise.STREAM_COAST),
+                ti.cast(2 * j, ti.u32),
+                seed0,
+                seed1,
+            )
+            left = ti.cast(pieces - j, ti.f32)
+            move_lon, move_lat = rest_lon, rest_lat
+            if j < pieces - 1:
+                n = noise.normals(w[0], w[1]) * ti.sqrt(v * (left - 1.0) / left)
+                move_lon = ti.cast(ti.round(ti.cast(rest_lon, ti.f32) / left + n[0] / (c * k)), ti.i32)
+                move_lat = ti.cast(ti.round(ti.cast(rest_lat, ti.f32) / left + n[1] / k), ti.i32)
+            rest_lon, rest_lat = rest_lon - move_lon, rest_lat - move_lat
+            chance = -0.5 * v * ti.log(noise.uniform(w[2]))
+            met, x_end, y_end, share, struck = first_crossing(
+                x, y, move_lon, move_lat, cell, start, edge, edge_id, frame
+            )
+            before, after, nx, ny = 0.0, 0.0, 0.0, 0.0
+            if met == 1:
+                f = facing(x, y, c, struck, line)
+                before, nx, ny = f[0], f[1], f[2]
+            else:
+                met, before, after, nx, ny = touch(x, y, move_lon, move_lat, chance, c, cell, start, edge, frame)
+                if ti.static(not slides):
+                    if met == 1:  # the bridge's mirror image goes ashore where it touched
+                        mirrored_lon = move_lon - ti.cast(ti.round(2.0 * after * nx / (c * k)), ti.i32)
+                        mirrored_lat = move_lat - ti.cast(ti.round(2.0 * after * ny / k), ti.i32)
+                        hit, x_hit, y_hit, share_hit, number_hit = first_crossing(
+                            x, y, mirrored_lon, mirrored_lat, cell, start, edge, edge_id, frame
+                        )
+                        met = hit  # past the end of a spit it may find water
+                        if hit == 1:
+                            x_end, y_end, share, struck = x_hit, y_hit, share_hit, number_hit
+            if met == 1:
+                if ti.static(slides):
+                    x_end, y_end = slide(
+                        x, y, move_lon, move_lat, c, before, nx, ny, chance,
+                        cell, start, edge, edge_id, frame, line,
+                    )  # fmt: skip
+                    met = 0
+                else:
+                    w = noise.philox(
+                        ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST), ti.cast(2 * j + 1, ti.u32),
+                        seed0, seed1,
+                    )  # fmt: skip
+                    n = noise.normals(w[0], w[1])
+                    share = landing(share, before, v, n[0], noise.uniform(w[2]))
+                    part = (ti.cast(j, ti.f32) + share) / ti.cast(pieces, ti.f32)
+                    number = struck
+            x, y = x_end, y_end
+    return met, x, y, part, number
