@@ -212,7 +212,7 @@ def draw(shown: dict[str, list[float]], path: Path, number: int) -> None:
             low, high = stats.binom.ppf([0.005, 0.995], values.size, 1 / bins)
             ax.axhspan(low, high, color="#999999", alpha=0.35, zorder=0)
         ax.axhline(level, color="#333333", linewidth=0.8)
-        ax.set_title(f"{words.get(name, name)} ({values.size:,})", fontsize=9)
+        ax.set_title(f"{words.get(name, name)} ({values.size:,})".replace("1 finds", "1 find"), fontsize=9)
         ax.set_yticks([])
     figure.supxlabel("rank of the truth in the forecast", fontsize=9)
     figure.suptitle(
