@@ -151,12 +151,14 @@ def _reweigh(done: Drifted, fates: Fates, told: finds.Posterior) -> None:
     """Give the particles the weights of what is left: of their world, of the objects of their class still to be found in
     it, in proportion to the chance of not having been found."""
     left = finds.remaining(told)
+    if not (left * told.weight[:, None]).any():  # all are found: the map shows where they might have been
+        left = np.ones_like(left)
     cell = fates.world.astype(np.int64) * left.shape[1] + fates.kind
     unfound = 1 - told.found
     shared = np.bincount(cell, unfound, left.size)
     with np.errstate(divide="ignore"):
         each = np.log(told.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300)).reshape(left.shape)
-        log_weight = each.ravel()[cell] + np.log(unfound)
+        log_weight = each.ravel()[cell] + np.log(np.maximum(unfound, 1e-300))
     done.start.ensemble.log_weight.from_numpy((log_weight - log_weight.max()).astype(np.float32))
     done.snapshots.reweigh(done.start.ensemble)
 
