@@ -14,7 +14,7 @@ import numpy.typing as npt
 import xarray as xr
 from scipy import stats
 
-from drift import evidence, finds, unknowns, washup, washup_tables, worlds
+from drift import evidence, finds, tables, unknowns, washup, washup_tables, worlds
 from drift.case import Case
 from drift.environment import Environment
 from drift.fates import FOREVER, Fates, Realisation
@@ -173,7 +173,11 @@ def _washup(case: Case, spill: Spill, segments: Segments, fates: Fates, told: fi
 
 def files(after: Aftermath) -> tuple[Product, ...]:
     """Return the files that a spill adds to a forecast's."""
-    data, told = after.washup, unknowns.table(after.worlds, after.prior, after.posterior, after.case.start)
+    spill = after.spill
+    data, told = (
+        after.washup,
+        unknowns.table(after.worlds, after.prior, after.posterior, after.case.start, [k.name for k in spill.kinds]),
+    )
     return (
         Product("washup.nc", lambda stamped: data),
         Product("washup.csv", lambda stamped: washup_tables.stretches(data, stamped["run_id"])),
@@ -208,21 +212,57 @@ def numbers(after: Aftermath) -> dict[str, Any]:
                 for k, fate in enumerate(data["fate"].values)
             },
             "worst_stretches": [dict(zip(columns, row, strict=True)) for row in worst],
+            "patrols": patrols(spill, after.segments),
             "finds": [_find(after, surprise) for surprise in after.surprises],
-            "unknowns": unknowns.table(after.worlds, after.prior, after.posterior, after.case.start),
+            "unknowns": unknowns.table(
+                after.worlds, after.prior, after.posterior, after.case.start, [k.name for k in spill.kinds]
+            ),
         }
     }
 
 
+def position(after: Aftermath, find: finds.Find) -> tuple[float, float]:
+    """Return where a find lies (lon, lat) [deg]: as given, or the middle of its stretch."""
+    if isinstance(find.place, finds.AtSea):
+        return find.place.lon, find.place.lat
+    given = next(one for one in after.spill.finds if one.name == find.name)
+    if given.stretch is None:
+        return given.lon, given.lat
+    return float(after.segments.lon[find.place]), float(after.segments.lat[find.place])
+
+
 def _find(after: Aftermath, surprise: finds.Surprise) -> dict[str, Any]:
-    place = surprise.find.place
+    find = surprise.find
+    given = next(one for one in after.spill.finds if one.name == find.name)
     return {
-        "name": surprise.find.name,
-        "stretch": "at sea" if isinstance(place, finds.AtSea) else after.segments.name[place],
+        "name": find.name,
+        "time": given.time,
+        "not_later_than": find.latest,
+        "position": tables.position(*position(after, find)),
+        "stretch": "at sea" if isinstance(find.place, finds.AtSea) else after.segments.name[find.place],
+        "class": given.kind,
+        "by": given.by or "public",
         "probability_beforehand": surprise.probability,
         "tail": surprise.tail,
         "odd": surprise.tail < ODD,
     }
+
+
+def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
+    """Return what each patrol is taken to have searched."""
+    made = []
+    for patrol in spill.patrols:
+        walked = list(evidence.walked(patrol, segments))
+        made.append(
+            {
+                "name": patrol.name,
+                "time": patrol.time,
+                "detection": patrol.detection,
+                "stretches": [segments.name[k] for k in walked],
+                "length_km": float(segments.length[walked].sum() / 1000),
+            }
+        )
+    return made
 
 
 def warning(after: Aftermath) -> str | None:
@@ -232,7 +272,7 @@ def warning(after: Aftermath) -> str | None:
     if min(few, many) < ODD:
         how = f"so few had a probability of {few:.1g}" if few < many else f"so many had a probability of {many:.1g}"
         told.append(
-            f"{len(after.posterior.known.finds)} finds don't fit the spill: {how} beforehand; check the patrols' detection, "
+            f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; check the patrols' detection, "
             "[spill.reporting] rate and [spill] destroyed before believing the figures"
         )
     if after.posterior.effective < FEWEST:

@@ -71,3 +71,13 @@ def quantiles(
         width = at(np.clip(high, 0, 1)).astype(float) - at(np.clip(low, 0, 1))
         errors.append(np.where(known, width / 2, np.nan))
     return np.array(found), np.array(errors)
+
+
+def least_error(share: Array, many: float) -> Array:
+    """Return the least standard error that a share seen in `many` effective worlds can have, any shape.
+
+    A share of 0 or 1 is not certain: one more world of each kind is added (Agresti and Coull 1998,
+    doi:10.1080/00031305.1998.10480550, here with one of each instead of two).
+    """
+    known = (np.asarray(share) * many + 1) / (many + 2)
+    return np.asarray(np.sqrt(known * (1 - known) / (many + 2)))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +28,10 @@ ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a str
 def cut(spill: Spill, coast: Coast) -> Segments:
     """Return the stretches of coast that a spill is told by: the user's, or equal ones."""
     if spill.stretches is not None:
-        return stretches.named(coast, spill.stretches, spill.stretch)
-    return stretches.cut(coast, spill.stretch)
+        found = stretches.named(coast, spill.stretches, spill.stretch)
+    else:
+        found = stretches.cut(coast, spill.stretch)
+    return replace(found, access=tuple(kind or spill.reporting.coast for kind in found.access))
 
 
 def build(case: Case, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
@@ -97,7 +100,7 @@ def _numbers(spill: Spill) -> finds.Numbers:
 
 def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
     """Return how soon an object lying on each stretch is reported [1/s], by its kind of shore."""
-    kinds = [reporting.coast if kind == "wild" else kind for kind in segments.access]
+    kinds = [kind or reporting.coast for kind in segments.access]
     for kind, name in zip(kinds, segments.name, strict=True):
         if kind not in reporting.rate:
             known = ", ".join(reporting.rate)
@@ -144,6 +147,9 @@ def named(name: str, place: str, segments: Segments) -> int:
 
     if name in segments.name:
         return segments.name.index(name)
+    number = name.removeprefix("stretch ")
+    if number.isdecimal() and int(number) < len(segments.name):
+        return int(number)  # as the picture and the tables number them
     near = difflib.get_close_matches(name, segments.name, n=1, cutoff=0.5)
     hint = f'; nearest is "{near[0]}"' if near else ""
     raise UserError(f'{place}: no stretch "{name}"{hint}; a run without it lists those touched in washup.csv')

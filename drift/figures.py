@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drift import summary, tables, units
+from drift import aftermath, summary, tables, units
 from drift.aftermath import Aftermath
 from drift.case import Case
 from drift.environment import Environment
@@ -25,6 +25,7 @@ def figures(
 ) -> dict[str, Figure]:
     """Return, by file name, what draws each picture to a path."""
     from drift import (  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
+        layers,
         maps,
         washup_map,
     )
@@ -60,6 +61,8 @@ def figures(
     }
     if after is not None:
         rest = {name: value for name, value in common.items() if name != "particles"}
+        found = [layers.Mark(*aftermath.position(after, find), find.name) for find in after.posterior.known.finds]
+        rest |= {"finds": found, "warning": aftermath.warning(after)}
         drawn["washup.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     return drawn
 

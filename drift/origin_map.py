@@ -285,7 +285,7 @@ def _figures(figure: Figure, found: Origin) -> None:
         ("Released", f"10 %: before {units.group(low)}"),
         ("", f"50 %: before {units.group(half)}"),
         ("", f"90 %: before {units.group(high)}"),
-        ("Standard error", f"{_length(float(np.hypot(east, north)))}, {late / 3600:.2g} h"),
+        ("Error of the mean", f"{_length(float(np.hypot(east, north)))}, {late / 3600:.2g} h"),
     ]
     for k, (name, value) in enumerate(rows):
         figure.text(LEFT, 0.395 - 0.0225 * k, name, fontsize=9, color=GREY)

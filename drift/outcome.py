@@ -21,7 +21,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
         if share > 0:
             facts[status] = _percent(share)
     facts |= _lost(numbers)
-    facts["coast"] = numbers["run"]["coast_behaviour"]
+    facts |= _coast(numbers)
     stories = numbers["scenario_weights"]
     for name, story in stories.items():
         told = [f"{_percent(story['posterior'])} (before: {_percent(story['prior'])})"] if len(stories) > 1 else []
@@ -47,13 +47,17 @@ def spill(numbers: dict[str, Any]) -> Facts:
     for find in told["finds"]:
         odd = "; ODD, check it" if find["odd"] else ""
         facts[find["name"]] = (
-            f"{find['stretch']}: {_percent(find['probability_beforehand'])} beforehand, {_percent(find['tail'])} for one as "
-            f"unlikely or more{odd}"
+            f"{find['stretch']}: the next find was to be here with {_percent(find['probability_beforehand'])}, somewhere at most "
+            f"as likely with {_percent(find['tail'])}{odd}"
+        )
+    for patrol in told["patrols"]:
+        facts[f'patrol "{patrol["name"]}"'] = (
+            f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds {patrol['detection']:.0%}"
         )
     counted = f"{told['effective_worlds']:,.0f} of {told['worlds']:,} count"
     rounds = len(told["effective_worlds_by_round"])
     facts["worlds"] = counted + (f", drawn anew {rounds - 1} times about what the finds leave" if rounds > 1 else "")
-    facts["coast"] = numbers["run"]["coast_behaviour"]
+    facts |= _coast(numbers)
     if told["warning"]:
         facts["warning"] = told["warning"]
     for number, note in enumerate(told["notes"], 1):
@@ -72,6 +76,14 @@ def origin(told: dict[str, Any]) -> Facts:
         "release as its prior, weighted by all finds"
     )
     return facts
+
+
+def _coast(numbers: dict[str, Any]) -> Facts:
+    """Return what the coast does, and what was done to the shoreline."""
+    return {
+        "coast": numbers["run"]["coast_behaviour"],
+        **{f"coast, note {k}": note for k, note in enumerate(numbers["coast"]["notes"], 1)},
+    }
 
 
 def _lost(numbers: dict[str, Any]) -> Facts:

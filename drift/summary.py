@@ -28,7 +28,7 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
     }
 
 
-def _behaviour(case: Case) -> str:
+def behaviour(case: Case) -> str:
     """Return what the coast does, in words."""
     coast = case.coast
     if coast.source == "none":
@@ -61,7 +61,7 @@ def numbers(
             "step_s": start.clock.step,
             "step_errors_m_per_day": {str(k): v for k, v in start.trial.errors.items()} if start.trial else None,
             "scheme": case.scheme,
-            "coast_behaviour": _behaviour(case),
+            "coast_behaviour": behaviour(case),
             "backend": runtime.backend(),
         },
         "effective_sample_size": account.ess,

@@ -1,5 +1,6 @@
 """What nobody knew of a spill, before and after its finds: release, biases, sinking, numbers, side by side."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,15 @@ Real = npt.NDArray[np.float64]
 SHARES = (0.1, 0.5, 0.9)
 
 
-def table(worlds: Worlds, prior: Worlds, posterior: finds.Posterior, start: np.datetime64) -> dict[str, Any]:
+def table(
+    worlds: Worlds, prior: Worlds, posterior: finds.Posterior, start: np.datetime64, kinds: Sequence[str]
+) -> dict[str, Any]:
     """Return by unknown: its unit, and its mean and 10/50/90 % before and after the finds.
 
     worlds: those weighted by the finds; prior: those first drawn.
     """
     rows: dict[str, Any] = {}
-    before, after = _columns(prior, start), _columns(worlds, start)
+    before, after = _columns(prior, start, kinds), _columns(worlds, start, kinds)
     even = np.full(prior.size, 1 / prior.size)
     for name, (unit, values) in before.items():
         if np.isfinite(values).all() and np.ptp(values) > 0:
@@ -38,7 +41,7 @@ def table(worlds: Worlds, prior: Worlds, posterior: finds.Posterior, start: np.d
     return rows
 
 
-def _columns(worlds: Worlds, start: np.datetime64) -> dict[str, tuple[str, Any]]:
+def _columns(worlds: Worlds, start: np.datetime64, kinds: Sequence[str]) -> dict[str, tuple[str, Any]]:
     begin = int(start.astype("datetime64[s]").astype(np.int64))
     turn = 360 / 2**32
     west = int(worlds.lon[0])
@@ -52,8 +55,8 @@ def _columns(worlds: Worlds, start: np.datetime64) -> dict[str, tuple[str, Any]]
         "error of the current, north": ("m/s", worlds.current_north),
         "factor on reporting rates": ("1", worlds.reporting),
     }
-    for k in range(worlds.sinking.shape[1]):
-        found[f"time to sink, class {k + 1}"] = ("d", worlds.sinking[:, k] / 86_400)
+    for k, kind in enumerate(kinds):
+        found[f"time to sink, {kind}"] = ("d", worlds.sinking[:, k] / 86_400)
     return found
 
 

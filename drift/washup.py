@@ -216,6 +216,8 @@ def _stretches(
     }
     for name, values in sums.items():
         middle, error = estimate.mean(values * share, w, start, squares)
+        if name == "probability":
+            error = np.maximum(error, estimate.least_error(middle, 1 / squares))
         found |= {name: middle.T, f"{name}_se": error.T}
     if by_kind is not None:
         each = [estimate.mean(values * share, w, start, squares) for values in by_kind]
@@ -253,6 +255,7 @@ def _when(
     row = np.concatenate([one[0] for one in firsts])
     any_comes = np.bincount(row, minlength=len(weight))[:, None] / len(firsts)
     ever, ever_se = estimate.mean(any_comes, weight * len(firsts), start, squares)
+    ever_se = np.maximum(ever_se, estimate.least_error(ever, 1 / squares))
     mass = weight * any_comes[:, 0]
     # Of weights relative to the largest of each stretch: their squares may be too small for a float.
     size = np.diff(np.append(start, mass.size))

@@ -4,6 +4,7 @@ Colour runs with lightness alone and width runs with the number, so that the pic
 sooner. Land comes from the polygons handed in; nothing is downloaded.
 """
 
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,11 +73,14 @@ def draw(
     attributes: Mapping[str, str] | None = None,
     synthetic: bool = False,
     known_as: str = "Release",
+    finds: Sequence[Mark] = (),
+    warning: str | None = None,
 ) -> None:
     """Draw a washup (see drift.washup.build) at its last output time.
 
     polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. footer,
-    attributes, synthetic: as in drift.maps.draw_map.
+    attributes, synthetic: as in drift.maps.draw_map. finds: where objects were found; numbers are of those not yet found.
+    warning: printed on the page, in red.
     """
     figure, canvas = page.figure(WIDTH, HEIGHT)
     shown = _shown(data, segments)
@@ -99,9 +103,13 @@ def draw(
         chart.draw_land(ax, land)
         chart.graticule(ax, here, labels=(True, left < 0.1))
         _coast(ax, here, shown, values, widths, scale, colours)
+        fx, fy = here.project(np.array([m.lon for m in finds]), np.array([m.lat for m in finds]))
+        ax.plot(fx, fy, "^", markersize=7, markerfacecolor="white", markeredgecolor=layers.LAST_KNOWN, zorder=9)
         _points(ax, canvas, here, data, shown, marks)
     if len(shown.index):
-        bar = _bar(figure, norm, _dark_is_more(), 0.03, "min", "Expected number ashore")
+        bar = _bar(
+            figure, norm, _dark_is_more(), 0.03, "min", "Expected number ashore" + (", not yet found" if finds else "")
+        )
         ticks = _round_numbers(*numbers)
         bar.set_xticks(ticks, labels=[labels.plain(tick) for tick in ticks])
         bar.minorticks_off()
@@ -125,6 +133,12 @@ def draw(
     _words(figure, data, title, synthetic)
     if footer:
         figure.text(0.03, 0.012, page.fit(footer, 190), fontsize=7.5, color=GREY)
+    if finds:
+        figure.text(0.62, 0.9205, f"▲ after {len(finds)} find{'s' * (len(finds) > 1)}: numbers are of those not yet found",
+                    fontsize=8.5, color=layers.LAST_KNOWN)  # fmt: skip
+    if warning:
+        told = textwrap.fill(page.fit(warning, 330), 190)
+        figure.text(0.03, 0.872, told, fontsize=7.5, weight="bold", color=layers.LAST_KNOWN, va="top")
     page.save(canvas, path, title, attributes, dpi=140)
 
 
@@ -338,7 +352,7 @@ def _basis(data: xr.Dataset) -> str:
     return (
         f"{worlds:,} worlds, effective {many:,.0f}{', TOO FEW: figures are rough' if many < ROUGH else ''}, of {each} simulated spill{'s' if each > 1 else ''} each   ·   "
         f"{data['total'].values[:, -1].sum():,.1f}".removesuffix(".0")
-        + " objects expected in all"
+        + " objects lost"
     )
 
 

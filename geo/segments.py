@@ -26,7 +26,7 @@ from geo.errors import UserError
 NEAR = 2_000.0  # [m] how far from a named line its shoreline may lie
 METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
 DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
-WILD = "wild"
+UNKNOWN = ""  # kind of a shore that nobody has told
 
 Array = npt.NDArray[Any]
 Ints = npt.NDArray[np.int32]
@@ -43,7 +43,7 @@ class Segments:
     lat: Floats
     of_edge: Ints  # (edges,) the segment of every shoreline edge, by the edge's number
     lines: Array  # shapely LineString or MultiLineString [deg], unwrapped round the coast's grid
-    access: tuple[str, ...]  # kind of shore: "wild" unless the user's file says another word
+    access: tuple[str, ...]  # kind of shore by the user's file; "" where it says none
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
         lat=lat,
         of_edge=of_edge,
         lines=_lines(coast, edge[order], number),
-        access=(*(f.access for f in features), *[WILD] * len(plain)),
+        access=(*(f.access for f in features), *[UNKNOWN] * len(plain)),
     )
 
 
@@ -351,8 +351,9 @@ def _feature(row: Any) -> _Feature:
         raise ValueError('has no name; write one into its properties: "properties": {"name": "Grand Isle"}')
     name = " ".join(name.split())
     access = words.get("access")
-    access = WILD if access is None else access
-    if not isinstance(access, str) or not access.strip():
+    if access is None:
+        access = UNKNOWN
+    elif not isinstance(access, str) or not access.strip():
         raise ValueError(f'"{name}": access is {access!r}; must be a word such as "town", "road" or "wild"')
     geometry = row.get("geometry")
     kind = geometry.get("type") if isinstance(geometry, dict) else None

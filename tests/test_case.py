@@ -421,3 +421,14 @@ def test_records_are_frozen(tmp_path: Path) -> None:
     found: Any = load(tmp_path)
     with pytest.raises(AttributeError):
         found.seed = 2
+
+
+def test_the_example_of_the_documentation_is_a_case(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[1] / "docs" / "spill.md").read_text(encoding="utf-8")
+    example = text.split("```toml\n")[1].split("```")[0]
+    head = 'start = "1973-11-01T12:00Z"\nduration = "10 d"\n[[current]]\nanalytic = "gulf"\n[[wind]]\nanalytic = "breeze"\n'
+    (tmp_path / "case.toml").write_text(head + example)
+    spill = case.load(tmp_path / "case.toml").spill
+    assert spill is not None
+    assert [kind.name for kind in spill.kinds] == ["drum", "box"]
+    assert spill.finds[0].by == "patrol 1"

@@ -15,11 +15,11 @@ NAMES = [name for name, _ in case.shipped()]
 def test_case_finds_what_it_expects(name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if name != "overdue_boat":
         monkeypatch.setenv("DRIFT_DATA", str(request.getfixturevalue("data")))
-    # A fifth of the particles: means move by spread / sqrt(20,000), less than 1 % of any spread here. Of a spill, 400 worlds
-    # of 100: shares move by their spread between worlds / sqrt(400), a quarter of the ranges.
+    # A fifth of the particles: means move by spread / sqrt(20,000), less than 1 % of any spread here. Of a spill, 250 worlds
+    # of 80: shares move by their spread between worlds / sqrt(250), a third of the ranges.
     fewer = {"particles": "20_000"}
     if case.load(name).spill:
-        fewer = {"spill.worlds": "400", "spill.per_world": "100"}
+        fewer = {"spill.worlds": "250", "spill.per_world": "80"}
     made = flow.run(case.load(name, fewer))
     end = tables.plain(tables.numbers(made.forecast))["outputs"][-1]
     assert expect.misses(made.case.expect, end) == []

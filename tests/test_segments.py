@@ -87,7 +87,7 @@ def test_an_island_by_hand(island):
     longest = edge_lengths(island).max()
     assert np.abs(cut.length - around / 14).max() <= longest  # both ends lie within half an edge of where they should
     assert all(line.geom_type == "LineString" for line in cut.lines)  # each runs on without a gap
-    assert set(cut.access) == {"wild"}
+    assert set(cut.access) == {""}
     merged = shapely.line_merge(shapely.union_all(cut.lines))
     assert merged.is_ring
     assert shapely.hausdorff_distance(merged, ISLAND.exterior) < 1e-7
@@ -245,7 +245,7 @@ def test_named_stretches(island, tmp_path):
     cut = segments.named(island, path)
     check(island, cut)
     assert cut.name[:2] == ("West End", "East Beach")
-    assert cut.access[:3] == ("town", "wild", "wild")
+    assert cut.access[:3] == ("town", "", "")
     longest = edge_lengths(island).max()
     assert cut.length[0] == pytest.approx(0.15 * DEGREE, abs=longest)  # each end within half an edge
     assert cut.length[1] == pytest.approx(0.10 * DEGREE, abs=longest)
