@@ -4,7 +4,6 @@ Colour runs with lightness alone and width runs with the number, so that the pic
 sooner. Land comes from the polygons handed in; nothing is downloaded.
 """
 
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,7 +107,7 @@ def draw(
         _points(ax, canvas, here, data, shown, marks)
     if len(shown.index):
         bar = _bar(
-            figure, norm, _dark_is_more(), 0.03, "min", "Expected number ashore" + (", not yet found" if finds else "")
+            figure, norm, _dark_is_more(), 0.03, "min", "Expected, not yet found" if finds else "Expected number ashore"
         )
         ticks = _round_numbers(*numbers)
         bar.set_xticks(ticks, labels=[labels.plain(tick) for tick in ticks])
@@ -134,11 +133,11 @@ def draw(
     if footer:
         figure.text(0.03, 0.012, page.fit(footer, 190), fontsize=7.5, color=GREY)
     if finds:
-        figure.text(0.62, 0.9205, f"▲ after {len(finds)} find{'s' * (len(finds) > 1)}: numbers are of those not yet found",
-                    fontsize=8.5, color=layers.LAST_KNOWN)  # fmt: skip
+        told = f"▲ after {len(finds)} find{'s' * (len(finds) > 1)}: numbers are of those not yet found"
+        figure.text(0.967, 0.945, told, fontsize=9, color=layers.LAST_KNOWN, ha="right", va="center")
     if warning:
-        told = textwrap.fill(page.fit(warning, 330), 190)
-        figure.text(0.03, 0.872, told, fontsize=7.5, weight="bold", color=layers.LAST_KNOWN, va="top")
+        told = page.fit(warning, 210)
+        figure.text(0.03, 0.879, told, fontsize=7.5, weight="bold", color=layers.LAST_KNOWN, va="center")
     page.save(canvas, path, title, attributes, dpi=140)
 
 
