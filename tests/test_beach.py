@@ -237,9 +237,9 @@ def test_a_world_shares_its_bias() -> None:
         assert way == pytest.approx(np.repeat(mean[:, None] * 36_000, 4, 1), abs=3)
 
 
-@pytest.mark.parametrize("step", [300, 3600])
+@pytest.mark.parametrize("step", [3600])
 def test_an_islet_smaller_than_the_steps_spread_is_met_as_often_as_at_small_steps(step: int) -> None:
-    """100 m of radius, in a walk that spreads 245 and 850 m a step; beside it steps of 15 s (55 m)."""
+    """100 m of radius, in a walk that spreads 850 m a step; beside it steps of 15 s (55 m)."""
     turn = np.linspace(0, 2 * np.pi, 25)[:-1]
     islet = land(shapely.Polygon(100 * METRE * np.column_stack([np.cos(turn), np.sin(turn)])))
     shares = []
