@@ -1,4 +1,4 @@
-"""The command line `drift`: run or check a case, list cases and objects, say how a forcing file was understood.
+"""The command line `drift`: run, plan or check a case, list cases and objects, say how a forcing file was understood.
 
 Exit status: 0, 2 for the user's error (one line), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing heavy is imported before
 the command that needs it, so that help and lists come at once.
@@ -21,6 +21,7 @@ from geo.errors import UserError
 BACKENDS = ("cpu", "cuda", "vulkan", "metal")
 EXAMPLES = """examples:
   drift run overdue_boat
+  drift plan overdue_boat
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
   drift objects raft deep ballast
   drift info currents/*.nc --plot currents.png"""
@@ -48,6 +49,10 @@ def parser() -> Parser:
     run = commands.add_parser("run", help="forecast a case and write maps and tables")
     _add_case(run)
     _add_results(run, "NAME-forecast")
+
+    plan = commands.add_parser("plan", help="plan the next search of a case with the units that it has")
+    _add_case(plan)
+    _add_results(plan, "NAME-plan")
 
     origin = commands.add_parser("origin", help="run a spill backward from its finds to where it may have come from")
     _add_case(origin)
@@ -134,6 +139,7 @@ def _dispatch(argv: Sequence[str] | None) -> int:
         return 0
     commands: dict[str, Callable[[argparse.Namespace], None]] = {
         "run": _run,
+        "plan": _plan,
         "origin": _origin,
         "check": _check,
         "cases": _cases,
@@ -168,6 +174,15 @@ def _run(given: argparse.Namespace) -> None:
     terminal.facts(case.title, outcome.spill(last) if case.spill else outcome.forecast(last))
     basis = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
     terminal.say(f"{basis}\nResults in {out}")
+
+
+def _plan(given: argparse.Namespace) -> None:
+    with _started(given, "plan") as (case, out, options):
+        from drift import outcome, planning
+
+        made, _ = planning.plan(case, out, **options)
+    terminal.facts(case.title, outcome.plan(made))
+    terminal.say(f"Search action plan in {out / 'plan.txt'}, all results in {out}")
 
 
 def _origin(given: argparse.Namespace) -> None:

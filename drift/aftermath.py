@@ -26,6 +26,7 @@ from drift.spill import Spill
 from drift.spool import Spool
 from drift.start import Start, renew
 from drift.status import Status
+from drift.updates import Updates
 from drift.worlds import Worlds
 from geo.segments import Segments
 
@@ -46,6 +47,7 @@ class Drifted:
     start: Start
     snapshots: Spool
     landings: Landings
+    updates: Updates | None = None  # what sorties and contacts did
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from drift import messages, sources, subject, units
+from drift import contact_input, messages, plan_input, sortie_input, sources, subject, units
 from drift.expect import Expect
+from drift.fit import Run
 from drift.scenario import Scenario
 from drift.schema import CaseTable, OutputTable
+from drift.sortie import Contact, PlanSpec, Resampling, Sortie, Unit
 from drift.sources import ForcingSpec, Quantity, SourceTable
 from drift.spill import Spill
 from geo.box import Box
@@ -80,6 +82,11 @@ class Case:
     diffusivity: float  # [m2/s]
     scenarios: tuple[Scenario, ...]  # of a spill: one a class of objects, all with its prior
     spill: Spill | None
+    sorties: tuple[Sortie, ...]  # by start
+    contacts: tuple[Contact, ...]  # by time
+    units: tuple[Unit, ...]
+    plan: PlanSpec
+    resampling: Resampling
     expect: Expect
 
 
@@ -177,6 +184,15 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
     off = ForcingError(0.0, 21_600.0)
     spill = subject.spill(table, start, end, folder) if table.spill else None
     known = (currents, winds, stokes)
+    scenarios = (
+        subject.classes(spill, start, end, known) if spill else subject.scenarios(table.scenario, start, end, known)
+    )
+    run = Run(start, end, scenarios, folder)
+    sorties, contacts = sortie_input.build(table.sortie, run), contact_input.build(table.contact, run)
+    plan = table.plan.spec(run, sorties, contacts, asked=bool(table.unit) or "plan" in table.model_fields_set)
+    fleet = plan_input.build(table.unit, run, plan)
+    plan_input.check_groups(sorties, fleet)
+    more = [find.time for find in spill.finds if find.at_sea] if spill else plan_input.times(sorties, contacts)
     return Case(
         title=table.title or path.stem,
         path=path,
@@ -187,7 +203,7 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         particles=spill.particles if spill else table.particles,
         seed=table.seed,
         max_lost=table.max_lost,
-        outputs=_outputs(table.output, start, end, [f.time for f in spill.finds if f.at_sea] if spill else []),
+        outputs=_outputs(table.output, start, end, more),
         trajectories=table.output.trajectories,
         step=table.clock.step,
         scheme=table.clock.scheme,
@@ -208,10 +224,13 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         current_error=ForcingError(uncertain.current.std, uncertain.current.time) if uncertain.current else off,
         wind_error=ForcingError(uncertain.wind.std, uncertain.wind.time) if uncertain.wind else off,
         diffusivity=uncertain.diffusivity,
-        scenarios=subject.classes(spill, start, end, known)
-        if spill
-        else subject.scenarios(table.scenario, start, end, known),
+        scenarios=scenarios,
         spill=spill,
+        sorties=sorties,
+        contacts=contacts,
+        units=fleet,
+        plan=plan,
+        resampling=table.resampling.resampling(),
         expect=table.expect,
     )
 

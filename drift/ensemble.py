@@ -81,8 +81,12 @@ def empty(seed: int, bounds: tuple[int, ...]) -> Ensemble:
 
 def probability(ensemble: Ensemble) -> Array:
     """Return each particle's normalised weight, float64, shape (n,), of sum 1."""
-    log_weight = ensemble.log_weight.to_numpy().astype(np.float64)
-    weight = np.exp(log_weight - log_weight.max())
+    return shares(ensemble.log_weight.to_numpy())
+
+
+def shares(log_weight: Array) -> Array:
+    """Return log weights (n,) as probabilities, float64, of sum 1."""
+    weight = np.exp(log_weight.astype(np.float64) - log_weight.max())
     return np.asarray(weight / weight.sum())
 
 

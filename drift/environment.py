@@ -8,6 +8,7 @@ import numpy as np
 from drift import tables, units
 from drift.case import Case
 from drift.forcing import QUANTITIES, Sources
+from drift.leeway import Drifter
 from drift.scenario import AreaPrior, PositionPrior, Scenario
 from drift.sources import ForcingSpec
 from geo import coast as shoreline
@@ -51,7 +52,7 @@ def open_for(case: Case) -> Environment:
     for scenario in case.scenarios:
         current, wind, stokes = (
             tuple(opened[name + quantity] for name in names)
-            for quantity, names in zip(QUANTITIES, _names(scenario), strict=True)
+            for quantity, names in zip(QUANTITIES, _names(case, scenario), strict=True)
         )
         scenarios.append(Sources(current, wind, stokes, cells))
     for scenario, sources in zip(case.scenarios, scenarios, strict=True):
@@ -74,9 +75,14 @@ def open_for(case: Case) -> Environment:
     return Environment(box, tuple(scenarios), shown, coast, land.notes)
 
 
-def _names(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
-    wind = scenario.winds if scenario.object.uses_wind else ()
-    return scenario.currents, wind, scenario.stokes
+def _objects(case: Case) -> list[Drifter]:
+    """Return all that drifts in a case: its objects, and the debris that contacts tell of."""
+    return [s.object for s in case.scenarios] + [c.drifter for c in case.contacts if c.drifter is not None]
+
+
+def _names(case: Case, scenario: Scenario) -> tuple[tuple[str, ...], ...]:
+    blown = scenario.object.uses_wind or any(drifter.uses_wind for drifter in _objects(case)[len(case.scenarios) :])
+    return scenario.currents, scenario.winds if blown else (), scenario.stokes
 
 
 def reach(case: Case) -> Box:
@@ -99,7 +105,7 @@ def reach(case: Case) -> Box:
         lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
         lat.append(y)
     slope = max(
-        (max(abs(line.slope) for line in (s.object.down, s.object.right, s.object.left)) for s in case.scenarios),
+        (max(abs(line.slope) for line in (one.down, one.right, one.left)) for one in _objects(case)),
         default=0.0,
     )
     fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * case.current_error.std

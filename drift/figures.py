@@ -16,17 +16,28 @@ from drift.environment import Environment
 from drift.origin import Origin
 from drift.products import Forecast
 from drift.scenario import AreaPrior, PositionPrior
+from drift.tasking import Plan
+from drift.updates import Updates
 
 Figure = Callable[[Path], None]
 
 
 def figures(
-    case: Case, where: Environment, forecast: Forecast, footer: str, after: Aftermath | None = None
+    case: Case,
+    where: Environment,
+    forecast: Forecast,
+    footer: str,
+    after: Aftermath | None = None,
+    updates: Updates | None = None,
+    plan: Plan | None = None,
 ) -> dict[str, Figure]:
     """Return, by file name, what draws each picture to a path."""
     from drift import (  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
+        evidence_map,
         layers,
         maps,
+        plan_map,
+        search_map,
         washup_map,
     )
 
@@ -56,7 +67,9 @@ def figures(
         "synthetic": any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes)),
     }
     drawn = {
-        "map.png": _kept(partial(maps.draw_map, forecast, lines=lines, known_as=known_as, **common)),
+        "map.png": _kept(
+            partial(maps.draw_map, forecast, lines=lines, known_as=known_as, searched=case.sorties, **common)
+        ),
         "snapshots.png": _kept(partial(maps.draw_snapshots, forecast, **common)),
     }
     if after is not None:
@@ -64,6 +77,15 @@ def figures(
         found = [layers.Mark(*aftermath.position(after, find), find.name) for find in after.posterior.known.finds]
         rest |= {"finds": found, "warning": aftermath.warning(after)}
         drawn["washup.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
+    if updates is not None:
+        bare = {name: common[name] for name in ("title", "footer", "attributes", "synthetic")}
+        drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, **bare))
+        for page in range(1, search_map.pages(case.sorties) + 1):
+            name = "search.png" if page == 1 else f"search-{page}.png"
+            drawing = partial(search_map.draw, forecast, case.sorties, case.contacts, updates, page=page, **common)
+            drawn[name] = _kept(drawing)
+    if plan is not None:
+        drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **common))
     return drawn
 
 

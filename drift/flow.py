@@ -22,7 +22,7 @@ from drift import (
     output,
     prior,
     products,
-    spool,
+    search_tables,
     start,
     summary,
     tables,
@@ -33,10 +33,14 @@ from drift.aftermath import Aftermath, Drifted
 from drift.case import Case
 from drift.environment import Environment
 from drift.landings import Landings
-from drift.products import Forecast, Snapshot
+from drift.products import Forecast
+from drift.search import Search
 from drift.spill import Spill
+from drift.spool import Spool
 from drift.start import Start
 from drift.status import Status
+from drift.tasking import Plan
+from drift.updates import Updates
 from geo import coast as shoreline
 from geo.errors import UserError
 from geo.segments import Segments
@@ -56,6 +60,7 @@ class Result:
     trajectories: output.Trajectories
     summary: dict[str, Any]
     aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
+    updates: Updates | None = None  # what sorties and contacts did
 
     @property
     def probability(self) -> Any:
@@ -104,6 +109,15 @@ def run(
     tell("read", 0.0)
     with clock.phase("read"):
         where = environment.open_for(case)
+    result = forecasted(case, where, clock, tell)
+    if out is not None:
+        tell("write", 0.0)
+        write(result, where, out, clock, overwrite=overwrite)
+    return result
+
+
+def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> Result:
+    """Return the forecast of a case in an environment that has been opened; Taichi has been started."""
     with clock.phase("start"):
         begin = start.prepare(case, where)
         stretches = aftermath.stretches(case, case.spill, where, begin) if case.spill else None
@@ -115,12 +129,13 @@ def run(
             stack.callback(begin.scene.forcing.close)
             with clock.phase("drift"):
                 landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
+                search = Search(case, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
                 moments = forecast.run(
-                    begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch
+                    begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch, search
                 )
-                snapshots = stack.enter_context(spool.Spool(case, begin.ensemble, moments))
+                snapshots = stack.enter_context(Spool(case, begin.ensemble, moments))
             _check_lost(case, where, record.account(begin.ensemble, snapshots[-1].status).by_status.sum(axis=0))
-            return Drifted(begin, snapshots, landings)
+            return Drifted(begin, snapshots, landings, search.updates if search else None)
 
         done, after = drifted(begin), None
         if case.spill and stretches:
@@ -137,15 +152,46 @@ def run(
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
     if after is not None:
         numbers |= aftermath.numbers(after)
-    if out is not None:
-        tell("write", 0.0)
-        with clock.phase("write"):
-            attributes = summary.attributes(case, where)
-            footer = f"{attributes['source']}, seed {case.seed}, coast {attributes['coast']}"
-            pictures = figures.figures(case, where, made, footer, after)
-            files = aftermath.files(after) if after else ()
-            output.write(out, made, tracks, numbers, pictures, attributes=attributes, more=files, overwrite=overwrite)
-    return Result(case, made, tracks, numbers, after)
+    if done.updates is not None:
+        numbers |= {"search": search_tables.numbers(done.updates)}
+    return Result(case, made, tracks, numbers, after, done.updates)
+
+
+def write(
+    result: Result,
+    where: Environment,
+    out: Path,
+    clock: Stopwatch,
+    *,
+    more: Sequence[output.Product] = (),
+    plan: Plan | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write all that a forecast hands out, complete or not at all; more: further products; plan: drawn with it."""
+    case, after, updates = result.case, result.aftermath, result.updates
+    with clock.phase("write"):
+        attributes = summary.attributes(case, where)
+        footer = f"{attributes['source']}, seed {case.seed}, coast {attributes['coast']}"
+        pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan)
+        files = [*(aftermath.files(after) if after else ()), *more]
+        if updates is not None:
+            files += [
+                output.Product("sorties.csv", lambda stamped: search_tables.csv(updates, stamped["run_id"])),
+                output.Product(
+                    "sorties.geojson",
+                    lambda stamped: search_tables.geojson(case.sorties, case.contacts, updates, stamped),
+                ),
+            ]
+        output.write(
+            out,
+            result.forecast,
+            result.trajectories,
+            result.summary,
+            pictures,
+            attributes=attributes,
+            more=files,
+            overwrite=overwrite,
+        )
 
 
 def trace(
@@ -265,17 +311,20 @@ def _check_lost(case: Case, where: Environment, by_status: npt.NDArray[np.float6
     )
 
 
-def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Sequence[Snapshot]) -> output.Trajectories:
-    """Return the tracks of slots spread evenly over the ensemble."""
-    first, last = snapshots[0], snapshots[-1]
-    count = min(case.trajectories, first.lon.size)
-    slot = np.unique(np.linspace(0, first.lon.size - 1, count).astype(int))
-    times, columns = zip(*((s.time, (s.lon[slot], s.lat[slot], s.status[slot])) for s in snapshots), strict=True)
-    lon, lat, status = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
-    weight = np.repeat(first.probability[slot][:, None], len(times), axis=1)
+def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> output.Trajectories:
+    """Return the tracks of slots spread evenly over the ensemble; of what was drawn anew, its ancestors' before that."""
+    last = snapshots[-1]
+    count = min(case.trajectories, last.lon.size)
+    slot = np.unique(np.linspace(0, last.lon.size - 1, count).astype(int))
+    ancestor, columns = slot, []
+    for k in range(len(snapshots) - 1, -1, -1):
+        one = snapshots[k]
+        columns.append((one.lon[ancestor], one.lat[ancestor], one.status[ancestor], one.probability[ancestor]))
+        drawn = snapshots.ancestors[k]
+        ancestor = ancestor if drawn is None else drawn[ancestor]
+    lon, lat, status, weight = (np.stack(column[::-1], axis=1) for column in zip(*columns, strict=True))
     release, ended, edge = (column.to_numpy()[slot] for column in (ensemble.release, ensemble.ended, ensemble.edge))
     over = (last.status[slot] != Status.ADRIFT) & (last.status[slot] != Status.PENDING)
     ended, edge = np.where(over, ended, -1), np.where(over, edge, -1)
-    return output.Trajectories(
-        np.array(times), slot, first.scenario[slot], lon, lat, status, weight, release, ended, edge
-    )
+    times = np.array([snapshots.time(k) for k in range(len(snapshots))])
+    return output.Trajectories(times, slot, last.scenario[slot], lon, lat, status, weight, release, ended, edge)

@@ -7,7 +7,7 @@ moves from its release on, an output inside a step is interpolated along it.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -85,6 +85,39 @@ class Moment:
     lon: Array  # int32 binary angle (n,)
     lat: Array
     status: Array  # int32 (n,)
+    log_weight: Array | None = None  # float32 (n,) at that time; None: those of the end of the run
+    ancestors: Array | None = None  # int64 (n,): of the moment before, where particles have been drawn anew since
+
+
+Place = Callable[[Ensemble, tuple[Array, Array] | None, int], tuple[Array, Array]]
+
+
+class Filter(Protocol):
+    """What looks at an ensemble while it moves, and changes weights: see drift.search.Search."""
+
+    def stops(self, after: int, until: int) -> list[int]:
+        """Return the times in (after, until] at which something takes effect [s after start]."""
+
+    def before(self, elapsed: int, duration: int) -> None:
+        """Make ready for a step, for which the forcing is set."""
+
+    def advance(self, low: int, high: int, step: kernel.Step) -> None:
+        """Move what else moves over a step."""
+
+    def watch(self, elapsed: int, duration: int, begin: int, end: int) -> None:
+        """Look on from begin to end, within the step that has just been made."""
+
+    def take_effect(self, time: int, place: Place) -> None:
+        """Change weights by what ends or is seen at a time; place: gives where an ensemble's particles were then."""
+
+    def after(self, elapsed: int) -> None:
+        """Draw particles anew at the end of a step, if need be."""
+
+    def log_weight(self) -> Array:
+        """Return the weights as they stand."""
+
+    def ancestors(self) -> Array | None:
+        """Return whose offspring the particles are since it was last asked; None: they are themselves."""
 
 
 def run(
@@ -94,28 +127,59 @@ def run(
     outputs: Array,
     progress: Progress | None = None,
     watch: Watch | None = None,
+    search: Filter | None = None,
 ) -> Iterator[Moment]:
     """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
 
-    progress is told the share of the run that is done, after every step; watch when the step began [s since start].
+    progress is told the share of the run that is done, after every step; watch when the step began [s since start]; search
+    looks on and changes weights.
     """
+
+    def here(which: Ensemble, before: Any, time: int) -> tuple[Array, Array]:
+        return which.lon.to_numpy(), which.lat.to_numpy()
+
     due = [int(t) for t in outputs]
+    if search:
+        for time in search.stops(-1, 0):
+            search.take_effect(time, here)
     while due and due[0] <= 0:
-        due.pop(0)
-        yield _moment(ensemble, ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), 0)
+        lon, lat = here(ensemble, None, 0)
+        yield _moment(ensemble, lon, lat, due.pop(0), search)
     for low, high, step in clock.steps():
         end = step.elapsed + step.duration
         within = [t for t in due if t <= end]
-        before = (ensemble.lon.to_numpy(), ensemble.lat.to_numpy()) if within and within[0] < end else None
+        stops = search.stops(max(step.elapsed, 0), end) if search else []
+        inside = [t for t in (*within, *stops) if t < end]
+        before = here(ensemble, None, 0) if inside else None
+        if search:
+            scene.forcing.set(low, high)
+            search.before(step.elapsed, step.duration)
+            search.advance(low, high, step)
         scene.advance(ensemble, low, high, step)
+
+        def place(which: Ensemble, begin: Any, time: int, step: kernel.Step = step, own: Any = before) -> Any:
+            """Return where an ensemble's particles, which began this step somewhere, were at a time in it."""
+            begin = own if which is ensemble else begin
+            if begin is None or time == step.elapsed + step.duration:
+                return here(which, None, time)
+            return _inside(which, scene, clock, begin, step, time)
+
         if watch:
             watch(step.elapsed)
-        for t in within:
-            due.pop(0)
-            if before is None or t == end:
-                yield _moment(ensemble, ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), t)
-            else:
-                yield _moment(ensemble, *_inside(ensemble, scene, clock, before, step, t), t)
+        seen = step.elapsed
+        for t in sorted({*within, *stops}):
+            if search:
+                search.watch(step.elapsed, step.duration, seen, t)
+                if t in stops:
+                    search.take_effect(t, place)
+            seen = t
+            if t in within:
+                due.pop(0)
+                lon, lat = place(ensemble, None, t)
+                yield _moment(ensemble, lon, lat, t, search)
+        if search:
+            search.watch(step.elapsed, step.duration, seen, end)
+            search.after(end)
         if progress:
             progress(min(end / clock.duration, 1.0))
 
@@ -139,13 +203,14 @@ def _inside(
     return lon, lat
 
 
-def _moment(ensemble: Ensemble, lon: Array, lat: Array, time: int) -> Moment:
-    """Return positions with the status that each particle had at that time."""
+def _moment(ensemble: Ensemble, lon: Array, lat: Array, time: int, search: Filter | None) -> Moment:
+    """Return positions with the status that each particle had at that time, and its weight as far as it was known."""
     release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
     over = (status != Status.ADRIFT) & (status != Status.PENDING)
     status = np.where(over & (ended > time) | (status == Status.PENDING), int(Status.ADRIFT), status)
     status = np.where(release > time, int(Status.PENDING), status)
-    return Moment(time, lon, lat, status.astype(np.int32))
+    weight, ancestors = (search.log_weight(), search.ancestors()) if search else (None, None)
+    return Moment(time, lon, lat, status.astype(np.int32), weight, ancestors)
 
 
 @dataclass(frozen=True)

@@ -247,6 +247,17 @@ def complete(forecast: Forecast) -> int:
     return int(np.argmax(released >= RELEASED * released.max()))
 
 
+def spaced(times: Array, most: int) -> list[int]:
+    """Return which of the times to write, the last one always: all, or of more than `most` those that are well apart."""
+    if len(times) <= most:
+        return list(range(len(times)))
+    least, found = abs(times[-1] - times[0]) / (most - 1), [len(times) - 1]
+    for k in range(len(times) - 2, -1, -1):
+        if abs(times[k] - times[found[-1]]) >= least:
+            found.append(k)
+    return found[::-1]
+
+
 def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, time: int, marks: Sequence[Mark]) -> None:
     """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner.
 
@@ -270,7 +281,8 @@ def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, ti
         mx, my = here.project(mark.lon, mark.lat)
         texts.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
     must = range(len(texts))
-    texts += [(float(a), float(b), f"{units.group(times[i])[:6]}Z", small) for i, a, b in zip(known, x, y, strict=True)]
+    told = spaced(times[known], 12)
+    texts += [(float(x[k]), float(y[k]), f"{units.group(times[known[k]])[:6]}Z", small) for k in told]
     cx, cy = occupied(here, forecast, [times[last]])
     mx, my = here.project([m.lon for m in marks], [m.lat for m in marks])
     bar = chart.scale_bar(ax, here, chart.free_corner(here, np.append(cx, mx), np.append(cy, my)))

@@ -2,6 +2,11 @@
 
 from typing import Any
 
+from drift import plan_text, subareas
+from drift.tables import NMI, position
+from drift.tasking import Plan
+from drift.units import group
+
 WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
 WORST = 5  # stretches that are told
 
@@ -20,6 +25,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     for status, share in numbers["account"].items():
         if share > 0:
             facts[status] = _percent(share)
+    facts |= _search(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)
     stories = numbers["scenario_weights"]
@@ -29,6 +35,34 @@ def forecast(numbers: dict[str, Any]) -> Facts:
             told.append(f"{_percent(story['prior_on_land'])} of its prior was on land and left out")
         if told:
             facts[f'scenario "{name}"'] = "; ".join(told)
+    return facts
+
+
+def plan(made: Plan) -> Facts:
+    """Return what a plan is worth, and what each unit is to do."""
+    facts = {"plan": plan_text.worth(made)}
+    for name, tasking in zip(subareas.names(made), made.taskings, strict=True):
+        facts[f"{name} {tasking.unit.name}"] = (
+            f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, {tasking.legs} legs "
+            f"{tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to {group(tasking.off_scene)[:6]}Z, "
+            f"POS {_percent(tasking.pos)}"
+        )
+    for scenario, pos in zip(made.scenarios, made.by_scenario, strict=True):
+        if len(made.scenarios) > 1:
+            facts[f'POS if "{scenario}"'] = _percent(float(pos))
+    return facts
+
+
+def _search(numbers: dict[str, Any]) -> Facts:
+    """Return what sorties and contacts came to."""
+    facts: Facts = {}
+    for update in numbers.get("search", {}).get("updates", ()):
+        if update["kind"] == "sortie":
+            facts[f'sortie "{update["name"]}"'] = (
+                f"POS {_percent(update['pos']['all'])}, so far {_percent(update['cumulative_pos']['all'])}"
+            )
+        else:
+            facts[f'contact "{update["name"]}"'] = f"{update['ess_after']:,.0f} effective particles left"
     return facts
 
 

@@ -11,10 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drift import ensemble as record
+from drift import resample
 from drift.case import Case
 from drift.ensemble import Ensemble
 from drift.leeway import Drifter
 from drift.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
+from drift.status import Status
 from geo import sphere
 from geo.errors import UserError
 from kernels import noise, runtime
@@ -44,7 +46,8 @@ def draw(case: Case, coast: DeviceCoast | None) -> Prior:
         raise UserError(
             f"particles: {case.particles} cannot tell {len(case.scenarios)} scenarios; give at least one each"
         )
-    ensemble = record.empty(case.seed, _bounds(case))
+    counts = _counts(case)
+    ensemble = record.empty(case.seed, _bounds(case, counts))
     key = noise.key(case.seed)
     dry = []
     for scenario, slots in zip(case.scenarios, ensemble.scenarios, strict=True):
@@ -60,21 +63,32 @@ def draw(case: Case, coast: DeviceCoast | None) -> Prior:
         dry.append(1.0 - (slots[1] - slots[0]) / drawn)
         equip(ensemble, slots, key, scenario.object)
         draw_errors(case, ensemble, slots, key)
-    ensemble.log_weight.from_numpy(_log_weights(case, ensemble))
+    ensemble.log_weight.from_numpy(_log_weights(case, ensemble, counts))
+    if ensemble.n > sum(counts):
+        spare = np.concatenate([np.arange(b - a) >= c for (a, b), c in zip(ensemble.scenarios, counts, strict=True)])
+        ensemble.status.from_numpy(np.where(spare, int(Status.LEFT), ensemble.status.to_numpy()).astype(np.int32))
     return Prior(ensemble, tuple(dry))
 
 
-def _bounds(case: Case) -> tuple[int, ...]:
+def _counts(case: Case) -> list[int]:
+    """Return how many particles each scenario gets."""
     weights = np.array([scenario.weight for scenario in case.scenarios])
     share = np.maximum(weights, LEAST_SHARE / weights.size)
     inner = np.rint(np.cumsum(share / share.sum()) * case.particles).astype(int)
-    return (0, *(int(x) for x in inner))
+    return [int(x) for x in np.diff(inner, prepend=0)]
 
 
-def _log_weights(case: Case, ensemble: Ensemble) -> Array:
-    log_weight = np.empty(ensemble.n, np.float32)
-    for scenario, (first, last) in zip(case.scenarios, ensemble.scenarios, strict=True):
-        if last == first and scenario.weight > 0:
+def _bounds(case: Case, counts: list[int]) -> tuple[int, ...]:
+    """Return the first slot of each scenario and, last, their number; with slots to spare where particles' number floats."""
+    floats = case.resampling.below > 0 and case.resampling.method == "kahn"
+    return (0, *(int(x) for x in np.cumsum([resample.capacity(n) if floats else n for n in counts])))
+
+
+def _log_weights(case: Case, ensemble: Ensemble, counts: list[int]) -> Array:
+    log_weight = np.full(ensemble.n, -np.inf, np.float32)
+    for scenario, (first, _), count in zip(case.scenarios, ensemble.scenarios, counts, strict=True):
+        last = first + count
+        if count == 0 and scenario.weight > 0:
             raise UserError(
                 f'scenario "{scenario.name}" gets none of the {ensemble.n} particles; raise particles or lower the '
                 "number of scenarios"

@@ -11,10 +11,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from drift import fields, units
+from drift import fields, sweep_width, units
 from drift.leeway import Drifter
 from drift.objects import ObjectTable
+from drift.sortie import Survival
 from geo import sphere
+from geo.errors import UserError
 
 JIBE_RATE = 0.04 / 3600  # [1/s] 4 % an hour (Allen 2005, CG-D-05-05; Breivik and Allen 2008, section 2.3)
 LONGEST_EDGE = 90.0  # [deg] of longitude, of a polygon's edge
@@ -85,6 +87,8 @@ class Scenario:
     currents: tuple[str, ...]
     winds: tuple[str, ...]
     stokes: tuple[str, ...]
+    search_object: str | None = None  # as in the sweep width tables
+    survival: Survival | None = None
 
 
 class WindowTable(fields.Table):
@@ -127,18 +131,16 @@ class DisplacementTable(fields.Table):
     direction: fields.Sector = (0.0, 360.0)
 
 
-class PositionTable(WindowTable):
-    """A position report with its error: std, ellipse, or the radius that holds 50 %."""
+class ErrorTable(fields.Table):
+    """The error of a position: std, ellipse, or the radius that holds 50 %."""
 
-    at: fields.Position
     std: fields.LengthPair | None = None
     orientation: fields.Direction | None = None
     ellipse: EllipseTable | None = None
     error: fields.Length | None = None
-    displacement: DisplacementTable | None = None
 
     @model_validator(mode="after")
-    def one_error(self) -> "PositionTable":
+    def one_error(self) -> "ErrorTable":
         """Refuse none or two ways of giving the error, and an ellipse without its direction."""
         kind = fields.one_of(self, ("std", "ellipse", "error"))
         unequal = self.std is not None and self.std[0] != self.std[1]
@@ -161,6 +163,13 @@ class PositionTable(WindowTable):
         along, across = self.std or (0.0, 0.0)
         turn = math.radians(self.orientation or 0.0)
         return (along, across, turn) if along >= across else (across, along, turn + math.pi / 2)
+
+
+class PositionTable(ErrorTable, WindowTable):
+    """A position report with its error, and an unknown move before drifting."""
+
+    at: fields.Position
+    displacement: DisplacementTable | None = None
 
     def prior(self, start: np.datetime64) -> PositionPrior:
         """Return the prior for a case that starts at `start`."""
@@ -300,6 +309,24 @@ def _share(time: units.Instant, departure: np.datetime64, voyage: float, start: 
     return min(max(share, 0.0), 1.0)
 
 
+def _search_object(value: object) -> object:
+    try:
+        return sweep_width.find(value) if isinstance(value, str) else value
+    except UserError as error:
+        raise ValueError(str(error)) from None
+
+
+class SurvivalTable(fields.Table):
+    """How long someone stays alive after going adrift: lognormal, its median and the factor of one standard deviation."""
+
+    median: fields.Duration
+    spread: Annotated[float, Field(gt=1, le=20)] = 1.5
+
+    def survival(self) -> Survival:
+        """Return the record."""
+        return Survival(self.median, self.spread)
+
+
 class ScenarioTable(fields.Table):
     """A [[scenario]] table as written."""
 
@@ -313,6 +340,8 @@ class ScenarioTable(fields.Table):
     position: PositionTable | None = None
     area: AreaTable | None = None
     trackline: TracklineTable | None = None
+    search_object: Annotated[str, BeforeValidator(_search_object)] | None = None
+    survival: SurvivalTable | None = None
 
     @model_validator(mode="after")
     def one_prior(self) -> "ScenarioTable":

@@ -10,8 +10,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift import fields, units
+from drift.contact_input import ContactTable
 from drift.expect import Expect
+from drift.plan_input import PlanTable, ResamplingTable, UnitTable
 from drift.scenario import ScenarioTable
+from drift.sortie_input import SortieTable
 from drift.sources import SourceTable
 from drift.spill import FindTable, PatrolTable, SpillTable
 from geo.box import Box
@@ -143,6 +146,11 @@ class CaseTable(fields.Table):
     spill: SpillTable | None = None
     find: list[FindTable] = Field(default_factory=list)
     patrol: list[PatrolTable] = Field(default_factory=list)
+    sortie: list[SortieTable] = Field(default_factory=list)
+    contact: list[ContactTable] = Field(default_factory=list)
+    unit: list[UnitTable] = Field(default_factory=list)
+    plan: PlanTable = PlanTable()
+    resampling: ResamplingTable = ResamplingTable()
     expect: Expect = Expect()
 
     @field_validator("seed")
@@ -170,6 +178,14 @@ class CaseTable(fields.Table):
             raise ValueError("[[find]] and [[patrol]] belong to a [spill]")
         if self.spill is not None and "particles" in self.model_fields_set:
             raise ValueError("particles: a spill has spill.worlds times spill.per_world of them; give those")
+        given = [f"[[{key}]]" for key in ("sortie", "contact", "unit") if getattr(self, key)]
+        given += [f"[{key}]" for key in ("plan", "resampling") if key in self.model_fields_set]
+        if self.spill is not None and given:
+            raise ValueError(
+                f"{given[0]} belongs to a search with [[scenario]] tables; a [spill] has [[find]] and [[patrol]]"
+            )
+        if self.direction == "backward" and given:
+            raise ValueError(f"{given[0]} belongs to a forward run: a search and its plan go with the time")
         return self
 
     @model_validator(mode="after")

@@ -3,9 +3,10 @@
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
+import numpy.typing as npt
 
 from drift import ensemble as record
 from drift.case import Case
@@ -13,18 +14,28 @@ from drift.ensemble import Ensemble
 from drift.forecast import Moment
 from drift.snapshot import Snapshot
 
+Array = npt.NDArray[Any]
+
+BYTES = 13  # a particle and time: two positions, its status, its weight
+
 
 class Spool(Sequence[Snapshot]):
     """Snapshots of a run, read back one at a time; a context, which removes the file at its end."""
 
     def __init__(self, case: Case, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
-        """Take up the moments of a run as they come. Weights are those that the ensemble has afterwards."""
+        """Take up the moments of a run as they come. Weights are theirs, or those that the ensemble has afterwards."""
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
         self._times = []
+        self._weighted: list[bool] = []
+        self.ancestors: list[Array | None] = []  # by time: whose offspring the particles are, of the time before
         for moment in moments:
             for column, kind in ((moment.lon, np.int32), (moment.lat, np.int32), (moment.status, np.uint8)):
                 self._file.write(np.ascontiguousarray(column, kind).data)
+            weight = np.zeros(ensemble.n, np.float32) if moment.log_weight is None else moment.log_weight
+            self._file.write(np.ascontiguousarray(weight, np.float32).data)
             self._times.append(case.start + np.timedelta64(case.direction * moment.elapsed, "s"))
+            self._weighted.append(moment.log_weight is not None)
+            self.ancestors.append(moment.ancestors)
         self._n = ensemble.n
         self._probability = record.probability(ensemble)
         kinds = np.arange(len(case.scenarios), dtype=np.int32)
@@ -42,6 +53,10 @@ class Spool(Sequence[Snapshot]):
         """Take the weights that an ensemble has now."""
         self._probability = record.probability(ensemble)
 
+    def time(self, index: int) -> np.datetime64:
+        """Return the time of a snapshot."""
+        return self._times[index]
+
     def __len__(self) -> int:
         return len(self._times)
 
@@ -53,10 +68,13 @@ class Spool(Sequence[Snapshot]):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         at = range(len(self))[index]
-        self._file.seek(at * self._n * 9)
+        self._file.seek(at * self._n * BYTES)
         lon, lat = (np.frombuffer(self._file.read(4 * self._n), np.int32) for _ in range(2))
         status = np.frombuffer(self._file.read(self._n), np.uint8).astype(np.int32)
-        return Snapshot(self._times[at], lon, lat, self._probability, status, self._scenario)
+        probability = self._probability
+        if self._weighted[at]:
+            probability = record.shares(np.frombuffer(self._file.read(4 * self._n), np.float32))
+        return Snapshot(self._times[at], lon, lat, probability, status, self._scenario)
 
     def __iter__(self) -> Iterator[Snapshot]:
         return (self[i] for i in range(len(self)))

@@ -49,12 +49,12 @@ def classes(
     spill: Spill, start: np.datetime64, end: np.datetime64, known: tuple[tuple[ForcingSpec, ...], ...]
 ) -> tuple[Scenario, ...]:
     """Return a spill's classes of objects as scenarios: what the engine moves."""
-    names = [tuple(spec.name for spec in specs) for specs in known]
+    currents, winds, stokes = (tuple(spec.name for spec in specs) for specs in known)
     made = []
     for kind in spill.kinds:
         _check_release(f'class "{kind.name}"', spill.prior, start, end)
-        _check_sources(f'class "{kind.name}"', kind.object, names[0], names[1])
-        made.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, *names))
+        _check_sources(f'class "{kind.name}"', kind.object, currents, winds)
+        made.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, currents, winds, stokes))
     return tuple(made)
 
 
@@ -96,7 +96,20 @@ def _scenario(
         )
     ]
     _check_sources(place, drifter, chosen[0], chosen[1])
-    return Scenario(table.name, weight, drifter, table.jibe_rate(drifter), prior, *chosen)
+    currents, winds, stokes = chosen
+    alive = table.survival.survival() if table.survival else None
+    return Scenario(
+        table.name,
+        weight,
+        drifter,
+        table.jibe_rate(drifter),
+        prior,
+        currents,
+        winds,
+        stokes,
+        search_object=table.search_object,
+        survival=alive,
+    )
 
 
 def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetime64) -> None:

@@ -14,8 +14,8 @@ from kernels.coast import Bytes, DeviceCoast, Frame, Ints, Reals, first_crossing
 from kernels.sample import Nodes, Tiles, sample
 
 # Features of a step, as bits of a compile-time number: what is not asked for is not compiled.
-CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4, BIAS, SINK, REFLOAT, SLIDE, DIVERGENCE = (
-    1 << k for k in range(13)
+CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4, BIAS, SINK, REFLOAT, SLIDE, DIVERGENCE, DEBRIS = (
+    1 << k for k in range(14)
 )
 
 FARTHEST = 5.0e8  # [binary angle unit] 42 degrees: a step that is longer, next to a pole, is none
@@ -251,6 +251,9 @@ def _advance(
                 w = noise.words(seed0, seed1, noise.STREAM_STEP, i, step)
                 if ti.static(features & DIFFUSION):
                     n = noise.normals(w[0], w[1]) * ti.sqrt(2.0 * diffusivity * dt)
+                    if ti.static(features & DEBRIS):  # shares the errors of the forcing with its object, no more
+                        v = noise.words(seed0, seed1, noise.STREAM_DEBRIS, i, step)
+                        n = noise.normals(v[0], v[1]) * ti.sqrt(2.0 * diffusivity * dt)
                     walk_east, walk_north = n[0], n[1]
                 if ti.static(features & ERRORS):
                     # Exact transition of the process over dt; the step feels the mean of its begin and its end.
@@ -277,6 +280,8 @@ def _advance(
                 if ti.static(features & JIBE):
                     # An odd number of jibes at this rate within dt: independent of the length of the step.
                     odd = 0.5 - 0.5 * ti.exp(-2.0 * jibe_rate * dt)
+                    if ti.static(features & DEBRIS):
+                        w = noise.words(seed0, seed1, noise.STREAM_DEBRIS, i, step)
                     if noise.uniform(w[2]) < odd:
                         side[i] = -side[i]
 
@@ -432,6 +437,7 @@ class Place(NamedTuple):
     bias: Bias | None = None
     sinks: bool = False
     divergence: bool = False  # log weights lose the divergence along the track: a backward run's likelihood
+    debris: bool = False  # shares the errors of the forcing, not walk and jibes, with the same slots of the object
     scheme: str = "rk4"
 
 
@@ -453,6 +459,7 @@ def features(ranges: tuple[int, ...], physics: Physics, place: Place) -> int:
         | REFLOAT * (coastal and place.beach.stay > 0)
         | SLIDE * (coastal and place.beach.slides)
         | DIVERGENCE * place.divergence
+        | DEBRIS * place.debris
     )
 
 

@@ -91,6 +91,13 @@ def upload(values: np.ndarray) -> ti.Ndarray:
     return device
 
 
+def copy(values: ti.Ndarray) -> ti.Ndarray:
+    """Return a copy of a device array of scalars."""
+    fresh = empty(values.shape[0], values.dtype)
+    fresh.copy_from(values)
+    return fresh
+
+
 def wait() -> None:
     """Wait until the device has done all that was launched: for timing."""
     ti.sync()

@@ -1,0 +1,142 @@
+"""Tracks of GPS receivers: GPX files (topografix.com/GPX/1/1), points with or without times.
+
+Reads track points, or where there are none route points, or waypoints, in the file's order. Segments of a track follow
+each other with a gap that was not searched. Elements are known by their names in any namespace; a document type, with
+which a file could pull in others, is refused.
+"""
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+
+from geo.errors import UserError
+
+LARGEST = 100 * 2**20  # [bytes]
+
+
+@dataclass(frozen=True)
+class Track:
+    """Points of one file; time is empty where the points have none."""
+
+    time: tuple[float, ...]  # [s since 1970], ascending
+    lon: tuple[float, ...]  # [deg]
+    lat: tuple[float, ...]
+    joined: tuple[bool, ...]  # whether a point and the next belong to one segment
+
+
+def read(path: Path | str) -> Track:
+    """Return the track of a GPX file; raise UserError, one line, for what is none."""
+    path = Path(path)
+    try:
+        return _track(_root(path))
+    except ValueError as error:
+        raise UserError(f'"{path.name}" {error}') from None
+    except OSError as error:
+        raise UserError(f'"{path.name}" cannot be read: {error.strerror}') from None
+
+
+def _root(path: Path) -> ET.Element:
+    if path.stat().st_size > LARGEST:
+        raise ValueError(f"is larger than {LARGEST // 2**20} MiB: not one sortie's track")
+    data = path.read_bytes()
+    plain = data.replace(b"\0", b"")  # UTF-16 too
+    if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
+        raise ValueError("has a document type (<!DOCTYPE ..>), which no GPX file needs; save it again without")
+    try:
+        root = ET.fromstring(data)
+    except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: an encoding that nobody knows
+        raise ValueError(f"is not a GPX file: not valid XML ({error})") from None
+    if _name(root) != "gpx":
+        raise ValueError(f"is not a GPX file: its outermost element is <{_name(root)[:40]}>, not <gpx>")
+    return root
+
+
+def _name(element: ET.Element) -> str:
+    return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
+
+
+def _inside(element: ET.Element, name: str) -> list[ET.Element]:
+    return [child for child in element if _name(child) == name]
+
+
+def _track(root: ET.Element) -> Track:
+    segments = [_inside(part, "trkpt") for track in _inside(root, "trk") for part in _inside(track, "trkseg")]
+    segments = [segment for segment in segments if segment]
+    if not segments:
+        segments = [points for route in _inside(root, "rte") if (points := _inside(route, "rtept"))]
+    if not segments and (points := _inside(root, "wpt")):
+        segments = [points]
+    if not segments:
+        raise ValueError("holds no points: no track, no route and no waypoints")
+    read_ = [[(_time(point), *_place(point)) for point in segment] for segment in segments]
+    timed = [time for segment in read_ for time, _, _ in segment if time is not None]
+    total = sum(map(len, read_))
+    if not timed or (len(timed) < total and _name(segments[0][0]) != "trkpt"):
+        points_ = [(math.nan, lon, lat) for segment in read_ for _, lon, lat in segment]
+        joined = [k < len(segment) - 1 for segment in read_ for k in range(len(segment))][:-1]
+    elif len(timed) < total:
+        raise ValueError(f"has times for {len(timed):,} of its {total:,} points; give all a time, or none")
+    else:
+        whole = [[(time, lon, lat) for time, lon, lat in segment if time is not None] for segment in read_]
+        points_, joined = _ordered(sorted(whole, key=lambda segment: segment[0][0]))
+    if len(points_) < 2:
+        raise ValueError("holds only one point; a track needs two")
+    time, lon, lat = (tuple(column) for column in zip(*points_, strict=True))
+    return Track(time if timed and not math.isnan(time[0]) else (), lon, lat, tuple(joined))
+
+
+def _ordered(segments: list[list[tuple[float, float, float]]]) -> tuple[list[tuple[float, float, float]], list[bool]]:
+    """Return points in order of time, without those of the same second as the one before, and which are joined."""
+    points: list[tuple[float, float, float]] = []
+    joined: list[bool] = []
+    for segment in segments:
+        for k, point in enumerate(segment):
+            if points and point[0] < points[-1][0]:
+                what = "goes back in time" if k else "has two segments at the same time,"
+                raise ValueError(
+                    f"{what} at {_words(point[0])}, after {_words(points[-1][0])}; put its points in order"
+                )
+            if points and point[0] == points[-1][0]:
+                continue
+            if points:
+                joined.append(k > 0)
+            points.append(point)
+    return points, joined
+
+
+def _words(time: float) -> str:
+    return f"{datetime.fromtimestamp(time, timezone.utc):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def _place(point: ET.Element) -> tuple[float, float]:
+    try:
+        lon, lat = float(point.attrib["lon"]), float(point.attrib["lat"])
+    except (KeyError, ValueError):
+        raise ValueError(f"has a point without proper lon and lat: {dict(point.attrib)}") from None
+    if not (-180 <= lon <= 360 and -90 <= lat <= 90):
+        raise ValueError(f"has a point at lon {lon:g}, lat {lat:g}, which is not on Earth")
+    return (lon + 180) % 360 - 180, lat
+
+
+def _time(point: ET.Element) -> float | None:
+    """Return a point's time [s since 1970]; without a zone it is UTC, as GPX says."""
+    for element in _inside(point, "time"):
+        text = (element.text or "").strip()
+        try:
+            moment = datetime.fromisoformat(_plain(text))
+        except ValueError:
+            raise ValueError(f'has a time that is none: "{text[:40]}"; it must be like 2026-11-21T18:30:00Z') from None
+        return (moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)).timestamp()
+    return None
+
+
+def _plain(text: str) -> str:
+    """Return an ISO time as Python 3.10 reads it: an offset for Z, three or six decimals."""
+    text = text[:-1] + "+00:00" if text[-1:] in {"Z", "z"} else text
+    whole, dot, rest = text.partition(".")
+    if not dot:
+        return text
+    digits = len(rest) - len(rest.lstrip("0123456789"))
+    return f"{whole}.{rest[:digits][:6]:0<6}{rest[digits:]}"

@@ -1,0 +1,307 @@
+"""The picture of a plan: sub-areas, legs and search points on the probability at the time of search, and its figures."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from drift import chart, labels, layers, page, plan_text, search_layers, search_shapes, subareas, tables, units
+from drift.cells import Array
+from drift.chart import INK, Frame
+from drift.layers import Line, Mark
+from drift.products import Forecast
+from drift.subareas import KNOT
+from drift.tables import NMI
+from drift.tasking import Plan, Tasking
+from geo import sphere
+
+MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
+SIZE = (11.7, 8.3)  # [in]
+LARGER = 1.6  # by how much a chart may grow to show the bases
+GREY = "#55606b"
+POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
+BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
+LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
+
+
+def draw(
+    forecast: Forecast,
+    plan: Plan,
+    path: Path,
+    *,
+    title: str,
+    time: int | None = None,
+    polygons: Iterable[Any] = (),
+    marks: Sequence[Mark] = (),
+    particles: int | None = None,
+    footer: str = "",
+    attributes: Mapping[str, str] | None = None,
+    synthetic: bool = False,
+) -> None:
+    """Draw a plan on the probability at an output (index; the one nearest to the middle of its first round unless told).
+
+    See maps.draw_map for the rest.
+    """
+    i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
+    at = forecast.data.isel(time=i)
+    now = at["time"].values[()]
+    figure, canvas = page.figure(*SIZE)
+    ax = figure.add_axes(MAP)
+    here = _extent(forecast, plan, i, marks)
+    chart.prepare(ax, here)
+    shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
+    mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
+    land = chart.land_path(here, polygons, 1000)
+    chart.draw_land(ax, land)
+    chart.graticule(ax, here)
+    outlines = [c for c in forecast.contours if c.time == now and c.share in (0.5, 0.95)]
+    for outline in outlines:
+        style = layers.LINES[outline.share]
+        layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+    ashore = layers.ashore_marks(ax, here, forecast, i)
+    _plan(ax, canvas, here, forecast, plan, i, marks)
+
+    figure.text(0.055, 0.955, page.fit(title, 60 if synthetic else 92), fontsize=15, weight="bold", color=INK)
+    figure.text(0.055, 0.92, f"Plan: {plan_text.worth(plan)}", fontsize=12.5, weight="bold", color=INK)
+    when = f"Probability at {units.group(now)}, given that all searches until then have failed"
+    many = "" if particles is None else f"   ·   {particles:,} particles"
+    figure.text(0.055, 0.887, page.fit(when + many, 120), fontsize=9.5, color=INK)
+    if synthetic:
+        page.warn(figure, 0.985, 0.96, "right", 10)
+    _legend(figure, plan, outlines, len(marks), ashore, land is not None)
+    _panel(figure, plan)
+    _bar(figure, mesh)
+    if footer:
+        figure.text(0.055, 0.012, page.fit(footer, 190), fontsize=7.5, color=GREY)
+    page.save(canvas, path, title, attributes, dpi=140)
+
+
+def nearest(forecast: Forecast, plan: Plan) -> int:
+    """Return the output nearest to the middle of the first round's time on scene; the last where nothing is tasked."""
+    first = [one for one in plan.taskings if one.round == plan.taskings[0].round]
+    if not first:
+        return int(forecast.data.sizes["time"]) - 1
+    begin, end = min(one.on_scene for one in first), max(one.off_scene for one in first)
+    return int(np.argmin(np.abs(forecast.data["time"].values - (begin + (end - begin) // 2))))
+
+
+def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark]) -> Frame:
+    """Return the frame of the sub-areas and the probability; of the bases too where that makes it little larger."""
+    rings = [_ring(one) for one in plan.taskings]
+    lines = [Line(ring[:, 0].tolist(), ring[:, 1].tolist(), "") for ring in rings]
+    one = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
+    times, aspect = [one.data["time"].values[0]], MAP[2] * SIZE[0] / (MAP[3] * SIZE[1])
+    here = layers.extent(one, times, marks, lines, aspect)
+    bases = [Mark(*place) for t in plan.taskings for place in (t.unit.base, t.unit.return_to)]
+    whole = layers.extent(one, times, [*marks, *bases], lines, aspect)
+    return whole if whole.x[1] - whole.x[0] <= LARGER * (here.x[1] - here.x[0]) else here
+
+
+def _ring(one: Tasking) -> Array:
+    ring = np.array(subareas.corners(one))
+    return search_shapes.curve(np.append(ring[:, 0], ring[0, 0]), np.append(ring[:, 1], ring[0, 1]))
+
+
+def _plan(
+    ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark]
+) -> None:
+    """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar in a free corner."""
+    texts: list[labels.Point] = []
+    busy = list(layers.occupied(here, forecast, [forecast.data["time"].values[i]]))
+    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
+        for points in subareas.transits(one):
+            _line(ax, here, points, {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}, 7)
+        for searching, points in search_shapes.flown(one.sortie):
+            _line(ax, here, points, search_layers.LEGS if searching else search_layers.TRANSIT, 8)
+        ring = _ring(one)
+        style = {**search_layers.AREA, "linewidth": 2.0, "linestyle": "-" if one.round == 1 else LATER}
+        _line(ax, here, ring, style, 8.5)
+        x, y = here.project(ring[:, 0], ring[:, 1])
+        busy = [np.append(busy[0], x), np.append(busy[1], y)]
+        if one.sortie.legs is not None:
+            _creep(ax, here, one)
+        x, y = here.project(*subareas.begin(one))
+        ax.plot(x, y, markersize=7.5, markeredgewidth=1.8, zorder=12, **POINT)
+        bold = {"fontsize": 9.5, "weight": "bold", "color": "#000000"}
+        texts.append((float(x), float(y), f"{name} {page.fit(one.unit.name, 26)}", bold))
+    must = len(texts)
+    for mark in marks:
+        layers.mark_point(ax, here, mark, 8)
+        x, y = here.project(mark.lon, mark.lat)
+        texts.append((float(x), float(y), mark.label, {"fontsize": 8.5, "color": layers.LAST_KNOWN, "weight": "bold"}))
+    for place in sorted({place for one in plan.taskings for place in (one.unit.base, one.unit.return_to)}):
+        x, y = here.project(*place)
+        if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
+            ax.plot(x, y, markersize=8, markeredgewidth=1.0, zorder=12, **BASE)
+            who = [one.unit.name for one in plan.taskings if place in (one.unit.base, one.unit.return_to)]
+            texts.append((float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK}))
+    _beyond(ax, here, plan)
+    bar = chart.scale_bar(ax, here, chart.free_corner(here, *busy))
+    labels.place(ax, canvas, texts, [bar], must=set(range(must)))
+
+
+def _line(ax: Axes, here: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:
+    halo = [patheffects.withStroke(linewidth=style["linewidth"] + 1.8, foreground="white", alpha=0.8)]
+    x, y = here.project(points[:, 0], points[:, 1])
+    ax.plot(
+        x,
+        y,
+        zorder=zorder,
+        scalex=False,
+        scaley=False,
+        path_effects=halo if style["linewidth"] >= 0.9 else None,
+        **style,
+    )
+
+
+def _creep(ax: Axes, here: Frame, one: Tasking) -> None:
+    """Draw an arrow in the direction of creep in the middle of a sub-area."""
+    reach = 0.22 * one.width
+    ends = []
+    for sign in (-1, 1):
+        east, north = sign * reach * np.sin(one.creep), sign * reach * np.cos(one.creep)
+        lon, lat = sphere.destination(math.radians(one.centre[0]), math.radians(one.centre[1]), east, north)
+        ends.append((np.degrees(lon), np.degrees(lat)))
+    (x0, y0), (x1, y1) = (here.project(*end) for end in ends)
+    arrow = {"arrowstyle": "-|>,head_width=0.28,head_length=0.5", "color": "#000000", "linewidth": 1.5}
+    arrow |= {"shrinkA": 0, "shrinkB": 0, "path_effects": [patheffects.withStroke(linewidth=3.5, foreground="white")]}
+    ax.annotate("", (float(x1), float(y1)), (float(x0), float(y0)), arrowprops=arrow, zorder=11)
+
+
+def _beyond(ax: Axes, here: Frame, plan: Plan) -> None:
+    """Say at the chart's edge how far it is to a base beyond it, and in which direction, once a base."""
+    for place in sorted({one.unit.base for one in plan.taskings}):
+        x, y = (float(v) for v in here.project(*place))
+        if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
+            continue
+        based = [one for one in plan.taskings if one.unit.base == place]
+        one = based[0]
+        px, py = (float(v) for v in here.project(*subareas.begin(one)))
+        shares = [
+            (edge - start) / (end - start)
+            for start, end, edges in ((px, x, here.x), (py, y, here.y))
+            for edge in edges
+            if abs(end - start) > 1e-6 and (edge - start) / (end - start) > 0
+        ]
+        share = 0.97 * min([1.0, *shares])
+        start, goal = np.radians(subareas.begin(one)), np.radians(place)
+        far = float(sphere.distance(*start, *goal)) / NMI
+        east, north = sphere.offset(*start, *goal)
+        way = subareas.degrees(math.atan2(float(east), float(north)))
+        left, low = x < px, y < py
+        ax.annotate(
+            f"base of {_some(list(dict.fromkeys(o.unit.name for o in based)))}\n{far:.0f} nmi, {way:03d}T",
+            (px + share * (x - px), py + share * (y - py)),
+            (6 if left else -6, 6 if low else -6),
+            textcoords="offset points",
+            ha="left" if left else "right",
+            va="bottom" if low else "top",
+            fontsize=8,
+            color=INK,
+            path_effects=labels.HALO,
+            zorder=16,
+        )
+
+
+def _some(who: list[str]) -> str:
+    """Return whose base it is."""
+    more = f" and {len(who) - 1} more" if len(who) > 1 else ""
+    return f"{page.fit(who[0], 26)}{more}"
+
+
+def _legend(figure: Figure, plan: Plan, outlines: Sequence[Any], marks: int, ashore: float, land: bool) -> None:
+    rows: list[tuple[Any, str]] = [
+        (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0}), "Sub-area"),
+        (Line2D([], [], **search_layers.LEGS), "Legs; arrow: creep"),
+        (Line2D([], [], markersize=7.5, markeredgewidth=1.8, **POINT), "Commence search point"),
+        (Line2D([], [], markersize=8, **BASE), "Base"),
+        (Line2D([], [], color="#000000", linewidth=0.9, linestyle=(0, (1, 2.5))), "Way out and home"),
+    ]
+    if any(one.round > 1 for one in plan.taskings):
+        rows.insert(1, (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0, "linestyle": LATER}), "Later round"))
+    for outline in outlines:
+        style = layers.LINES[outline.share]
+        symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
+        rows.append((symbol, f"{100 * outline.share:.0f} % area: {labels.number(outline.area / NMI**2)} nmi²"))
+    if marks:
+        style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
+        ring = Line2D([], [], marker="o", markersize=7, markerfacecolor="white", **style)
+        rows.append(((ring, Line2D([], [], marker="+", markersize=11, **style)), "Position known or reported"))
+    if ashore >= labels.TINY:
+        style = {"color": layers.ASHORE, "linestyle": "none", "markeredgecolor": "white"}
+        rows.append((Line2D([], [], marker="^", markersize=8, **style), f"Ashore, {labels.percent(ashore)}"))
+    if land:
+        rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
+    figure.legend(
+        [symbol for symbol, _ in rows],
+        [text for _, text in rows],
+        loc="lower left",
+        bbox_to_anchor=(0.672, 0.035),
+        ncols=2,
+        frameon=False,
+        fontsize=7.8,
+        labelspacing=0.6,
+        handlelength=2.4,
+        columnspacing=1.2,
+        labelcolor=INK,
+        borderaxespad=0,
+    )
+
+
+def _panel(figure: Figure, plan: Plan) -> None:
+    """Write the figures of the plan and of each tasking right of the map, as large as they fit."""
+    lines: list[tuple[str, float, str, str]] = []  # text, height in lines, weight, colour
+
+    def say(text: str, high: float = 1.0, weight: str = "normal", colour: str = INK) -> None:
+        lines.append((text, high, weight, colour))
+
+    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
+        say(f"{name}  {page.fit(one.unit.name, 26)}   POS {one.pos:.2f}", 1.15, "bold")
+        say(f"on scene {_short(one.on_scene)} to {_short(one.off_scene)}, home {_short(one.home)}")
+        say(f"{one.length / NMI:.1f} × {one.width / NMI:.1f} nmi along {subareas.degrees(one.orientation):03d}T, "
+            f"{one.unit.search_speed / KNOT:.0f} kn")  # fmt: skip
+        if one.sortie.legs is not None:
+            say(f"CSP {tables.position(*subareas.begin(one))}")
+            say(f"{one.legs} legs, spacing {one.spacing / NMI:.2f} nmi, creep {subareas.degrees(one.creep):03d}T", 1.35)
+        else:
+            say(f"centre {tables.position(*one.centre)}", 1.35)
+    if not plan.taskings:
+        say("No unit can search in this period.", 1.5, "bold")
+    say("POS, had it been", 1.05, "bold")
+    for scenario, pos in zip(plan.scenarios, plan.by_scenario, strict=True):
+        say(f"{pos:.2f}  {page.fit(scenario, 40)}")
+    if plan.alternatives:
+        say("", 0.3)
+        say("Instead", 1.05, "bold")
+        for other in plan.alternatives:
+            say(f"{other.value:.2f}  {page.fit(other.name, 48)}")
+    top, bottom = 0.9, 0.295
+    step = min(0.0215, (top - bottom) / sum(high for _, high, _, _ in lines))
+    size, y = min(9.0, 9.0 * step / 0.0205), top
+    for text, high, weight, colour in lines:
+        figure.text(0.672, y, text, fontsize=size, weight=weight, color=colour, va="top")
+        y -= step * high
+
+
+def _bar(figure: Figure, mesh: Any) -> None:
+    bar = figure.add_axes((0.675, 0.225, 0.215, 0.016))
+    figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="max")
+    per, unit = labels.scale(mesh.norm.vmax)
+    ticks = labels.ticks(mesh.norm.vmax * per)
+    bar.set_title(f"Probability density [% per {unit}]", fontsize=8.5, loc="left", color=INK, pad=4)
+    bar.tick_params(labelsize=7.5)
+    bar.set_xticks(ticks / per, labels=[labels.plain(v) for v in ticks])
+    bar.minorticks_off()
+
+
+def _short(time: np.datetime64) -> str:
+    return f"{units.group(time)[:6]}Z"

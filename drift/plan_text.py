@@ -1,0 +1,201 @@
+"""A plan as plain text: the search action plan, laid out as crews and coordinators read it (IAMSAR Manual, Vol. II).
+
+Plain ASCII of at most 78 columns but for names: it goes by mail, telex or radio. Positions are degrees and decimal
+minutes, directions true, times date-time groups.
+"""
+
+import math
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+
+from drift import subareas, tables, units
+from drift.subareas import KNOT
+from drift.tables import NMI
+from drift.tasking import Plan, Tasking
+from geo import sphere
+
+WIDE = 78
+FOOT = 0.3048  # [m]
+LABEL = 18
+OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
+OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
+PATTERN = "parallel sweep (PS)"
+
+
+def text(
+    plan: Plan,
+    case_title: str,
+    run: str,
+    notes: Sequence[str] = (),
+    *,
+    datum: tuple[float, float, np.datetime64] | None = None,
+    synthetic: bool = False,
+) -> str:
+    """Return the search action plan.
+
+    run: its run_id. notes: what else a coordinator must know. datum: (lon, lat) [deg] and its time. synthetic: winds or
+    currents are made up.
+    """
+    names = subareas.names(plan)
+    lines = ["SEARCH ACTION PLAN", *_fill(case_title, 0), f"Run {run}. Times are UTC, directions true.", ""]
+    for warning in warnings(plan, synthetic):
+        lines += [*_fill(f"WARNING: {warning}", 0), ""]
+    lines += ["1  WORTH", *_worth(plan, datum), "", "2  SEARCH AREAS", *_table(plan, names), "", "3  TASKING"]
+    number = 0
+    for name, tasking in zip(names, plan.taskings, strict=True):
+        if tasking.round != number and plan.spec.rounds > 1:
+            number = tasking.round
+            said = (
+                "" if number == 1 else ", planned on the failure of all before: plan anew with what was flown and seen"
+            )
+            lines += ["", *_fill(f"Round {number}{said}", 3)]
+        lines += ["", *_tasking(plan, name, tasking)]
+    if not plan.taskings:
+        lines += ["   none: no unit can search in this period"]
+    if plan.alternatives:
+        lines += ["", "4  ALTERNATIVES, on the same particles and random numbers", *_alternatives(plan)]
+    lines += ["", "5  COORDINATION, COMMUNICATIONS, REPORTS", "   to be filled in by the search mission coordinator"]
+    lines += ["", "6  NOTES"]
+    for note in (*notes, *_standing()):
+        lines += _fill(f"- {note}", 3, 5)
+    return "\n".join(lines) + "\n"
+
+
+def warnings(plan: Plan, synthetic: bool) -> list[str]:
+    """Return what stands at the head of a plan: what it must not be used for, or believed of."""
+    found = []
+    if synthetic:
+        found.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
+    if plan.seen - plan.value > OPTIMISTIC:
+        found.append(
+            f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: it fits chance. "
+            "Plan with more particles."
+        )
+    if plan.value > plan.bound + plan.bound_moved:
+        found.append(f"its value, {plan.value:.3f}, is above the bound, {plan.bound:.3f}: do not trust the bound.")
+    return found
+
+
+def worth(plan: Plan) -> str:
+    """Return in a line what a plan is worth and what none could exceed."""
+    if plan.spec.objective == "alive":
+        return f"{plan.value:.2f} to detect alive (POS {plan.pos:.2f}); no plan can exceed {plan.bound:.2f}"
+    return f"POS {plan.value:.2f}; no plan can exceed {plan.bound:.2f}"
+
+
+def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list[str]:
+    rows = [("Period", f"{units.group(plan.spec.begin)} to {units.group(plan.spec.until)}")]
+    if datum is not None and (where := tables.position(*datum[:2])) is not None:
+        rows.append(("Datum", f"{where} at {units.group(datum[2])}"))
+    rows += [("Objective", OBJECTIVES[plan.spec.objective]), ("Worth", worth(plan))]
+    if plan.bound > 0:
+        rows.append(
+            ("", f"{100 * plan.value / plan.bound:.0f} % of the bound, which is known to {plan.bound_moved:.3f}")
+        )
+    rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
+    for k, (name, pos) in enumerate(zip(plan.scenarios, plan.by_scenario, strict=True)):
+        rows.append(("POS, had it been" if k == 0 else "", f"{pos:.2f}  {name}"))
+    return [line for row in rows for line in _row(*row)]
+
+
+def _table(plan: Plan, names: Sequence[str]) -> list[str]:
+    lines = [f"   {'Area':6}{'Unit':24}{'Takeoff':9}{'On scene':10}{'Off':9}{'Home':9}{'POS':>5}"]
+    for name, one in zip(names, plan.taskings, strict=True):
+        times = [_short(time) for time in (one.takeoff, one.on_scene, one.off_scene, one.home)]
+        unit = one.unit.name if len(one.unit.name) <= 23 else f"{one.unit.name[:20]}..."
+        lines.append(f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{one.pos:5.2f}")
+    return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
+
+
+def _tasking(plan: Plan, name: str, one: Tasking) -> list[str]:
+    unit, sortie = one.unit, one.sortie
+    title = f"{name}  {unit.name}" + (f" ({unit.kind})" if unit.kind and unit.kind != unit.name else "")
+    corners = [tables.position(*corner) or "" for corner in subareas.corners(one)]
+    rows: list[tuple[str, str]] = [
+        ("Corners", f"{corners[0]}   {corners[1]}"),
+        ("", f"{corners[2]}   {corners[3]}"),
+        ("Centre", tables.position(*one.centre) or ""),
+        ("Size", f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, length along {_both(one.orientation)}"),
+    ]
+    if sortie.legs is not None:
+        many = f"{one.legs} leg{'s' * (one.legs != 1)}"
+        rows += [
+            ("Pattern", PATTERN),
+            ("CSP", f"{tables.position(*subareas.begin(one))}   (commence search point)"),
+            ("First leg", f"{_first_course(one):03d}T, {many} of {subareas.leg_length(one) / NMI:.1f} nmi"),
+            ("Creep", f"{subareas.degrees(one.creep):03d}T"),
+            ("Track spacing", f"{one.spacing / NMI:.2f} nmi"),
+        ]
+    else:
+        rows.append(("Pattern", f"search of the whole area, {subareas.track_length(one) / NMI:.0f} nmi of track"))
+    rows.append(("Speed", f"{unit.search_speed / KNOT:.0f} kn search, {unit.transit_speed / KNOT:.0f} kn transit"))
+    if math.isfinite(unit.altitude):
+        rows.append(("Altitude", f"{unit.altitude / FOOT:.0f} ft"))
+    rows += [
+        ("Takeoff", f"{units.group(one.takeoff)}   from {tables.position(*unit.base)}"),
+        ("On scene", f"{units.group(one.on_scene)}   at the CSP" if sortie.legs else units.group(one.on_scene)),
+        ("Off scene", f"{units.group(one.off_scene)}   at {tables.position(*subareas.end(one))}"),
+        ("Home", f"{units.group(one.home)}   at {tables.position(*unit.return_to)}"),
+        ("POS", f"{one.pos:.2f}"),
+    ]
+    coverage, pod = subareas.coverages(one), subareas.pods(one)
+    if np.ptp(coverage) < 1e-9 and np.ptp(sortie.sweep_width) < 1e-9:
+        rows.append(
+            ("Expected POD", f"{pod[0]:.2f} at W {sortie.sweep_width[0] / NMI:.2f} nmi, coverage {coverage[0]:.2f}")
+        )
+    else:
+        for k, scenario in enumerate(plan.scenarios):
+            told = f"{pod[k]:.2f} at W {sortie.sweep_width[k] / NMI:.2f} nmi, coverage {coverage[k]:.2f}: {scenario}"
+            rows.append(("Expected POD" if k == 0 else "", told))
+    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6))]
+
+
+def _alternatives(plan: Plan) -> list[str]:
+    lines = []
+    for other in plan.alternatives:
+        gap = "better" if other.difference >= 0 else "WORSE"
+        told = f"{other.value:.3f}  {other.name}; the plan is {gap} by {abs(other.difference):.3f} +- {other.standard_error:.3f}"
+        lines += _fill(told, 3, 10)
+    return lines
+
+
+def _standing() -> tuple[str, ...]:
+    return (
+        "Altitudes and times are for planning: crews and controllers settle separation, weather and daylight.",
+        "POD is for an object that stays in the area; POS counts those that drift in and out of it.",
+        "Afterwards append plan.toml to the case, with what was flown: completed or actual.",
+    )
+
+
+def _row(label: str, value: str, indent: int = 3) -> list[str]:
+    start = " " * indent + f"{label:{LABEL}}"
+    return textwrap.wrap(value, WIDE, initial_indent=start, subsequent_indent=" " * len(start), drop_whitespace=True,
+                         break_long_words=False, fix_sentence_endings=False) or [start.rstrip()]  # fmt: skip
+
+
+def _fill(words: str, indent: int, hang: int | None = None) -> list[str]:
+    return textwrap.wrap(
+        words, WIDE, initial_indent=" " * indent, subsequent_indent=" " * (indent if hang is None else hang)
+    )
+
+
+def _both(angle: float) -> str:
+    """Return the two directions of an axis, 030/210T."""
+    first = subareas.degrees(angle)
+    low, high = sorted((first, (first + 179) % 360 + 1))
+    return f"{low:03d}/{high:03d}T"
+
+
+def _first_course(one: Tasking) -> int:
+    """Return the course [deg] of the first leg: of the two along the orientation the one that it is flown on."""
+    legs = one.sortie.legs
+    assert legs is not None
+    east, north = sphere.offset(*np.radians([legs.lon[0], legs.lat[0], legs.lon[1], legs.lat[1]]))
+    ahead = math.sin(one.orientation) * float(east) + math.cos(one.orientation) * float(north) >= 0
+    return subareas.degrees(one.orientation + (0 if ahead else math.pi))
+
+
+def _short(time: np.datetime64) -> str:
+    return f"{units.group(time)[:6]}Z"

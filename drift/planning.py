@@ -1,0 +1,165 @@
+"""The next search: planned on particles of its own, scored by executing it on the case's, written as crews read it.
+
+Several rounds are planned one after the other, each on the failure of those before. The score of a plan is one minus the
+evidence of its having failed: the same run that a debrief would make.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drift import bound as bounds
+from drift import environment, flow, follow, optimise, output, plan_files, plan_input, plan_text
+from drift.case import Case
+from drift.environment import Environment
+from drift.flow import Report, Result, Stopwatch
+from drift.sortie import Unit
+from drift.tasking import Plan, Tasking
+from drift.units import group
+from geo.errors import UserError
+from kernels import runtime
+
+
+def plan(
+    case: Case,
+    out: Path | None = None,
+    *,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> tuple[Plan, Result]:
+    """Plan the next search of a case; with `out`, write it and the forecast of its failure, complete or not at all.
+
+    Raises UserError for all that the user can mend.
+    """
+    tell = report or (lambda phase, share: None)
+    if not case.units:
+        raise UserError(
+            f"{case.path.name}: has no [[unit]] to plan with: give each its base, search_speed, endurance and sweep_width"
+        )
+    if out is not None:
+        output.check_folder(out, overwrite)
+    clock = Stopwatch()
+    with clock.phase("taichi"):
+        runtime.start(backend, threads)
+    tell("read", 0.0)
+    with clock.phase("read"):
+        where = environment.open_for(case)
+    made, executed, result = scheme(case, where, clock, tell)
+    if out is not None:
+        tell("write", 0.0)
+        flow.write(result, where, out, clock, more=_files(made, executed, case), plan=made, overwrite=overwrite)
+    return made, result
+
+
+def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tuple[Plan, Case, Result]:
+    """Return a plan, the case in which it has been executed and found nothing, and the forecast of that."""
+    spec = case.plan
+    survival = [scenario.survival for scenario in case.scenarios]
+    tasked: list[Tasking] = []
+    units, executed = list(case.units), case
+    seen, proposal, found = 1.0, None, None
+    for number in range(1, spec.rounds + 1):
+        with clock.phase("follow"):
+            tracks = follow.follow(executed, where)
+        if found is None:
+            with clock.phase("bound"):
+                found = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
+        with clock.phase("plan"):
+            share = (number - 1) / spec.rounds
+            proposal = optimise.plan(
+                tracks, units, spec, case.seed + number, survival, lambda done: tell("plan", share + done / spec.rounds)
+            )
+        more = [_named(tasking, number, spec.rounds, case) for tasking in proposal.taskings]
+        if not more:
+            break
+        tasked += more
+        seen *= 1 - proposal.seen
+        units = _again(units, more)
+        executed = _with(case, tasked)
+    if proposal is None or found is None or not tasked:
+        raise UserError(
+            f"plan: no unit can search between {group(spec.begin)} and {group(spec.until)}: each needs time for its transit and some search before "
+            "the end, by daylight if it is visual; give more time (until in [plan]), or units that are nearer or ready earlier"
+        )
+    result = flow.forecasted(executed, where, clock, tell)
+    assert result.updates is not None
+    done = {update.name: update for update in result.updates.all}
+    flown = [done[tasking.sortie.name] for tasking in tasked]
+    missed = np.prod([1 - np.asarray(update.pos) for update in flown], axis=0)
+    alive, so_far = 0.0, 1.0
+    for update in flown:
+        alive += so_far * float(np.asarray(update.pos if update.alive is None else update.alive)[-1])
+        so_far *= 1 - float(np.asarray(update.pos)[-1])
+    pos = 1 - float(missed[-1])
+    named = tuple(
+        replace(tasking, pos=float(np.asarray(update.pos)[-1])) for tasking, update in zip(tasked, flown, strict=True)
+    )
+    made = Plan(
+        spec=spec,
+        taskings=named,
+        value=alive if spec.objective == "alive" else pos,
+        pos=pos,
+        by_scenario=1 - missed[:-1],
+        seen=1 - seen,
+        bound=found.value,
+        bound_moved=found.moved,
+        alternatives=proposal.alternatives if spec.rounds == 1 else (),
+        scenarios=tuple(scenario.name for scenario in case.scenarios),
+    )
+    return made, executed, result
+
+
+def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
+    """Return a tasking of a round, its sortie named unlike all others."""
+    name = f"{tasking.unit.name}, planned" + (f" {number}" if rounds > 1 else "")
+    while name in {sortie.name for sortie in case.sorties}:
+        name += " anew"
+    return replace(tasking, round=number, sortie=replace(tasking.sortie, name=name))
+
+
+def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
+    """Return a case in which a plan's sorties have been flown, its outputs with theirs."""
+    sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda one: (one.start, one.end)))
+    times = plan_input.times([tasking.sortie for tasking in tasked], ())
+    outputs = np.unique(np.concatenate([case.outputs, np.array(times, "datetime64[s]")]))
+    return replace(case, sorties=sorties, outputs=outputs)
+
+
+def _again(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
+    """Return the units with the time at which each is ready after its sortie."""
+    home = {tasking.unit.name: tasking.home for tasking in flown}
+    later = [
+        replace(unit, ready=max(unit.ready, home[unit.name] + np.timedelta64(round(unit.turnaround), "s")))
+        if unit.name in home
+        else unit
+        for unit in units
+    ]
+    return later
+
+
+def _flying(units: Sequence[Unit], rounds: int) -> list[Unit]:
+    """Return units that can search as long as all their sorties together: what bounds several rounds."""
+    return [replace(unit, endurance=unit.endurance * rounds) for unit in units]
+
+
+def _files(made: Plan, executed: Case, case: Case) -> list[output.Product]:
+    """Return what a plan hands to people."""
+    synthetic = any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes))
+    taken = [sortie.name for sortie in case.sorties]
+
+    def product(name: str, make: Callable[[Any], Any]) -> output.Product:
+        return output.Product(name, make)
+
+    return [
+        product("plan.txt", lambda s: plan_text.text(made, case.title, s["run_id"], synthetic=synthetic)),
+        product("plan.gpx", lambda s: plan_files.gpx(made, case.title, s["run_id"])),
+        product("plan.kml", lambda s: plan_files.kml(made, case.title, s["run_id"])),
+        product("plan.geojson", lambda s: plan_files.geojson(made, s)),
+        product("plan.json", lambda s: {"run_id": s["run_id"], **plan_files.numbers(made)}),
+        product("plan.toml", lambda s: plan_files.toml(made, taken)),
+    ]

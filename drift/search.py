@@ -1,0 +1,316 @@
+"""The filter: what sorties that found nothing, and contacts, do to the weights of an ensemble while it moves.
+
+The clock of the forecast tells it of every step. A sortie's exposure grows as it is flown and changes weights when it ends;
+an output in between sees what it has done so far. Evidence is the mean weight after over that before. A sortie that does
+nothing changes no bit.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift import ensemble as record
+from drift import likelihood, prior, resample
+from drift.case import Case
+from drift.ensemble import Ensemble
+from drift.flown import Flown
+from drift.forecast import Place, Scene
+from drift.leeway import Drifter
+from drift.sortie import Contact
+from drift.start import physics
+from drift.status import Status
+from drift.updates import Update, Updates
+from geo.errors import UserError
+from kernels import noise, runtime
+from kernels.advance import Step
+
+Array = npt.NDArray[Any]
+Device = Any
+DEBRIS = 2**62  # between the seeds of an object's own coefficients and those of its debris
+
+
+@dataclass
+class Debris:
+    """Debris of one class: an ensemble that shares releases and errors of the forcing with the object's, slot by slot."""
+
+    ensemble: Ensemble
+    scene: Scene
+    last: int  # [s after start] when it is last asked for
+    before: tuple[Array, Array] | None = None
+
+
+class Search:
+    """Sorties and contacts of one run; `updates` tells afterwards what each did."""
+
+    def __init__(self, case: Case, ensemble: Ensemble, scene: Scene) -> None:
+        """Make ready for a run of an ensemble through a scene."""
+        self.case, self.ensemble, self._scene = case, ensemble, scene
+        start = int(case.start.astype("datetime64[s]").astype(np.int64))
+        self._waiting = [Flown(sortie, start, len(case.scenarios)) for sortie in case.sorties]
+        self._contacts = [(prior.elapsed(case, contact.time), contact) for contact in case.contacts]
+        self._shared: dict[tuple[str, float], Device] = {}
+        self._before: tuple[Device, Device] | None = None
+        self._debris = _companions(case, self._contacts, scene)
+        self._updates: list[Update] = []
+        self._prior = self._stories(self.ensemble.log_weight.to_numpy())
+        self._missed = np.ones(len(case.scenarios) + 1)  # product of 1 - POS so far
+        self._lineage = np.arange(ensemble.n, dtype=np.int32)
+        self._ancestors: Array | None = None
+        self._events = 0
+        self._target = [_living(slots, ensemble) for slots in ensemble.scenarios]
+        self._release: Array | None = None
+
+    @property
+    def updates(self) -> Updates:
+        """What has happened so far."""
+        return Updates(tuple(s.name for s in self.case.scenarios), self._prior, tuple(self._updates))
+
+    def stops(self, after: int, until: int) -> list[int]:
+        """Return the times in (after, until] at which something takes effect [s after start]."""
+        times = [flown.end for flown in self._waiting] + [time for time, _ in self._contacts]
+        return sorted({t for t in times if after < t <= until})
+
+    def before(self, elapsed: int, duration: int) -> None:
+        """Remember where the step begins, if a sortie is flown in it; take its markers over it. The forcing is set."""
+        self._before = None
+        for flown in self._flown(elapsed, elapsed + duration):
+            flown.drift(self._scene.forcing, elapsed, duration)
+            if self._before is None:
+                self._before = runtime.copy(self.ensemble.lon), runtime.copy(self.ensemble.lat)
+
+    def advance(self, low: int, high: int, step: Step) -> None:
+        """Move debris over a step."""
+        for debris in self._debris.values():
+            if debris.last > step.elapsed:
+                debris.before = debris.ensemble.lon.to_numpy(), debris.ensemble.lat.to_numpy()
+                debris.scene.advance(debris.ensemble, low, high, step)
+
+    def _flown(self, begin: int, end: int) -> list[Flown]:
+        return [flown for flown in self._waiting if flown.begin < end and flown.end > begin]
+
+    def watch(self, elapsed: int, duration: int, begin: int, end: int) -> None:
+        """See what all sorties do from begin to end, within the step that has just been made."""
+        for flown in self._flown(begin, end):
+            assert self._before is not None
+            flown.expose(self.ensemble, self._before, (elapsed, duration), begin, end)
+
+    def take_effect(self, time: int, place: Place) -> None:
+        """Change weights by all that ends or is seen at a time; place: gives where an ensemble's particles were then."""
+        for flown in [f for f in self._waiting if f.end == time]:
+            self._waiting.remove(flown)
+            self._fail(flown)
+        for when, contact in [c for c in self._contacts if c[0] == time]:
+            self._contacts.remove((when, contact))
+            self._see(contact, time, place)
+
+    def _fail(self, flown: Flown) -> None:
+        """Take in that a sortie found nothing."""
+        before = self.ensemble.log_weight.to_numpy()
+        flown.fail(self.ensemble, self._group(flown, self._shared), self.ensemble.log_weight)
+        after = self.ensemble.log_weight.to_numpy()
+        sortie = flown.sortie
+        evidence = self._evidence(before, after, f'sortie "{sortie.name}"')
+        weight = _weights(before)
+        lost = weight - _weights(after, before)
+        pos = -np.expm1(evidence)
+        self._missed = self._missed * (1 - pos)
+        alive = None
+        if any(s.survival for s in self.case.scenarios):
+            alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
+        self._note(
+            Update(
+                sortie.name, "sortie", sortie.end, evidence, self._stories(after), _ess(before), _ess(after),
+                poc=self._mean(weight * flown.searched(), weight) if flown.columns else np.zeros_like(pos),
+                pos=pos, alive=alive, cumulative=1 - self._missed,
+            )
+        )  # fmt: skip
+
+    def _see(self, contact: Contact, time: int, place: Place) -> None:
+        """Take in a contact."""
+        who, begin = self.ensemble, None
+        if contact.drifter is not None:
+            debris = self._debris[contact.drifter]
+            who, begin = debris.ensemble, debris.before
+        lon, lat = place(who, begin, time)
+        found = likelihood.log_likelihood(contact, lon, lat)
+        found = np.where(_there(who, time), found, -np.inf)
+        before, now = self.ensemble.log_weight.to_numpy(), self.log_weight()
+        mean = _log_sum(now + found) - _log_sum(now)  # of all that is known then, sorties under way included
+        if contact.false_density > 0:
+            found = np.logaddexp(found, np.log(contact.false_density))
+        elif contact.belief < 1:  # in units of the mean, so that the evidence is a density all the same
+            if mean == -np.inf:
+                found = np.zeros_like(found)
+            else:
+                with np.errstate(divide="ignore"):
+                    found = np.logaddexp(np.log(contact.belief) + found, np.log1p(-contact.belief) + mean)
+        after = (before + found).astype(np.float32)
+        evidence = self._evidence(before, after, f'contact "{contact.name}"')
+        self.ensemble.log_weight.from_numpy(after)
+        self._note(
+            Update(contact.name, "contact", contact.time, evidence, self._stories(after), _ess(before), _ess(after))
+        )
+
+    def log_weight(self) -> Array:
+        """Return the weights as they stand, with what sorties under way have missed so far; float32 (n,)."""
+        under_way = [flown for flown in self._waiting if flown.columns]
+        if not under_way:
+            return np.asarray(self.ensemble.log_weight.to_numpy())
+        weight = runtime.copy(self.ensemble.log_weight)
+        shared = {key: runtime.copy(column) for key, column in self._shared.items()}
+        for flown in under_way:
+            flown.fail(self.ensemble, self._group(flown, shared), weight)
+        return np.asarray(weight.to_numpy())
+
+    def after(self, step_end: int) -> None:
+        """Resample at the end of a step, if the effective particles are fewer than asked for."""
+        rule = self.case.resampling
+        changed = self._updates and self._events < len(self._updates)
+        if rule.below <= 0 or not changed:
+            return
+        self._events = len(self._updates)
+        ess = _ess(self.ensemble.log_weight.to_numpy())
+        if ess >= rule.below * sum(self._target):
+            return
+        ancestors = self._draw(rule.method)
+        self._lineage = self._lineage[ancestors]
+        self._ancestors = ancestors if self._ancestors is None else self._ancestors[ancestors]
+        weight = self.ensemble.log_weight.to_numpy()
+        distinct = len(np.unique(self._lineage[weight > -np.inf])) / sum(self._target)
+        self._updates[-1] = replace(self._updates[-1], resampled=True, ess_after=_ess(weight), distinct=distinct)
+
+    def _draw(self, method: str) -> Array:
+        """Replace all particles by offspring, in place; return their ancestors (n,)."""
+        e = self.ensemble
+        weight = _weights(e.log_weight.to_numpy())
+        scale = float(e.log_weight.to_numpy().max())
+        ancestors = np.arange(e.n)
+        log_weight = np.full(e.n, -np.inf, np.float32)
+        for scenario, ((first, last), target) in enumerate(zip(e.scenarios, self._target, strict=True)):
+            own = weight[first:last]
+            total = own.sum()
+            if total <= 0:
+                continue
+            random = resample.generator(self.case.seed, self._events, scenario)
+            if method == "systematic":
+                drawn = resample.systematic(own, target, random.random())
+            else:
+                drawn = resample.kahn(own, target, random.random(last - first))
+                while len(drawn) > last - first:  # eight standard deviations above: draw again
+                    drawn = resample.kahn(own, target, random.random(last - first))
+            ancestors[first : first + len(drawn)] = first + drawn
+            log_weight[first : first + len(drawn)] = scale + np.log(total / target)
+        columns = [getattr(e, name) for name in (*record.INTEGERS, *record.REALS)]
+        columns += [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
+        for debris in self._debris.values():
+            columns += [getattr(debris.ensemble, name) for name in (*record.INTEGERS, *record.REALS)]
+        for column in columns:
+            values = column.to_numpy().reshape(-1, e.n)
+            column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
+        e.log_weight.from_numpy(log_weight)
+        return ancestors
+
+    def ancestors(self) -> Array | None:
+        """Return whose offspring the particles are, int64 (n,), since it was last asked; None if they are themselves."""
+        found, self._ancestors = self._ancestors, None
+        return found
+
+    def _group(self, flown: Flown, columns: dict[tuple[str, float], Device]) -> Device:
+        """Return the columns of the misses that share a sortie's unknown factor of sweep width."""
+        if len(flown.factors) == 1:
+            return self.ensemble.log_weight  # not used: any column will do
+        key = (flown.sortie.group, flown.sortie.shape)
+        if key not in columns:
+            columns[key] = runtime.empty(self.ensemble.n * len(flown.factors))
+        return columns[key]
+
+    def _evidence(self, before: Array, after: Array, what: str) -> Array:
+        """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
+        sums = [_log_sum(after[a:b]) - _log_sum(before[a:b]) for a, b in self.ensemble.scenarios]
+        whole = _log_sum(after) - _log_sum(before)
+        if not np.isfinite(whole):
+            names = ", ".join(f'"{s.name}"' for s in self.case.scenarios)
+            raise UserError(
+                f"{what} contradicts every scenario ({names}): after it no particle has any weight, and nothing can be said. Check its "
+                "place, time and error, or allow for doubt: a POD below 1, a belief below 1, or a wider prior"
+            )
+        return np.asarray(np.nan_to_num(np.array([*sums, whole]), nan=-np.inf, neginf=-np.inf))
+
+    def _stories(self, log_weight: Array) -> Array:
+        """Return the probability of each scenario."""
+        weight = _weights(log_weight)
+        return np.asarray([weight[a:b].sum() / weight.sum() for a, b in self.ensemble.scenarios])
+
+    def _mean(self, part: Array, weight: Array) -> Array:
+        """Return a part of the weight as a share, by scenario and of all; 0 where there is no weight."""
+        ranges = [*self.ensemble.scenarios, (0, self.ensemble.n)]
+        sums = np.array([[part[a:b].sum(), weight[a:b].sum()] for a, b in ranges])
+        return np.asarray(np.divide(sums[:, 0], sums[:, 1], out=np.zeros(len(ranges)), where=sums[:, 1] > 0))
+
+    def _alive(self, time: float) -> Array:
+        """Return each particle's chance of being alive at a time [s after start]; 1 where no survival is told."""
+        release = self.ensemble.release.to_numpy()
+        alive = np.ones(self.ensemble.n)
+        for scenario, (a, b) in zip(self.case.scenarios, self.ensemble.scenarios, strict=True):
+            if scenario.survival:
+                alive[a:b] = scenario.survival.alive(time - release[a:b])
+        return alive
+
+    def _note(self, update: Update) -> None:
+        distinct = self._updates[-1].distinct if self._updates else 1.0
+        self._updates.append(replace(update, distinct=distinct))
+
+
+def _companions(case: Case, contacts: list[tuple[int, Contact]], scene: Scene) -> dict[Drifter, Debris]:
+    """Return the debris that contacts tell of, by class."""
+    found: dict[Drifter, Debris] = {}
+    for time, contact in contacts:
+        drifter = contact.drifter
+        if drifter is None:
+            continue
+        if drifter in found:
+            found[drifter].last = max(found[drifter].last, time)
+            continue
+        told = replace(case, scenarios=tuple(replace(s, object=drifter) for s in case.scenarios))
+        ensemble = prior.draw(told, scene.place.coast).ensemble
+        for slots in ensemble.scenarios:  # coefficients of its own
+            prior.equip(ensemble, slots, noise.key((case.seed + DEBRIS) % 2**64), drifter)
+        place = scene.place._replace(debris=True)
+        moved = replace(scene, physics=tuple(physics(told, s) for s in told.scenarios), place=place)
+        found[drifter] = Debris(ensemble, moved, time)
+    return found
+
+
+def _living(slots: tuple[int, int], ensemble: Ensemble) -> int:
+    """Return how many of a scenario's slots hold particles; others are to spare."""
+    status = ensemble.status.to_numpy()[slots[0] : slots[1]]
+    return int((status != Status.LEFT).sum())
+
+
+def _there(ensemble: Ensemble, time: int) -> Array:
+    """Return which particles were adrift or ashore at a time, bool (n,)."""
+    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
+    over = (status > Status.ASHORE) & (status != Status.PENDING) & (ended <= time)
+    return np.asarray((release <= time) & ~over)
+
+
+def _weights(log_weight: Array, scale: Array | None = None) -> Array:
+    """Return weights, float64, of which the largest is 1; or in units of the largest of `scale`."""
+    top = float((log_weight if scale is None else scale).max())
+    return np.asarray(np.exp(log_weight.astype(np.float64) - top))
+
+
+def _log_sum(log_weight: Array) -> float:
+    """Return the log of the sum of weights; -inf where there is none."""
+    top = float(log_weight.max()) if log_weight.size else -np.inf
+    if top == -np.inf:
+        return top
+    return float(top + np.log(np.exp(log_weight.astype(np.float64) - top).sum()))
+
+
+def _ess(log_weight: Array) -> float:
+    """Return the effective sample size (Kong 1992)."""
+    weight = _weights(log_weight)
+    return float(weight.sum() ** 2 / (weight**2).sum())

@@ -1,0 +1,58 @@
+"""A plan: what each unit is to do next, what that is worth, and what no plan could exceed."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.sortie import PlanSpec, Sortie, Unit
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Tasking:
+    """One sortie of a plan: a sub-area searched by parallel tracks."""
+
+    unit: Unit
+    round: int  # from 1: planned on the failure of the rounds before
+    sortie: Sortie  # as it is to be flown: its area, legs and times of search
+    takeoff: np.datetime64
+    on_scene: np.datetime64  # at the commence search point
+    off_scene: np.datetime64
+    home: np.datetime64
+    centre: tuple[float, float]  # (lon, lat) [deg] of the sub-area
+    length: float  # [m] along the legs
+    width: float  # [m] across them
+    orientation: float  # [rad] of the legs, clockwise from north
+    creep: float  # [rad] direction in which the legs follow each other, clockwise from north
+    spacing: float  # [m] between tracks
+    legs: int
+    pos: float  # probability that it finds the object, given that all before it in the plan failed
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another plan, scored on the same particles and random numbers."""
+
+    name: str
+    value: float  # of the objective
+    difference: float  # plan - alternative
+    standard_error: float  # of the difference
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to do next. `value` is the objective: POS, or the probability of finding alive."""
+
+    spec: PlanSpec
+    taskings: tuple[Tasking, ...]
+    value: float  # on the case's own particles, which the plan has not seen
+    pos: float  # there: 1 - evidence of executing it
+    by_scenario: Array  # (scenarios,) POS given each scenario, there
+    seen: float  # on the particles that it was made on: what exceeds `value` is optimism
+    bound: float  # no plan of these units, laws and times exceeds it
+    bound_moved: float  # by how much the bound moved when particles were doubled: its uncertainty
+    alternatives: tuple[Alternative, ...]
+    scenarios: tuple[str, ...]

@@ -1,0 +1,119 @@
+"""Tracks of particles that a plan is made on: where each is at the edges of time bins, straight in between."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from geo import sphere
+
+Array = npt.NDArray[Any]
+
+LEVELS = 12  # of the space-filling curve: a side of 4096
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Particles (m) at bin edges (b + 1), given all that was seen and not seen before the plan begins."""
+
+    time: Array  # float64 [s since 1970] (b + 1,)
+    lon: Array  # int32 binary angle (b + 1, m)
+    lat: Array
+    adrift: Array  # bool (b + 1, m): it can be detected (adrift or ashore)
+    weight: Array  # float64 (m,), of sum 1
+    scenario: Array  # int32 (m,)
+    release: Array  # float64 [s since 1970] (m,)
+
+    @property
+    def bins(self) -> int:
+        """Number of time bins."""
+        return len(self.time) - 1
+
+    @property
+    def m(self) -> int:
+        """Number of particles."""
+        return len(self.weight)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The tangent plane that a plan is worked out on: distances from its origin and bearings there are true."""
+
+    lon: float  # [rad] origin
+    lat: float
+
+    def flat(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array]:
+        """Return (x, y) [m] east and north of positions [rad]."""
+        return sphere.offset(self.lon, self.lat, lon, lat)
+
+    def round(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Array, Array]:
+        """Return positions (lon, lat) [rad] of (x, y) [m]."""
+        return sphere.destination(self.lon, self.lat, x, y)
+
+
+def plane(tracks: Tracks) -> Plane:
+    """Return the plane round the mean of all positions; 300 km off, lengths across are 0.04 % too long there."""
+    lon, lat = tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT
+    mean = [
+        float(np.mean(v @ tracks.weight)) for v in (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
+    ]
+    return Plane(float(np.arctan2(mean[1], mean[0])), float(np.arctan2(mean[2], np.hypot(mean[0], mean[1]))))
+
+
+def take(tracks: Tracks, index: Array, weight: Array) -> Tracks:
+    """Return some of the particles with new weights, which are brought to sum 1."""
+    lon, lat, adrift = (np.ascontiguousarray(v[:, index]) for v in (tracks.lon, tracks.lat, tracks.adrift))
+    return replace(
+        tracks, lon=lon, lat=lat, adrift=adrift, weight=weight / weight.sum(), scenario=tracks.scenario[index],
+        release=tracks.release[index],
+    )  # fmt: skip
+
+
+def order(tracks: Tracks) -> Array:
+    """Return the particles' order by scenario, then along a space-filling curve where they are half way: strata."""
+    x, y = plane(tracks).flat(*(v[tracks.bins // 2] * sphere.UNIT for v in (tracks.lon, tracks.lat)))
+    return np.lexsort((morton(x, y, *square(x, y)), tracks.scenario))
+
+
+def sort(tracks: Tracks) -> Tracks:
+    """Return the same particles in the order of strata, so that neighbours in memory are neighbours at sea."""
+    at = order(tracks)
+    return take(tracks, at, tracks.weight[at])
+
+
+def sample(tracks: Tracks, count: int) -> Tracks:
+    """Return `count` particles of equal weight, drawn systematically in proportion to weight along strata."""
+    at = order(tracks)
+    cumulative = np.cumsum(tracks.weight[at])
+    ticks = (np.arange(count) + 0.5) / count * cumulative[-1]
+    return take(tracks, at[np.minimum(np.searchsorted(cumulative, ticks), tracks.m - 1)], np.ones(count))
+
+
+def halves(tracks: Tracks) -> tuple[Tracks, Tracks]:
+    """Return half of the particles, drawn at random, and the others: not strata, whose noise would be the whole's."""
+    at = np.random.Generator(np.random.Philox(key=tracks.m)).permutation(tracks.m)
+    return take(tracks, at[0::2], tracks.weight[at[0::2]]), take(tracks, at[1::2], tracks.weight[at[1::2]])
+
+
+def coarser(tracks: Tracks, most: int) -> Tracks:
+    """Return the same tracks at the edges of at most so many bins."""
+    edge = np.unique(np.rint(np.linspace(0, tracks.bins, min(tracks.bins, most) + 1)).astype(int))
+    return replace(tracks, time=tracks.time[edge], lon=tracks.lon[edge], lat=tracks.lat[edge], adrift=tracks.adrift[edge])
+
+
+def square(x: Array, y: Array) -> tuple[float, float, float]:
+    """Return (west, south, side) [m] of a square that holds all points and half as much again."""
+    side = 1.5 * max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
+    return float(x.max() + x.min() - side) / 2, float(y.max() + y.min() - side) / 2, side
+
+
+def morton(x: Array, y: Array, west: float, south: float, side: float) -> Array:
+    """Return the place, int64, of points in the square along Morton's curve of 4^LEVELS cells."""
+    code = np.zeros(np.shape(x), np.int64)
+    for shift, v in enumerate(((x - west) / side, (y - south) / side)):
+        spread = np.clip((v * 2**LEVELS).astype(np.int64), 0, 2**LEVELS - 1)
+        for gap, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+            spread = (spread | (spread << gap)) & mask
+        code |= spread << shift
+    return code

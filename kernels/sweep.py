@@ -1,0 +1,339 @@
+"""What a sensor's track has done to each particle: exposure along relative tracks, and what it makes of weights.
+
+A stretch of a step is given by nodes: times [s after the step's begin] and places of the sensor, straight in between. The
+particle goes straight from where the step began to where it ended. All is worked out in the frame of the particle, in metres.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import taichi as ti
+
+from kernels import sphere
+from kernels.advance import ADRIFT, ASHORE, PENDING
+from kernels.coast import Ints, Reals
+
+METRES = sphere.RADIUS * sphere.UNIT
+TINY = 1e-30
+
+f32x2 = ti.types.vector(2, ti.f32)
+HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
+HostInts = ti.types.ndarray(dtype=ti.i32, ndim=1)
+
+CUBE, ABEAM, ZONES, INSIDE = range(4)  # kinds of exposure
+HAZARD, SHARE, MISS = range(
+    3
+)  # what an exposure means: a hazard, a share of time inside, the log of a miss by factor of W
+
+
+@ti.func
+def relative(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32, c: ti.f32, bend: ti.f32) -> f32x2:
+    """Return the way [m] east and north from a sensor to a particle, in the particle's tangent plane, to second order.
+
+    c: cosine of the sensor's latitude; bend: half its sine times its cosine, per unit of binary angle. Great circles past the
+    particle are straight in this plane up to terms of third order: 0.1 m within 20 km.
+    """
+    dlon, dlat = ti.cast(x - at_lon, ti.f32), ti.cast(y - at_lat, ti.f32)
+    return f32x2(dlon * c, dlat - dlon * dlon * bend) * ti.f32(METRES)
+
+
+@ti.func
+def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
+    """Return the integral of ds / (2 r^3) [1/m2] along the relative track from a to b, of lengths far_a and far_b.
+
+    It is 1/2 1/x^2 [s / r] between the ends, x the lateral range; written as the field of a wire, |b - a| (ra + rb) / (2 ra rb
+    (ra rb + a.b)), it needs no lateral range and loses no digits where that is small.
+    """
+    d = b - a
+    product, dot = far_a * far_b, a[0] * b[0] + a[1] * b[1]
+    open_angle = product + dot
+    if dot < 0.0:
+        cross = a[0] * b[1] - a[1] * b[0]
+        open_angle = cross * cross / (product - dot)
+    return 0.5 * ti.sqrt(d[0] * d[0] + d[1] * d[1]) * (far_a + far_b) / ti.max(product * open_angle, TINY)
+
+
+@ti.func
+def lateral(a: f32x2, b: f32x2, along_a: ti.f32, along_b: ti.f32) -> ti.f32:
+    """Return the lateral range [m] of the relative track from a to b, or -1 unless the particle comes abeam on it.
+
+    along: way along the leg's own course from the particle to the sensor; it is abeam where that changes sign, on one side
+    of a joint only, however a leg is cut.
+    """
+    x = -1.0
+    if along_a < 0.0 and along_b >= 0.0:
+        d = b - a
+        x = ti.abs(a[0] * b[1] - a[1] * b[0]) / ti.max(ti.sqrt(d[0] * d[0] + d[1] * d[1]), TINY)
+    return x
+
+
+@ti.func
+def within(a: f32x2, b: f32x2, radius: ti.f32) -> ti.f32:
+    """Return the share of the way from a to b that lies within a radius [m] of the origin."""
+    d = b - a
+    dd, ad, aa = d[0] * d[0] + d[1] * d[1], a[0] * d[0] + a[1] * d[1], a[0] * a[0] + a[1] * a[1]
+    share = ti.cast(aa < radius * radius, ti.f32)
+    if dd > 0.0:
+        share = 0.0
+        root = ad * ad - dd * (aa - radius * radius)
+        if root > 0.0:
+            root = ti.sqrt(root)
+            low, high = ti.max((-ad - root) / dd, 0.0), ti.min((-ad + root) / dd, 1.0)
+            share = ti.max(high - low, 0.0)
+    return share
+
+
+@ti.func
+def inside(a: f32x2, b: f32x2, ring: ti.template()) -> ti.f32:
+    """Return the share of the way from a to b inside a ring of corners (x, y, x, y, ...) [m], counterclockwise, not closed."""
+    corners = ring.shape[0] // 2
+    d = b - a
+    share, within_a = 0.0, 0
+    px, py = ring[2 * corners - 2], ring[2 * corners - 1]
+    for k in range(corners):
+        qx, qy = ring[2 * k], ring[2 * k + 1]
+        ex, ey = qx - px, qy - py
+        # parity of a ray to the east from a
+        if (py > a[1]) != (qy > a[1]):
+            if (a[0] - px) < ex * (a[1] - py) / ey:
+                within_a = 1 - within_a
+        # where the way crosses this edge: entering to its left
+        side_a, side_b = ex * (a[1] - py) - ey * (a[0] - px), ex * (b[1] - py) - ey * (b[0] - px)
+        if (side_a < 0.0) != (side_b < 0.0):
+            at = side_a / (side_a - side_b)
+            if ti.abs(ex) > ti.abs(ey):
+                on = a[0] + at * d[0]
+                if (px < on) != (qx < on):
+                    share += (1.0 - at) * (1.0 if side_a < 0.0 else -1.0)
+            else:
+                on = a[1] + at * d[1]
+                if (py < on) != (qy < on):
+                    share += (1.0 - at) * (1.0 if side_a < 0.0 else -1.0)
+        px, py = qx, qy
+    return ti.min(ti.max(share + within_a, 0.0), 1.0)
+
+
+@ti.func
+def chance(curve: ti.template(), x: ti.f32) -> ti.f32:
+    """Return a lateral range curve (range, chance, range, chance, ...) at x: straight in between, nothing beyond the last."""
+    last = curve.shape[0] // 2 - 1
+    found = 0.0
+    if x <= curve[2 * last]:
+        k = 1
+        while k < last and x > curve[2 * k]:
+            k += 1
+        low, span = curve[2 * k - 2], curve[2 * k] - curve[2 * k - 2]
+        found = curve[2 * k + 1]
+        if span > 0.0:
+            found = curve[2 * k - 1] + (found - curve[2 * k - 1]) * (x - low) / span
+    return found
+
+
+@ti.kernel
+def _expose(
+    kind: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    before_lon: Ints,
+    before_lat: Ints,
+    lon: Ints,
+    lat: Ints,
+    status: Ints,
+    release: Ints,
+    ended: Ints,
+    afloat: Ints,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    time: HostReals,
+    place: HostInts,
+    trig: HostReals,
+    course: HostReals,
+    searching: HostInts,
+    table: HostReals,
+    scale: HostReals,
+    exposure: Reals,
+    size: ti.i32,
+):
+    for i in range(first, last):
+        if status[i] != PENDING:
+            # When it moves in this step, and from when to when it can be seen: [s] after the step's begin.
+            finish, gone = elapsed + duration, ti.cast(duration, ti.f32)
+            if status[i] != ADRIFT:
+                finish = ti.min(finish, ended[i])
+                if status[i] != ASHORE:
+                    gone = ti.cast(finish - elapsed, ti.f32)
+            left = ti.max(elapsed, release[i])
+            seen = ti.cast(left - elapsed, ti.f32)
+            if afloat[i] < finish:
+                left = ti.max(left, afloat[i])
+            leaves, pace = ti.cast(left - elapsed, ti.f32), 1.0 / ti.cast(ti.max(finish - left, 1), ti.f32)
+            x, y = before_lon[i], before_lat[i]
+            dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)
+            total, far_b, joined = 0.0, 0.0, False
+            b = f32x2(0.0)
+            for k in range(time.shape[0] - 1):
+                begin, end = ti.max(time[k], seen), ti.min(time[k + 1], gone)
+                if searching[k] == 1 and begin < end:
+                    a, far_a = b, far_b  # a whole piece hands its end on to the next one
+                    if not joined or begin > time[k]:
+                        share = ti.min(ti.max((begin - leaves) * pace, 0.0), 1.0)
+                        a = _apart(
+                            x + ti.cast(ti.round(dx * share), ti.i32),
+                            y + ti.cast(ti.round(dy * share), ti.i32),
+                            begin,
+                            k,
+                            time,
+                            place,
+                            trig,
+                        )
+                        far_a = ti.sqrt(a[0] * a[0] + a[1] * a[1])
+                    share = ti.min(ti.max((end - leaves) * pace, 0.0), 1.0)
+                    b = _apart(
+                        x + ti.cast(ti.round(dx * share), ti.i32),
+                        y + ti.cast(ti.round(dy * share), ti.i32),
+                        end,
+                        k,
+                        time,
+                        place,
+                        trig,
+                    )
+                    far_b = ti.sqrt(b[0] * b[0] + b[1] * b[1])
+                    joined = end == time[k + 1]
+                    if ti.static(kind == CUBE):
+                        total += hazard(a, b, far_a, far_b)
+                    elif ti.static(kind == INSIDE):
+                        total += (end - begin) * inside(a, b, table)
+                    elif ti.static(kind == ZONES):
+                        for z in range(scale.shape[0]):
+                            total += (
+                                scale[z] * (end - begin) * (within(a, b, table[2 * z + 1]) - within(a, b, table[2 * z]))
+                            )
+                    else:
+                        along_a = -(a[0] * course[4 * k] + a[1] * course[4 * k + 1])
+                        along_b = -(b[0] * course[4 * k + 2] + b[1] * course[4 * k + 3])
+                        far = lateral(a, b, along_a, along_b)
+                        if far >= 0.0:
+                            for f in range(scale.shape[0]):
+                                exposure[f * size + i] += ti.log(1.0 - chance(table, far * scale[f]))
+                else:
+                    joined = False
+            if ti.static(kind != ABEAM):
+                exposure[i] += total
+
+
+@ti.func
+def _apart(
+    x: ti.i32, y: ti.i32, when: ti.f32, k: ti.i32, time: ti.template(), place: ti.template(), trig: ti.template()
+) -> f32x2:
+    """Return the way [m] from the sensor, at a time within piece k, to a particle at (x, y)."""
+    node = k + ti.cast(when == time[k + 1], ti.i32)
+    at_lon, at_lat = place[2 * node], place[2 * node + 1]
+    if when != time[node]:  # cut by the particle's own times: along the great circle, to second order
+        part = (when - time[k]) / (time[k + 1] - time[k])
+        dlon, dlat = ti.cast(place[2 * k + 2] - at_lon, ti.f32), ti.cast(place[2 * k + 3] - at_lat, ti.f32)
+        at_lon += ti.cast(part * dlon, ti.i32)
+        at_lat += ti.cast(part * dlat + part * (1.0 - part) * dlon * dlon * trig[2 * k + 1], ti.i32)
+    return relative(x, y, at_lon, at_lat, trig[2 * node], trig[2 * node + 1])
+
+
+class Track(NamedTuple):
+    """A sensor's way through a stretch of a step, or one place of it: k + 1 nodes, k straight pieces; on the host."""
+
+    time: np.ndarray  # float32 [s after the step's begin], (k + 1,), ascending
+    place: np.ndarray  # int32 binary angle, lon and lat of each node, (2 (k + 1),)
+    trig: np.ndarray  # float32, of each node the cosine of its latitude and `bend`, see `relative`, (2 (k + 1),)
+    course: np.ndarray  # float32, the leg's course east and north at begin and end of each piece, (4 k,)
+    searching: np.ndarray  # int32, (k,): 1 where it searches
+
+
+def expose(
+    ensemble: Any,
+    slots: tuple[int, int],
+    before: tuple[Any, Any],
+    elapsed: int,
+    duration: int,
+    kind: int,
+    track: Track,
+    table,
+    scale,
+    exposure,
+) -> None:
+    """Add to the exposure of slots [first, last) what a sensor does on a stretch of the step that has just been made.
+
+    ensemble: a drift.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
+    kind: CUBE adds the integral of ds / 2 r^3 [1/m2]; ABEAM the log of a miss wherever it comes abeam, for each factor of W, table
+    a lateral range curve and scale 1 / W by factor [1/m]; ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the
+    time [s] inside the ring `table` [m] round the track. exposure: device, (n,), for ABEAM (factors * n,).
+    """
+    e = ensemble
+    _expose(
+        kind, *slots, *before, e.lon, e.lat, e.status, e.release, e.ended, e.afloat, elapsed, duration,
+        *track, np.asarray(table, np.float32), np.asarray(scale, np.float32), exposure, e.n,
+    )  # fmt: skip
+
+
+@ti.func
+def _log_miss(meaning: ti.template(), exposure: ti.f32, coefficient: ti.f32) -> ti.f32:
+    miss = exposure
+    if ti.static(meaning == HAZARD):
+        miss = -exposure * coefficient
+    elif ti.static(meaning == SHARE):
+        miss = ti.log(ti.max(1.0 - exposure * coefficient, 0.0))
+    return miss
+
+
+@ti.kernel
+def _fail(
+    meaning: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    exposure: Reals,
+    coefficient: HostReals,
+    chances: HostReals,
+    shared: Reals,
+    log_weight: Reals,
+    size: ti.i32,
+):
+    for i in range(first, last):
+        factors = chances.shape[0]
+        if factors == 1:
+            log_weight[i] += _log_miss(meaning, exposure[i], coefficient[0])
+        elif log_weight[i] > -ti.math.inf:
+            # The mean over the factor of the product of all misses so far, before and after this one.
+            top_before = top_after = ti.f32(-ti.math.inf)
+            mean_before = mean_after = 0.0
+            for f in range(factors):
+                top_before = ti.max(top_before, shared[f * size + i])
+            for f in range(factors):
+                mean_before += chances[f] * ti.exp(shared[f * size + i] - top_before)
+                at = i
+                if ti.static(meaning == MISS):
+                    at += f * size
+                shared[f * size + i] += _log_miss(meaning, exposure[at], coefficient[f])
+                top_after = ti.max(top_after, shared[f * size + i])
+            if top_after == -ti.math.inf:
+                log_weight[i] = top_after
+            else:
+                for f in range(factors):
+                    mean_after += chances[f] * ti.exp(shared[f * size + i] - top_after)
+                log_weight[i] += top_after + ti.log(mean_after) - top_before - ti.log(mean_before)
+
+
+def fail(
+    slots: tuple[int, int],
+    meaning: int,
+    exposure: Any,
+    coefficient: np.ndarray,
+    chances: np.ndarray,
+    shared: Any,
+    log_weight: Any,
+) -> None:
+    """Multiply the weights of slots [first, last) by the chance that a sortie missed each, in place.
+
+    meaning: of exposure: HAZARD (miss = exp(-exposure * coefficient)), SHARE (miss = 1 - exposure * coefficient), or MISS (the log
+    of the miss itself, one column a factor). coefficient, chances: by factor of the sweep width, float32 (factors,). shared: device
+    (factors * n,), the logs of the misses of all sorties that share the unknown factor, so far; used only for several factors, whose
+    mean is taken after their product.
+    """
+    tables = (np.asarray(x, np.float32) for x in (coefficient, chances))
+    _fail(meaning, *slots, exposure, *tables, shared, log_weight, log_weight.shape[0])

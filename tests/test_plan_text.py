@@ -1,0 +1,115 @@
+"""The search action plan: that what crews read leads to the rectangle and the times of the plan, by pyproj's geodesics."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pyproj
+import pytest
+import searches
+
+from drift import plan_text, subareas
+from geo import sphere
+
+GEOD = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
+NMI = 1852.0
+POSITION = re.compile(r"(\d\d)-(\d\d\.\d)([NS]) (\d{3})-(\d\d\.\d)([EW])")
+READ = 0.05 * math.sqrt(2) + 0.01  # [nmi] by which a position to a tenth of a minute may be off
+
+
+def places(text):
+    """Return positions (lon, lat) as a crew would read them."""
+    return [
+        ((int(e) + float(f) / 60) * (1 if g == "E" else -1), (int(a) + float(b) / 60) * (1 if c == "N" else -1))
+        for a, b, c, e, f, g in POSITION.findall(text)
+    ]
+
+
+def block(text, name):
+    return text.split("3  TASKING")[1].split(f"\n   {name}  ")[1].split("\n\n")[0]
+
+
+def line(text, label):
+    return next(row for row in text.splitlines() if row.strip().startswith(label))
+
+
+@pytest.mark.parametrize(("lon", "lat"), [(-88.2, 27.8), (179.9, -61.0)])
+def test_a_crew_can_fly_it(lon, lat):
+    plan = searches.plan(lon, lat)
+    text = plan_text.text(plan, "Overdue boat", "run-s1")
+    for name, one in zip(("A-1", "A-2", "A-3"), plan.taskings, strict=True):
+        told = block(text, name)
+        corners = places(told)[:4]
+        sides = [GEOD.inv(*a, *b)[2] / NMI for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+        for k, side in enumerate(sides):
+            nearest = min((one.length, one.width), key=lambda size: abs(size / NMI - sides[k])) / NMI
+            assert side == pytest.approx(nearest, abs=2 * READ + 0.01 * nearest)
+        csp = places(line(told, "CSP"))[0]
+        # half a spacing inside in both directions of the corner that is named first
+        assert GEOD.inv(*corners[0], *csp)[2] == pytest.approx(one.spacing / math.sqrt(2), abs=2 * READ * NMI)
+        assert GEOD.inv(*csp, one.sortie.legs.lon[0], one.sortie.legs.lat[0])[2] < READ * NMI
+        course = GEOD.inv(*(v for k in (0, 1) for v in (one.sortie.legs.lon[k], one.sortie.legs.lat[k])))[0]
+        assert int(re.search(r"(\d{3})T", line(told, "First leg"))[1]) == pytest.approx(course % 360, abs=1)
+        legs = [int(v) for v in re.findall(r"(\d+) legs?", line(told, "First leg"))]
+        assert legs == [one.legs]
+        assert float(line(told, "Track spacing").split()[2]) == pytest.approx(one.spacing / NMI, abs=0.005)
+        fourth = one.sortie.legs.lon[3], one.sortie.legs.lat[3]
+        creep = GEOD.inv(one.sortie.legs.lon[0], one.sortie.legs.lat[0], *fourth)[0]  # from the first leg to the second
+        assert int(re.search(r"(\d{3})T", line(told, "Creep"))[1]) == pytest.approx(creep % 360, abs=1)
+
+
+def test_the_worth_and_the_bound_stand_at_the_head():
+    plan = searches.plan()
+    text = plan_text.text(plan, "Overdue boat", "run-s1", ["a note"], datum=(-88.25, 27.5, searches.hours(17)))
+    assert "POS 0.46; no plan can exceed 0.53" in text
+    assert "88 % of the bound" in text  # 0.463 / 0.528
+    assert "27-30.0N 088-15.0W at 222330ZNOV26" in text
+    assert "0.52  position report" in text
+    assert re.search(r"better\s+by 0.121 \+- 0.003", text)
+    assert "- a note" in text
+    assert "WARNING" not in text
+    alive = plan_text.text(searches.plan(objective="alive"), "Overdue boat", "run-s1")
+    assert "0.31 to detect alive (POS 0.46); no plan can exceed 0.37" in alive
+
+
+def test_warnings_come_first():
+    plan = replace(searches.plan(), seen=0.52)
+    text = plan_text.text(plan, "Overdue boat", "run-s1", synthetic=True)
+    head = text.split("1  WORTH")[0]
+    assert "SYNTHETIC" in head
+    assert "0.520" in head
+    assert "above the bound" in plan_text.text(replace(plan, bound=0.4), "Overdue boat", "run-s1").split("1  WORTH")[0]
+
+
+def test_it_goes_through_any_line():
+    """Mail and telex take ASCII of 80 columns; the names are the coordinator's own."""
+    text = plan_text.text(searches.plan(rounds=2), "A title " * 30, "run-s1", ["a note " * 40], synthetic=True)
+    assert text.isascii()
+    assert max(map(len, text.splitlines())) <= 78
+    assert "\t" not in text
+    assert text.endswith("\n")
+    assert "Round 2" in text
+    assert "B-1  CG 1503" in text
+
+
+def test_pod_is_the_textbooks():
+    """Inverse cube erf(sqrt(pi)/2 C); M-beta with a gamma factor against 400,000 draws."""
+    plan = searches.plan()
+    c = np.array([0.8, 0.8, 1.3]) / 3.0
+    np.testing.assert_allclose(subareas.pods(plan.taskings[0]), [math.erf(math.sqrt(math.pi) / 2 * v) for v in c])
+    factor = np.random.default_rng(3).gamma(11.0, 1 / 11.0, 400_000)
+    looks = np.multiply.outer(np.array([0.8, 0.8, 1.3]) / 1.5 / 0.8, factor)
+    whole = np.floor(looks)
+    expected = (1 - 0.2**whole * (1 - 0.8 * (looks - whole))).mean(axis=1)
+    np.testing.assert_allclose(subareas.pods(plan.taskings[1]), expected, atol=5e-3)  # 16 nodes for a kinked law
+
+
+def test_directions_are_said_as_crews_say_them():
+    assert [subareas.degrees(math.radians(v)) for v in (0, 0.4, 359.7, -90, 725, 359.4)] == [360, 360, 360, 270, 5, 359]
+
+
+def test_a_plan_of_nothing_is_said():
+    text = plan_text.text(replace(searches.plan(), taskings=(), alternatives=()), "Overdue boat", "run-s1")
+    assert "no unit can search" in text
+    assert "ALTERNATIVES" not in text

@@ -1,0 +1,191 @@
+"""Pictures of a search and of a plan: that they are drawn anywhere, say what they must, and are the same each time."""
+
+import math
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import searches
+import shapely
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from PIL import Image
+
+from drift import evidence_map, maps, plan_map, search_map
+from drift.updates import Update, Updates
+
+
+@pytest.fixture(scope="module")
+def search():
+    return searches.search()
+
+
+@pytest.fixture
+def words(monkeypatch):
+    """Collect every text that is on a figure when it is saved."""
+    found = []
+    save = Figure.savefig
+
+    def listen(self, *args, **kwargs):
+        found.extend(text.get_text() for text in self.findobj(Text) if text.get_text())
+        return save(self, *args, **kwargs)
+
+    monkeypatch.setattr(Figure, "savefig", listen)
+    return found
+
+
+COMMON = {"title": "A search", "footer": "casp-drift", "attributes": {"case": "x"}}
+
+
+def test_each_sortie_before_amid_and_after(tmp_path, search, words):
+    forecast, sorties, contacts, updates = search
+    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "search.png", page=1, synthetic=True, **COMMON)
+    for stage in ("before", "mid-search", "after"):
+        assert sum(text.startswith(stage) for text in words) == 4
+    assert "before 221230Z" in words
+    assert "after 221333Z" in words
+    first = next(u for u in updates.all if u.name == "C-130 first light")
+    figures = [f"{100 * v[-1]:.0f} %" for v in (first.poc, first.pod, first.pos)]
+    assert any(text.endswith("POC {} × POD {} = POS {}".format(*figures)) for text in words)
+    assert f"POS {figures[2]}, cumulative {figures[2]}" in words
+    assert any("SYNTHETIC" in text for text in words)
+
+
+def test_pages_hold_four_sorties_and_off_times_are_told(tmp_path, search, words):
+    forecast, sorties, _, updates = search
+    many = [replace(sorties[0], name=f"number {k}") for k in range(4)] + [searches.watch(-88.2, 27.8)]
+    assert search_map.pages(many) == 2
+    assert search_map.pages(many[:4]) == 1
+    assert search_map.pages([]) == 0
+    search_map.draw(forecast, many, (), updates, tmp_path / "search-2.png", page=2, **COMMON)
+    assert "5 Towed array" in words
+    assert "Sorties 5 to 5 of 5 that found nothing" in words
+    assert "before 221230Z (+180 min)" in words  # no output is nearer to its start at 0930Z
+
+
+@pytest.mark.parametrize(("lon", "lat"), [(179.9, -17.5), (20.0, 82.0)])
+def test_pictures_anywhere(tmp_path, lon, lat):
+    forecast, sorties, _, updates = searches.search(lon, lat)
+    common = {**COMMON, "polygons": [shapely.box(lon + 0.4, lat, lon + 2, lat + 1)], "marks": [maps.Mark(lon, lat)]}
+    everything = [*sorties[2:], searches.watch(lon, lat)]
+    search_map.draw(
+        forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", page=1, **common
+    )
+    maps.draw_map(forecast, tmp_path / "map.png", searched=everything, **common)
+    plan_map.draw(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", particles=1000, **common)
+    for name in ("search", "map", "plan"):
+        with Image.open(tmp_path / f"{name}.png") as image:
+            assert min(image.size) > 700
+
+
+def test_only_sorties_begun_are_on_the_map(tmp_path, search, words):
+    forecast, sorties, _, _ = search
+    maps.draw_map(forecast, tmp_path / "a.png", time=0, searched=sorties, title="t")
+    assert "Searched area" not in words
+    maps.draw_map(forecast, tmp_path / "b.png", searched=sorties, title="t")
+    assert "Searched area" in words
+    assert "Legs as flown" in words
+
+
+def test_no_searches_change_no_pixel(tmp_path, search):
+    for name, more in (("a.png", {}), ("b.png", {"searched": ()})):
+        maps.draw_map(search[0], tmp_path / name, title="t", **more)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_the_evidence_says_what_moved_which_story(tmp_path, search, words):
+    updates = search[3]
+    evidence_map.draw(updates, tmp_path / "evidence.png", synthetic=True, **COMMON)
+    assert "before the first update" in words
+    assert any(text.startswith("4 sorties that found nothing") for text in words)
+    assert 'speaks for "swamped while fishing"' in words
+    assert "Bayes factor 1.44: weak evidence" in words  # as the table has it
+    last = [u for u in updates.all if u.cumulative is not None][-1]
+    assert f"{100 * last.cumulative[-1]:.0f}  all together" in words
+    for name, share in zip(searches.NAMES, last.cumulative, strict=False):
+        assert f"{100 * share:.0f}  {name}" in words
+
+
+def one(log_evidence, before):
+    update = Update("u", "sortie", searches.BEGIN, np.array([*log_evidence, 0.0]), np.zeros(2), 1.0, 1.0)
+    return evidence_map.words(update, np.array(before), ("a", "b"))
+
+
+@pytest.mark.parametrize(
+    ("odds", "text", "strength"),
+    [
+        (1.1, "hardly tells", "beyond 1.10"),
+        (2.0, 'for "a"', "2: weak"),
+        (10.0, 'for "a"', "10: positive"),
+        (1 / 10, 'against "a"', "1/10: positive"),
+        (100.0, 'for "a"', "100: strong"),
+        (1000.0, 'for "a"', "1,000: very strong"),
+        (1e30, 'for "a"', "over 1,000,000: very strong"),
+        (math.inf, 'rules out "b"', ""),
+    ],
+)
+def test_strength_of_evidence_in_words(odds, text, strength):
+    """The words for Bayes factors of 3, 20 and 150 are those of Kass and Raftery (1995)."""
+    log = [0.0, -math.log(odds) if odds < math.inf else -math.inf]
+    told = one(log, [0.3, 0.7])
+    assert text in told[0]
+    assert strength in told[1]
+
+
+def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, words):
+    updates = search[3]
+
+    def alone(values):
+        return None if values is None else values[[-1, -1]]
+
+    single = [
+        replace(u, log_evidence=alone(u.log_evidence), posterior=np.ones(1), poc=alone(u.poc), pos=alone(u.pos),
+                cumulative=alone(u.cumulative))
+        for u in updates.all
+    ]  # fmt: skip
+    evidence_map.draw(Updates(("only",), np.ones(1), tuple(single)), tmp_path / "one.png", **COMMON)
+    assert "POC (light), POS (dark) [%]" in words
+    many = tuple(replace(updates.all[k % 6], name=f"update {k}") for k in range(30))
+    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "many.png", **COMMON)
+    assert "after update 8" in words
+    assert any("the first 8 updates are in sorties.csv" in text for text in words)
+    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", **COMMON)
+    assert "no sortie yet" in words
+
+
+def test_a_plan_shows_its_figures(tmp_path, search, words):
+    plan = searches.plan()
+    plan_map.draw(search[0], plan, tmp_path / "a.png", **COMMON)
+    assert "Plan: POS 0.46; no plan can exceed 0.53" in words
+    assert "A-1 CG 1503" in words
+    assert "5 legs, spacing 3.00 nmi, creep 228T" in words
+    near = searches.search()[0].data["time"].values[plan_map.nearest(search[0], plan)]
+    assert abs(near - searches.hours(18.75)) <= np.timedelta64(
+        105, "m"
+    )  # on scene 2330Z to 0300Z; outputs at 2330Z, 0630Z
+    unit = replace(plan.taskings[0].unit, base=(-95.0, 30.0))
+    far = replace(plan, taskings=(replace(plan.taskings[0], unit=unit), *plan.taskings[1:]))
+    plan_map.draw(search[0], far, tmp_path / "b.png", **COMMON)
+    assert any(text.startswith("base of CG 1503\n3") for text in words)
+    plan_map.draw(search[0], replace(plan, taskings=()), tmp_path / "c.png", **COMMON)
+    assert "No unit can search in this period." in words
+
+
+def test_the_same_search_gives_the_same_bytes(tmp_path, search):
+    forecast, sorties, contacts, updates = search
+    for name in ("a", "b"):
+        search_map.draw(forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", page=1, **COMMON)
+        evidence_map.draw(updates, tmp_path / f"e{name}.png", **COMMON)
+    for prefix in ("", "e"):
+        assert (tmp_path / f"{prefix}a.png").read_bytes() == (tmp_path / f"{prefix}b.png").read_bytes()
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.text["case"] == "x"
+
+
+def test_pyplot_stays_out():
+    program = (
+        "import sys, drift.search_map, drift.evidence_map, drift.plan_map; sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
