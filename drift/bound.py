@@ -31,8 +31,8 @@ from kernels import allocate
 
 Array = npt.NDArray[Any]
 
-BINS = 8  # of time at most: more let effort follow the noise of cells that particles pass through
-CELLS = 60  # a bin, about twice that in all: on a circular normal 0.3 % too low
+BINS = 6  # of time at most: more let effort follow the noise of cells that particles pass through
+CELLS = 100  # a bin, about twice that in all: on a circular normal 0.3 % too low
 LEAST = 256.0  # effective particles in a cell before it is divided
 PATIENCE = 25  # steps without a better bound
 STEPS = 150  # at most
@@ -164,7 +164,7 @@ def _budget(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, cells: Quadtr
     for u, unit in enumerate(units):
         can = reach.reach(unit, spec, (plane.lon, plane.lat))
         spare[:, u] = can.within(begin, end, can.arrival(lon, lat))
-        total[u] = can.search * spec.rounds
+        total[u] = can.search
     return Budget(cells.start, np.maximum.reduceat(spare, cells.start[:-1], axis=0), total, spare > 0)
 
 

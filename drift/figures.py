@@ -68,7 +68,14 @@ def figures(
     }
     drawn = {
         "map.png": _kept(
-            partial(maps.draw_map, forecast, lines=lines, known_as=known_as, searched=case.sorties, **common)
+            partial(
+                maps.draw_map,
+                forecast,
+                lines=lines,
+                known_as=known_as,
+                searched=updates.sorties if updates else (),
+                **common,
+            )
         ),
         "snapshots.png": _kept(partial(maps.draw_snapshots, forecast, **common)),
     }
@@ -80,9 +87,9 @@ def figures(
     if updates is not None:
         bare = {name: common[name] for name in ("title", "footer", "attributes", "synthetic")}
         drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, **bare))
-        for page in range(1, search_map.pages(case.sorties) + 1):
+        for page in range(1, search_map.pages(updates.sorties) + 1):
             name = "search.png" if page == 1 else f"search-{page}.png"
-            drawing = partial(search_map.draw, forecast, case.sorties, case.contacts, updates, page=page, **common)
+            drawing = partial(search_map.draw, forecast, updates.sorties, case.contacts, updates, page=page, **common)
             drawn[name] = _kept(drawing)
     if plan is not None:
         drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **common))

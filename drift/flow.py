@@ -179,7 +179,7 @@ def write(
                 output.Product("sorties.csv", lambda stamped: search_tables.csv(updates, stamped["run_id"])),
                 output.Product(
                     "sorties.geojson",
-                    lambda stamped: search_tables.geojson(case.sorties, case.contacts, updates, stamped),
+                    lambda stamped: search_tables.geojson(updates.sorties, case.contacts, updates, stamped),
                 ),
             ]
         output.write(

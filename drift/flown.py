@@ -5,6 +5,7 @@ All of it is kept on the device, in columns that go when the sortie is over.
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,11 @@ class Flown:
         """What it keeps on the device, each a whole number of n long."""
         return [column for column in (self._exposure, self._searched) if column is not None]
 
+    def as_flown(self, scenario: int, start: int) -> Sortie:
+        """Return the sortie, with the track of its marker in a scenario if it drifts; start: of the run [s since 1970]."""
+        marker = self._markers[scenario] if self._markers else None
+        return replace(self.sortie, marker=marker.legs(start)) if isinstance(marker, Marker) else self.sortie
+
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
         """Take its markers over a step, for which the forcing is set."""
         for marker in self._markers or ():
@@ -100,6 +106,10 @@ class Flown:
             return np.zeros(1), np.zeros(1)
         ranges, chances = detection.table(self.sortie.law)
         return np.stack([ranges, chances], axis=1).reshape(-1), 1 / (self.sortie.sweep_width[scenario] * self.factors)
+
+    def forget(self) -> None:
+        """Give back the columns that it keeps on the device."""
+        self._exposure = self._searched = None
 
     def fail(self, ensemble: Ensemble, shared: Device, log_weight: Device) -> None:
         """Multiply weights by the chance that it has missed each particle so far, in place.

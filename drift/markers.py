@@ -35,6 +35,16 @@ class Marker:
             return np.zeros_like(time), np.zeros_like(time)
         return np.interp(time, self._time, self._east), np.interp(time, self._time, self._north)
 
+    def legs(self, start: int) -> Legs | None:
+        """Return its way; start: of the run [s since 1970]. None if it has not drifted."""
+        if not self._time:
+            return None
+        lon, lat = sphere.destination(np.radians(self.lon), np.radians(self.lat), self._east, self._north)
+        time = tuple(start + t for t in self._time)
+        return Legs(
+            time, tuple(np.degrees(np.unwrap(lon)).tolist()), tuple(np.degrees(lat).tolist()), (True,) * (len(time) - 1)
+        )
+
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
         """Take it over the step from `elapsed` on, for which the forcing is set."""
         begin, end = max(float(elapsed), self.begin), float(elapsed + duration)

@@ -67,25 +67,26 @@ class Path:
             self.searching[piece].astype(np.int32),
         )
 
-
     def _at(self, time: Array) -> tuple[Array, Array]:
         """Return where it is [deg]: the same to the bit for the same time, so that stretches join."""
         node = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.searching) - 1)
         share = (time - self.time[node]) / (self.time[node + 1] - self.time[node])
-        here, there = (np.radians([self.lon[k], self.lat[k]]) for k in (node, node + 1))
-        east, north = sphere.offset(*here, *there)
-        x, y = sphere.destination(*here, share * east, share * north)
-        lon = self.lon[node] + (np.degrees(x) - self.lon[node] + 180) % 360 - 180
-        lon, lat = np.where(share == 0, self.lon[node], lon), np.where(share == 0, self.lat[node], np.degrees(y))
-        return np.where(share == 1, self.lon[node + 1], lon), np.where(share == 1, self.lat[node + 1], lat)
+        lon, lat = np.radians(self.lon), np.radians(self.lat)
+        east, north = sphere.offset(lon[node], lat[node], lon[node + 1], lat[node + 1])
+        x, y = sphere.destination(lon[node], lat[node], share * east, share * north)
+        found = self.lon[node] + (np.degrees(x) - self.lon[node] + 180) % 360 - 180, np.degrees(y)
+        first, last = (
+            np.select([share == 0, share == 1], [all_[node], all_[node + 1]], one)
+            for all_, one in zip((self.lon, self.lat), found, strict=True)
+        )
+        return first, last
 
 
 def of_legs(legs: Legs, start: int) -> Path:
     """Return the path of legs; start: of the run [s since 1970]."""
     time, lon, lat, course, searching = [legs.time[0]], [legs.lon[0]], [legs.lat[0]], [], []
     for k, seeks in enumerate(legs.searching):
-        ends = np.radians([legs.lon[k : k + 2], legs.lat[k : k + 2]])
-        x, y = sphere.track(*ends, PIECE)
+        x, y = sphere.track(np.radians(legs.lon[k : k + 2]), np.radians(legs.lat[k : k + 2]), PIECE)
         pieces = len(x) - 1
         # The tangent of the leg's great circle at each node: the same wherever a leg is cut.
         east, north = sphere.offset(x[:-1], y[:-1], x[-1], y[-1])
@@ -120,8 +121,8 @@ def ring(area: Area) -> tuple[float, float, Array]:
 
     The outline, (x, y, x, y, ...) [m], runs counterclockwise; edges are great circles, cut up where they bulge.
     """
-    corners = np.array(area.ring)
-    x, y = sphere.track(*np.radians(corners.T), EDGE)
+    corners = np.radians(np.array(area.ring))
+    x, y = sphere.track(corners[:, 0], corners[:, 1], EDGE)
     lon, lat = np.unwrap(x[:-1]), y[:-1]
     at_lon, at_lat = 0.5 * (lon.min() + lon.max()), 0.5 * (lat.min() + lat.max())
     outline = np.stack(chart(at_lon, at_lat, lon, lat), axis=1)

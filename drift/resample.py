@@ -28,7 +28,7 @@ def systematic(weight: Array, number: int, uniform: float) -> Array:
     total = np.cumsum(weight)
     points = (np.arange(number) + uniform) * (total[-1] / number)
     found = np.searchsorted(total, points, side="right")
-    return np.minimum(found, np.flatnonzero(weight)[-1])
+    return np.asarray(np.minimum(found, np.flatnonzero(weight)[-1]))
 
 
 def kahn(weight: Array, number: int, uniform: Array) -> Array:
@@ -36,7 +36,7 @@ def kahn(weight: Array, number: int, uniform: Array) -> Array:
     expected = weight * (number / weight.sum())
     whole = np.floor(expected)
     offspring = whole + (uniform < expected - whole)
-    return np.repeat(np.arange(len(weight)), offspring.astype(np.int64))
+    return np.asarray(np.repeat(np.arange(len(weight)), offspring.astype(np.int64)))
 
 
 def generator(seed: int, event: int, scenario: int) -> np.random.Generator:

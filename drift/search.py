@@ -47,8 +47,9 @@ class Search:
     def __init__(self, case: Case, ensemble: Ensemble, scene: Scene) -> None:
         """Make ready for a run of an ensemble through a scene."""
         self.case, self.ensemble, self._scene = case, ensemble, scene
-        start = int(case.start.astype("datetime64[s]").astype(np.int64))
-        self._waiting = [Flown(sortie, start, len(case.scenarios)) for sortie in case.sorties]
+        self._start = int(case.start.astype("datetime64[s]").astype(np.int64))
+        self._all = [Flown(sortie, self._start, len(case.scenarios)) for sortie in case.sorties]
+        self._waiting = list(self._all)
         self._contacts = [(prior.elapsed(case, contact.time), contact) for contact in case.contacts]
         self._shared: dict[tuple[str, float], Device] = {}
         self._before: tuple[Device, Device] | None = None
@@ -64,8 +65,11 @@ class Search:
 
     @property
     def updates(self) -> Updates:
-        """What has happened so far."""
-        return Updates(tuple(s.name for s in self.case.scenarios), self._prior, tuple(self._updates))
+        """What has happened so far; sorties as they were flown, drifting with their markers in the likeliest scenario."""
+        last = self._updates[-1].posterior if self._updates else self._prior
+        likeliest = int(np.argmax(last))
+        flown = tuple(one.as_flown(likeliest, self._start) for one in self._all)
+        return Updates(tuple(s.name for s in self.case.scenarios), self._prior, tuple(self._updates), flown)
 
     def stops(self, after: int, until: int) -> list[int]:
         """Return the times in (after, until] at which something takes effect [s after start]."""
@@ -101,6 +105,7 @@ class Search:
         for flown in [f for f in self._waiting if f.end == time]:
             self._waiting.remove(flown)
             self._fail(flown)
+            flown.forget()
         for when, contact in [c for c in self._contacts if c[0] == time]:
             self._contacts.remove((when, contact))
             self._see(contact, time, place)

@@ -6,6 +6,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from drift.sortie import Sortie
+
 Array = npt.NDArray[Any]
 
 
@@ -42,6 +44,7 @@ class Updates:
     scenarios: tuple[str, ...]
     prior: Array  # (scenarios,) probability of each scenario before the first
     all: tuple[Update, ...]
+    sorties: tuple[Sortie, ...] = ()  # as they were flown
 
     @property
     def log_evidence(self) -> float:

@@ -13,7 +13,7 @@ BLOCK = 512
 
 
 @ti.func
-def _look(curve: ti.template(), at: ti.f32) -> ti.f32:
+def look(curve: ti.template(), at: ti.f32) -> ti.f32:
     """Return a tabulated curve at `at` steps from its begin: straight in between, level beyond the end."""
     last = curve.shape[0] - 1
     k = ti.min(ti.cast(at, ti.i32), last - 1)
@@ -60,10 +60,10 @@ def _spend(
                         c += density[k * units + u] * r
                 gradient[t * m + i] = 0.0
                 if fall[t * m + i] > 0.0:
-                    y = _look(slope, c * steps)
+                    y = look(slope, c * steps)
                     w = weight[i] * fall[t * m + i]
-                    found += w * _look(value, c * steps)
-                    most += w * _look(conjugate, y * scale)
+                    found += w * look(value, c * steps)
+                    most += w * look(conjugate, y * scale)
                     gradient[t * m + i] = w * y
             later = 0.0
             for s in range(bins):

@@ -9,6 +9,7 @@ from drift import prior
 from drift.case import Case
 from drift.leeway import Drifter, Line
 from drift.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
+from drift.sortie import Resampling
 from geo import coast as shoreline
 from geo import sphere
 from geo.box import Box
@@ -27,6 +28,7 @@ class Bare(Case):
     def __init__(self, *scenarios: Scenario, particles: int = N, direction: int = 1) -> None:
         none = type("Error", (), {"std": 0.0, "time": 1.0})()
         values = {"scenarios": scenarios, "particles": particles, "seed": 3, "start": START, "direction": direction}
+        values |= {"resampling": Resampling()}
         for name, value in {**values, "current_error": none, "wind_error": none}.items():
             object.__setattr__(self, name, value)
 

@@ -1,0 +1,153 @@
+"""What legs that are flown find of moving particles whose tracks are kept: the exact detection that a plan is refined on.
+
+The same point mathematics as of the search itself (kernels.sweep), in a plane instead of on the sphere: two straight motions at a
+time, of a leg and of a particle within a time bin.
+"""
+
+import numpy as np
+import taichi as ti
+
+from kernels import sweep
+from kernels.allocate import HostInts, HostReals
+from kernels.rectangles import Swarm
+
+BLOCK = 128
+AREA = 0.07957747154594767  # 1 / (4 pi): the hazard's coefficient is W^2 / (4 pi) (Koopman 1980, inverse cube)
+
+f32x2 = sweep.f32x2
+
+
+@ti.func
+def _exposure(
+    cube: ti.template(), i: ti.i32, first: ti.i32, last: ti.i32, edges: ti.i32, time: ti.template(), x: ti.template(),
+    y: ti.template(), value: ti.template(), node: ti.template(), table: ti.template(), scale: ti.f32,
+):  # fmt: skip
+    """Return -log of the miss of nodes [first, last) of (time, x, y), and what finding the particle then is worth.
+
+    cube: the integral of ds / (2 r^3) instead, which scale leaves alone.
+    """
+    total, worth = 0.0, 0.0
+    t = 0
+    while t < edges - 2 and time[t + 1] <= node[3 * first]:
+        t += 1
+    for k in range(first, last - 1):
+        begin, end = node[3 * k], node[3 * k + 3]
+        sx, sy = node[3 * k + 1], node[3 * k + 2]
+        vx, vy = (node[3 * k + 4] - sx) / (end - begin), (node[3 * k + 5] - sy) / (end - begin)
+        pace = ti.max(ti.sqrt(vx * vx + vy * vy), sweep.TINY)
+        now = begin
+        while now < end:
+            till = ti.min(end, time[t + 1])
+            if t == edges - 2:
+                till = end
+            here, there = value[i * edges + t], value[i * edges + t + 1]
+            if here >= 0.0 and there >= 0.0:
+                long = time[t + 1] - time[t]
+                px, py = x[i * edges + t], y[i * edges + t]
+                dx, dy = (x[i * edges + t + 1] - px) / long, (y[i * edges + t + 1] - py) / long
+                a = f32x2(
+                    px + dx * (now - time[t]) - sx - vx * (now - begin), py + dy * (now - time[t]) - sy - vy * (now - begin)
+                )
+                b = a + f32x2(dx - vx, dy - vy) * (till - now)
+                more = 0.0
+                if ti.static(cube):
+                    far_a, far_b = ti.sqrt(a[0] * a[0] + a[1] * a[1]), ti.sqrt(b[0] * b[0] + b[1] * b[1])
+                    more = sweep.hazard(a, b, far_a, far_b)
+                else:
+                    ahead_a, ahead_b = -(a[0] * vx + a[1] * vy) / pace, -(b[0] * vx + b[1] * vy) / pace
+                    lateral = sweep.lateral(a, b, ahead_a, ahead_b)
+                    if lateral >= 0.0:
+                        more = -ti.log(ti.max(1.0 - sweep.chance(table, lateral * scale), 1e-30))
+                total += more
+                share = (0.5 * (now + till) - time[t]) / long
+                worth += more * (here + share * (there - here))
+            if till == time[t + 1] and t < edges - 2:
+                t += 1
+            now = till
+    if total > 0.0:
+        worth /= total
+    return total, worth
+
+
+@ti.kernel
+def _gains(
+    cube: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals, value: HostReals, box: HostReals,
+    scenario: HostInts, start: HostInts, node: HostReals, table: HostReals, width: HostReals, factor: HostReals,
+    before: HostReals, later: HostReals, sums: HostReals,
+):  # fmt: skip
+    m, nodes = scenario.shape[0], factor.shape[0]
+    blocks = (m + BLOCK - 1) // BLOCK
+    for cb in range((start.shape[0] - 1) * blocks):
+        c, block = cb // blocks, cb % blocks
+        total = 0.0
+        for i in range(block * BLOCK, ti.min(block * BLOCK + BLOCK, m)):
+            w = width[scenario[i]]
+            if w > 0.0:
+                h, worth = 0.0, 0.0
+                for k in range(nodes):
+                    if ti.static(not cube) or k == 0:
+                        h, worth = _exposure(
+                            cube, i, start[c], start[c + 1], edges, time, x, y, value, node, table, 1.0 / (w * factor[k])
+                        )
+                    exponent = h
+                    if ti.static(cube):
+                        exponent = h * ti.f32(AREA) * w * w * factor[k] * factor[k]
+                    total += before[i * nodes + k] * (worth - later[i * nodes + k]) * (1.0 - ti.exp(-exponent))
+        sums[cb] = total
+
+
+@ti.kernel
+def _found(
+    cube: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals, value: HostReals, box: HostReals,
+    scenario: HostInts, node: HostReals, table: HostReals, width: HostReals, factor: HostReals, found: HostReals,
+    when: HostReals,
+):  # fmt: skip
+    nodes = factor.shape[0]
+    for i in range(scenario.shape[0]):
+        w = width[scenario[i]]
+        if w > 0.0:
+            h, worth = 0.0, 0.0
+            for k in range(nodes):
+                if ti.static(not cube) or k == 0:
+                    h, worth = _exposure(
+                        cube, i, 0, node.shape[0] // 3, edges, time, x, y, value, node, table, 1.0 / (w * factor[k])
+                    )
+                    when[i] = ti.max(when[i], worth)
+                exponent = h
+                if ti.static(cube):
+                    exponent = h * ti.f32(AREA) * w * w * factor[k] * factor[k]
+                found[i * nodes + k] = 1.0 - ti.exp(-exponent)
+
+
+def gains(
+    particles: Swarm, table: np.ndarray | None, paths: list[np.ndarray], width: np.ndarray, factor: np.ndarray,
+    before: np.ndarray, later: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Return what each path finds, the sum of before * (worth - later) * (1 - miss) over particles and nodes, float64.
+
+    table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time [s], x, y [m]), straight in between,
+    searching all the way; width: sweep width [m] by scenario; factor: of it at each node; before, later: (m, nodes).
+    """
+    start = np.concatenate([[0], np.cumsum([len(p) for p in paths])]).astype(np.int32)
+    m = particles.scenario.shape[0]
+    sums = np.zeros(len(paths) * -(-m // BLOCK), np.float32)
+    node, widths, factors, weight, rest = (
+        np.ascontiguousarray(v, np.float32).reshape(-1) for v in (np.concatenate(paths), width, factor, before, later)
+    )
+    curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
+    _gains(
+        table is None, particles.time.shape[0], *particles, start, node, curve, widths, factors, weight, rest, sums
+    )
+    return sums.astype(np.float64).reshape(len(paths), -1).sum(axis=1)
+
+
+def found(
+    particles: Swarm, table: np.ndarray | None, path: np.ndarray, width: np.ndarray, factor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return 1 - miss for each particle and node, float32 (m, nodes), and what finding it then is worth, (m,), of one path."""
+    m = particles.scenario.shape[0]
+    b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
+    node, widths, factors = (np.ascontiguousarray(v, np.float32).reshape(-1) for v in (path, width, factor))
+    curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
+    _found(table is None, particles.time.shape[0], *particles, node, curve, widths, factors, b, worth)
+    return b.reshape(m, -1), worth
