@@ -21,6 +21,7 @@ Array = npt.NDArray[Any]
 
 X, Y, TURN, SPACING, ASPECT, WAIT, ALONG, ACROSS = range(8)
 SHORTEST = 600.0  # [s] of search that is worth a sortie
+CLEAR = 300.0  # [s] that an area must have been left before one beside it is searched
 SLIMMEST = 2.0  # a leg's rectangle is at least so many spacings long
 STEP = 0.01  # of coverage in the tables of b
 MOST = 12.0
@@ -149,5 +150,7 @@ def apart(rows: Array, flown: Flown, row: Array, other: Flown) -> Array:
         gap = np.maximum(np.abs(at) - mine, 0)
         nearest = np.minimum(nearest, np.hypot(gap[:, 0], gap[:, 1]).min(axis=0))
         overlap &= np.all((at.min(axis=0) < mine) & (at.max(axis=0) > -mine), axis=0)
-    together = (flown.start < other.start[0] + other.duration[0]) & (other.start[0] < flown.start + flown.duration)
+    together = (flown.start < other.start[0] + other.duration[0] + CLEAR) & (
+        other.start[0] < flown.start + flown.duration + CLEAR
+    )
     return np.where(together, np.where(overlap, 0.0, nearest), np.inf)
