@@ -86,7 +86,9 @@ def main() -> None:
     parser.add_argument("--threads", type=int)
     options = parser.parse_args()
     runtime.start("cpu", options.threads)
-    table = Table("case", "units", "POS", "bound", "moved", "share", "against alone", "against by hand", "plan s", "bound s")
+    table = Table(
+        "case", "units", "POS", "bound", "moved", "share", "against alone", "against by hand", "plan s", "bound s"
+    )
     shares = []
     for number in range(options.first, options.first + options.cases):
         tracks, units, spec = case(number, options.particles)

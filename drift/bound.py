@@ -184,13 +184,13 @@ def _shrink(effort: Array, budget: Budget) -> Array:
     used = np.add.reduceat(effort, budget.start[:-1], axis=0)
     share = np.minimum(1, budget.most / np.maximum(used, 1e-9))
     share *= np.minimum(1, budget.total / np.maximum(np.sum(used * share, axis=0), 1e-9))
-    return effort * np.repeat(share, np.diff(budget.start), axis=0)
+    return np.asarray(effort * np.repeat(share, np.diff(budget.start), axis=0))
 
 
 def _curvature(field: allocate.Field, area: Array) -> Array:
     """Return a diagonal that the curvature of -P does not exceed, by cell and unit [1/s2]."""
     field.spend(np.zeros(area.shape) * np.ones(field.units))
-    return np.maximum(field.gain(squared=True) / area**2, 1e-30)
+    return np.asarray(np.maximum(field.gain(squared=True) / area**2, 1e-30))
 
 
 def project(effort: Array, stiff: Array, budget: Budget) -> Array:
@@ -204,7 +204,9 @@ def project(effort: Array, stiff: Array, budget: Budget) -> Array:
 
     def spent(price: Array) -> tuple[Array, Array]:
         left = effort - np.repeat(price, bins, axis=0) * ease
-        return np.add.reduceat(np.maximum(left, 0), first, axis=0), np.add.reduceat(np.where(left > 0, ease, 0), first, axis=0)
+        return np.add.reduceat(np.maximum(left, 0), first, axis=0), np.add.reduceat(
+            np.where(left > 0, ease, 0), first, axis=0
+        )
 
     price = np.zeros(budget.most.shape)
     for _ in range(12):  # Newton from below on convex falling pieces

@@ -93,7 +93,7 @@ def _hull(each: list[Array]) -> Array:
         if np.max(best - total) < 1e-6:
             break
         total = best
-    return total
+    return np.asarray(total)
 
 
 def _envelope(c: Array, b: Array) -> Array:
@@ -107,7 +107,7 @@ def _envelope(c: Array, b: Array) -> Array:
             else:
                 break
         hull.append(k)
-    return np.interp(c, c[hull], b[hull])
+    return np.asarray(np.interp(c, c[hull], b[hull]))
 
 
 def _slopes(c: Array, b: Array) -> Array:
@@ -116,4 +116,4 @@ def _slopes(c: Array, b: Array) -> Array:
     low, high = c - SMOOTH, c + SMOOTH
     below = np.where(low < 0, low * first, np.interp(low, c, b))
     above = np.interp(high, c, b, right=last)
-    return np.maximum((above - below) / (2 * SMOOTH), 0.0)
+    return np.asarray(np.maximum((above - below) / (2 * SMOOTH), 0.0))

@@ -315,7 +315,10 @@ def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> ou
     """Return the tracks of slots spread evenly over the ensemble; of what was drawn anew, its ancestors' before that."""
     last = snapshots[-1]
     count = min(case.trajectories, last.lon.size)
-    slot = np.unique(np.linspace(0, last.lon.size - 1, count).astype(int))
+    slots = np.arange(last.lon.size)
+    if case.resampling.below > 0:  # without those to spare
+        slots = np.flatnonzero(last.probability)
+    slot = slots[np.unique(np.linspace(0, slots.size - 1, count).astype(int))]
     ancestor, columns = slot, []
     for k in range(len(snapshots) - 1, -1, -1):
         one = snapshots[k]

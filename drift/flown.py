@@ -34,17 +34,26 @@ class Flown:
             int(t.astype("datetime64[s]").astype(np.int64)) - start for t in (sortie.start, sortie.end)
         )
         self.factors, self.chances = detection.factors(sortie.shape)
-        self._scenarios = range(scenarios)
         self._path = paths.of_legs(sortie.legs, start) if sortie.legs else None
         self._place, self._ring = None, None
         if sortie.area is not None:
             lon, lat, self._ring = paths.ring(sortie.area)
             self._place = paths.standing(lon, lat, self.begin, self.end)
         self._markers: list[Marker | Tracked] | None = None
+        self._datum = (0.0, 0.0)
         if sortie.frame == "datum":
-            self._markers = _markers(sortie, start, self.begin, self._path or self._place, scenarios)
-        self._exposure: Device = None
-        self._searched: Device = None
+            self._datum, self._markers = self._drifting(start, scenarios)
+        self._seen = self.begin  # until when its columns tell
+        self.columns: list[Device] = []  # exposure; the share of time in its area, where that is another
+
+    def _drifting(self, start: int, scenarios: int) -> tuple[tuple[float, float], list[Marker | Tracked]]:
+        """Return where a drifting frame begins (lon, lat) [deg], and its marker in each scenario."""
+        path = self._path or self._place
+        assert path is not None
+        datum = self.sortie.datum or (float(path.lon[0]), float(path.lat[0]))
+        if self.sortie.marker is not None:
+            return datum, [markers.tracked(self.sortie.marker, start)] * scenarios
+        return datum, [Marker(*datum, self.begin, scenario) for scenario in range(scenarios)]
 
     @property
     def _kind(self) -> int:
@@ -54,11 +63,6 @@ class Flown:
         if self._path is None:
             return int(sweep.INSIDE)
         return int(sweep.CUBE if self.sortie.law.kind == "inverse_cube" else sweep.ABEAM)
-
-    @property
-    def columns(self) -> list[Device]:
-        """What it keeps on the device, each a whole number of n long."""
-        return [column for column in (self._exposure, self._searched) if column is not None]
 
     def as_flown(self, scenario: int, start: int) -> Sortie:
         """Return the sortie, with the track of its marker in a scenario if it drifts; start: of the run [s since 1970]."""
@@ -71,29 +75,34 @@ class Flown:
             marker.drift(forcing, elapsed, duration)
 
     def expose(
-        self, ensemble: Ensemble, before: tuple[Device, Device], step: tuple[int, int], begin: int, end: int
-    ) -> None:
-        """Add what it does from begin to end, within the step (elapsed, duration) that the ensemble has just made."""
-        begin, end = max(begin, self.begin), min(end, self.end)
+        self, ensemble: Ensemble, before: tuple[Device, Device], step: tuple[int, int], until: int, keep: bool = True
+    ) -> list[Device]:
+        """Return its columns with what it does until a time, within the step (elapsed, duration) that has just been made.
+
+        Unless they are kept, its own stay as they were: whoever merely looks on does not cut its legs.
+        """
+        if not self.columns:
+            several = len(self.factors) if self._kind == sweep.ABEAM else 1
+            self.columns = [runtime.empty(ensemble.n * several)]
+            if self._kind in (sweep.CUBE, sweep.ABEAM) and self._place is not None:
+                self.columns.append(runtime.empty(ensemble.n))
+        begin, end = max(self._seen, step[0], self.begin), min(until, self.end)
         if begin >= end:
-            return
-        kind = self._kind
-        if self._exposure is None:
-            self._exposure = runtime.empty(ensemble.n * (len(self.factors) if kind == sweep.ABEAM else 1))
-            if kind in (sweep.CUBE, sweep.ABEAM) and self._place is not None:
-                self._searched = runtime.empty(ensemble.n)
+            return self.columns
+        columns = self.columns if keep else [runtime.copy(column) for column in self.columns]
+        if keep:
+            self._seen = end
+        share = np.array([1 / (self.end - self.begin)])
         for scenario, slots in enumerate(ensemble.scenarios):
-            shift = self._markers[scenario].shift if self._markers else None
+            moved = self._markers[scenario].where if self._markers else None
             if self._path is not None and (self.sortie.watch or self.sortie.sweep_width[scenario] > 0):
-                track = self._path.between(begin, end, step[0], shift)
+                track = self._path.between(begin, end, step[0], moved, self._datum)
                 if track is not None:
-                    sweep.expose(ensemble, slots, before, *step, kind, track, *self._tables(scenario), self._exposure)
+                    sweep.expose(ensemble, slots, before, *step, self._kind, track, *self._tables(scenario), columns[0])
             if self._place is not None:
-                track = self._place.between(begin, end, step[0], shift)
-                column = self._exposure if self._path is None else self._searched
-                assert track is not None
-                assert self._ring is not None
-                sweep.expose(ensemble, slots, before, *step, sweep.INSIDE, track, self._ring, np.zeros(1), column)
+                track = self._place.between(begin, end, step[0], moved, self._datum)
+                sweep.expose(ensemble, slots, before, *step, sweep.INSIDE, track, self._ring, share, columns[-1])
+        return columns
 
     def _tables(self, scenario: int) -> tuple[Array, Array]:
         """Return the kernel's table and scale for the objects of a scenario."""
@@ -107,33 +116,27 @@ class Flown:
         ranges, chances = detection.table(self.sortie.law)
         return np.stack([ranges, chances], axis=1).reshape(-1), 1 / (self.sortie.sweep_width[scenario] * self.factors)
 
-    def forget(self) -> None:
-        """Give back the columns that it keeps on the device."""
-        self._exposure = self._searched = None
+    def fail(self, ensemble: Ensemble, columns: list[Device], shared: Device, log_weight: Device) -> None:
+        """Multiply weights by the chance that it has missed each particle, in place.
 
-    def fail(self, ensemble: Ensemble, shared: Device, log_weight: Device) -> None:
-        """Multiply weights by the chance that it has missed each particle so far, in place.
-
-        shared: logs of the misses so far of all sorties that share its unknown factor of sweep width.
+        columns: what it has done to them. shared: logs of the misses so far of all sorties that share its unknown factor of
+        sweep width.
         """
-        if self._exposure is None:
-            return
         for scenario, slots in enumerate(ensemble.scenarios):
             meaning, coefficient = self._coefficients(scenario)
             if coefficient.max() > 0:
-                sweep.fail(slots, meaning, self._exposure, coefficient, self.chances, shared, log_weight)
+                sweep.fail(slots, meaning, columns[0], coefficient, self.chances, shared, log_weight)
 
     def _coefficients(self, scenario: int) -> tuple[int, Array]:
         """Return what the exposure means, and what to multiply it by, by factor of the sweep width."""
-        sortie, kind, span = self.sortie, self._kind, self.end - self.begin
+        sortie, kind = self.sortie, self._kind
         if kind == sweep.ZONES:
             return sweep.HAZARD, np.ones(1, np.float32)
         if kind == sweep.INSIDE:
             coverage = sortie.coverage[scenario] * self.factors
             if sortie.law.kind == "random":
-                return sweep.HAZARD, (coverage * sortie.completed / span).astype(np.float32)
-            share = detection.pod(sortie.law, coverage) * sortie.completed / span
-            return sweep.SHARE, share.astype(np.float32)
+                return sweep.HAZARD, (coverage * sortie.completed).astype(np.float32)
+            return sweep.SHARE, (detection.pod(sortie.law, coverage) * sortie.completed).astype(np.float32)
         width = sortie.sweep_width[scenario] * self.factors
         if kind == sweep.CUBE:
             return sweep.HAZARD, (width**2 / (4 * math.pi)).astype(np.float32)
@@ -145,16 +148,6 @@ class Flown:
         That is its area; of what has none, a watch, all that came into a zone.
         """
         if self._place is None:
-            exposed = self._exposure.to_numpy().reshape(len(self.factors) if self._kind == sweep.ABEAM else 1, -1)
+            exposed = self.columns[0].to_numpy().reshape(len(self.factors) if self._kind == sweep.ABEAM else 1, -1)
             return np.asarray(exposed.any(axis=0), np.float64)
-        column = self._searched if self._searched is not None else self._exposure
-        return np.asarray(column.to_numpy(), np.float64) / (self.end - self.begin)
-
-
-def _markers(sortie: Sortie, start: int, begin: int, path: paths.Path | None, scenarios: int) -> list[Marker | Tracked]:
-    """Return the markers that a sortie's pattern drifts with, one a scenario."""
-    assert path is not None
-    lon, lat = sortie.datum or (float(path.lon[0]), float(path.lat[0]))
-    if sortie.marker is not None:
-        return [markers.tracked(sortie.marker, (lon, lat), start)] * scenarios
-    return [Marker(lon, lat, begin, scenario) for scenario in range(scenarios)]
+        return np.asarray(self.columns[-1].to_numpy(), np.float64)

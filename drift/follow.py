@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from drift import forecast, start
 from drift import ensemble as record
+from drift import forecast, start
 from drift.case import Case
 from drift.environment import Environment
 from drift.prior import elapsed

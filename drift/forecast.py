@@ -104,17 +104,17 @@ class Filter(Protocol):
     def advance(self, low: int, high: int, step: kernel.Step) -> None:
         """Move what else moves over a step."""
 
-    def watch(self, elapsed: int, duration: int, begin: int, end: int) -> None:
-        """Look on from begin to end, within the step that has just been made."""
-
     def take_effect(self, time: int, place: Place) -> None:
         """Change weights by what ends or is seen at a time; place: gives where an ensemble's particles were then."""
 
-    def after(self, elapsed: int) -> None:
+    def watch(self, until: int) -> None:
+        """Look on until the end of the step that has just been made."""
+
+    def after(self, until: int) -> None:
         """Draw particles anew at the end of a step, if need be."""
 
-    def log_weight(self) -> Array:
-        """Return the weights as they stand."""
+    def log_weight(self, time: int) -> Array:
+        """Return the weights as they stand at a time."""
 
     def ancestors(self) -> Array | None:
         """Return whose offspring the particles are since it was last asked; None: they are themselves."""
@@ -157,40 +157,60 @@ def run(
             search.advance(low, high, step)
         scene.advance(ensemble, low, high, step)
 
-        def place(which: Ensemble, begin: Any, time: int, step: kernel.Step = step, own: Any = before) -> Any:
+        known: dict[
+            int, tuple[Any, int]
+        ] = {}  # where contacts have asked particles to have been in this step, and when
+
+        def place(
+            which: Ensemble, begin: Any, time: int, step: kernel.Step = step, own: Any = before, known: Any = known
+        ) -> Any:
             """Return where an ensemble's particles, which began this step somewhere, were at a time in it."""
             begin = own if which is ensemble else begin
             if begin is None or time == step.elapsed + step.duration:
                 return here(which, None, time)
-            return _inside(which, scene, clock, begin, step, time)
+            begin, since = known.get(id(which), (begin, step.elapsed))
+            found = _inside(which, scene, clock, begin, step, time, since, 0 if which is ensemble else which.n)
+            known[id(which)] = found, time
+            return found
 
         if watch:
             watch(step.elapsed)
-        seen = step.elapsed
         for t in sorted({*within, *stops}):
-            if search:
-                search.watch(step.elapsed, step.duration, seen, t)
-                if t in stops:
-                    search.take_effect(t, place)
-            seen = t
+            if search and t in stops:
+                search.take_effect(t, place)
             if t in within:
                 due.pop(0)
-                lon, lat = place(ensemble, None, t)
+                lon, lat = here(ensemble, None, 0)
+                if t < end:  # an output does not tie down what comes after it
+                    begin, since = known.get(id(ensemble), (before, step.elapsed))
+                    assert begin is not None
+                    lon, lat = begin if t == since else _inside(ensemble, scene, clock, begin, step, t, since)
                 yield _moment(ensemble, lon, lat, t, search)
         if search:
-            search.watch(step.elapsed, step.duration, seen, end)
-            search.after(end)
+            search.watch(end)
+            if end < clock.duration:  # the last outputs show the particles as they were when it ended
+                search.after(end)
         if progress:
             progress(min(end / clock.duration, 1.0))
 
 
 def _inside(
-    ensemble: Ensemble, scene: Scene, clock: Clock, before: tuple[Array, Array], step: kernel.Step, time: int
+    ensemble: Ensemble,
+    scene: Scene,
+    clock: Clock,
+    before: tuple[Array, Array],
+    step: kernel.Step,
+    time: int,
+    since: int,
+    salt: int = 0,
 ) -> tuple[Array, Array]:
-    """Return positions at a time inside a step that has just been made: on each particle's bridge between its ends."""
+    """Return positions at a time inside a step that has just been made: on each particle's bridge between its ends.
+
+    before: where they were at `since`, the step's begin or a time in it. salt: tells apart ensembles of one seed.
+    """
     end = step.elapsed + step.duration
     release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
-    left = np.maximum(step.elapsed, release)
+    left = np.maximum(since, release)
     there = np.where(status == Status.ADRIFT, end, np.minimum(ended, end))
     lasting = np.maximum(there - left, 1)
     share = np.clip((time - left) / lasting, 0.0, 1.0)
@@ -199,7 +219,8 @@ def _inside(
     spread = np.where(status == Status.ADRIFT, np.sqrt(variance), 0.0)
     after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     moment = (clock.start + clock.direction * time) % 2**31
-    lon, lat = bridge.between(before, after, share, spread, ensemble.seed, moment, scene.place.coast)
+    seed = (ensemble.seed + salt) % 2**64
+    lon, lat = bridge.between(before, after, share, spread, seed, moment, scene.place.coast)
     return lon, lat
 
 
@@ -209,7 +230,7 @@ def _moment(ensemble: Ensemble, lon: Array, lat: Array, time: int, search: Filte
     over = (status != Status.ADRIFT) & (status != Status.PENDING)
     status = np.where(over & (ended > time) | (status == Status.PENDING), int(Status.ADRIFT), status)
     status = np.where(release > time, int(Status.PENDING), status)
-    weight, ancestors = (search.log_weight(), search.ancestors()) if search else (None, None)
+    weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)
     return Moment(time, lon, lat, status.astype(np.int32), weight, ancestors)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift import paths
+from drift import paths, patterns
 from drift.sortie import Area, Contact
 from geo import sphere
 
@@ -29,7 +29,9 @@ def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
             return _fixes(contact, x, y)
         if contact.kind == "area":
             assert contact.area is not None
-            return np.log(inside(contact.area, lon, lat).astype(np.float64)) - math.log(_size(contact.area))
+            return np.log(inside(contact.area, lon, lat).astype(np.float64)) - math.log(
+                patterns.square_metres(contact.area)
+            )
         assert contact.sensor is not None
         east, north = sphere.offset(math.radians(contact.sensor[0]), math.radians(contact.sensor[1]), x, y)
         far = np.hypot(east, north)
@@ -79,10 +81,3 @@ def inside(area: Area, lon: Array, lat: Array) -> Array:
     shape = shapely.Polygon(outline.reshape(-1, 2).astype(np.float64))
     apart = np.subtract(lon, sphere.to_binary(at_lon)).astype(np.float64) * sphere.UNIT  # wraps as int32
     return np.asarray(shapely.contains_xy(shape, *paths.chart(0.0, math.radians(at_lat), apart, lat * sphere.UNIT)))
-
-
-def _size(area: Area) -> float:
-    """Return the size of an area [m2]."""
-    import shapely
-
-    return float(shapely.Polygon(paths.ring(area)[2].reshape(-1, 2).astype(np.float64)).area)

@@ -56,7 +56,14 @@ def plan(made: Plan) -> Facts:
 def _search(numbers: dict[str, Any]) -> Facts:
     """Return what sorties and contacts came to."""
     facts: Facts = {}
+    dead: set[str] = set()
     for update in numbers.get("search", {}).get("updates", ()):
+        for name, share in update["posterior"].items():
+            if share == 0 and name not in dead and numbers["scenario_weights"][name]["prior"] > 0:
+                dead.add(name)
+                facts[f'note on "{name}"'] = (
+                    f'{update["kind"]} "{update["name"]}" contradicts this scenario: nothing of it is left'
+                )
         if update["kind"] == "sortie":
             facts[f'sortie "{update["name"]}"'] = (
                 f"POS {_percent(update['pos']['all'])}, so far {_percent(update['cumulative_pos']['all'])}"

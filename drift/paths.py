@@ -15,13 +15,10 @@ from geo import sphere
 from kernels.sweep import Track
 
 Array = npt.NDArray[Any]
-Shift = Callable[
-    [Array], tuple[Array, Array]
-]  # times [s after start] -> how far a marker has drifted, east and north [m]
+Moved = Callable[[Array], tuple[Array, Array]]  # times [s after start] -> where a marker is, lon and lat [rad]
 
 PIECE = 20_000.0  # [m] of a leg: past a particle within that, its great circle is straight to 0.1 m up to 60 degrees N
 EDGE = 10_000.0  # [m] of an area's edge: it bulges by less than 4 m up to 60 degrees N
-METRES = sphere.RADIUS * np.pi / 180
 
 
 @dataclass(frozen=True)
@@ -34,10 +31,12 @@ class Path:
     course: Array  # east and north of the leg's direction at begin and end of each piece, (k, 4)
     searching: Array  # bool (k,)
 
-    def between(self, begin: float, end: float, elapsed: int, shift: Shift | None) -> Track | None:
+    def between(
+        self, begin: float, end: float, elapsed: int, moved: Moved | None, datum: tuple[float, float]
+    ) -> Track | None:
         """Return the way from begin to end [s after the run's start], within the step from `elapsed` on; None for none.
 
-        shift: where a drifting marker takes it.
+        moved: where a marker is that takes it along, as far and in the direction from it as from its datum (lon, lat) [deg].
         """
         begin, end = max(begin, float(self.time[0])), min(end, float(self.time[-1]))
         if begin >= end:
@@ -52,10 +51,10 @@ class Path:
         course = np.concatenate([first + at * (last - first), first + to * (last - first)], axis=1)
         course[:, :2] = np.where(at == 0, first, course[:, :2])
         course[:, 2:] = np.where(to == 1, last, course[:, 2:])
-        if shift is not None:
-            east, north = shift(time)
-            lat = lat + north / METRES
-            lon = lon + east / (METRES * np.cos(np.radians(lat)))
+        if moved is not None:
+            x, y = moved(time)
+            apart = sphere.offset(np.radians(datum[0]), np.radians(datum[1]), np.radians(lon), np.radians(lat))
+            lon, lat = (np.degrees(angle) for angle in sphere.destination(x, y, *apart))
         place = np.stack([sphere.to_binary(lon), sphere.to_binary(lat)], axis=1)
         turned = np.radians(lat)
         trig = np.stack([np.cos(turned), 0.25 * sphere.UNIT * np.sin(2 * turned)], axis=1)

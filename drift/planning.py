@@ -6,6 +6,7 @@ evidence of its having failed: the same run that a debrief would make.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,10 +71,8 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
             with clock.phase("bound"):
                 found = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
         with clock.phase("plan"):
-            share = (number - 1) / spec.rounds
-            proposal = optimise.plan(
-                tracks, units, spec, case.seed + number, survival, lambda done: tell("plan", share + done / spec.rounds)
-            )
+            telling = partial(_told, tell, number, spec.rounds)
+            proposal = optimise.plan(tracks, units, spec, case.seed + number, survival, telling)
         more = [_named(tasking, number, spec.rounds, case) for tasking in proposal.taskings]
         if not more:
             break
@@ -114,6 +113,10 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
     return made, executed, result
 
 
+def _told(tell: Report, number: int, rounds: int, share: float) -> None:
+    tell("plan", (number - 1 + share) / rounds)
+
+
 def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
     """Return a tasking of a round, its sortie named unlike all others."""
     name = f"{tasking.unit.name}, planned" + (f" {number}" if rounds > 1 else "")
@@ -123,11 +126,11 @@ def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
 
 
 def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
-    """Return a case in which a plan's sorties have been flown, its outputs with theirs."""
+    """Return a case in which a plan's sorties have been flown, until the plan's end, its outputs those of the plan."""
     sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda one: (one.start, one.end)))
     times = plan_input.times([tasking.sortie for tasking in tasked], ())
-    outputs = np.unique(np.concatenate([case.outputs, np.array(times, "datetime64[s]")]))
-    return replace(case, sorties=sorties, outputs=outputs)
+    outputs = np.unique(np.array([case.start, case.plan.begin, *times, case.plan.until], "datetime64[s]"))
+    return replace(case, sorties=sorties, outputs=outputs, end=case.plan.until)
 
 
 def _again(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:

@@ -17,7 +17,7 @@ SHARE = 0.85  # of the endurance on scene is search (Joint Pub 3-50, National Se
 
 def seconds(time: np.datetime64) -> float:
     """Return a time in seconds since 1970."""
-    return float(np.datetime64(time, "s").astype(np.int64))
+    return float(np.asarray(time, "datetime64[s]").astype(np.int64))
 
 
 def moment(time: float) -> np.datetime64:

@@ -128,7 +128,10 @@ def path(crew: Crew, row: Array, flown: Flown, k: int) -> Array:
 
 
 def apart(rows: Array, flown: Flown, row: Array, other: Flown) -> Array:
-    """Return the distance [m] of rectangles from one other; inf where the two are not searched at the same time."""
+    """Return the distance [m] of rectangles from one other; inf where the two are not searched at the same time.
+
+    Where they overlap it is minus the way that would part them.
+    """
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
     half = np.stack([flown.length, flown.width]) / 2
     own = np.array([math.sin(row[TURN]), math.cos(row[TURN])])
@@ -136,7 +139,7 @@ def apart(rows: Array, flown: Flown, row: Array, other: Flown) -> Array:
     dx, dy = row[X] - rows[:, X], row[Y] - rows[:, Y]
     # Corners of each in the other's own directions: along, across.
     nearest = np.full(len(rows), np.inf)
-    overlap = np.ones(len(rows), bool)
+    deepest = np.full(len(rows), -np.inf)  # gap along the direction that parts them most: separating axes
     turn_sin, turn_cos = own[0] * cos - own[1] * sin, own[1] * cos + own[0] * sin  # of the other, seen from each
     there = np.stack([dx * sin + dy * cos, dx * cos - dy * sin])
     back = np.stack([-dx * own[0] - dy * own[1], -dx * own[1] + dy * own[0]])
@@ -149,8 +152,8 @@ def apart(rows: Array, flown: Flown, row: Array, other: Flown) -> Array:
         at = np.stack(corners)
         gap = np.maximum(np.abs(at) - mine, 0)
         nearest = np.minimum(nearest, np.hypot(gap[:, 0], gap[:, 1]).min(axis=0))
-        overlap &= np.all((at.min(axis=0) < mine) & (at.max(axis=0) > -mine), axis=0)
+        deepest = np.maximum(deepest, np.maximum(at.min(axis=0) - mine, -mine - at.max(axis=0)).max(axis=0))
     together = (flown.start < other.start[0] + other.duration[0] + CLEAR) & (
         other.start[0] < flown.start + flown.duration + CLEAR
     )
-    return np.where(together, np.where(overlap, 0.0, nearest), np.inf)
+    return np.where(together, np.where(deepest < 0, deepest, nearest), np.inf)

@@ -28,7 +28,8 @@ from kernels.advance import Step
 
 Array = npt.NDArray[Any]
 Device = Any
-DEBRIS = 2**62  # between the seeds of an object's own coefficients and those of its debris
+DEBRIS = 2**56  # between the seeds of an object's own coefficients and those of each class of its debris
+FARTHEST = 20.0  # that the log of the sum of weights may be off before they are brought back
 
 
 @dataclass
@@ -52,6 +53,7 @@ class Search:
         self._waiting = list(self._all)
         self._contacts = [(prior.elapsed(case, contact.time), contact) for contact in case.contacts]
         self._shared: dict[tuple[str, float], Device] = {}
+        self._step = (0, 0)
         self._before: tuple[Device, Device] | None = None
         self._debris = _companions(case, self._contacts, scene)
         self._updates: list[Update] = []
@@ -61,7 +63,6 @@ class Search:
         self._ancestors: Array | None = None
         self._events = 0
         self._target = [_living(slots, ensemble) for slots in ensemble.scenarios]
-        self._release: Array | None = None
 
     @property
     def updates(self) -> Updates:
@@ -78,8 +79,8 @@ class Search:
 
     def before(self, elapsed: int, duration: int) -> None:
         """Remember where the step begins, if a sortie is flown in it; take its markers over it. The forcing is set."""
-        self._before = None
-        for flown in self._flown(elapsed, elapsed + duration):
+        self._step, self._before = (elapsed, duration), None
+        for flown in self._flown(elapsed + duration):
             flown.drift(self._scene.forcing, elapsed, duration)
             if self._before is None:
                 self._before = runtime.copy(self.ensemble.lon), runtime.copy(self.ensemble.lat)
@@ -91,46 +92,47 @@ class Search:
                 debris.before = debris.ensemble.lon.to_numpy(), debris.ensemble.lat.to_numpy()
                 debris.scene.advance(debris.ensemble, low, high, step)
 
-    def _flown(self, begin: int, end: int) -> list[Flown]:
-        return [flown for flown in self._waiting if flown.begin < end and flown.end > begin]
+    def _flown(self, until: int) -> list[Flown]:
+        """Return the sorties that have begun before a time and are not over."""
+        return [flown for flown in self._waiting if flown.begin < until]
 
-    def watch(self, elapsed: int, duration: int, begin: int, end: int) -> None:
-        """See what all sorties do from begin to end, within the step that has just been made."""
-        for flown in self._flown(begin, end):
-            assert self._before is not None
-            flown.expose(self.ensemble, self._before, (elapsed, duration), begin, end)
+    def _exposed(self, flown: Flown, until: int, keep: bool) -> list[Device]:
+        assert self._before is not None
+        return flown.expose(self.ensemble, self._before, self._step, until, keep)
 
     def take_effect(self, time: int, place: Place) -> None:
         """Change weights by all that ends or is seen at a time; place: gives where an ensemble's particles were then."""
         for flown in [f for f in self._waiting if f.end == time]:
-            self._waiting.remove(flown)
             self._fail(flown)
-            flown.forget()
+            self._waiting.remove(flown)
+            flown.columns = []
+            if all(other.sortie.group != flown.sortie.group for other in self._waiting):
+                self._shared.pop((flown.sortie.group, flown.sortie.shape), None)
         for when, contact in [c for c in self._contacts if c[0] == time]:
             self._contacts.remove((when, contact))
             self._see(contact, time, place)
 
     def _fail(self, flown: Flown) -> None:
         """Take in that a sortie found nothing."""
+        sortie, columns = flown.sortie, self._exposed(flown, flown.end, keep=True)
         before = self.ensemble.log_weight.to_numpy()
-        flown.fail(self.ensemble, self._group(flown, self._shared), self.ensemble.log_weight)
+        flown.fail(self.ensemble, columns, self._group(flown, self._shared), self.ensemble.log_weight)
         after = self.ensemble.log_weight.to_numpy()
-        sortie = flown.sortie
         evidence = self._evidence(before, after, f'sortie "{sortie.name}"')
         weight = _weights(before)
-        lost = weight - _weights(after, before)
-        pos = -np.expm1(evidence)
+        pos = np.nan_to_num(-np.expm1(evidence))  # of a story that had no weight: nothing
         self._missed = self._missed * (1 - pos)
         alive = None
         if any(s.survival for s in self.case.scenarios):
+            lost = weight - _weights(after, before)
             alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
         self._note(
             Update(
                 sortie.name, "sortie", sortie.end, evidence, self._stories(after), _ess(before), _ess(after),
-                poc=self._mean(weight * flown.searched(), weight) if flown.columns else np.zeros_like(pos),
-                pos=pos, alive=alive, cumulative=1 - self._missed,
+                poc=self._mean(weight * flown.searched(), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
             )
         )  # fmt: skip
+        self._settle(after.astype(np.float64))
 
     def _see(self, contact: Contact, time: int, place: Place) -> None:
         """Take in a contact."""
@@ -141,7 +143,7 @@ class Search:
         lon, lat = place(who, begin, time)
         found = likelihood.log_likelihood(contact, lon, lat)
         found = np.where(_there(who, time), found, -np.inf)
-        before, now = self.ensemble.log_weight.to_numpy(), self.log_weight()
+        before, now = self.ensemble.log_weight.to_numpy(), self.log_weight(time)
         mean = _log_sum(now + found) - _log_sum(now)  # of all that is known then, sorties under way included
         if contact.false_density > 0:
             found = np.logaddexp(found, np.log(contact.false_density))
@@ -151,25 +153,38 @@ class Search:
             else:
                 with np.errstate(divide="ignore"):
                     found = np.logaddexp(np.log(contact.belief) + found, np.log1p(-contact.belief) + mean)
-        after = (before + found).astype(np.float32)
+        after = before + found
         evidence = self._evidence(before, after, f'contact "{contact.name}"')
-        self.ensemble.log_weight.from_numpy(after)
         self._note(
             Update(contact.name, "contact", contact.time, evidence, self._stories(after), _ess(before), _ess(after))
         )
+        self._settle(after, changed=True)
 
-    def log_weight(self) -> Array:
-        """Return the weights as they stand, with what sorties under way have missed so far; float32 (n,)."""
-        under_way = [flown for flown in self._waiting if flown.columns]
+    def _settle(self, log_weight: Array, changed: bool = False) -> None:
+        """Bring the sum of weights back to 1 once it is far off, where float32 would lose digits of small differences."""
+        total = _log_sum(log_weight)
+        if abs(total) > FARTHEST:
+            self.ensemble.log_weight.from_numpy((log_weight - total).astype(np.float32))
+        elif changed:
+            self.ensemble.log_weight.from_numpy(log_weight.astype(np.float32))
+
+    def log_weight(self, time: int) -> Array:
+        """Return the weights as they stand at a time, with what sorties under way have missed until then; float32 (n,)."""
+        under_way = self._flown(time)
         if not under_way:
             return np.asarray(self.ensemble.log_weight.to_numpy())
         weight = runtime.copy(self.ensemble.log_weight)
         shared = {key: runtime.copy(column) for key, column in self._shared.items()}
         for flown in under_way:
-            flown.fail(self.ensemble, self._group(flown, shared), weight)
+            flown.fail(self.ensemble, self._exposed(flown, time, keep=False), self._group(flown, shared), weight)
         return np.asarray(weight.to_numpy())
 
-    def after(self, step_end: int) -> None:
+    def watch(self, until: int) -> None:
+        """See what all sorties do until the end of the step that has just been made."""
+        for flown in self._flown(until):
+            self._exposed(flown, until, keep=True)
+
+    def after(self, until: int) -> None:
         """Resample at the end of a step, if the effective particles are fewer than asked for."""
         rule = self.case.resampling
         changed = self._updates and self._events < len(self._updates)
@@ -179,20 +194,20 @@ class Search:
         ess = _ess(self.ensemble.log_weight.to_numpy())
         if ess >= rule.below * sum(self._target):
             return
-        ancestors = self._draw(rule.method)
+        ancestors = self._draw(rule.method, until)
         self._lineage = self._lineage[ancestors]
         self._ancestors = ancestors if self._ancestors is None else self._ancestors[ancestors]
         weight = self.ensemble.log_weight.to_numpy()
         distinct = len(np.unique(self._lineage[weight > -np.inf])) / sum(self._target)
         self._updates[-1] = replace(self._updates[-1], resampled=True, ess_after=_ess(weight), distinct=distinct)
 
-    def _draw(self, method: str) -> Array:
+    def _draw(self, method: str, until: int) -> Array:
         """Replace all particles by offspring, in place; return their ancestors (n,)."""
         e = self.ensemble
         weight = _weights(e.log_weight.to_numpy())
         scale = float(e.log_weight.to_numpy().max())
         ancestors = np.arange(e.n)
-        log_weight = np.full(e.n, -np.inf, np.float32)
+        log_weight, spare = np.full(e.n, -np.inf, np.float32), np.zeros(e.n, bool)
         for scenario, ((first, last), target) in enumerate(zip(e.scenarios, self._target, strict=True)):
             own = weight[first:last]
             total = own.sum()
@@ -206,6 +221,7 @@ class Search:
                 while len(drawn) > last - first:  # eight standard deviations above: draw again
                     drawn = resample.kahn(own, target, random.random(last - first))
             ancestors[first : first + len(drawn)] = first + drawn
+            spare[first + len(drawn) : last] = True
             log_weight[first : first + len(drawn)] = scale + np.log(total / target)
         columns = [getattr(e, name) for name in (*record.INTEGERS, *record.REALS)]
         columns += [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
@@ -215,6 +231,11 @@ class Search:
             values = column.to_numpy().reshape(-1, e.n)
             column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
         e.log_weight.from_numpy(log_weight)
+        status, ended = e.status.to_numpy(), e.ended.to_numpy()
+        e.status.from_numpy(np.where(spare, int(Status.LEFT), status).astype(np.int32))
+        if self._scene.place.beach.stay > 0:
+            # The wait of what lies ashore is a function of slot and landing. It has no memory: copies begin theirs anew.
+            e.ended.from_numpy(np.where(status == Status.ASHORE, until, ended).astype(np.int32))
         return ancestors
 
     def ancestors(self) -> Array | None:
@@ -233,7 +254,8 @@ class Search:
 
     def _evidence(self, before: Array, after: Array, what: str) -> Array:
         """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
-        sums = [_log_sum(after[a:b]) - _log_sum(before[a:b]) for a, b in self.ensemble.scenarios]
+        with np.errstate(invalid="ignore"):  # of a story that had no weight before it is not a number
+            sums = [np.subtract(_log_sum(after[a:b]), _log_sum(before[a:b])) for a, b in self.ensemble.scenarios]
         whole = _log_sum(after) - _log_sum(before)
         if not np.isfinite(whole):
             names = ", ".join(f'"{s.name}"' for s in self.case.scenarios)
@@ -241,7 +263,7 @@ class Search:
                 f"{what} contradicts every scenario ({names}): after it no particle has any weight, and nothing can be said. Check its "
                 "place, time and error, or allow for doubt: a POD below 1, a belief below 1, or a wider prior"
             )
-        return np.asarray(np.nan_to_num(np.array([*sums, whole]), nan=-np.inf, neginf=-np.inf))
+        return np.array([*sums, whole])
 
     def _stories(self, log_weight: Array) -> Array:
         """Return the probability of each scenario."""
@@ -278,11 +300,12 @@ def _companions(case: Case, contacts: list[tuple[int, Contact]], scene: Scene) -
         if drifter in found:
             found[drifter].last = max(found[drifter].last, time)
             continue
+        number = len(found) + 1
         told = replace(case, scenarios=tuple(replace(s, object=drifter) for s in case.scenarios))
         ensemble = prior.draw(told, scene.place.coast).ensemble
         for slots in ensemble.scenarios:  # coefficients of its own
-            prior.equip(ensemble, slots, noise.key((case.seed + DEBRIS) % 2**64), drifter)
-        place = scene.place._replace(debris=True)
+            prior.equip(ensemble, slots, noise.key((case.seed + number * DEBRIS) % 2**64), drifter)
+        place = scene.place._replace(debris=number)
         moved = replace(scene, physics=tuple(physics(told, s) for s in told.scenarios), place=place)
         found[drifter] = Debris(ensemble, moved, time)
     return found

@@ -33,7 +33,9 @@ class Find:
 def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
     """Return the factor of each unit's sweep width at the joint nodes, (units, nodes), and the nodes' weights, (nodes,)."""
     names = [unit.group or unit.name for unit in units]
-    groups = list(dict.fromkeys(n for n, unit in zip(names, units, strict=True) if math.isfinite(unit.shape)))[:MOST_GROUPS]
+    groups = list(dict.fromkeys(n for n, unit in zip(names, units, strict=True) if math.isfinite(unit.shape)))[
+        :MOST_GROUPS
+    ]
     count = NODES.get(len(groups), 2)
     factor, weight = np.ones((len(units), 1)), np.ones(1)
     for group in groups:

@@ -99,7 +99,9 @@ def halves(tracks: Tracks) -> tuple[Tracks, Tracks]:
 def coarser(tracks: Tracks, most: int) -> Tracks:
     """Return the same tracks at the edges of at most so many bins."""
     edge = np.unique(np.rint(np.linspace(0, tracks.bins, min(tracks.bins, most) + 1)).astype(int))
-    return replace(tracks, time=tracks.time[edge], lon=tracks.lon[edge], lat=tracks.lat[edge], adrift=tracks.adrift[edge])
+    return replace(
+        tracks, time=tracks.time[edge], lon=tracks.lon[edge], lat=tracks.lat[edge], adrift=tracks.adrift[edge]
+    )
 
 
 def square(x: Array, y: Array) -> tuple[float, float, float]:

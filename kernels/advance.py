@@ -209,6 +209,7 @@ def _advance(
     jibe_rate: ti.f32,
     stay: ti.f32,
     offing: ti.f32,
+    debris: ti.i32,
     west: ti.i32,
     south: ti.i32,
     width: ti.u32,
@@ -252,7 +253,7 @@ def _advance(
                 if ti.static(features & DIFFUSION):
                     n = noise.normals(w[0], w[1]) * ti.sqrt(2.0 * diffusivity * dt)
                     if ti.static(features & DEBRIS):  # shares the errors of the forcing with its object, no more
-                        v = noise.words(seed0, seed1, noise.STREAM_DEBRIS, i, step)
+                        v = noise.words(seed0, seed1, noise.STREAM_DEBRIS + debris, i, step)
                         n = noise.normals(v[0], v[1]) * ti.sqrt(2.0 * diffusivity * dt)
                     walk_east, walk_north = n[0], n[1]
                 if ti.static(features & ERRORS):
@@ -281,7 +282,7 @@ def _advance(
                     # An odd number of jibes at this rate within dt: independent of the length of the step.
                     odd = 0.5 - 0.5 * ti.exp(-2.0 * jibe_rate * dt)
                     if ti.static(features & DEBRIS):
-                        w = noise.words(seed0, seed1, noise.STREAM_DEBRIS, i, step)
+                        w = noise.words(seed0, seed1, noise.STREAM_DEBRIS + debris, i, step)
                     if noise.uniform(w[2]) < odd:
                         side[i] = -side[i]
 
@@ -437,7 +438,9 @@ class Place(NamedTuple):
     bias: Bias | None = None
     sinks: bool = False
     divergence: bool = False  # log weights lose the divergence along the track: a backward run's likelihood
-    debris: bool = False  # shares the errors of the forcing, not walk and jibes, with the same slots of the object
+    debris: int = (
+        0  # number of a class that shares the errors of the forcing, not walk and jibes, slot by slot with the object
+    )
     scheme: str = "rk4"
 
 
@@ -459,7 +462,7 @@ def features(ranges: tuple[int, ...], physics: Physics, place: Place) -> int:
         | REFLOAT * (coastal and place.beach.stay > 0)
         | SLIDE * (coastal and place.beach.slides)
         | DIVERGENCE * place.divergence
-        | DEBRIS * place.debris
+        | DEBRIS * (place.debris > 0)
     )
 
 
@@ -493,7 +496,7 @@ def advance(
         *(tiles.nodes, tiles.where, tiles.scale, i32x6(ranges)),
         *(step.elapsed, step.duration, step.direction, step.number, seed0, seed1),
         *physics,
-        *(place.beach.stay, place.beach.offing),
+        *(place.beach.stay, place.beach.offing, place.debris),
         *place.domain,
         *(place.coast or open_sea()),
     )

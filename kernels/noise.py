@@ -17,7 +17,7 @@ STREAM_BRIDGE = 6
 STREAM_COAST = 7
 STREAM_REFLOAT = 8
 STREAM_RELEASE = 9
-STREAM_DEBRIS = 10
+STREAM_DEBRIS = 16  # and on, one a class
 
 u32x4 = ti.types.vector(4, ti.u32)
 f32x2 = ti.types.vector(2, ti.f32)

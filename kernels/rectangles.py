@@ -13,7 +13,9 @@ import taichi as ti
 from kernels.allocate import HostInts, HostReals, look
 
 BLOCK = 256
-PARAMETERS = 9  # of a rectangle: x, y, sine and cosine of the orientation, length, width, start, duration, side of the creep
+PARAMETERS = (
+    9  # of a rectangle: x, y, sine and cosine of the orientation, length, width, start, duration, side of the creep
+)
 FULL = 8.0  # coverage beyond which more is not counted
 
 
@@ -97,8 +99,8 @@ def _gains(
             if share > 0.0:
                 full = share * coverage[c * scenarios + scenario[i]]
                 for k in range(nodes):
-                    total += before[i * nodes + k] * (worth - later[i * nodes + k]) * look(
-                        curve, full * factor[k] * steps
+                    total += (
+                        before[i * nodes + k] * (worth - later[i * nodes + k]) * look(curve, full * factor[k] * steps)
                     )
         sums[cb] = total
 
@@ -156,9 +158,7 @@ def gains(
     arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, coverage)]
     last = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (curve, before, later)]
     edges = particles.time.shape[0]
-    _gains(
-        random, edges, *particles, *arrays, coverage.shape[1], np.asarray(factor, np.float32), 1 / step, *last, sums
-    )
+    _gains(random, edges, *particles, *arrays, coverage.shape[1], np.asarray(factor, np.float32), 1 / step, *last, sums)
     return sums.astype(np.float64).reshape(len(rectangle), -1).sum(axis=1)
 
 

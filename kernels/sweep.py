@@ -57,11 +57,11 @@ def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
 def lateral(a: f32x2, b: f32x2, along_a: ti.f32, along_b: ti.f32) -> ti.f32:
     """Return the lateral range [m] of the relative track from a to b, or -1 unless the particle comes abeam on it.
 
-    along: way along the leg's own course from the particle to the sensor; it is abeam where that changes sign, on one side
-    of a joint only, however a leg is cut.
+    along: way along the leg's own course from the particle to the sensor; it is abeam where that changes sign, either way, on
+    one side of a joint only, however a leg is cut.
     """
     x = -1.0
-    if along_a < 0.0 and along_b >= 0.0:
+    if (along_a < 0.0) != (along_b < 0.0):
         d = b - a
         x = ti.abs(a[0] * b[1] - a[1] * b[0]) / ti.max(ti.sqrt(d[0] * d[0] + d[1] * d[1]), TINY)
     return x
@@ -166,57 +166,54 @@ def _expose(
             seen = ti.cast(left - elapsed, ti.f32)
             if afloat[i] < finish:
                 left = ti.max(left, afloat[i])
-            leaves, pace = ti.cast(left - elapsed, ti.f32), 1.0 / ti.cast(ti.max(finish - left, 1), ti.f32)
+            leaves, moored = ti.cast(left - elapsed, ti.f32), ti.cast(finish - elapsed, ti.f32)
+            pace = 1.0 / ti.max(moored - leaves, 1.0)
             x, y = before_lon[i], before_lat[i]
             dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)
             total, far_b, joined = 0.0, 0.0, False
             b = f32x2(0.0)
             for k in range(time.shape[0] - 1):
-                begin, end = ti.max(time[k], seen), ti.min(time[k + 1], gone)
-                if searching[k] == 1 and begin < end:
-                    a, far_a = b, far_b  # a whole piece hands its end on to the next one
-                    if not joined or begin > time[k]:
+                begin, stop = ti.max(time[k], seen), ti.min(time[k + 1], gone)
+                joined = joined and begin == time[k]
+                while searching[k] == 1 and begin < stop:
+                    end = stop  # a particle goes straight only while it moves
+                    if begin < leaves and leaves < end:
+                        end = leaves
+                    elif begin < moored and moored < end:
+                        end = moored
+                    a, far_a = b, far_b  # each piece hands its end on to the next one
+                    if not joined:
                         share = ti.min(ti.max((begin - leaves) * pace, 0.0), 1.0)
-                        a = _apart(
+                        at_x, at_y = (
                             x + ti.cast(ti.round(dx * share), ti.i32),
                             y + ti.cast(ti.round(dy * share), ti.i32),
-                            begin,
-                            k,
-                            time,
-                            place,
-                            trig,
                         )
+                        a = _apart(at_x, at_y, begin, k, time, place, trig)
                         far_a = ti.sqrt(a[0] * a[0] + a[1] * a[1])
                     share = ti.min(ti.max((end - leaves) * pace, 0.0), 1.0)
-                    b = _apart(
-                        x + ti.cast(ti.round(dx * share), ti.i32),
-                        y + ti.cast(ti.round(dy * share), ti.i32),
-                        end,
-                        k,
-                        time,
-                        place,
-                        trig,
-                    )
+                    at_x, at_y = x + ti.cast(ti.round(dx * share), ti.i32), y + ti.cast(ti.round(dy * share), ti.i32)
+                    b = _apart(at_x, at_y, end, k, time, place, trig)
                     far_b = ti.sqrt(b[0] * b[0] + b[1] * b[1])
-                    joined = end == time[k + 1]
+                    joined = True
                     if ti.static(kind == CUBE):
                         total += hazard(a, b, far_a, far_b)
                     elif ti.static(kind == INSIDE):
-                        total += (end - begin) * inside(a, b, table)
+                        total += scale[0] * (end - begin) * inside(a, b, table)
                     elif ti.static(kind == ZONES):
                         for z in range(scale.shape[0]):
-                            total += (
-                                scale[z] * (end - begin) * (within(a, b, table[2 * z + 1]) - within(a, b, table[2 * z]))
-                            )
+                            share = within(a, b, table[2 * z + 1]) - within(a, b, table[2 * z])
+                            total += scale[z] * (end - begin) * share
                     else:
-                        along_a = -(a[0] * course[4 * k] + a[1] * course[4 * k + 1])
-                        along_b = -(b[0] * course[4 * k + 2] + b[1] * course[4 * k + 3])
+                        first_node = 4 * k
+                        last_node = 4 * k + 2 * ti.cast(end == time[k + 1], ti.i32)
+                        along_a = -(a[0] * course[first_node] + a[1] * course[first_node + 1])
+                        along_b = -(b[0] * course[last_node] + b[1] * course[last_node + 1])
                         far = lateral(a, b, along_a, along_b)
                         if far >= 0.0:
                             for f in range(scale.shape[0]):
                                 exposure[f * size + i] += ti.log(1.0 - chance(table, far * scale[f]))
-                else:
-                    joined = False
+                    begin = end
+                joined = joined and searching[k] == 1 and stop == time[k + 1]
             if ti.static(kind != ABEAM):
                 exposure[i] += total
 
@@ -263,7 +260,7 @@ def expose(
     ensemble: a drift.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
     kind: CUBE adds the integral of ds / 2 r^3 [1/m2]; ABEAM the log of a miss wherever it comes abeam, for each factor of W, table
     a lateral range curve and scale 1 / W by factor [1/m]; ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the
-    time [s] inside the ring `table` [m] round the track. exposure: device, (n,), for ABEAM (factors * n,).
+    time inside the ring `table` [m] round the track, times scale. exposure: device, (n,), for ABEAM (factors * n,).
     """
     e = ensemble
     _expose(
@@ -278,7 +275,10 @@ def _log_miss(meaning: ti.template(), exposure: ti.f32, coefficient: ti.f32) -> 
     if ti.static(meaning == HAZARD):
         miss = -exposure * coefficient
     elif ti.static(meaning == SHARE):
-        miss = ti.log(ti.max(1.0 - exposure * coefficient, 0.0))
+        share = exposure
+        if share > 1.0 - 1e-5:  # all the time, but for what rounding left of it
+            share = 1.0
+        miss = ti.log(ti.max(1.0 - share * coefficient, 0.0))
     return miss
 
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from plans import HOUR, NMI, cloud, spec, speed_for, tracks, unit
 from scipy import integrate, optimize
 
 from drift import bound, concave, detection
 from drift.quadtree import Quadtree
 from drift.sortie import Law, Survival
 from kernels import allocate
-from plans import HOUR, NMI, cloud, spec, speed_for, tracks, unit
 
 STD = 5 * NMI
 LAWS = [Law(), Law("random"), Law("definite_range"), Law("m_beta", beta=0.7)]

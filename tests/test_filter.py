@@ -1,6 +1,7 @@
 """The particle filter against exact Bayes on a grid, a Kalman filter, and plain brute force."""
 
 import dataclasses
+import itertools
 import math
 import subprocess
 import sys
@@ -11,13 +12,14 @@ import pytest
 from scipy import stats
 
 from drift import case as cases
-from drift import forecast, resample, start
+from drift import ensemble as record
+from drift import forecast, paths, resample, start
 from drift.environment import open_for
 from drift.search import Search
 from drift.sortie import Area, Contact, Fix, Law, Legs, Resampling, Sortie, Watch
 from geo import sphere
 from geo.errors import UserError
-from kernels import runtime
+from kernels import runtime, sweep
 
 NMI = 1852.0
 METRES = sphere.RADIUS * np.pi / 180  # [m] per degree of latitude
@@ -569,3 +571,85 @@ print(search.updates.all[1].resampled, hashlib.sha256(b"".join(columns)).hexdige
         said.append(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     assert said[0] == said[1]
     assert said[0].startswith("True")
+
+
+# What an audit found.
+
+
+def test_what_strands_or_goes_adrift_within_a_step_is_where_it_is():
+    """A particle moves only from its release to its landing: the time in an area round the beach, in closed form."""
+    runtime.start()
+    ensemble = record.empty(1, (0, 2))
+    x = sphere.to_binary([-1000 / METRES, -1000 / METRES])
+    before = runtime.upload(x), runtime.upload(np.zeros(2, np.int32))
+    ensemble.status.from_numpy(np.array([1, 1], np.int32))
+    ensemble.ended.from_numpy(np.array([182, 2000], np.int32))
+    ensemble.release.from_numpy(np.array([0, 1000], np.int32))
+    still = paths.standing(0.0, 0.0, 0, 3600)
+    ring = np.array([-100.0, -100.0, 100.0, -100.0, 100.0, 100.0, -100.0, 100.0])
+    for cuts in ([0, 3600], [0, 100, 1950, 3600]):
+        exposure = runtime.empty(2)
+        for begin, end in itertools.pairwise(cuts):
+            track = still.between(begin, end, 0, None, (0.0, 0.0))
+            sweep.expose(ensemble, (0, 2), before, 0, 3600, sweep.INSIDE, track, ring, np.ones(1), exposure)
+        # the last tenth of the way lies in the area, and all the time after it
+        assert exposure.to_numpy() == pytest.approx([3600 - 0.9 * 182, 3600 - 1000 - 0.9 * 1000], abs=0.1)
+
+
+@pytest.mark.parametrize("minutes", [7, 130, 300])
+def test_a_pod_of_one_leaves_nothing(tmp_path, minutes):
+    """However long it takes: an object that stayed where everything is found was not there."""
+    ring = Area((179.0, 181.0, 181.0, 179.0), (59.9, 59.9, 60.1, 60.1))
+    sortie = Sortie("all", "", hours(0), hours(minutes / 60), Law("definite_range"), (1.0,), area=ring, coverage=(1.2,))
+    with pytest.raises(UserError, match='sortie "all" contradicts every scenario \\("square"\\)'):
+        run(load(tmp_path, STILL + SQUARE, sorties=(sortie,)))
+
+
+def test_a_story_that_is_dead_stays_so(tmp_path):
+    """What a sortie rules out has no POS from later ones, and the others go on."""
+    text = STILL + SQUARE + BOX.replace('"box"', '"elsewhere"')
+    ring = Area((179.0, 181.0, 181.0, 179.0), (59.9, 59.9, 60.1, 60.1))
+    sorties = [
+        Sortie("all", "", hours(0), hours(1), Law("definite_range"), (1.0, 1.0), area=ring, coverage=(1.2, 1.2)),
+        Sortie("again", "", hours(1), hours(2), Law("random"), (1.0, 1.0), area=ring, coverage=(1.0, 1.0)),
+    ]
+    search, _, _ = run(load(tmp_path, text, sorties=tuple(sorties)))
+    first, second = search.updates.all
+    assert first.posterior.tolist() == [0.0, 1.0]
+    assert first.pos == pytest.approx([1.0, 0.0, 0.5])
+    assert second.pos.tolist() == [0.0, 0.0, 0.0]
+    assert second.cumulative == pytest.approx([1.0, 0.0, 0.5])
+
+
+def test_an_output_within_a_sortie_changes_no_bit(tmp_path):
+    """Looking on does not cut a leg."""
+    track = legs([(-9000, -3000), (8000, -2500), (8200, 1500), (-8500, 2000)], 0.4, 20.0)
+    sorties = tuple(flown(law.kind, track, law, 900.0) for law in (Law(), Law("m_beta", 0.7)))
+    case = load(tmp_path, FLOW, sorties=sorties)
+    _, bare, _ = run(case)
+    _, seen, moments = run(case, outputs=[1700, 2000, 3000, 3300, 10_800])
+    np.testing.assert_array_equal(bare.log_weight.to_numpy(), seen.log_weight.to_numpy())
+    totals = [np.exp(moment.log_weight.astype(np.float64)).sum() for moment in moments]
+    assert all(later < earlier for earlier, later in itertools.pairwise(totals[:4]))
+
+
+def test_two_contacts_within_one_step(tmp_path):
+    """The second is where a walk can get to from the first: evidence of a Kalman filter, fixes 6 min apart in a step of 60."""
+    d, fixes = 100.0, [(1.4, (500.0, 300.0), 200.0), (1.5, (700.0, 100.0), 200.0)]
+    text = STILL.replace("30 min", "60 min") + NORMAL.format(d=d).replace('["4000 m", "2500 m"]', '"600 m"').replace(
+        "orientation = 30", ""
+    )
+    contacts, mean, cov, evidence, last = [], np.zeros(2), 600.0**2 * np.eye(2), 0.0, 0.0
+    for k, (when, z, std) in enumerate(fixes):
+        lon, lat = sphere.destination(math.radians(-179.99), math.radians(30.0), *z)
+        fix = Fix(float(np.degrees(lon)), float(np.degrees(lat)))
+        contacts.append(Contact(f"{k}", hours(when), "position", fixes=(fix,), major=std, minor=std))
+        cov = cov + 2 * d * 3600 * (when - last) * np.eye(2)
+        total = cov + std**2 * np.eye(2)
+        evidence += stats.multivariate_normal.logpdf(z, mean, total)
+        gain = cov @ np.linalg.inv(total)
+        mean, cov, last = mean + gain @ (np.array(z) - mean), cov - gain @ cov, when
+    search, _, _ = run(load(tmp_path, text, contacts=tuple(contacts), particles=100_000))
+    assert search.updates.log_evidence == pytest.approx(
+        evidence, abs=4 * 3 / math.sqrt(search.updates.all[-1].ess_after)
+    )

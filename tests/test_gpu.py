@@ -11,7 +11,6 @@ import xarray as xr
 
 from geo import sphere
 
-
 NO_SEARCH = ("--set", "sortie=[]", "--set", "unit=[]", "--set", "plan={}")
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from plans import BEGIN, HOUR, NMI, PLACE, cloud, spec, speed_for, unit
 from scipy import special
 
 from drift import bound, optimise, patterns, rectangle, together
@@ -14,7 +15,6 @@ from drift import tracks as record
 from drift.sortie import Law, Survival
 from geo import sphere
 from kernels import rectangles, sweeps
-from plans import BEGIN, HOUR, NMI, PLACE, cloud, spec, speed_for, unit
 
 STD = 5 * NMI
 
@@ -56,8 +56,19 @@ def several() -> tuple[record.Tracks, list, object]:
     width = (NMI, 0.6 * NMI)
     units = [
         unit(60.0, 2.5, NMI, Law(), name="plane", base=base, transit_speed=90.0, sweep_width=width),
-        unit(40.0, 2.0, NMI, Law("m_beta", beta=0.8), name="helicopter", base=base, transit_speed=60.0, sweep_width=width),
-        unit(9.0, 6.0, NMI, Law(), name="boat", sweep_width=width, transit_speed=12.0, ready=BEGIN + np.timedelta64(1, "h")),
+        unit(
+            40.0, 2.0, NMI, Law("m_beta", beta=0.8), name="helicopter", base=base, transit_speed=60.0, sweep_width=width
+        ),
+        unit(
+            9.0,
+            6.0,
+            NMI,
+            Law(),
+            name="boat",
+            sweep_width=width,
+            transit_speed=12.0,
+            ready=BEGIN + np.timedelta64(1, "h"),
+        ),
     ]
     return two, units, spec(10, separation=2 * NMI)
 
@@ -169,8 +180,10 @@ def test_rectangles_are_as_far_apart_as_shapely_says() -> None:
     for k in range(20):
         found = rectangle.apart(rows, flown(slice(None)), rows[k], flown(slice(k, k + 1)))
         want = [shape(k).distance(shape(j)) for j in range(200)]
-        np.testing.assert_allclose(found, want, atol=1e-9)
-    later = flown(slice(0, 1))._replace(start=np.array([5.0]))
+        np.testing.assert_allclose(np.maximum(found, 0), want, atol=1e-9)
+        meets = [shape(k).intersects(shape(j)) for j in range(200)]
+        np.testing.assert_array_equal(found < 1e-9, meets)
+    later = flown(slice(0, 1))._replace(start=np.array([500.0]))
     assert np.all(np.isinf(rectangle.apart(rows, flown(slice(None)), rows[0], later)))
 
 
@@ -180,7 +193,9 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     time = np.array([0.0, 1800, 3600, 5400])
     x, y = (rng.uniform(-6000, 6000, 40) + np.cumsum(rng.normal(0, 400, (4, 40)), axis=0) for _ in range(2))
     swarm = rectangles.swarm(time, x, y, np.ones((4, 40)), np.zeros(40))
-    node = np.array([[600.0, -5000, -2000], [1400, 5000, -2000], [1500, 5000, -500], [2300, -5000, -500], [4000, 5000, 3000]])
+    node = np.array(
+        [[600.0, -5000, -2000], [1400, 5000, -2000], [1500, 5000, -500], [2300, -5000, -500], [4000, 5000, 3000]]
+    )
     width = 1500.0
     t = np.linspace(600.0, 4000.0, 17_001)  # a fifth of a second; turns fall on it
     apart = [
@@ -194,7 +209,9 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     chance, worth = sweeps.found(swarm, None, node, np.array([width]), np.ones(1))
     np.testing.assert_allclose(chance[near, 0], want[near], atol=2e-4)
     assert np.all((worth == 1) | (chance[:, 0] == 0))
-    gains = sweeps.gains(swarm, None, [node, node[:3]], np.array([width]), np.ones(1), np.ones((40, 1)), np.zeros((40, 1)))
+    gains = sweeps.gains(
+        swarm, None, [node, node[:3]], np.array([width]), np.ones(1), np.ones((40, 1)), np.zeros((40, 1))
+    )
     assert gains[0] == pytest.approx(chance.sum(), rel=1e-5)
     assert gains[1] < gains[0]
 
@@ -210,7 +227,9 @@ def test_smeared_legs_are_the_mean_of_legs() -> None:
     row = np.array([1000.0, -2000, 0.4, math.log(1.3 * NMI), math.log(1.5), 0, 1, -1])
     for drift in (-0.5, 0.0, 0.8):
         east, north = drift * math.cos(0.4), -drift * math.sin(0.4)
-        swarm = rectangles.swarm(time, x + east * time[:, None], y + north * time[:, None], np.ones((9, len(x))), np.zeros(len(x)))
+        swarm = rectangles.swarm(
+            time, x + east * time[:, None], y + north * time[:, None], np.ones((9, len(x))), np.zeros(len(x))
+        )
         flown = rectangle.fly(crew, row[None, :])
         table, coverage = rectangle.smeared(crew, row[None, :], flown)
         smeared, _ = rectangles.found(swarm, False, table, coverage[0], np.ones(1), rectangle.STEP, crew.curve)
@@ -218,7 +237,9 @@ def test_smeared_legs_are_the_mean_of_legs() -> None:
         assert smeared.mean() == pytest.approx(legs.mean(), rel=0.08)  # what spills over its edge is left out
         share = (flown.length * flown.width)[0] / (80 * NMI) ** 2
         if drift == 0:
-            assert smeared.mean() == pytest.approx(share * special.erf(math.sqrt(math.pi) / 2 * coverage[0, 0]), rel=0.05)
+            assert smeared.mean() == pytest.approx(
+                share * special.erf(math.sqrt(math.pi) / 2 * coverage[0, 0]), rel=0.05
+            )
 
 
 def test_units_of_one_group_share_what_is_not_known() -> None:
