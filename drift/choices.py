@@ -119,7 +119,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     home = end + float(sphere.distance(*last, *np.radians(unit.return_to))) / unit.transit_speed
     there = float(sphere.distance(*crew.reach.base, *first)) / unit.transit_speed
     return Tasking(
-        unit=unit, round=1, sortie=sortie, takeoff=reaches.moment(math.floor(start - there)), on_scene=sortie.start,
+        unit=unit, round=1, sortie=sortie, takeoff=reaches.moment(max(math.floor(start - there), math.ceil(crew.reach.leaves))), on_scene=sortie.start,
         off_scene=sortie.end, home=reaches.moment(math.ceil(home)), centre=centre, length=length, width=width,
         orientation=turn, creep=(turn - corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing, legs=legs, pos=pos,
     )  # fmt: skip

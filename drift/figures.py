@@ -87,11 +87,10 @@ def figures(
     if updates is not None:
         bare = {name: common[name] for name in ("title", "footer", "attributes", "synthetic")}
         drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, **bare))
-        planned = {tasking.sortie.name for tasking in plan.taskings} if plan else set()
-        shown = [sortie for sortie in updates.sorties if not plan or sortie.name in planned]  # outputs are theirs
-        for page in range(1, search_map.pages(shown) + 1):
+        # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
+        for page in range(1, 1 + (search_map.pages(updates.sorties) if plan is None else 0)):
             name = "search.png" if page == 1 else f"search-{page}.png"
-            drawing = partial(search_map.draw, forecast, shown, case.contacts, updates, page=page, **common)
+            drawing = partial(search_map.draw, forecast, updates.sorties, case.contacts, updates, page=page, **common)
             drawn[name] = _kept(drawing)
     if plan is not None:
         drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **common))

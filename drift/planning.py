@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from drift import bound as bounds
-from drift import environment, flow, follow, optimise, output, plan_files, plan_input, plan_text
+from drift import environment, flow, follow, optimise, output, plan_files, plan_text
 from drift.case import Case
 from drift.environment import Environment
 from drift.flow import Report, Result, Stopwatch
@@ -126,10 +126,12 @@ def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
 
 
 def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
-    """Return a case in which a plan's sorties have been flown, until the plan's end, its outputs those of the plan."""
+    """Return a case in which a plan's sorties have been flown, until the plan's end; few outputs, for planners wait for it."""
     sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda one: (one.start, one.end)))
-    times = plan_input.times([tasking.sortie for tasking in tasked], ())
-    outputs = np.unique(np.array([case.start, case.plan.begin, *times, case.plan.until], "datetime64[s]"))
+    first = [tasking for tasking in tasked if tasking.round == 1]
+    begin, end = min(one.on_scene for one in first), max(one.off_scene for one in first)
+    middle = begin + (end - begin) // 2  # what plan.png shows
+    outputs = np.unique(np.array([case.start, case.plan.begin, middle, case.plan.until], "datetime64[s]"))
     return replace(case, sorties=sorties, outputs=outputs, end=case.plan.until)
 
 

@@ -12,6 +12,7 @@ from geo import sphere
 
 Array = npt.NDArray[Any]
 
+MARGIN = 5.0  # [s] legs in whole seconds on the sphere take so much longer than on the plane, at most
 SHARE = 0.85  # of the endurance on scene is search (Joint Pub 3-50, National Search and Rescue Supplement)
 
 
@@ -66,5 +67,6 @@ def reach(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float |
     spans = [(begin, until)]
     if unit.daylight:
         spans = daylight.windows(begin, until, float(np.degrees(place[0])), float(np.degrees(place[1])))
+    spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
     base = tuple(float(v) for v in np.radians(unit.base))
     return Reach((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)

@@ -1,0 +1,119 @@
+"""Wall time of a plan for four units, 10^6 particles and 12 h, by phase; and what ten minutes of planning would find.
+
+    python benchmarks/plan_time.py [--particles 1e6] [--minutes 10] [--threads N]
+
+The first part runs `drift plan` in a process of its own. The second plans again and again on the same tracks with other seeds for
+as long as told and compares the best of these with the first. Nothing else should run meanwhile.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from drift import bound, case, environment, follow, optimise
+from kernels import runtime
+
+TEXT = """
+title = "Four units, 12 h"
+start = "231200ZNOV26"
+duration = "12 h"
+[output]
+every = "6 h"
+[[current]]
+analytic = "gulf"
+[[wind]]
+analytic = "breeze"
+[uncertainty]
+current = { std = "0.15 m/s", time = "6 h" }
+wind = { std = "1.5 m/s", time = "6 h" }
+diffusivity = "10 m2/s"
+[[scenario]]
+name = "skiff"
+weight = 0.6
+object = "SKIFF-1"
+[scenario.position]
+at = "27 54.5N 088 34.0W"
+error = "12 nmi"
+[[scenario]]
+name = "raft"
+weight = 0.4
+object = "LIFE-RAFT-NB-1"
+[scenario.area]
+polygon = ["28 20N 089 05W", "28 25N 088 35W", "28 05N 088 20W", "27 50N 088 50W"]
+[plan]
+separation = "2 nmi"
+"""
+UNITS = (
+    ("HC-144", "30 37.6N 088 04.1W", 150, 210, 4.0, 1.6, 0.9),
+    ("HC-130", "27 54.6N 082 41.2W", 180, 290, 5.0, 1.4, 0.8),
+    ("MH-60", "29 49.5N 090 01.2W", 90, 125, 2.5, 1.7, 1.0),
+    ("cutter", "28 05.0N 088 40.0W", 14, 14, 10.0, 1.7, 1.5),
+)
+
+
+def text() -> str:
+    """Return the case."""
+    tables = [TEXT]
+    for name, base, search, transit, hours, skiff, raft in UNITS:
+        tables.append(
+            f'[[unit]]\nname = "{name}"\nbase = "{base}"\nready = "231200ZNOV26"\nsearch_speed = "{search} kn"\n'
+            f'transit_speed = "{transit} kn"\nendurance = "{hours} h"\n'
+            f'sweep_width = {{ skiff = "{skiff} nmi", raft = "{raft} nmi" }}\n'
+        )
+    return "\n".join(tables)
+
+
+def main() -> None:
+    """Measure and print."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--particles", type=float, default=1e6)
+    options.add_argument("--minutes", type=float, default=10)
+    options.add_argument("--threads", type=int)
+    given = options.parse_args()
+    show = Console(width=120)
+    with tempfile.TemporaryDirectory() as folder:
+        path, out = Path(folder) / "four_units.toml", Path(folder) / "out"
+        path.write_text(text())
+        command = [sys.executable, "-m", "drift", "plan", str(path), "--set", f"particles={int(given.particles)}"]
+        begin = time.perf_counter()
+        subprocess.run([*command, "--out", str(out)], check=True, capture_output=True)
+        wall = time.perf_counter() - begin
+        phases = json.loads((out / "summary.json").read_text())["wall_time_s"]
+        plan = json.loads((out / "plan.json").read_text())
+        told = case.load(path, {"particles": str(int(given.particles))})
+        table = Table("phase", "s", title=f"drift plan, {int(given.particles):,} particles, 12 h, 4 units")
+        for phase, seconds in phases.items():
+            table.add_row(phase, f"{seconds:.1f}")
+        table.add_row("imports, files, pictures", f"{wall - sum(phases.values()):.1f}")
+        table.add_row("wall", f"{wall:.1f}")
+        show.print(table)
+        show.print(f"POS {plan['pos']:.4f}, optimism {plan['optimism']:.4f}, bound {plan['bound']:.4f}")
+        if given.minutes <= 0:
+            return
+        runtime.start("cpu", given.threads)
+        tracks = follow.follow(told, environment.open_for(told))
+        survival = [scenario.survival for scenario in told.scenarios]
+        most = bound.bound(tracks, told.units, told.plan, survival)
+        found, begin = [], time.perf_counter()
+        while not found or time.perf_counter() - begin < 60 * given.minutes:
+            found.append(optimise.plan(tracks, told.units, told.plan, told.seed + 1 + len(found), survival).seen)
+        spread = Table(
+            "first", "best", "first / best", "median / best", "worst / best", "bound", title=f"{len(found)} plans"
+        )
+        ordered = sorted(found)
+        shares = [found[0], ordered[len(found) // 2], ordered[0]]
+        spread.add_row(
+            f"{found[0]:.4f}", f"{ordered[-1]:.4f}", *(f"{x / ordered[-1]:.4f}" for x in shares), f"{most.value:.4f}"
+        )
+        show.print(spread)
+
+
+if __name__ == "__main__":
+    main()
