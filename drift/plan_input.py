@@ -43,7 +43,7 @@ class UnitTable(SensorTable):
     def unit(self, name: str, run: Run, plan: PlanSpec) -> Unit:
         """Return the record; raise ValueError for what does not fit the plan."""
         ready = plan.begin if self.ready is None else units.resolve(self.ready, run.start)
-        if ready >= plan.until:
+        if self.ready is not None and ready >= plan.until:
             raise ValueError(
                 f"ready at {units.group(ready)}, not before the plan's end, {units.group(plan.until)}; change ready, or "
                 "until in [plan], or run for longer"
@@ -98,10 +98,11 @@ class PlanTable(fields.Table):
                     run.check(time, time)
                 except ValueError as error:
                     raise UserError(f"plan.{key}: {error}") from None
-        if asked and begin >= until:
-            why = "" if self.begin is not None else " (the last sortie or contact)"
+        if self.begin is None:
+            begin = min(begin, until)  # all has been flown: a run need not mind that there is no time left to plan for
+        elif asked and begin >= until:
             raise UserError(
-                f"plan: it begins at {units.group(begin)}{why}, not before its end, {units.group(until)}; give begin and "
+                f"plan: it begins at {units.group(begin)}, not before its end, {units.group(until)}; give begin and "
                 "until in [plan], or run for longer"
             )
         if self.objective == "alive" and all(scenario.survival is None for scenario in run.scenarios):

@@ -42,6 +42,11 @@ def plan(
         raise UserError(
             f"{case.path.name}: has no [[unit]] to plan with: give each its base, search_speed, endurance and sweep_width"
         )
+    if case.plan.begin >= case.plan.until:
+        raise UserError(
+            f"{case.path.name}: plan: the last sortie or contact is at {group(case.plan.begin)}, when the plan is to end; give begin "
+            "and until in [plan], or run for longer"
+        )
     if out is not None:
         output.check_folder(out, overwrite)
     clock = Stopwatch()

@@ -162,8 +162,10 @@ class SensorTable(fields.Table):
         return 1 / self.sweep_width_uncertainty**2 if self.sweep_width_uncertainty > 0 else math.inf
 
     def group(self, kind: str) -> str:
-        """Return which sorties share the unknown factor: by default those of one kind of unit and sensor."""
-        return self.sweep_group or f"{kind} {self.sensor}".strip()
+        """Return which sorties share the unknown factor: by default those of one kind of unit, sensor and uncertainty."""
+        shape = self.shape()
+        unsure = "" if math.isinf(shape) else f", {100 / math.sqrt(shape):.3g} %"
+        return self.sweep_group or f"{kind} {self.sensor}{unsure}".strip()
 
     def height(self) -> float:
         """Return the altitude [m], NaN where it is not told."""

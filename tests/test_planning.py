@@ -1,0 +1,136 @@
+"""A plan against its own execution: its POS is one minus the evidence of having flown it and found nothing."""
+
+import math
+from pathlib import Path
+
+import pytest
+import tomllib
+
+import drift
+from drift import planning
+from geo.errors import UserError
+
+CASE = """
+title = "Two units"
+start = "2026-06-01T06:00Z"
+duration = "8 h"
+particles = 6000
+[output]
+every = "8 h"
+[clock]
+step = "30 min"
+[coast]
+source = "none"
+[[current]]
+constant = {{ speed = "0.6 kn", toward = 70 }}
+[uncertainty]
+diffusivity = "20 m2/s"
+[[scenario]]
+name = "near"
+weight = 0.7
+object = "water"
+position = {{ at = [179.95, 20.0], std = "4 nmi" }}
+survival = {{ median = "5 h", spread = 1.5 }}
+[[scenario]]
+name = "far"
+weight = 0.3
+object = "water"
+position = {{ at = [-179.80, 20.1], std = "3 nmi" }}
+[[sortie]]
+name = "before"
+start = "+0 h"
+end = "+1 h"
+area = {{ centre = [179.95, 20.0], length = "6 nmi", width = "6 nmi", orientation = 0 }}
+pod = 0.5
+law = "random"
+[plan]
+particles = 3000
+rounds = {rounds}
+objective = "{objective}"
+[[unit]]
+name = "plane"
+base = [179.0, 20.5]
+search_speed = "140 kn"
+endurance = "1.5 h"
+turnaround = "30 min"
+sweep_width = {{ near = "1 nmi", far = "0.7 nmi" }}
+sweep_width_uncertainty = "30 %"
+[[unit]]
+name = "boat"
+base = [179.9, 20.1]
+search_speed = "15 kn"
+endurance = "4 h"
+sweep_width = "0.8 nmi"
+"""
+
+
+def case_of(folder: Path, rounds: int = 1, objective: str = "pos") -> drift.Case:
+    (folder / "two.toml").write_text(CASE.format(rounds=rounds, objective=objective))
+    return drift.load(folder / "two.toml")
+
+
+def test_executing_a_plan_fails_as_often_as_it_said(tmp_path: Path) -> None:
+    made, result = planning.plan(case_of(tmp_path), tmp_path / "out")
+    assert made.pos == made.value <= made.bound + 0.01
+    assert made.pos > 0.2
+    # As a debrief would do it: the plan's tables appended to the case, and run.
+    executed = tmp_path / "executed.toml"
+    executed.write_text((tmp_path / "two.toml").read_text() + "\n" + (tmp_path / "out/plan.toml").read_text())
+    again = drift.run(drift.load(executed))
+    assert again.updates is not None
+    evidence = sum(update.log_evidence[-1] for update in again.updates.all if update.name != "before")
+    assert 1 - math.exp(evidence) == pytest.approx(made.pos, abs=2e-4)  # plan.toml's positions are right to 0.2 m
+    assert again.updates.all[0].log_evidence[-1] == result.updates.all[0].log_evidence[-1]
+    posterior = again.updates.all[-1].posterior
+    miss = [1 - pos for pos in made.by_scenario]
+    before = again.updates.all[0].posterior
+    assert posterior[0] == pytest.approx(before[0] * miss[0] / (before[0] * miss[0] + before[1] * miss[1]), abs=1e-3)
+    assert tomllib.loads((tmp_path / "out/plan.toml").read_text())["sortie"]
+    assert "no plan can exceed" in (tmp_path / "out/plan.txt").read_text()
+
+
+def test_rounds_are_planned_on_the_failure_of_those_before(tmp_path: Path) -> None:
+    case = case_of(tmp_path, rounds=2)
+    made, _ = planning.plan(case)
+    one, _ = planning.plan(case_of(tmp_path))
+    planes = [tasking for tasking in made.taskings if tasking.unit.name == "plane"]
+    assert [tasking.round for tasking in planes] == [1, 2]
+    assert planes[1].takeoff >= planes[0].home + 1800
+    assert one.pos < made.pos <= made.bound + 0.01
+    assert len({tasking.sortie.name for tasking in made.taskings}) == len(made.taskings)
+
+
+def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
+    made, result = planning.plan(case_of(tmp_path, objective="alive"))
+    assert 0.05 < made.value < made.pos
+    assert made.value <= made.bound + 0.01
+    # no later than at the end of the last sortie, no earlier than at the plan's begin: within what that leaves alive
+    assert result.updates is not None
+    assert all(
+        update.alive is not None and update.alive[1] == pytest.approx(update.pos[1]) for update in result.updates.all
+    )
+
+
+def test_nobody_to_send(tmp_path: Path) -> None:
+    text = CASE.format(rounds=1, objective="pos")
+    (tmp_path / "none.toml").write_text(
+        text[: text.index("[[unit]]")].replace('[plan]\nparticles = 3000\nrounds = 1\nobjective = "pos"\n', "")
+    )
+    with pytest.raises(UserError, match=r"none.toml: has no \[\[unit\]\] to plan with"):
+        planning.plan(drift.load(tmp_path / "none.toml"), tmp_path / "out")
+    far = text.replace("[179.0, 20.5]", "[90.0, 50.0]").replace("[179.9, 20.1]", "[90.0, 50.0]")
+    (tmp_path / "far.toml").write_text(far)
+    with pytest.raises(UserError, match="plan: no unit can search between 010700ZJUN26 and 011400ZJUN26"):
+        planning.plan(drift.load(tmp_path / "far.toml"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_case_whose_time_is_over_runs_and_is_not_planned(tmp_path: Path) -> None:
+    """After a debrief the last sortie may end with the case: that is the plan's concern alone."""
+    text = CASE.format(rounds=1, objective="pos").replace('end = "+1 h"', 'end = "+8 h"')
+    (tmp_path / "over.toml").write_text(text)
+    case = drift.load(tmp_path / "over.toml")
+    with pytest.raises(
+        UserError, match="over.toml: plan: the last sortie or contact is at 011400ZJUN26, when the plan"
+    ):
+        planning.plan(case)
