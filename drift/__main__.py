@@ -216,9 +216,9 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
 
 def _check(given: argparse.Namespace) -> None:
     case = _load(given)
-    from drift import flow
+    from drift import check
 
-    terminal.facts(f"{case.title}: ready to run", flow.check(case))
+    terminal.facts(f"{case.title}: ready to run", check.understood(case))
 
 
 def _cases(given: argparse.Namespace) -> None:

@@ -1,10 +1,9 @@
-"""The whole flow on one page: case -> environment -> prior -> forecast -> products -> files."""
+"""The whole flow on one page: case -> environment -> prior -> forecast and filter -> products -> files."""
 
 import contextlib
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,6 @@ from drift import (
     start,
     summary,
     tables,
-    units,
 )
 from drift import ensemble as record
 from drift.aftermath import Aftermath, Drifted
@@ -35,7 +33,6 @@ from drift.environment import Environment
 from drift.landings import Landings
 from drift.products import Forecast
 from drift.search import Search
-from drift.spill import Spill
 from drift.spool import Spool
 from drift.start import Start
 from drift.status import Status
@@ -43,11 +40,9 @@ from drift.tasking import Plan
 from drift.updates import Updates
 from geo import coast as shoreline
 from geo.errors import UserError
-from geo.segments import Segments
 from kernels import deposit, runtime
 
 Report = Callable[[str, float], None]
-CHECKED = 10_000  # particles that a check draws
 LOST = (Status.OUTSIDE, Status.LEFT)
 
 
@@ -240,61 +235,6 @@ def trace(
             overwrite=overwrite,
         )
     return found
-
-
-def check(case: Case) -> dict[str, Any]:
-    """Return how a case was understood, having opened all and drawn a few particles; run nothing.
-
-    Raises UserError for all that a run would refuse at its start.
-    """
-    runtime.start()
-    where = environment.open_for(case)
-    few = replace(case, particles=min(case.particles, CHECKED))
-    if case.spill:
-        few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))
-    begin = start.prepare(few, where)
-    begin.scene.forcing.close()
-    stretches = aftermath.stretches(case, few.spill, where, begin) if few.spill else None
-    box = where.box
-    found: dict[str, Any] = {
-        "run": f"{case.start} to {case.end} UTC, {case.particles:,} particles, step {begin.clock.step} s",
-        "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
-        "coast": f"{where.coast.source}; {summary.behaviour(case)}" if where.coast else "none in the domain",
-    }
-    found |= {f"coast, note {k}": note for k, note in enumerate(where.notes, 1)}
-    for source in where.sources:
-        missing = f"{source.missing:.1%} missing; " if source.missing else ""
-        found[f"{source.quantity} {source.name}"] = f"{missing}{'; '.join(source.notes) or 'as is'}"
-    if case.spill and stretches:
-        found |= _spill(case.spill, stretches)
-    story = "class" if case.spill else "scenario"
-    for scenario, dry in zip(case.scenarios, begin.dry, strict=True):
-        found[f'{story} "{scenario.name}"'] = (
-            f"{scenario.weight:.0%}, {scenario.object.name}: {scenario.object.description}"
-        )
-        if dry > 0:
-            found[f'{story} "{scenario.name}"'] += f"; {dry:.1%} of its prior is on land and left out"
-    return found
-
-
-def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
-    """Return how a spill was understood."""
-    low, high = spill.objects
-    rates = ", ".join(f"{kind} {86_400 * rate:g} a day" for kind, rate in spill.reporting.rate.items())
-    told = {
-        "spill": f"{low:,}{f' to {high:,}' if high > low else ''} objects, {spill.worlds:,} worlds of {spill.per_world:,} particles; "
-        f"{spill.destroyed[0]:.0%} to {spill.destroyed[1]:.0%} destroyed at once",
-        "released": f"{units.group(spill.prior.release_start)} to {units.group(spill.prior.release_end)}",
-        "biases": f"windage a factor of {math.exp(spill.windage_bias):.2f}, current {spill.current_bias:g} m/s, reporting a factor "
-        f"of {math.exp(spill.reporting_bias):.2f} (one standard deviation)",
-        "reports": f"{rates}; other coast: {spill.reporting.coast}; removed {86_400 * spill.reporting.removal:g} a day",
-        "stretches of coast": f"{len(stretches.name):,}, {stretches.length.sum() / 1000:,.0f} km",
-    }
-    for find in spill.finds:
-        told[find.name] = f"{find.kind or 'class unknown'}, {units.group(find.time)}, by {find.by or 'the public'}"
-    for patrol in aftermath.patrols(spill, stretches):
-        told[f'patrol "{patrol["name"]}"'] = f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
-    return told
 
 
 def _check_lost(case: Case, where: Environment, by_status: npt.NDArray[np.float64]) -> None:

@@ -3,6 +3,7 @@
 What a kernel needs of them for one stretch of a step is a `kernels.sweep.Track`.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +18,10 @@ from kernels.sweep import Track
 Array = npt.NDArray[Any]
 Moved = Callable[[Array], tuple[Array, Array]]  # times [s after start] -> where a marker is, lon and lat [rad]
 
-PIECE = 20_000.0  # [m] of a leg: past a particle within that, its great circle is straight to 0.1 m up to 60 degrees N
+PIECE = (
+    50_000.0  # [m] of a leg up to 62 degrees N, shorter as the tangent of the latitude: past a particle within half of
+)
+# that its great circle is straight to 0.3 m, while the particle drifts by 1 km to 2 m
 EDGE = 10_000.0  # [m] of an area's edge: it bulges by less than 4 m up to 60 degrees N
 
 
@@ -85,7 +89,8 @@ def of_legs(legs: Legs, start: int) -> Path:
     """Return the path of legs; start: of the run [s since 1970]."""
     time, lon, lat, course, searching = [legs.time[0]], [legs.lon[0]], [legs.lat[0]], [], []
     for k, seeks in enumerate(legs.searching):
-        x, y = sphere.track(np.radians(legs.lon[k : k + 2]), np.radians(legs.lat[k : k + 2]), PIECE)
+        longest = PIECE * min(1.0, 1.9 / max(math.tan(math.radians(max(map(abs, legs.lat[k : k + 2])))), 1e-9))
+        x, y = sphere.track(np.radians(legs.lon[k : k + 2]), np.radians(legs.lat[k : k + 2]), longest)
         pieces = len(x) - 1
         # The tangent of the leg's great circle at each node: the same wherever a leg is cut.
         east, north = sphere.offset(x[:-1], y[:-1], x[-1], y[-1])

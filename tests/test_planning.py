@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 
 import pytest
-import tomllib
 
 import drift
 from drift import planning
@@ -85,7 +84,6 @@ def test_executing_a_plan_fails_as_often_as_it_said(tmp_path: Path) -> None:
     miss = [1 - pos for pos in made.by_scenario]
     before = again.updates.all[0].posterior
     assert posterior[0] == pytest.approx(before[0] * miss[0] / (before[0] * miss[0] + before[1] * miss[1]), abs=1e-3)
-    assert tomllib.loads((tmp_path / "out/plan.toml").read_text())["sortie"]
     assert "no plan can exceed" in (tmp_path / "out/plan.txt").read_text()
 
 
@@ -131,6 +129,6 @@ def test_a_case_whose_time_is_over_runs_and_is_not_planned(tmp_path: Path) -> No
     (tmp_path / "over.toml").write_text(text)
     case = drift.load(tmp_path / "over.toml")
     with pytest.raises(
-        UserError, match="over.toml: plan: the last sortie or contact is at 011400ZJUN26, when the plan"
+        UserError, match=r"over.toml: plan: the last sortie or contact is at 011400ZJUN26, when the plan"
     ):
         planning.plan(case)
