@@ -74,6 +74,7 @@ def figures(
                 lines=lines,
                 known_as=known_as,
                 searched=updates.sorties if updates else (),
+                contacts=case.contacts,
                 **common,
             )
         ),

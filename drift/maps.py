@@ -21,7 +21,7 @@ from drift.cells import Array
 from drift.chart import INK, Frame
 from drift.layers import Line, Mark
 from drift.products import Forecast
-from drift.sortie import Sortie
+from drift.sortie import Contact, Sortie
 
 __all__ = ["Line", "Mark", "draw_field", "draw_map", "draw_snapshots"]
 
@@ -41,12 +41,13 @@ def draw_map(
     synthetic: bool = False,
     time: int = -1,
     searched: Sequence[Sortie] = (),
+    contacts: Sequence[Contact] = (),
 ) -> None:
     """Draw the forecast at one output time (index).
 
     polygons: shapely land polygons [deg]. known_as: what the marks are. particles: their number in the run.
     footer: a line of where it comes from (case, seed, version); attributes: the same in full, into the file.
-    synthetic: says on the map that winds or currents are made up. searched: sorties, of which those begun by then are drawn.
+    synthetic: says on the map that winds or currents are made up. searched, contacts: of which those begun by then are drawn.
     """
     figure, canvas = page.figure(11.7, 8.3)
     at = forecast.data.isel(time=time)
@@ -56,6 +57,7 @@ def draw_map(
     now = at["time"].values[()]
     outlines = [c for c in forecast.contours if c.time == now]
     begun = [sortie for sortie in searched if sortie.start <= now]
+    seen = [contact for contact in contacts if contact.time <= now]
     here = layers.extent(forecast, [now], marks, lines, aspect=0.665 * 11.7 / (high * 8.3))
     chart.prepare(ax, here)
     density = layers.density(forecast, time)
@@ -70,6 +72,8 @@ def draw_map(
         layers.rings(ax, here, outline.polygon, layers.LINES[outline.share])
     for sortie in begun:
         search_layers.sortie(ax, here, sortie, now, light=True)
+    for contact in seen:
+        search_layers.contact(ax, here, contact, 0.75)
     ashore = layers.ashore_marks(ax, here, forecast, time)
     layers.track(ax, canvas, here, forecast, time, marks)
 
@@ -82,7 +86,7 @@ def draw_map(
     if missing:
         figure.text(0.055, 0.849, page.fit(missing, 130), fontsize=9.5, weight="bold", color=layers.LAST_KNOWN)
     rows = _rows(forecast, time, outlines, lines, ashore, (known_as, len(marks)), land is not None)
-    rows += search_layers.key(begun, (), search_layers.LIGHT)
+    rows += search_layers.key(begun, seen, search_layers.LIGHT)
     _legend(figure, rows)
     _panel(figure, at, mesh)
     figure.text(0.055, 0.04, labels.account(at), fontsize=9.5, color=INK)

@@ -68,6 +68,11 @@ def extent(sorties: Sequence[Sortie]) -> list[Line]:
     return found
 
 
+def _stands(one: Sortie) -> bool:
+    """Whether it is a watch at one place: its legs go nowhere."""
+    return one.watch is not None and one.legs is not None and len({*zip(one.legs.lon, one.legs.lat, strict=True)}) == 1
+
+
 def key(sorties: Sequence[Sortie], contacts: Sequence[Contact], scale: float = 1.0) -> list[tuple[Any, str]]:
     """Return symbols and texts of a legend for what is drawn of these."""
 
@@ -77,7 +82,7 @@ def key(sorties: Sequence[Sortie], contacts: Sequence[Contact], scale: float = 1
     rows: list[tuple[Any, str]] = []
     if any(one.area is not None for one in sorties):
         rows.append((symbol(AREA), "Searched area"))
-    if any(one.legs is not None and any(one.legs.searching) for one in sorties):
+    if any(one.legs is not None and any(one.legs.searching) and not _stands(one) for one in sorties):
         rows.append((symbol(LEGS), "Legs as flown"))
     if any(one.legs is not None and not all(one.legs.searching) for one in sorties):
         rows.append((symbol(TRANSIT), "Not searching"))
