@@ -64,7 +64,7 @@ def text() -> str:
     for name, base, search, transit, hours, skiff, raft in UNITS:
         tables.append(
             f'[[unit]]\nname = "{name}"\nbase = "{base}"\nready = "231200ZNOV26"\nsearch_speed = "{search} kn"\n'
-            f'transit_speed = "{transit} kn"\nendurance = "{hours} h"\n'
+            f'transit_speed = "{transit} kn"\nendurance = "{hours} h"\ndaylight = false\n'
             f'sweep_width = {{ skiff = "{skiff} nmi", raft = "{raft} nmi" }}\n'
         )
     return "\n".join(tables)

@@ -8,6 +8,7 @@ from typing import Any
 from drift import aftermath, environment, start, summary, tables, units
 from drift.case import Case
 from drift.spill import Spill
+from drift.units import NMI
 from geo.segments import Segments
 from kernels import runtime
 
@@ -53,22 +54,28 @@ def _search(case: Case) -> dict[str, str]:
     """Return how sorties, contacts and units were understood."""
 
     def seen(widths: Sequence[float]) -> str:
-        told = [f"{width / tables.NMI:.2f} nmi" for width in widths]
+        told = [f"{width / NMI:.2f} nmi" for width in widths]
         return told[0] if len(set(told)) == 1 else ", ".join(told)
 
     found = {}
     for one in case.sorties:
         kind = "a watch" if one.watch else "an area" if one.legs is None else f"{len(one.legs.searching)} legs"
-        worth = (
-            f"coverage {', '.join(f'{c:.2f}' for c in one.coverage)}" if one.coverage else f"W {seen(one.sweep_width)}"
-        )
-        found[f'sortie "{one.name}"'] = (
-            f"{kind}, {units.group(one.start)} to {units.group(one.end)}, {one.law.kind.replace('_', ' ')}, {worth}"
-        )
+        law = one.law.kind.replace("_", " ")
+        if one.watch:
+            zones = zip(one.watch.inner, one.watch.outer, one.watch.pod, strict=True)
+            how = "zones " + ", ".join(f"{a / NMI:g} to {b / NMI:g} nmi {pod:.0%}" for a, b, pod in zones)
+        elif one.coverage:
+            how = f"{law}, coverage {', '.join(f'{c:.2f}' for c in one.coverage)}"
+        else:
+            how = f"{law}, W {seen(one.sweep_width)}"
+        found[f'sortie "{one.name}"'] = f"{kind}, {units.group(one.start)} to {units.group(one.end)}, {how}"
     for seen_then in case.contacts:
-        found[f'contact "{seen_then.name}"'] = (
-            f"{seen_then.kind}, {units.group(seen_then.time)}, belief {seen_then.belief:g}"
+        doubt = (
+            f"belief {seen_then.belief:g}"
+            if seen_then.false_density == 0
+            else f"false {seen_then.false_density:.3g} per unit"
         )
+        found[f'contact "{seen_then.name}"'] = f"{seen_then.kind}, {units.group(seen_then.time)}, {doubt}"
     for unit in case.units:
         found[f'unit "{unit.name}"'] = (
             f"from {tables.position(*unit.base)}, ready {units.group(unit.ready)}, {unit.endurance / 3600:g} h on scene, "

@@ -26,6 +26,7 @@ A_LINE = 4  # scenarios in a line of the legend
 HUGE = 1e6  # Bayes factor beyond which its figure says no more
 MOST = 22  # rows; of more updates the last are shown
 GREY = "#55606b"
+DIGIT, OVERHANG = 0.072, 0.12  # [in] of a small digit; by which numbers over a chart may reach beyond its right edge
 # Light to dark and by hatch, so that neighbours differ in grey print too
 FILLS: tuple[dict[str, Any], ...] = (
     {"facecolor": "#cfe0ee", "hatch": ""},
@@ -71,7 +72,7 @@ def draw(
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
     _cumulative(figure, updates, room)
-    figure.text(0.02, 1 - 0.4 / height, page.fit(title, 95), fontsize=14, weight="bold", color=INK)
+    figure.text(0.02, 1 - 0.4 / height, page.fit(title, 75 if synthetic else 95), fontsize=14, weight="bold", color=INK)
     figure.text(0.02, 1 - 0.68 / height, _account(updates, len(steps) - len(shown)), fontsize=9.5, color=INK)
     if stories:
         _legend(figure, updates, 1 - 0.86 / height)
@@ -282,10 +283,40 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
     _ends(ax, texts)
     ticks = labels.round_times(*ax.get_xlim(), 4)
     ax.set_xticks(ticks, labels=[f"{units.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
-    if len(done) <= 12:
-        for (number, _), time in zip(done, times, strict=True):
-            ax.annotate(f"{number}", (time, 1.0), (0, 3), xycoords=("data", "axes fraction"), textcoords="offset points",
-                        ha="center", fontsize=8, color=GREY)  # fmt: skip
+    _numbers(ax, [number for number, _ in done], times)
+
+
+def _numbers(ax: Axes, numbers: list[int], times: Array) -> None:
+    """Write the numbers of sorties over the chart at their times, as one text where they would touch: 4-6, 8."""
+    begin, end = ax.get_xlim()
+    per = (end - begin) / (ax.get_window_extent().width / ax.get_figure(root=True).dpi)  # type: ignore[union-attr]
+    groups: list[tuple[list[int], float, float]] = []  # numbers, and from when to when [s] their text reaches
+
+    def spread(some: list[int]) -> tuple[list[int], float, float]:
+        at = float(np.mean([times[numbers.index(number)] for number in some]))
+        half = DIGIT * per * len(_runs(some)) / 2
+        at = max(min(at, end + OVERHANG * per - half), begin + half)
+        return some, at - half, at + half
+
+    for number in numbers:
+        groups.append(spread([number]))
+        while len(groups) > 1 and groups[-1][1] < groups[-2][2] + DIGIT * per:
+            last = groups.pop()[0]
+            groups[-1] = spread([*groups[-1][0], *last])
+    for some, left, right in groups:
+        ax.annotate(_runs(some), ((left + right) / 2, 1.0), (0, 3), xycoords=("data", "axes fraction"),
+                    textcoords="offset points", ha="center", fontsize=8, color=GREY)  # fmt: skip
+
+
+def _runs(numbers: list[int]) -> str:
+    """Return ascending numbers in short: 1, 3-5."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
 def _ends(ax: Axes, texts: list[tuple[float, str, str, bool]]) -> None:

@@ -58,7 +58,7 @@ def figures(
             closed = isinstance(prior, AreaPrior)
             lines.append(maps.Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
     common: dict[str, Any] = {
-        "title": case.title,
+        "title": case.title if plan is None else f"If this plan finds nothing: {case.title}",
         "polygons": where.coast.polygons if where.coast is not None else (),
         "marks": marks,
         "particles": case.particles,
@@ -94,7 +94,7 @@ def figures(
             drawing = partial(search_map.draw, forecast, updates.sorties, case.contacts, updates, page=page, **common)
             drawn[name] = _kept(drawing)
     if plan is not None:
-        drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **common))
+        drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **{**common, "title": case.title}))
     return drawn
 
 

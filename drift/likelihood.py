@@ -16,12 +16,14 @@ from geo import sphere
 Array = npt.NDArray[Any]
 
 LOG_TURN = math.log(2 * math.pi)
+BEYOND = 6.0  # standard deviations: 2e-9 of a normal
 
 
 def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log likelihood of a contact at binary angles lon, lat, float64, shape (n,); -inf where it is impossible.
 
     A density: per m2 for positions and areas, per radian for bearings, per metre for ranges; belief and false contacts are left out.
+    Beyond 6 standard deviations, where no error is normal, it is impossible: a wrong digit must not look like a discovery.
     """
     x, y = lon * sphere.UNIT, lat * sphere.UNIT
     with np.errstate(divide="ignore"):
@@ -60,7 +62,7 @@ def _fixes(contact: Contact, x: Array, y: Array) -> Array:
 
 
 def _normal(x: Array, std: float) -> Array:
-    return np.asarray(-0.5 * (x / std) ** 2 - math.log(std) - 0.5 * LOG_TURN)
+    return np.where(np.abs(x) > BEYOND * std, -np.inf, -0.5 * (x / std) ** 2 - math.log(std) - 0.5 * LOG_TURN)
 
 
 def _detection(contact: Contact, far: Array) -> Array:

@@ -10,7 +10,7 @@ from drift import gpx, passage, pattern_input, sources, units
 from drift.fit import Run
 from drift.sortie import Legs
 
-NMI, KNOT = 1852.0, 1852.0 / 3600.0  # [m], [m/s]
+NMI, KNOT = units.NMI, units.KNOT
 TOO_FAST = 1.2  # times its speed: no unit makes good more
 FASTEST = 150.0  # [m/s] where no speed is told
 TOO_SHORT = 30.0  # [s] legs of receivers' tracks whose speed says nothing

@@ -123,7 +123,11 @@ def plan(
         begun = _improve(none, u, crews, few, rng, DRAWN, 4)
         alone.append(_settle(choices.moved(begun, many), u, crews, many, rng, 2)[u])
     others = [
-        ("each unit where it alone finds most, ignoring the others", choices.moved(alone, whole)),
+        *(
+            [("each unit where it alone finds most, ignoring the others", choices.moved(alone, whole))]
+            if len(crews) > 1
+            else []
+        ),
         *rivals.by_hand(crews, many, whole),
     ]
     alternatives = tuple(rivals.against(name, rival, gain, tracks.weight, nodes) for name, rival in others)

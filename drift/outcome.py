@@ -9,6 +9,7 @@ from drift.units import group
 
 WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
 WORST = 5  # stretches that are told
+FEW = 200  # effective particles under which results are rough
 
 Facts = dict[str, str]
 
@@ -47,6 +48,9 @@ def plan(made: Plan) -> Facts:
             f"{tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to {group(tasking.off_scene)[:6]}Z, "
             f"POS {_percent(tasking.pos)}"
         )
+    if made.idle:
+        facts["not sent"] = ", ".join(made.idle)
+    facts |= {f"warning {k}": told for k, told in enumerate(plan_text.warnings(made, synthetic=False), 1)}
     for scenario, pos in zip(made.scenarios, made.by_scenario, strict=True):
         if len(made.scenarios) > 1:
             facts[f'POS if "{scenario}"'] = _percent(float(pos))
@@ -56,6 +60,12 @@ def plan(made: Plan) -> Facts:
 def _search(numbers: dict[str, Any]) -> Facts:
     """Return what sorties and contacts came to."""
     facts: Facts = {}
+    low = [u for u in numbers.get("search", {}).get("updates", ()) if u["ess_after"] < FEW]
+    if low:
+        facts["warning"] = (
+            f'only {low[0]["ess_after"]:,.0f} effective particles after {low[0]["kind"]} "{low[0]["name"]}": areas and shares after it '
+            "are rough. Check it; else give more particles, or [resampling] below = 0.05"
+        )
     dead: set[str] = set()
     for update in numbers.get("search", {}).get("updates", ()):
         for name, share in update["posterior"].items():

@@ -13,7 +13,7 @@ from drift.scenario import AreaTable
 from drift.sortie import Area, Legs
 from geo import sphere
 
-NMI = 1852.0  # [m]
+NMI = units.NMI
 LARGEST = 2000 * NMI  # [m] side of a rectangle
 COMPASS = {name: 45.0 * k for k, name in enumerate(("N", "NE", "E", "SE", "S", "SW", "W", "NW"))}
 
@@ -211,7 +211,7 @@ def _timed(row: list[Any] | tuple[Any, ...]) -> bool:
     return bool(letters & set("NS")) and bool(letters & set("EW"))
 
 
-def _waypoints(value: object) -> Any:
+def waypoints(value: object) -> Any:
     if not isinstance(value, list) or len(value) < 2:
         raise ValueError(
             'needs two or more waypoints: positions, or ["211800ZNOV26", "27 30N 088 15W"] with their times'
@@ -223,7 +223,7 @@ def _waypoints(value: object) -> Any:
     return rows
 
 
-Waypoints = Annotated[Any, BeforeValidator(_waypoints)]  # list of (time or None, (lon, lat) [deg])
+Waypoints = Annotated[Any, BeforeValidator(waypoints)]  # list of (time or None, (lon, lat) [deg])
 
 
 def seconds(moment: np.datetime64) -> float:

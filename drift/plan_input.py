@@ -48,7 +48,7 @@ class UnitTable(SensorTable):
                 f"ready at {units.group(ready)}, not before the plan's end, {units.group(plan.until)}; change ready, or "
                 "until in [plan], or run for longer"
             )
-        visual = bool(self.kind) and self.sensor == VISUAL
+        visual = self.sensor == VISUAL
         return Unit(
             name=name,
             kind=self.kind,

@@ -1,6 +1,7 @@
 """The picture of a plan: sub-areas, legs and search points on the probability at the time of search, and its figures."""
 
 import math
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,8 @@ LARGER = 1.6  # by how much a chart may grow to show the bases
 GREY = "#55606b"
 POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
 BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
+FIGURES = 2.86  # [em] that "0.12  " is wide
+TITLED = 0.65  # of the page, where a title ends that has a warning right of it
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
 
 
@@ -70,7 +73,7 @@ def draw(
     ashore = layers.ashore_marks(ax, here, forecast, i)
     _plan(ax, canvas, here, forecast, plan, i, marks)
 
-    figure.text(0.055, 0.955, page.fit(title, 60 if synthetic else 92), fontsize=15, weight="bold", color=INK)
+    _title(figure, canvas, title, TITLED if synthetic else 0.985)
     figure.text(0.055, 0.92, f"Plan: {plan_text.worth(plan)}", fontsize=12.5, weight="bold", color=INK)
     when = f"Probability at {units.group(now)}, given that all searches until then have failed"
     many = "" if particles is None else f"   ·   {particles:,} particles"
@@ -83,6 +86,16 @@ def draw(
     if footer:
         figure.text(0.055, 0.012, page.fit(footer, 190), fontsize=7.5, color=GREY)
     page.save(canvas, path, title, attributes, dpi=140)
+
+
+def _title(figure: Figure, canvas: FigureCanvasAgg, title: str, right: float) -> None:
+    """Write the title, cut where it would reach beyond a place on the page."""
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+    written = figure.text(0.055, 0.955, title, fontsize=15, weight="bold", color=INK)
+    many = len(title)
+    while many > 1 and written.get_window_extent(renderer).x1 > right * figure.bbox.width:
+        many -= 1
+        written.set_text(f"{title[:many].rstrip()} …")
 
 
 def nearest(forecast: Forecast, plan: Plan) -> int:
@@ -132,7 +145,9 @@ def _plan(
         x, y = here.project(*subareas.begin(one))
         ax.plot(x, y, markersize=7.5, markeredgewidth=1.8, zorder=12, **POINT)
         bold = {"fontsize": 9.5, "weight": "bold", "color": "#000000"}
-        texts.append((float(x), float(y), f"{name} {page.fit(one.unit.name, 26)}", bold))
+        # Areas may overlap where they are searched at other times: the label tells which is first
+        label = f"{name} {page.fit(one.unit.name, 26)}\n{_short(one.on_scene)}"
+        texts.append((float(x), float(y), label, bold))
     must = len(texts)
     for mark in marks:
         layers.mark_point(ax, here, mark, 8)
@@ -144,7 +159,7 @@ def _plan(
             ax.plot(x, y, markersize=8, markeredgewidth=1.0, zorder=12, **BASE)
             who = [one.unit.name for one in plan.taskings if place in (one.unit.base, one.unit.return_to)]
             texts.append((float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK}))
-    _beyond(ax, here, plan)
+    texts += _beyond(here, plan)
     bar = chart.scale_bar(ax, here, chart.free_corner(here, *busy))
     labels.place(ax, canvas, texts, [bar], must=set(range(must)))
 
@@ -177,8 +192,9 @@ def _creep(ax: Axes, here: Frame, one: Tasking) -> None:
     ax.annotate("", (float(x1), float(y1)), (float(x0), float(y0)), arrowprops=arrow, zorder=11)
 
 
-def _beyond(ax: Axes, here: Frame, plan: Plan) -> None:
-    """Say at the chart's edge how far it is to a base beyond it, and in which direction, once a base."""
+def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
+    """Return what says at the chart's edge how far it is to a base beyond it, and in which direction, once a base."""
+    found: list[labels.Point] = []
     for place in sorted({one.unit.base for one in plan.taskings}):
         x, y = (float(v) for v in here.project(*place))
         if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
@@ -197,19 +213,9 @@ def _beyond(ax: Axes, here: Frame, plan: Plan) -> None:
         far = float(sphere.distance(*start, *goal)) / NMI
         east, north = sphere.offset(*start, *goal)
         way = subareas.degrees(math.atan2(float(east), float(north)))
-        left, low = x < px, y < py
-        ax.annotate(
-            f"base of {_some(list(dict.fromkeys(o.unit.name for o in based)))}\n{far:.0f} nmi, {way:03d}T",
-            (px + share * (x - px), py + share * (y - py)),
-            (6 if left else -6, 6 if low else -6),
-            textcoords="offset points",
-            ha="left" if left else "right",
-            va="bottom" if low else "top",
-            fontsize=8,
-            color=INK,
-            path_effects=labels.HALO,
-            zorder=16,
-        )
+        told = f"base of {_some(list(dict.fromkeys(o.unit.name for o in based)))}\n{far:.0f} nmi, {way:03d}T"
+        found.append((px + share * (x - px), py + share * (y - py), told, {"fontsize": 8, "color": INK}))
+    return found
 
 
 def _some(who: list[str]) -> str:
@@ -259,10 +265,10 @@ def _legend(figure: Figure, plan: Plan, outlines: Sequence[Any], marks: int, ash
 
 def _panel(figure: Figure, plan: Plan) -> None:
     """Write the figures of the plan and of each tasking right of the map, as large as they fit."""
-    lines: list[tuple[str, float, str, str]] = []  # text, height in lines, weight, colour
+    lines: list[tuple[str, float, str, float]] = []  # text, height in lines, weight, indent [em]
 
-    def say(text: str, high: float = 1.0, weight: str = "normal", colour: str = INK) -> None:
-        lines.append((text, high, weight, colour))
+    def say(text: str, high: float = 1.0, weight: str = "normal", indent: float = 0.0) -> None:
+        lines.append((text, high, weight, indent))
 
     for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
         say(f"{name}  {page.fit(one.unit.name, 26)}   POS {one.pos:.2f}", 1.15, "bold")
@@ -283,12 +289,16 @@ def _panel(figure: Figure, plan: Plan) -> None:
         say("", 0.3)
         say("Instead", 1.05, "bold")
         for other in plan.alternatives:
-            say(f"{other.value:.2f}  {page.fit(other.name, 48)}")
+            first, *rest = textwrap.wrap(other.name, 46) or [""]
+            say(f"{other.value:.2f}  {first}")
+            if rest:
+                say(page.fit(" ".join(rest), 46), indent=FIGURES)
     top, bottom = 0.9, 0.295
     step = min(0.0215, (top - bottom) / sum(high for _, high, _, _ in lines))
     size, y = min(9.0, 9.0 * step / 0.0205), top
-    for text, high, weight, colour in lines:
-        figure.text(0.672, y, text, fontsize=size, weight=weight, color=colour, va="top")
+    for text, high, weight, indent in lines:
+        x = 0.672 + indent * size / 72 / SIZE[0]
+        figure.text(x, y, text, fontsize=size, weight=weight, color=INK, va="top")
         y -= step * high
 
 

@@ -54,12 +54,14 @@ def text(
         lines += ["", *_tasking(plan, name, tasking)]
     if not plan.taskings:
         lines += ["   none: no unit can search in this period"]
+    rest = [
+        ("COORDINATION, COMMUNICATIONS, REPORTS", ["   to be filled in by the search mission coordinator"]),
+        ("NOTES", [line for note in (*notes, *_standing()) for line in _fill(f"- {note}", 3, 5)]),
+    ]
     if plan.alternatives:
-        lines += ["", "4  ALTERNATIVES, on the same particles and random numbers", *_alternatives(plan)]
-    lines += ["", "5  COORDINATION, COMMUNICATIONS, REPORTS", "   to be filled in by the search mission coordinator"]
-    lines += ["", "6  NOTES"]
-    for note in (*notes, *_standing()):
-        lines += _fill(f"- {note}", 3, 5)
+        rest.insert(0, ("ALTERNATIVES, on the same particles and random numbers", _alternatives(plan)))
+    for section, (head, body) in enumerate(rest, 4):
+        lines += ["", f"{section}  {head}", *body]
     return "\n".join(lines) + "\n"
 
 
@@ -79,10 +81,12 @@ def warnings(plan: Plan, synthetic: bool) -> list[str]:
 
 
 def worth(plan: Plan) -> str:
-    """Return in a line what a plan is worth and what none could exceed."""
+    """Return in a line what a plan is worth and what none could exceed; with three digits where two tell no difference."""
+    digits = 3 if f"{plan.value:.2f}" == f"{plan.bound:.2f}" else 2
+    value, bound = f"{plan.value:.{digits}f}", f"{plan.bound:.{digits}f}"
     if plan.spec.objective == "alive":
-        return f"{plan.value:.2f} to detect alive (POS {plan.pos:.2f}); no plan can exceed {plan.bound:.2f}"
-    return f"POS {plan.value:.2f}; no plan can exceed {plan.bound:.2f}"
+        return f"{value} to detect alive (POS {plan.pos:.{digits}f}); no plan can exceed {bound}"
+    return f"POS {value}; no plan can exceed {bound}"
 
 
 def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list[str]:
@@ -94,6 +98,9 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         rows.append(
             ("", f"{100 * plan.value / plan.bound:.0f} % of the bound, which is known to {plan.bound_moved:.3f}")
         )
+    if plan.spec.rounds > 1:
+        told = f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
+        rows.append(("", told))
     rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
     for k, (name, pos) in enumerate(zip(plan.scenarios, plan.by_scenario, strict=True)):
         rows.append(("POS, had it been" if k == 0 else "", f"{pos:.2f}  {name}"))
@@ -140,16 +147,19 @@ def _tasking(plan: Plan, name: str, one: Tasking) -> list[str]:
         ("Home", f"{units.group(one.home)}   at {tables.position(*unit.return_to)}"),
         ("POS", f"{one.pos:.2f}"),
     ]
-    coverage, pod = subareas.coverages(one), subareas.pods(one)
-    if np.ptp(coverage) < 1e-9 and np.ptp(sortie.sweep_width) < 1e-9:
-        rows.append(
-            ("Expected POD", f"{pod[0]:.2f} at W {sortie.sweep_width[0] / NMI:.2f} nmi, coverage {coverage[0]:.2f}")
-        )
-    else:
-        for k, scenario in enumerate(plan.scenarios):
-            told = f"{pod[k]:.2f} at W {sortie.sweep_width[k] / NMI:.2f} nmi, coverage {coverage[k]:.2f}: {scenario}"
-            rows.append(("Expected POD" if k == 0 else "", told))
-    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6))]
+    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, one)]
+
+
+def _expected(plan: Plan, one: Tasking) -> list[str]:
+    """Return the POD that a tasking expects: in a line where it is the same for all scenarios, else as a table of them."""
+    width, coverage, pod = np.array(one.sortie.sweep_width) / NMI, subareas.coverages(one), subareas.pods(one)
+    if np.ptp(coverage) < 1e-9 and np.ptp(width) < 1e-9:
+        return _row("Expected POD", f"{pod[0]:.2f} at W {width[0]:.2f} nmi, coverage {coverage[0]:.2f}", indent=6)
+    wide = max(map(len, plan.scenarios))
+    rows = [f"{'':{wide}}   POD  W [nmi]  Coverage"]
+    for scenario, *figures in zip(plan.scenarios, pod, width, coverage, strict=True):
+        rows.append(f"{scenario:{wide}}  {figures[0]:4.2f}  {figures[1]:7.2f}  {figures[2]:8.2f}")
+    return [f"      {'' if k else 'Expected POD':{LABEL}}{row}" for k, row in enumerate(rows)]
 
 
 def _alternatives(plan: Plan) -> list[str]:

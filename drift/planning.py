@@ -4,6 +4,7 @@ Several rounds are planned one after the other, each on the failure of those bef
 evidence of its having failed: the same run that a debrief would make.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,6 +20,7 @@ from drift.environment import Environment
 from drift.flow import Report, Result, Stopwatch
 from drift.sortie import Unit
 from drift.tasking import Plan, Tasking
+from drift.tracks import Tracks
 from drift.units import group
 from geo.errors import UserError
 from kernels import runtime
@@ -46,6 +48,14 @@ def plan(
         raise UserError(
             f"{case.path.name}: plan: the last sortie or contact is at {group(case.plan.begin)}, when the plan is to end; give begin "
             "and until in [plan], or run for longer"
+        )
+    known = [(sortie.end, f'sortie "{sortie.name}"') for sortie in case.sorties]
+    known += [(contact.time, f'contact "{contact.name}"') for contact in case.contacts]
+    last, what = max(known, default=(case.plan.begin, ""))
+    if last > case.plan.begin:
+        raise UserError(
+            f"{case.path.name}: plan.begin {group(case.plan.begin)} is before the end of {what}, {group(last)}: a plan begins when all is "
+            "known; give a later begin in [plan], or leave it out"
         )
     if out is not None:
         output.check_folder(out, overwrite)
@@ -110,12 +120,19 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
         pos=pos,
         by_scenario=1 - missed[:-1],
         seen=1 - seen,
-        bound=found.value,
+        bound=min(found.value + 2 * _error(found.value, tracks, pos, result), 1.0),
         bound_moved=found.moved,
         alternatives=proposal.alternatives if spec.rounds == 1 else (),
         scenarios=tuple(scenario.name for scenario in case.scenarios),
+        idle=tuple(unit.name for unit in case.units if unit.name not in {tasking.unit.name for tasking in tasked}),
     )
     return made, executed, result
+
+
+def _error(bound: float, tracks: Tracks, pos: float, result: Result) -> float:
+    """Return the standard error of a bound less a POS: each is a mean over particles of its own."""
+    effective = 1 / float(np.sum(tracks.weight**2)), float(result.summary["effective_sample_size"])
+    return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, pos), effective, strict=True)))
 
 
 def _told(tell: Report, number: int, rounds: int, share: float) -> None:
@@ -161,12 +178,13 @@ def _files(made: Plan, executed: Case, case: Case) -> list[output.Product]:
     """Return what a plan hands to people."""
     synthetic = any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes))
     taken = [sortie.name for sortie in case.sorties]
+    notes = [f"{name} is not sent: it cannot search in this period, or would add nothing." for name in made.idle]
 
     def product(name: str, make: Callable[[Any], Any]) -> output.Product:
         return output.Product(name, make)
 
     return [
-        product("plan.txt", lambda s: plan_text.text(made, case.title, s["run_id"], synthetic=synthetic)),
+        product("plan.txt", lambda s: plan_text.text(made, case.title, s["run_id"], notes, synthetic=synthetic)),
         product("plan.gpx", lambda s: plan_files.gpx(made, case.title, s["run_id"])),
         product("plan.kml", lambda s: plan_files.kml(made, case.title, s["run_id"])),
         product("plan.geojson", lambda s: plan_files.geojson(made, s)),

@@ -122,14 +122,13 @@ class Search:
         weight = _weights(before)
         pos = np.nan_to_num(-np.expm1(evidence))  # of a story that had no weight: nothing
         self._missed = self._missed * (1 - pos)
-        alive = None
+        lost, alive = weight - _weights(after, before), None
         if any(s.survival for s in self.case.scenarios):
-            lost = weight - _weights(after, before)
             alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
         self._note(
             Update(
                 sortie.name, "sortie", sortie.end, evidence, self._stories(after), _ess(before), _ess(after),
-                poc=self._mean(weight * flown.searched(), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
+                poc=self._mean(np.maximum(weight * flown.searched(), lost), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
             )
         )  # fmt: skip
         self._settle(after.astype(np.float64))
@@ -199,7 +198,7 @@ class Search:
         self._ancestors = ancestors if self._ancestors is None else self._ancestors[ancestors]
         weight = self.ensemble.log_weight.to_numpy()
         distinct = len(np.unique(self._lineage[weight > -np.inf])) / sum(self._target)
-        self._updates[-1] = replace(self._updates[-1], resampled=True, ess_after=_ess(weight), distinct=distinct)
+        self._updates[-1] = replace(self._updates[-1], ess_resampled=_ess(weight), distinct=distinct)
 
     def _draw(self, method: str, until: int) -> Array:
         """Replace all particles by offspring, in place; return their ancestors (n,)."""

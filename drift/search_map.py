@@ -5,6 +5,7 @@ All maps of a page have one extent and one colour scale, so that a hole that a s
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ A_PAGE = 4  # sorties
 WIDE, HIGH = 3.35, 2.85  # [in] of a map
 GAP, OVER, HEAD, FOOT, LEFT, RIGHT = 0.14, 0.66, 0.85, 1.0, 0.42, 1.15  # [in]
 STAGES = ("before", "mid-search", "after")
+RECENT = np.timedelta64(6, "h")  # before a sortie, from when on contacts are drawn with it
 RANGE = 3.0  # densest map over the middle one on the colour scale: a contact must not make the others pale
 GREY = "#55606b"
 
@@ -65,8 +67,8 @@ def draw(
     tops = [layers.scale_top(part.data.isel(time=i)) for i in range(len(times))]
     norm = PowerNorm(0.5, 0, min(max(tops), RANGE * float(np.median(tops))))
     land = chart.land_path(here, polygons, 450)
-    seen = [one for one in contacts if one.time <= max(times)]
-    known = {update.name: update for update in updates.all if update.kind == "sortie"}
+    seen = [[one for one in contacts if sortie.start - RECENT <= one.time <= sortie.end] for sortie in some]
+    known = {update.name: (k, update) for k, update in enumerate(updates.all, 1) if update.kind == "sortie"}
 
     size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, HEAD + len(some) * (HIGH + OVER) + FOOT)
     figure, canvas = paper.figure(*size)
@@ -74,15 +76,17 @@ def draw(
     mesh = None
     for row, (sortie, indices) in enumerate(zip(some, picks, strict=True)):
         bottom = size[1] - HEAD - (row + 1) * (HIGH + OVER)
-        update = known.get(sortie.name)
-        _heading(figure, size, bottom + HIGH + 0.3, first + row + 1, sortie, update)
+        number, update = known.get(sortie.name, (0, None))
+        _heading(
+            figure, size, bottom + HIGH + 0.3, f"{number}  {sortie.name}" if number else sortie.name, sortie, update
+        )
         for column, (i, wanted) in enumerate(zip(indices, _moments(sortie), strict=True)):
             left = LEFT + column * (WIDE + GAP)
             ax = figure.add_axes((left / size[0], bottom / size[1], WIDE / size[0], HIGH / size[1]))
             mesh = _map(ax, here, forecast, i, norm, land)
             chart.graticule(ax, here, lines=3, size=7, labels=(row == len(some) - 1, column == 0))
             search_layers.sortie(ax, here, sortie, wanted)
-            for one in seen:
+            for one in seen[row]:
                 if one.time <= forecast.data["time"].values[i]:
                     search_layers.contact(ax, here, one, 0.8)
             for mark in marks:
@@ -90,12 +94,26 @@ def draw(
             _titles(ax, column, forecast.data["time"].values[i], wanted, update)
             if row == column == 0:
                 chart.scale_bar(ax, here, corner, small=True)
-    told = f"Sorties {first + 1} to {first + len(some)} of {len(sorties)}" if len(sorties) > 1 else "One sortie"
-    told += " that found nothing" if particles is None else f" that found nothing; {particles:,} particles"
+    told = _told(sorties, page, numbered=any(sortie.name in known for sortie in some), contacts=any(seen))
+    if particles is not None:
+        told += f"   ·   {particles:,} particles"
     _words(figure, size, title, told, footer, synthetic)
-    _key(figure, size, search_layers.key(some, seen, 0.9), bool(marks))
+    _key(figure, size, search_layers.key(some, list(chain(*seen)), 0.9), bool(marks))
     _bar(figure, size, mesh)
     paper.save(canvas, path, title, attributes, dpi=130)
+
+
+def _told(sorties: Sequence[Sortie], page: int, *, numbered: bool, contacts: bool) -> str:
+    """Return in a line what a page shows."""
+    many = len(sorties)
+    parts = [f"{many} sorties that found nothing, by start" if many > 1 else "One sortie that found nothing"]
+    if many > A_PAGE:
+        parts.insert(0, f"Page {page} of {pages(sorties)}")
+    if numbered:
+        parts.append("numbered as in evidence.png" if many > 1 else "its number as in evidence.png")
+    if contacts:
+        parts.append(f"contacts from {RECENT // np.timedelta64(1, 'h')} h before the sortie on")
+    return "   ·   ".join(parts)
 
 
 def _moments(one: Sortie) -> tuple[Any, Any, Any]:
@@ -133,7 +151,7 @@ def _map(ax: Axes, here: Frame, forecast: Forecast, i: int, norm: PowerNorm, lan
 
 
 def _heading(
-    figure: Figure, size: tuple[float, float], y: float, number: int, sortie: Sortie, update: Update | None
+    figure: Figure, size: tuple[float, float], y: float, name: str, sortie: Sortie, update: Update | None
 ) -> None:
     """Write over a row which sortie it is, when it was and what it was worth."""
     when = f"{units.group(sortie.start)[:6]}Z to {units.group(sortie.end)}"
@@ -148,8 +166,9 @@ def _heading(
     room = (
         size[0] - LEFT - RIGHT - 0.071 * len(told)
     )  # [in]; letters of 9 points are 0.07 in wide, bold ones of 10.5 0.1
-    name = paper.fit(f"{number}  {sortie.name}", max(room / 0.1, 16))
-    figure.text(LEFT / size[0], y / size[1], name, fontsize=10.5, weight="bold", color=INK)
+    figure.text(
+        LEFT / size[0], y / size[1], paper.fit(name, max(room / 0.1, 16)), fontsize=10.5, weight="bold", color=INK
+    )
     figure.text((size[0] - RIGHT) / size[0], y / size[1], told, fontsize=9, color=INK, ha="right")
 
 

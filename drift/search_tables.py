@@ -34,6 +34,7 @@ HEADER = [
     "ess_before",
     "ess_after",
     "resampled",
+    "ess_resampled",
     "distinct",
     "run_id",
 ]
@@ -66,6 +67,7 @@ def csv(updates: Updates, run: str) -> str:
                     _text(update.ess_before),
                     _text(update.ess_after),
                     "yes" if update.resampled else "no",
+                    "" if update.ess_resampled is None else _text(update.ess_resampled),
                     _text(update.distinct),
                     run,
                 ]
@@ -128,6 +130,7 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
         "ess_before": update.ess_before,
         "ess_after": update.ess_after,
         "resampled": update.resampled,
+        "ess_resampled": update.ess_resampled,
         "distinct": update.distinct,
     }
     if update.kind == "sortie":

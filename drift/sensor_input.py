@@ -17,9 +17,22 @@ from drift.scenario import Scenario
 from drift.sortie import Law, Watch
 from geo.errors import UserError
 
-NMI = 1852.0  # [m]
+NMI = units.NMI
 LAWS = ("random", "inverse_cube", "definite_range")
 VISUAL = "visual"  # the sensor of the tables
+SENSORS = (VISUAL, "radar", "infrared", "nvg", "sonar", "beacon", "other")
+
+
+def _sensor(value: object) -> str:
+    name = str(value).strip().lower()
+    if name not in SENSORS:
+        near = difflib.get_close_matches(name, SENSORS, n=1)
+        hint = f'did you mean "{near[0]}"? ' if near else ""
+        raise ValueError(f'no sensor "{value}"; {hint}Allowed: {", ".join(SENSORS)}')
+    return name
+
+
+Sensor = Annotated[str, BeforeValidator(_sensor)]
 MOST_WIDTH = 200 * NMI
 MOST_UNKNOWN = 2.0  # standard deviation of a sweep width as a share of it
 
@@ -150,7 +163,7 @@ Kind = Annotated[str, BeforeValidator(_kind)]
 class SensorTable(fields.Table):
     """Keys of sorties and units that say how they see."""
 
-    sensor: fields.Label = VISUAL
+    sensor: Sensor = VISUAL
     law: Annotated[Law, BeforeValidator(_law)] = Law()
     sweep_width: Annotated[Any, PlainValidator(_width)] = None
     sweep_width_uncertainty: Annotated[float, BeforeValidator(_unknown)] = 0.0

@@ -19,7 +19,7 @@ from drift.scenario import Scenario
 from drift.sensor_input import Kind, Pod, SensorTable, Zones, by_scenario
 from drift.sortie import Area, Legs, Sortie
 
-NMI, KNOT = 1852.0, 1852.0 / 3600.0  # [m], [m/s]
+NMI, KNOT = units.NMI, units.KNOT
 MODES = ("area", "pattern", "waypoints", "track", "watch")
 
 
@@ -48,7 +48,7 @@ class MarkerTable(fields.Table):
 def _actual(value: object) -> Any:
     if isinstance(value, str):
         return value
-    rows: Any = pattern_input._waypoints(value)
+    rows: Any = pattern_input.waypoints(value)
     if rows[0][0] is None:
         raise ValueError('actual is a GPX file, or positions with their times: ["211800ZNOV26", "27 30N 088 15W"]')
     return rows
@@ -266,9 +266,9 @@ class SortieTable(SensorTable):
         return float(passage.lengths(legs).sum()) / (legs.time[-1] - legs.time[0])
 
     def _widths(self, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
-        """Return sweep widths [m]; of a watch as wide as its zones; NaN where a POD says all and none is told."""
+        """Return sweep widths [m]; NaN for a watch, and where a POD says all and none is told."""
         if self.watch is not None:
-            return (2 * self.watch.zones.outer[-1],) * len(scenarios)
+            return (math.nan,) * len(scenarios)
         if self.area is not None and self.actual is None and self.pod is not None and self.sweep_width is None:
             return (math.nan,) * len(scenarios)
         return self.widths(self.unit, speed, scenarios)

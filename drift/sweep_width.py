@@ -21,13 +21,15 @@ from typing import Literal
 
 import numpy as np
 
+from drift import units
 from geo.errors import UserError
 
 SOURCE = (
     "US Coast Guard Addendum to IAMSAR, COMDTINST M16130.2F (public domain), as transcribed by "
     "canterbury-air-patrol/marine-sweep-width-data"
 )
-NMI, FOOT, KNOT = 1852.0, 0.3048, 1852.0 / 3600.0  # [m], [m], [m/s]
+NMI, KNOT = units.NMI, units.KNOT
+FOOT = 0.3048  # [m]
 KINDS = ("Aircraft", "Helicopter", "Boat")
 FATIGUE = 0.9
 WIND, SEAS = (15 * KNOT, 25 * KNOT), (2 * FOOT, 4 * FOOT)  # moderate from the first on, bad above the second

@@ -15,7 +15,7 @@ from drift import units
 from drift.cells import Array
 from drift.products import Forecast
 
-NMI = 1852.0  # [m] international nautical mile
+NMI = units.NMI
 
 
 def iso(time: np.datetime64 | Array) -> str:

@@ -52,7 +52,8 @@ class Plan:
     pos: float  # there: 1 - evidence of executing it
     by_scenario: Array  # (scenarios,) POS given each scenario, there
     seen: float  # on the particles that it was made on: what exceeds `value` is optimism
-    bound: float  # no plan of these units, laws and times exceeds it
+    bound: float  # no plan of these units, laws and times exceeds it, two standard errors of sampling included
     bound_moved: float  # by how much the bound moved when particles were doubled: its uncertainty
     alternatives: tuple[Alternative, ...]
     scenarios: tuple[str, ...]
+    idle: tuple[str, ...] = ()  # units that are not sent

@@ -22,12 +22,17 @@ class Update:
     posterior: Array  # (scenarios,) probability of each scenario afterwards
     ess_before: float
     ess_after: float
-    poc: Array | None = None  # a sortie's: probability that the object was where it searched, before it did
+    poc: Array | None = None  # a sortie's: probability that the object was where it searched, or would have been seen
     pos: Array | None = None  # 1 - exp(log_evidence): it would have found the object
     alive: Array | None = None  # of a sortie, with survival times: it would have found the object alive
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
-    resampled: bool = False
+    ess_resampled: float | None = None  # after particles were drawn anew, if they were
     distinct: float = 1.0  # share of the original particles that still have descendants, after this update
+
+    @property
+    def resampled(self) -> bool:
+        """Whether particles were drawn anew after it."""
+        return self.ess_resampled is not None
 
     @property
     def pod(self) -> Array | None:

@@ -393,7 +393,8 @@ def test_share_of_time_inside(tmp_path):
         sortie = Sortie("s", "", hours(0), hours(1), Law(kind), (1.0,), area=ring, coverage=(2.0,))
         search, _, _ = run(load(tmp_path, text, sorties=(sortie,)))
         assert search.updates.all[0].pos[-1] == pytest.approx(expected, rel=1e-5)
-        assert search.updates.all[0].poc[-1] == pytest.approx(0.5, rel=1e-5)
+        # half of the time there; at least what was found, which is more where random search goes on without an edge
+        assert search.updates.all[0].poc[-1] == pytest.approx(max(0.5, expected), rel=1e-5)
 
 
 def test_a_sortie_that_does_nothing_changes_no_bit(tmp_path):
@@ -534,7 +535,8 @@ def test_offspring_separate_and_remember(tmp_path):
     update = search.updates.all[0]
     assert update.resampled
     assert update.distinct < 0.05
-    assert update.ess_after == pytest.approx(5000, rel=1e-3)
+    assert update.ess_after < 500
+    assert update.ess_resampled == pytest.approx(5000, rel=1e-3)
     last, drawn = moments[-1], moments[2].ancestors
     assert moments[1].ancestors is None
     assert len(np.unique(drawn)) == round(update.distinct * 5000)
@@ -653,3 +655,23 @@ def test_two_contacts_within_one_step(tmp_path):
     assert search.updates.log_evidence == pytest.approx(
         evidence, abs=4 * 3 / math.sqrt(search.updates.all[-1].ess_after)
     )
+
+
+def test_a_contact_that_nothing_explains(tmp_path):
+    """One wrong digit: refused where it is believed, without effect where it may be false; and no NaN."""
+    far = Contact("digit", hours(1), "position", fixes=(Fix(-50.0, 10.0),), major=3000.0, minor=3000.0)
+    with pytest.raises(UserError, match='contact "digit" contradicts every scenario'):
+        run(load(tmp_path, STILL + SQUARE, contacts=(far,)))
+    search, ensemble, _ = run(load(tmp_path, STILL + SQUARE, contacts=(dataclasses.replace(far, belief=0.9),)))
+    assert np.ptp(ensemble.log_weight.to_numpy()) == 0
+    assert search.updates.all[0].ess_after == pytest.approx(1000)
+
+
+def test_a_track_beside_its_area_has_a_pod(tmp_path):
+    """What is seen outside the outline counts as searched: POC is never below POS."""
+    beside = Area((179.99, 180.0, 180.0, 179.99), (60.2, 60.2, 60.21, 60.21))
+    track = legs([(-9000, 0), (9000, 0)], 0.4, 20.0)
+    sortie = dataclasses.replace(flown("astray", track, Law(), 2000.0), area=beside)
+    update = run(load(tmp_path, STILL + SQUARE, sorties=(sortie,)))[0].updates.all[0]
+    assert update.pos[-1] > 0.1
+    assert update.poc[-1] == pytest.approx(update.pos[-1])

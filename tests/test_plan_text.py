@@ -113,3 +113,33 @@ def test_a_plan_of_nothing_is_said():
     text = plan_text.text(replace(searches.plan(), taskings=(), alternatives=()), "Overdue boat", "run-s1")
     assert "no unit can search" in text
     assert "ALTERNATIVES" not in text
+    assert re.findall(r"^(\d)  [A-Z]", text, re.MULTILINE) == ["1", "2", "3", "4", "5"]
+
+
+def test_one_unit_may_have_one_alternative_only():
+    plan = searches.plan()
+    one = replace(plan, taskings=plan.taskings[:1], alternatives=plan.alternatives[:1])
+    text = plan_text.text(one, "Overdue boat", "run-s1")
+    assert re.findall(r"^(\d)  [A-Z]", text, re.MULTILINE) == ["1", "2", "3", "4", "5", "6"]
+    assert "4  ALTERNATIVES" in text
+
+
+def test_pod_is_a_table_with_whole_names():
+    plan = replace(searches.plan(), scenarios=("swamped while fishing", "a", "adrift with engine failure"))
+    told = block(plan_text.text(plan, "Overdue boat", "run-s1"), "A-1").split("Expected POD")[1].splitlines()
+    assert told[0].split() == ["POD", "W", "[nmi]", "Coverage"]
+    pods = subareas.pods(plan.taskings[0])
+    for row, name, pod, width in zip(told[1:], plan.scenarios, pods, (0.8, 0.8, 1.3), strict=True):
+        assert row.split(name)[1].split() == [f"{pod:.2f}", f"{width:.2f}", f"{width / 3:.2f}"]
+    assert len({len(row) for row in told[1:]}) == 1
+
+
+def test_a_third_digit_tells_a_plan_from_its_bound():
+    plan = replace(searches.plan(), value=0.461, bound=0.464)
+    assert plan_text.worth(plan) == "POS 0.461; no plan can exceed 0.464"
+
+
+def test_the_bound_of_rounds_is_said_to_be_loose():
+    text = plan_text.text(searches.plan(rounds=2), "Overdue boat", "run-s1")
+    assert "2 times its endurance without turnaround: it is loose" in " ".join(text.split())
+    assert "turnaround" not in plan_text.text(searches.plan(), "Overdue boat", "run-s1")

@@ -51,6 +51,7 @@ name = "plane"
 base = [179.0, 20.5]
 search_speed = "140 kn"
 endurance = "1.5 h"
+daylight = false
 turnaround = "30 min"
 sweep_width = {{ near = "1 nmi", far = "0.7 nmi" }}
 sweep_width_uncertainty = "30 %"
@@ -59,6 +60,7 @@ name = "boat"
 base = [179.9, 20.1]
 search_speed = "15 kn"
 endurance = "4 h"
+daylight = false
 sweep_width = "0.8 nmi"
 """
 
@@ -121,6 +123,13 @@ def test_nobody_to_send(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="plan: no unit can search between 010700ZJUN26 and 011400ZJUN26"):
         planning.plan(drift.load(tmp_path / "far.toml"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_plan_begins_when_all_is_known(tmp_path: Path) -> None:
+    text = CASE.format(rounds=1, objective="pos").replace("[plan]", '[plan]\nbegin = "+30 min"')
+    (tmp_path / "early.toml").write_text(text)
+    with pytest.raises(UserError, match=r'plan.begin 010630ZJUN26 is before the end of sortie "before", 010700ZJUN26'):
+        planning.plan(drift.load(tmp_path / "early.toml"))
 
 
 def test_a_case_whose_time_is_over_runs_and_is_not_planned(tmp_path: Path) -> None:

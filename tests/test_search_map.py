@@ -1,5 +1,6 @@
 """Pictures of a search and of a plan: that they are drawn anywhere, say what they must, and are the same each time."""
 
+import itertools
 import math
 import subprocess
 import sys
@@ -60,8 +61,8 @@ def test_pages_hold_four_sorties_and_off_times_are_told(tmp_path, search, words)
     assert search_map.pages(many[:4]) == 1
     assert search_map.pages([]) == 0
     search_map.draw(forecast, many, (), updates, tmp_path / "search-2.png", page=2, **COMMON)
-    assert "5 Towed array" in words
-    assert "Sorties 5 to 5 of 5 that found nothing" in words
+    assert "Towed array" in words  # it has no update, and so no number
+    assert "Page 2 of 2   ·   5 sorties that found nothing, by start" in words
     assert "before 221230Z (+180 min)" in words  # no output is nearer to its start at 0930Z
 
 
@@ -159,7 +160,7 @@ def test_a_plan_shows_its_figures(tmp_path, search, words):
     plan = searches.plan()
     plan_map.draw(search[0], plan, tmp_path / "a.png", **COMMON)
     assert "Plan: POS 0.46; no plan can exceed 0.53" in words
-    assert "A-1 CG 1503" in words
+    assert "A-1 CG 1503\n222330Z" in words
     assert "5 legs, spacing 3.00 nmi, creep 228T" in words
     near = searches.search()[0].data["time"].values[plan_map.nearest(search[0], plan)]
     assert abs(near - searches.hours(18.75)) <= np.timedelta64(
@@ -171,6 +172,94 @@ def test_a_plan_shows_its_figures(tmp_path, search, words):
     assert any(text.startswith("base of CG 1503\n3") for text in words)
     plan_map.draw(search[0], replace(plan, taskings=()), tmp_path / "c.png", **COMMON)
     assert "No unit can search in this period." in words
+
+
+def boxes(figure, some):
+    renderer = figure.canvas.get_renderer()
+    return {text.get_text(): text.get_window_extent(renderer) for text in figure.findobj(Text) if some(text.get_text())}
+
+
+def overlapping(found):
+    return [(a, b) for a, b in itertools.combinations(found, 2) if found[a].overlaps(found[b])]
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    """Collect figures as they are saved."""
+    found = []
+    save = Figure.savefig
+    monkeypatch.setattr(
+        Figure, "savefig", lambda self, *args, **kwargs: (found.append(self), save(self, *args, **kwargs))[1]
+    )
+    return found
+
+
+def test_labels_of_a_plan_keep_apart(tmp_path, search, figures):
+    plan = searches.plan()
+    far = [(-89.2, 31.5), (-89.1, 31.4), (-88.8, 31.6)]  # all beyond the upper edge, close together
+    taskings = [
+        replace(one, unit=replace(one.unit, base=base, return_to=base))
+        for one, base in zip(plan.taskings, far, strict=True)
+    ]
+    title = "A title that goes on and on until it meets a warning, Gulf of Mexico and beyond"
+    plan = replace(plan, taskings=tuple(taskings))
+    plan_map.draw(search[0], plan, tmp_path / "a.png", **{**COMMON, "title": title}, synthetic=True)
+    found = boxes(
+        figures[0], lambda text: text.startswith(("A-1 CG 1503\n", "A-2 R", "A-3 C", "base of", "A title", "SYNTH"))
+    )
+    found = {text: box for text, box in found.items() if "POS" not in text}
+    assert sum(text.startswith("base of") for text in found) >= 1
+    assert any(text.startswith("A title") and text.endswith(" …") for text in found)
+    assert overlapping(found) == []
+
+
+def test_what_else_could_be_done_is_told_in_full(tmp_path, search, words):
+    plan = searches.plan()
+    name = "each unit where it alone finds most, ignoring what all of the others find"
+    plan = replace(plan, alternatives=(replace(plan.alternatives[0], name=name),))
+    plan_map.draw(search[0], plan, tmp_path / "a.png", **COMMON)
+    k = next(k for k, text in enumerate(words) if text.startswith("0.34  "))
+    assert " ".join(words[k : k + 2]) == f"0.34  {name}"
+
+
+def test_numbers_of_updates_close_in_time_do_not_touch(tmp_path, search, figures):
+    updates = search[3]
+    sortie = updates.all[0]
+    times = (0, 1, 40, 40.1, 40.3, 44, 70)
+    many = tuple(replace(sortie, name=f"{k}", time=searches.hours(hour)) for k, hour in enumerate(times))
+    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "a.png", **COMMON)
+    axes = figures[0].axes[1]
+    renderer = figures[0].canvas.get_renderer()
+    found = {t.get_text(): t.get_window_extent(renderer) for t in axes.texts if set(t.get_text()) <= set("1234567-, ")}
+    assert list(found) == ["1-2", "3-5", "6", "7"]
+    assert overlapping(found) == []
+
+
+def test_sorties_have_the_numbers_of_their_updates(tmp_path, search, words):
+    """The helicopter's area, begun before but taken into account after the second C-130's, has the higher number."""
+    forecast, sorties, contacts, updates = search
+    ordered = [u.name for u in updates.all]
+    swapped = [ordered.index(name) for name in ("Helicopter, fishing ground", "C-130 second")]
+    found = list(updates.all)
+    found[swapped[0]], found[swapped[1]] = found[swapped[1]], found[swapped[0]]
+    other = replace(updates, all=tuple(found))
+    search_map.draw(forecast, sorties, contacts, other, tmp_path / "a.png", page=1, **COMMON)
+    for sortie in sorties:
+        number = 1 + next(k for k, u in enumerate(found) if u.name == sortie.name)
+        assert f"{number} {sortie.name}" in words
+
+
+def test_contacts_are_drawn_with_the_sorties_that_they_concern(tmp_path, search, monkeypatch):
+    """The fix of 12 h and the flare of 13 h, in the panels of the cutter at 14.5 h to 17 h; not in those before."""
+    forecast, sorties, contacts, updates = search
+    drawn = []
+    monkeypatch.setattr(search_map.search_layers, "contact", lambda ax, here, one, scale: drawn.append(one.name))
+    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "a.png", page=1, **COMMON)
+    assert sorted(drawn) == ["Beacon A/B"] * 3 + ["Red flare"] * 3
+    drawn.clear()
+    late = replace(sorties[3], start=searches.hours(20), end=searches.hours(22))
+    search_map.draw(forecast, [*sorties[:3], late], contacts, updates, tmp_path / "a.png", page=1, **COMMON)
+    assert drawn == []
 
 
 def test_the_same_search_gives_the_same_bytes(tmp_path, search):

@@ -294,7 +294,7 @@ def test_a_watch(tmp_path: Path) -> None:
     assert sortie.watch.pod == (0.8, 0.6)
     assert legs(sortie).lon == (-88.0, -88.0)
     assert legs(sortie).time == tuple(t.astype("datetime64[s]").astype(float) for t in (hour(6), hour(8)))
-    assert min(sortie.sweep_width) > 0
+    assert np.isnan(sortie.sweep_width).all()  # its zones say how it sees
     moving = one(tmp_path, TIMED, WATCH.replace('at = "27 30N 088 00W", ', ""))
     assert legs(moving).lat == (27.5, 27.75)
 
