@@ -31,7 +31,7 @@ LARGER = 1.6  # by how much a chart may grow to show the bases
 GREY = "#55606b"
 POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
 BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
-FIGURES = 2.86  # [em] that "0.12  " is wide
+FIGURES = 2.72  # [em] that "0.12  " is wide
 TITLED = 0.65  # of the page, where a title ends that has a warning right of it
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
 
@@ -92,10 +92,10 @@ def _title(figure: Figure, canvas: FigureCanvasAgg, title: str, right: float) ->
     """Write the title, cut where it would reach beyond a place on the page."""
     renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
     written = figure.text(0.055, 0.955, title, fontsize=15, weight="bold", color=INK)
-    many = len(title)
-    while many > 1 and written.get_window_extent(renderer).x1 > right * figure.bbox.width:
-        many -= 1
-        written.set_text(f"{title[:many].rstrip()} …")
+    words = title.split()
+    while len(words) > 1 and written.get_window_extent(renderer).x1 > right * figure.bbox.width:
+        words.pop()
+        written.set_text(f"{' '.join(words)} …")
 
 
 def nearest(forecast: Forecast, plan: Plan) -> int:
@@ -213,7 +213,7 @@ def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
         far = float(sphere.distance(*start, *goal)) / NMI
         east, north = sphere.offset(*start, *goal)
         way = subareas.degrees(math.atan2(float(east), float(north)))
-        told = f"base of {_some(list(dict.fromkeys(o.unit.name for o in based)))}\n{far:.0f} nmi, {way:03d}T"
+        told = f"{_some(list(dict.fromkeys(o.unit.name for o in based)))}\nbase {far:.0f} nmi, {way:03d}T"
         found.append((px + share * (x - px), py + share * (y - py), told, {"fontsize": 8, "color": INK}))
     return found
 

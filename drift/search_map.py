@@ -106,7 +106,7 @@ def draw(
 def _told(sorties: Sequence[Sortie], page: int, *, numbered: bool, contacts: bool) -> str:
     """Return in a line what a page shows."""
     many = len(sorties)
-    parts = [f"{many} sorties that found nothing, by start" if many > 1 else "One sortie that found nothing"]
+    parts = [f"{many} sorties that found nothing, in order of start" if many > 1 else "One sortie that found nothing"]
     if many > A_PAGE:
         parts.insert(0, f"Page {page} of {pages(sorties)}")
     if numbered:
