@@ -170,67 +170,116 @@ def _expose(
             pace = 1.0 / ti.max(moored - leaves, 1.0)
             x, y = before_lon[i], before_lat[i]
             dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)
-            total, far_b, joined = 0.0, 0.0, False
-            b = f32x2(0.0)
-            for k in range(time.shape[0] - 1):
-                begin, stop = ti.max(time[k], seen), ti.min(time[k + 1], gone)
-                joined = joined and begin == time[k]
-                while searching[k] == 1 and begin < stop:
-                    end = stop  # a particle goes straight only while it moves
-                    if begin < leaves and leaves < end:
-                        end = leaves
-                    elif begin < moored and moored < end:
-                        end = moored
-                    a, far_a = b, far_b  # each piece hands its end on to the next one
-                    if not joined:
-                        share = ti.min(ti.max((begin - leaves) * pace, 0.0), 1.0)
-                        at_x, at_y = (
-                            x + ti.cast(ti.round(dx * share), ti.i32),
-                            y + ti.cast(ti.round(dy * share), ti.i32),
-                        )
-                        a = _apart(at_x, at_y, begin, k, time, place, trig)
-                        far_a = ti.sqrt(a[0] * a[0] + a[1] * a[1])
-                    share = ti.min(ti.max((end - leaves) * pace, 0.0), 1.0)
-                    at_x, at_y = x + ti.cast(ti.round(dx * share), ti.i32), y + ti.cast(ti.round(dy * share), ti.i32)
-                    b = _apart(at_x, at_y, end, k, time, place, trig)
+            total, pieces = 0.0, time.shape[0] - 1
+            if ti.max(seen, leaves) <= time[0] and ti.min(moored, gone) >= time[pieces]:  # it moves all the while
+                a = _at(x, y, dx, dy, (time[0] - leaves) * pace, 0, place, trig)
+                far_a = ti.sqrt(a[0] * a[0] + a[1] * a[1])
+                for k in range(pieces):
+                    b = _at(x, y, dx, dy, (time[k + 1] - leaves) * pace, k + 1, place, trig)
                     far_b = ti.sqrt(b[0] * b[0] + b[1] * b[1])
-                    joined = True
-                    if ti.static(kind == CUBE):
-                        total += hazard(a, b, far_a, far_b)
-                    elif ti.static(kind == INSIDE):
-                        total += scale[0] * (end - begin) * inside(a, b, table)
-                    elif ti.static(kind == ZONES):
-                        for z in range(scale.shape[0]):
-                            share = within(a, b, table[2 * z + 1]) - within(a, b, table[2 * z])
-                            total += scale[z] * (end - begin) * share
-                    else:
-                        first_node = 4 * k
+                    if searching[k] == 1:
+                        total += _piece(
+                            kind, a, b, far_a, far_b, time[k + 1] - time[k], 4 * k, 4 * k + 2,
+                            course, table, scale, exposure, size, i,
+                        )  # fmt: skip
+                    a, far_a = b, far_b  # each piece hands its end on to the next one
+            else:
+                for k in range(pieces):
+                    begin, stop = ti.max(time[k], seen), ti.min(time[k + 1], gone)
+                    while searching[k] == 1 and begin < stop:
+                        end = stop  # a particle goes straight only while it moves
+                        if begin < leaves and leaves < end:
+                            end = leaves
+                        elif begin < moored and moored < end:
+                            end = moored
+                        a = _apart(x, y, dx, dy, leaves, pace, begin, k, time, place, trig)
+                        b = _apart(x, y, dx, dy, leaves, pace, end, k, time, place, trig)
+                        far_a, far_b = ti.sqrt(a[0] * a[0] + a[1] * a[1]), ti.sqrt(b[0] * b[0] + b[1] * b[1])
                         last_node = 4 * k + 2 * ti.cast(end == time[k + 1], ti.i32)
-                        along_a = -(a[0] * course[first_node] + a[1] * course[first_node + 1])
-                        along_b = -(b[0] * course[last_node] + b[1] * course[last_node + 1])
-                        far = lateral(a, b, along_a, along_b)
-                        if far >= 0.0:
-                            for f in range(scale.shape[0]):
-                                exposure[f * size + i] += ti.log(1.0 - chance(table, far * scale[f]))
-                    begin = end
-                joined = joined and searching[k] == 1 and stop == time[k + 1]
+                        total += _piece(
+                            kind, a, b, far_a, far_b, end - begin, 4 * k, last_node,
+                            course, table, scale, exposure, size, i,
+                        )  # fmt: skip
+                        begin = end
             if ti.static(kind != ABEAM):
                 exposure[i] += total
 
 
 @ti.func
-def _apart(
-    x: ti.i32, y: ti.i32, when: ti.f32, k: ti.i32, time: ti.template(), place: ti.template(), trig: ti.template()
+def _piece(
+    kind: ti.template(),
+    a: f32x2,
+    b: f32x2,
+    far_a: ti.f32,
+    far_b: ti.f32,
+    lasting: ti.f32,
+    first: ti.i32,
+    last: ti.i32,
+    course: ti.template(),
+    table: ti.template(),
+    scale: ti.template(),
+    exposure: ti.template(),
+    size: ti.i32,
+    i: ti.i32,
+) -> ti.f32:
+    """Return what a piece from a to b adds up to; passes abeam are written to particle i at once.
+
+    lasting [s]; first, last: where `course` has the leg's direction at its begin and end.
+    """
+    found = 0.0
+    if ti.static(kind == CUBE):
+        found = hazard(a, b, far_a, far_b)
+    elif ti.static(kind == INSIDE):
+        found = scale[0] * lasting * inside(a, b, table)
+    elif ti.static(kind == ZONES):
+        for z in range(scale.shape[0]):
+            found += scale[z] * lasting * (within(a, b, table[2 * z + 1]) - within(a, b, table[2 * z]))
+    else:
+        along_a = -(a[0] * course[first] + a[1] * course[first + 1])
+        along_b = -(b[0] * course[last] + b[1] * course[last + 1])
+        far = lateral(a, b, along_a, along_b)
+        if far >= 0.0:
+            for f in range(scale.shape[0]):
+                exposure[f * size + i] += ti.log(1.0 - chance(table, far * scale[f]))
+    return found
+
+
+@ti.func
+def _at(
+    x: ti.i32, y: ti.i32, dx: ti.f32, dy: ti.f32, share: ti.f32, node: ti.i32, place: ti.template(), trig: ti.template()
 ) -> f32x2:
-    """Return the way [m] from the sensor, at a time within piece k, to a particle at (x, y)."""
+    """Return the way [m] from the sensor at a node to a particle at a share of its way."""
+    at_x, at_y = x + ti.cast(ti.round(dx * share), ti.i32), y + ti.cast(ti.round(dy * share), ti.i32)
+    return relative(at_x, at_y, place[2 * node], place[2 * node + 1], trig[2 * node], trig[2 * node + 1])
+
+
+@ti.func
+def _apart(
+    x: ti.i32,
+    y: ti.i32,
+    dx: ti.f32,
+    dy: ti.f32,
+    leaves: ti.f32,
+    pace: ti.f32,
+    when: ti.f32,
+    k: ti.i32,
+    time: ti.template(),
+    place: ti.template(),
+    trig: ti.template(),
+) -> f32x2:
+    """Return the way [m] from the sensor, at a time within piece k, to a particle that moves at a pace once it leaves."""
+    share = ti.min(ti.max((when - leaves) * pace, 0.0), 1.0)
     node = k + ti.cast(when == time[k + 1], ti.i32)
-    at_lon, at_lat = place[2 * node], place[2 * node + 1]
+    way = _at(x, y, dx, dy, share, node, place, trig)
     if when != time[node]:  # cut by the particle's own times: along the great circle, to second order
         part = (when - time[k]) / (time[k + 1] - time[k])
-        dlon, dlat = ti.cast(place[2 * k + 2] - at_lon, ti.f32), ti.cast(place[2 * k + 3] - at_lat, ti.f32)
-        at_lon += ti.cast(part * dlon, ti.i32)
-        at_lat += ti.cast(part * dlat + part * (1.0 - part) * dlon * dlon * trig[2 * k + 1], ti.i32)
-    return relative(x, y, at_lon, at_lat, trig[2 * node], trig[2 * node + 1])
+        dlon = ti.cast(place[2 * k + 2] - place[2 * k], ti.f32)
+        dlat = ti.cast(place[2 * k + 3] - place[2 * k + 1], ti.f32)
+        at_lon = place[2 * k] + ti.cast(part * dlon, ti.i32)
+        at_lat = place[2 * k + 1] + ti.cast(part * dlat + part * (1.0 - part) * dlon * dlon * trig[2 * k + 1], ti.i32)
+        at_x, at_y = x + ti.cast(ti.round(dx * share), ti.i32), y + ti.cast(ti.round(dy * share), ti.i32)
+        way = relative(at_x, at_y, at_lon, at_lat, trig[2 * k], trig[2 * k + 1])
+    return way
 
 
 class Track(NamedTuple):
