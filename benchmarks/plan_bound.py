@@ -100,7 +100,7 @@ def main() -> None:
         shares.append(made.seen / limit.value)
         table.add_row(
             str(number), str(len(units)), f"{made.seen:.4f}", f"{limit.value:.4f}", f"{limit.moved:.4f}", f"{shares[-1]:.3f}",
-            *(f"{a.difference:+.4f}" for a in made.alternatives), f"{end - middle:.1f}", f"{middle - clock:.1f}",
+            *[""] * (2 - len(made.alternatives)), *(f"{a.difference:+.4f}" for a in made.alternatives), f"{end - middle:.1f}", f"{middle - clock:.1f}",
         )  # fmt: skip
         print(number, len(units), f"{shares[-1]:.3f}", flush=True)
     console = Console(width=140)

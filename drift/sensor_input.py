@@ -33,8 +33,8 @@ def _sensor(value: object) -> str:
 
 
 Sensor = Annotated[str, BeforeValidator(_sensor)]
-MOST_WIDTH = 200 * NMI
-MOST_UNKNOWN = 2.0  # standard deviation of a sweep width as a share of it
+MOST_WIDTH = 200 * NMI  # [m]
+MOST_UNKNOWN = 1.0  # standard deviation of a sweep width as a share of it: beyond, 16 values do not tell its tail
 
 
 def _length(value: object) -> float:
