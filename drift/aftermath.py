@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy import stats
+from scipy import special  # stats would take a second to import
 
 from drift import evidence, finds, tables, unknowns, washup, washup_tables, worlds
 from drift.case import Case
@@ -295,8 +295,8 @@ def _odds(after: Aftermath) -> tuple[float, float]:
     chance = (told.share @ numbers.shares)[:, None, None] * (1 - numbers.destroyed)
     joint = world[:, None, None] * numbers.objects_prior[:, None] * numbers.destroyed_prior
     count = numbers.objects[:, None]
-    few = float((joint * stats.binom.cdf(found, count, chance)).sum())
-    return few, float((joint * stats.binom.sf(found - 1, count, chance)).sum())
+    few = float((joint * special.bdtr(np.minimum(found, count), count, chance)).sum())
+    return few, float((joint * special.bdtrc(np.minimum(found - 1, count), count, chance)).sum())
 
 
 def notes(spill: Spill) -> list[str]:

@@ -6,7 +6,9 @@ released is in the account (`status_probability`, which adds up to 1) but on no 
 antimeridian, from the grid's western edge eastward.
 """
 
+from collections import deque
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +24,7 @@ from geo import sphere
 
 __all__ = ["Contour", "Forecast", "Snapshot", "build"]
 
+AT_ONCE = 2  # maps that are made at the same time: each holds some 50 MB meanwhile
 ACROSS = 360  # cells across the forecast's grid at most
 ACROSS_ONE = 840  # and across the finer one of a single snapshot
 METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridian
@@ -79,10 +82,17 @@ def build(
     clouds = [_cloud(one, centre) for one in snapshots]
     windows, grid = _windows(clouds, centre)
     land = _Land(is_land, grid)
-    maps = [
-        _map(one, cloud, window, len(scenarios), land, deposit) if cloud is not None and window is not None else None
-        for one, cloud, window in zip(snapshots, clouds, windows, strict=True)
-    ]
+    maps: list[areas.Area | None] = []
+    with ThreadPoolExecutor(AT_ONCE) as pool:  # the device deposits one time while the host smooths those before it
+        pending: deque[tuple[int, Future[areas.Area]]] = deque()
+        for k, (one, cloud, window) in enumerate(zip(snapshots, clouds, windows, strict=True)):
+            maps.append(None)
+            if cloud is not None and window is not None:
+                made = _deposits(one, cloud, window, len(scenarios), deposit)
+                pending.append((k, pool.submit(_map, window, made, land.on(window))))
+            while len(pending) > (AT_ONCE if k + 1 < len(snapshots) else 0):
+                done, future = pending.popleft()
+                maps[done] = future.result()
     contours = tuple(
         Contour(one.time, share, float(size), areas.contour(made, share))
         for one, made in zip(snapshots, maps, strict=True)
@@ -212,8 +222,13 @@ def group(n: int) -> Array:
     return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
 
 
-def _map(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, land: _Land, deposit: Deposit) -> areas.Area:
+def _map(window: Cells, made: areas.Deposits, land: Array | None) -> areas.Area:
     """Return the map of one snapshot on its own cells."""
+    return areas.build(window, made, _media(made.mass.sum(axis=0), land))
+
+
+def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
+    """Return what lies in each cell of a snapshot's own."""
     index = cloud.index
     lon, lat, weight = one.lon[index], one.lat[index], one.probability[index]
     ashore = (one.status[index] == Status.ASHORE).astype(np.int8)
@@ -248,7 +263,7 @@ def _map(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, land: _Lan
     else:
         of_scenario = one.scenario[index].astype(np.int16) * media + ashore
         by_scenario = sums(of_scenario, media * scenarios, amount)[0].reshape(scenarios, media, *window.shape)
-    return areas.build(window, areas.Deposits(mass, squares, by_scenario), _media(mass.sum(axis=0), land.on(window)))
+    return areas.Deposits(mass, squares, by_scenario)
 
 
 def _media(mass: Array, land: Array | None) -> list[density.Medium]:
