@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drift import weights
+
 Array = npt.NDArray[Any]
 
 SPARE = 4.0  # slots to spare for Kahn's way, in units of sqrt(N); the spread is at most half of one
@@ -37,6 +39,34 @@ def kahn(weight: Array, number: int, uniform: Array) -> Array:
     whole = np.floor(expected)
     offspring = whole + (uniform < expected - whole)
     return np.asarray(np.repeat(np.arange(len(weight)), offspring.astype(np.int64)))
+
+
+def offspring(
+    log_weight: Array, scenarios: list[tuple[int, int]], target: list[int], method: str, seeds: tuple[int, int]
+) -> tuple[Array, Array, Array]:
+    """Return each slot's ancestor, its log weight (-inf: nobody), and which slots are left over; each of shape (n,).
+
+    scenarios: first and last slot of each; target: how many particles each aims at; seeds: of the run, and number of the event.
+    """
+    weight, scale = weights.relative(log_weight), float(log_weight.max())
+    ancestors, spare = np.arange(len(log_weight)), np.zeros(len(log_weight), bool)
+    made = np.full(len(log_weight), -np.inf, np.float32)
+    for scenario, ((first, last), number) in enumerate(zip(scenarios, target, strict=True)):
+        own = weight[first:last]
+        total = own.sum()
+        if total <= 0:
+            continue
+        random = generator(*seeds, scenario)
+        if method == "systematic":
+            drawn = systematic(own, number, random.random())
+        else:
+            drawn = kahn(own, number, random.random(last - first))
+            while len(drawn) > last - first:  # eight standard deviations above: draw again
+                drawn = kahn(own, number, random.random(last - first))
+        ancestors[first : first + len(drawn)] = first + drawn
+        spare[first + len(drawn) : last] = True
+        made[first : first + len(drawn)] = scale + np.log(total / number)
+    return ancestors, made, spare
 
 
 def generator(seed: int, event: int, scenario: int) -> np.random.Generator:

@@ -5,41 +5,29 @@ an output in between sees what it has done so far. Evidence is the mean weight a
 nothing changes no bit.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from drift import debris, likelihood, prior, resample, weights
 from drift import ensemble as record
-from drift import likelihood, prior, resample
 from drift.case import Case
 from drift.ensemble import Ensemble
 from drift.flown import Flown
 from drift.forecast import Place, Scene
-from drift.leeway import Drifter
 from drift.sortie import Contact
-from drift.start import physics
 from drift.status import Status
 from drift.updates import Update, Updates
 from geo.errors import UserError
-from kernels import noise, runtime
+from kernels import runtime
 from kernels.advance import Step
 
 Array = npt.NDArray[Any]
 Device = Any
-DEBRIS = 2**56  # between the seeds of an object's own coefficients and those of each class of its debris
+
 FARTHEST = 20.0  # that the log of the sum of weights may be off before they are brought back
-
-
-@dataclass
-class Debris:
-    """Debris of one class: an ensemble that shares releases and errors of the forcing with the object's, slot by slot."""
-
-    ensemble: Ensemble
-    scene: Scene
-    last: int  # [s after start] when it is last asked for
-    before: tuple[Array, Array] | None = None
 
 
 class Search:
@@ -55,7 +43,7 @@ class Search:
         self._shared: dict[tuple[str, float], Device] = {}
         self._step = (0, 0)
         self._before: tuple[Device, Device] | None = None
-        self._debris = _companions(case, self._contacts, scene)
+        self._debris = debris.of_contacts(case, self._contacts, scene)
         self._updates: list[Update] = []
         self._prior = self._stories(self.ensemble.log_weight.to_numpy())
         self._missed = np.ones(len(case.scenarios) + 1)  # product of 1 - POS so far
@@ -87,10 +75,10 @@ class Search:
 
     def advance(self, low: int, high: int, step: Step) -> None:
         """Move debris over a step."""
-        for debris in self._debris.values():
-            if debris.last > step.elapsed:
-                debris.before = debris.ensemble.lon.to_numpy(), debris.ensemble.lat.to_numpy()
-                debris.scene.advance(debris.ensemble, low, high, step)
+        for one in self._debris.values():
+            if one.last > step.elapsed:
+                one.before = one.ensemble.lon.to_numpy(), one.ensemble.lat.to_numpy()
+                one.scene.advance(one.ensemble, low, high, step)
 
     def _flown(self, until: int) -> list[Flown]:
         """Return the sorties that have begun before a time and are not over."""
@@ -119,15 +107,15 @@ class Search:
         flown.fail(self.ensemble, columns, self._group(flown, self._shared), self.ensemble.log_weight)
         after = self.ensemble.log_weight.to_numpy()
         evidence = self._evidence(before, after, f'sortie "{sortie.name}"')
-        weight = _weights(before)
+        weight = weights.relative(before)
         pos = np.nan_to_num(-np.expm1(evidence))  # of a story that had no weight: nothing
         self._missed = self._missed * (1 - pos)
-        lost, alive = weight - _weights(after, before), None
+        lost, alive = weight - weights.relative(after, before), None
         if any(s.survival for s in self.case.scenarios):
             alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
         self._note(
             Update(
-                sortie.name, "sortie", sortie.end, evidence, self._stories(after), _ess(before), _ess(after),
+                sortie.name, "sortie", sortie.end, evidence, self._stories(after), weights.ess(before), weights.ess(after),
                 poc=self._mean(np.maximum(weight * flown.searched(), lost), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
             )
         )  # fmt: skip
@@ -137,13 +125,15 @@ class Search:
         """Take in a contact."""
         who, begin = self.ensemble, None
         if contact.drifter is not None:
-            debris = self._debris[contact.drifter]
-            who, begin = debris.ensemble, debris.before
+            seen = self._debris[contact.drifter]
+            who, begin = seen.ensemble, seen.before
         lon, lat = place(who, begin, time)
         found = likelihood.log_likelihood(contact, lon, lat)
         found = np.where(_there(who, time), found, -np.inf)
         before, now = self.ensemble.log_weight.to_numpy(), self.log_weight(time)
-        mean = _log_sum(now + found) - _log_sum(now)  # of all that is known then, sorties under way included
+        mean = weights.log_sum(now + found) - weights.log_sum(
+            now
+        )  # of all that is known then, sorties under way included
         if contact.false_density > 0:
             found = np.logaddexp(found, np.log(contact.false_density))
         elif contact.belief < 1:  # in units of the mean, so that the evidence is a density all the same
@@ -155,13 +145,21 @@ class Search:
         after = before + found
         evidence = self._evidence(before, after, f'contact "{contact.name}"')
         self._note(
-            Update(contact.name, "contact", contact.time, evidence, self._stories(after), _ess(before), _ess(after))
+            Update(
+                contact.name,
+                "contact",
+                contact.time,
+                evidence,
+                self._stories(after),
+                weights.ess(before),
+                weights.ess(after),
+            )
         )
         self._settle(after, changed=True)
 
     def _settle(self, log_weight: Array, changed: bool = False) -> None:
         """Bring the sum of weights back to 1 once it is far off, where float32 would lose digits of small differences."""
-        total = _log_sum(log_weight)
+        total = weights.log_sum(log_weight)
         if abs(total) > FARTHEST:
             self.ensemble.log_weight.from_numpy((log_weight - total).astype(np.float32))
         elif changed:
@@ -173,7 +171,8 @@ class Search:
         if not under_way:
             return np.asarray(self.ensemble.log_weight.to_numpy())
         weight = runtime.copy(self.ensemble.log_weight)
-        shared = {key: runtime.copy(column) for key, column in self._shared.items()}
+        groups = {(flown.sortie.group, flown.sortie.shape) for flown in under_way}
+        shared = {key: runtime.copy(column) for key, column in self._shared.items() if key in groups}
         for flown in under_way:
             flown.fail(self.ensemble, self._exposed(flown, time, keep=False), self._group(flown, shared), weight)
         return np.asarray(weight.to_numpy())
@@ -190,7 +189,7 @@ class Search:
         if rule.below <= 0 or not changed:
             return
         self._events = len(self._updates)
-        ess = _ess(self.ensemble.log_weight.to_numpy())
+        ess = weights.ess(self.ensemble.log_weight.to_numpy())
         if ess >= rule.below * sum(self._target):
             return
         ancestors = self._draw(rule.method, until)
@@ -198,34 +197,19 @@ class Search:
         self._ancestors = ancestors if self._ancestors is None else self._ancestors[ancestors]
         weight = self.ensemble.log_weight.to_numpy()
         distinct = len(np.unique(self._lineage[weight > -np.inf])) / sum(self._target)
-        self._updates[-1] = replace(self._updates[-1], ess_resampled=_ess(weight), distinct=distinct)
+        self._updates[-1] = replace(self._updates[-1], ess_resampled=weights.ess(weight), distinct=distinct)
 
     def _draw(self, method: str, until: int) -> Array:
         """Replace all particles by offspring, in place; return their ancestors (n,)."""
         e = self.ensemble
-        weight = _weights(e.log_weight.to_numpy())
-        scale = float(e.log_weight.to_numpy().max())
-        ancestors = np.arange(e.n)
-        log_weight, spare = np.full(e.n, -np.inf, np.float32), np.zeros(e.n, bool)
-        for scenario, ((first, last), target) in enumerate(zip(e.scenarios, self._target, strict=True)):
-            own = weight[first:last]
-            total = own.sum()
-            if total <= 0:
-                continue
-            random = resample.generator(self.case.seed, self._events, scenario)
-            if method == "systematic":
-                drawn = resample.systematic(own, target, random.random())
-            else:
-                drawn = resample.kahn(own, target, random.random(last - first))
-                while len(drawn) > last - first:  # eight standard deviations above: draw again
-                    drawn = resample.kahn(own, target, random.random(last - first))
-            ancestors[first : first + len(drawn)] = first + drawn
-            spare[first + len(drawn) : last] = True
-            log_weight[first : first + len(drawn)] = scale + np.log(total / target)
+        seeds = self.case.seed, self._events
+        ancestors, log_weight, spare = resample.offspring(
+            e.log_weight.to_numpy(), e.scenarios, self._target, method, seeds
+        )
         columns = [getattr(e, name) for name in (*record.INTEGERS, *record.REALS)]
         columns += [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
-        for debris in self._debris.values():
-            columns += [getattr(debris.ensemble, name) for name in (*record.INTEGERS, *record.REALS)]
+        for one in self._debris.values():
+            columns += [getattr(one.ensemble, name) for name in (*record.INTEGERS, *record.REALS)]
         for column in columns:
             values = column.to_numpy().reshape(-1, e.n)
             column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
@@ -254,8 +238,11 @@ class Search:
     def _evidence(self, before: Array, after: Array, what: str) -> Array:
         """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
         with np.errstate(invalid="ignore"):  # of a story that had no weight before it is not a number
-            sums = [np.subtract(_log_sum(after[a:b]), _log_sum(before[a:b])) for a, b in self.ensemble.scenarios]
-        whole = _log_sum(after) - _log_sum(before)
+            sums = [
+                np.subtract(weights.log_sum(after[a:b]), weights.log_sum(before[a:b]))
+                for a, b in self.ensemble.scenarios
+            ]
+        whole = weights.log_sum(after) - weights.log_sum(before)
         if not np.isfinite(whole):
             names = ", ".join(f'"{s.name}"' for s in self.case.scenarios)
             raise UserError(
@@ -266,7 +253,7 @@ class Search:
 
     def _stories(self, log_weight: Array) -> Array:
         """Return the probability of each scenario."""
-        weight = _weights(log_weight)
+        weight = weights.relative(log_weight)
         return np.asarray([weight[a:b].sum() / weight.sum() for a, b in self.ensemble.scenarios])
 
     def _mean(self, part: Array, weight: Array) -> Array:
@@ -289,27 +276,6 @@ class Search:
         self._updates.append(replace(update, distinct=distinct))
 
 
-def _companions(case: Case, contacts: list[tuple[int, Contact]], scene: Scene) -> dict[Drifter, Debris]:
-    """Return the debris that contacts tell of, by class."""
-    found: dict[Drifter, Debris] = {}
-    for time, contact in contacts:
-        drifter = contact.drifter
-        if drifter is None:
-            continue
-        if drifter in found:
-            found[drifter].last = max(found[drifter].last, time)
-            continue
-        number = len(found) + 1
-        told = replace(case, scenarios=tuple(replace(s, object=drifter) for s in case.scenarios))
-        ensemble = prior.draw(told, scene.place.coast).ensemble
-        for slots in ensemble.scenarios:  # coefficients of its own
-            prior.equip(ensemble, slots, noise.key((case.seed + number * DEBRIS) % 2**64), drifter)
-        place = scene.place._replace(debris=number)
-        moved = replace(scene, physics=tuple(physics(told, s) for s in told.scenarios), place=place)
-        found[drifter] = Debris(ensemble, moved, time)
-    return found
-
-
 def _living(slots: tuple[int, int], ensemble: Ensemble) -> int:
     """Return how many of a scenario's slots hold particles; others are to spare."""
     status = ensemble.status.to_numpy()[slots[0] : slots[1]]
@@ -321,23 +287,3 @@ def _there(ensemble: Ensemble, time: int) -> Array:
     release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
     over = (status > Status.ASHORE) & (status != Status.PENDING) & (ended <= time)
     return np.asarray((release <= time) & ~over)
-
-
-def _weights(log_weight: Array, scale: Array | None = None) -> Array:
-    """Return weights, float64, of which the largest is 1; or in units of the largest of `scale`."""
-    top = float((log_weight if scale is None else scale).max())
-    return np.asarray(np.exp(log_weight.astype(np.float64) - top))
-
-
-def _log_sum(log_weight: Array) -> float:
-    """Return the log of the sum of weights; -inf where there is none."""
-    top = float(log_weight.max()) if log_weight.size else -np.inf
-    if top == -np.inf:
-        return top
-    return float(top + np.log(np.exp(log_weight.astype(np.float64) - top).sum()))
-
-
-def _ess(log_weight: Array) -> float:
-    """Return the effective sample size (Kong 1992)."""
-    weight = _weights(log_weight)
-    return float(weight.sum() ** 2 / (weight**2).sum())

@@ -1,0 +1,28 @@
+"""Sums of log weights on the host, in float64 and one order: what evidence, shares and effective sizes are made from."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+
+
+def relative(log_weight: Array, scale: Array | None = None) -> Array:
+    """Return weights, float64, of which the largest is 1; or in units of the largest of `scale`."""
+    top = float((log_weight if scale is None else scale).max())
+    return np.asarray(np.exp(log_weight.astype(np.float64) - top))
+
+
+def log_sum(log_weight: Array) -> float:
+    """Return the log of the sum of weights; -inf where there is none."""
+    top = float(log_weight.max()) if log_weight.size else -np.inf
+    if top == -np.inf:
+        return top
+    return float(top + np.log(np.exp(log_weight.astype(np.float64) - top).sum()))
+
+
+def ess(log_weight: Array) -> float:
+    """Return the effective sample size (Kong 1992)."""
+    weight = relative(log_weight)
+    return float(weight.sum() ** 2 / (weight**2).sum())
