@@ -15,6 +15,7 @@ from geo.errors import UserError
 
 LEAST, MOST = 1000, 1_000_000  # particles that a plan is made on
 MOST_ROUNDS = 20
+MOST_ENDURANCE = 30 * 86_400.0  # [s]
 MOST_TURNAROUND = 30 * 86_400.0  # [s]
 
 
@@ -22,6 +23,13 @@ def _turnaround(value: object) -> float:
     number = units.quantity(value, "s", "duration", "2 h")
     if not 0 <= number <= MOST_TURNAROUND:
         raise ValueError(f"turnaround {value!r} must be 0 to {MOST_TURNAROUND / 86_400:.0f} days")
+    return number
+
+
+def _endurance(value: object) -> float:
+    number = units.quantity(value, "s", "duration", "4 h")
+    if not 0 < number <= MOST_ENDURANCE:
+        raise ValueError(f"endurance {value!r} must be above 0 and at most {MOST_ENDURANCE / 86_400:.0f} days on scene")
     return number
 
 
@@ -35,7 +43,7 @@ class UnitTable(SensorTable):
     ready: fields.Time | None = None
     search_speed: fields.ShipSpeed
     transit_speed: fields.ShipSpeed | None = None
-    endurance: fields.Duration
+    endurance: Annotated[float, BeforeValidator(_endurance)]
     daylight: bool | None = None
     turnaround: Annotated[float, BeforeValidator(_turnaround)] = 7200.0
     least_spacing: fields.Length = 0.0

@@ -19,6 +19,7 @@ from geo import sphere
 WIDE = 78
 FOOT = 0.3048  # [m]
 LABEL = 18
+LONG_WAIT = 0.5  # [h] that a crew is told the reason of
 OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
 OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
 PATTERN = "parallel sweep (PS)"
@@ -139,7 +140,13 @@ def _tasking(plan: Plan, name: str, one: Tasking) -> list[str]:
         rows.append(("Pattern", f"search of the whole area, {subareas.track_length(one) / NMI:.0f} nmi of track"))
     rows.append(("Speed", f"{unit.search_speed / KNOT:.0f} kn search, {unit.transit_speed / KNOT:.0f} kn transit"))
     if math.isfinite(unit.altitude):
-        rows.append(("Altitude", f"{unit.altitude / FOOT:.0f} ft"))
+        what = "Height of eye" if unit.kind == "Boat" else "Altitude"
+        rows.append((what, f"{unit.altitude / FOOT:.0f} ft"))
+    waits = float((one.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
+    if waits >= LONG_WAIT:
+        reasons = ["for daylight"] * unit.daylight + ["to keep clear of others"] * (plan.spec.separation > 0)
+        why = ", ".join([*reasons, "or because more is found then" if reasons else "more is found then"])
+        rows.append(("Waits", f"{waits:.1f} h after it is ready: {why}"))
     rows += [
         ("Takeoff", f"{units.group(one.takeoff)}   from {tables.position(*unit.base)}"),
         ("On scene", f"{units.group(one.on_scene)}   at the CSP" if sortie.legs else units.group(one.on_scene)),

@@ -638,7 +638,7 @@ def test_survival_and_resampling(tmp_path: Path) -> None:
 
 
 UNITS = {
-    "negative endurance": (UNIT.replace('"3 h"', '"-3 h"') + WIDTH, "duration '-3 h' must be above 0"),
+    "negative endurance": (UNIT.replace('"3 h"', '"-3 h"') + WIDTH, "endurance '-3 h' must be above 0"),
     "no endurance": (UNIT.replace('endurance = "3 h"\n', "") + WIDTH, "endurance: is missing"),
     "standing still": (UNIT.replace('"90 kn"', "0") + WIDTH, "must be above 0"),
     "no sweep width": (UNIT, "sweep_width is missing"),
