@@ -212,6 +212,8 @@ def _inside(
     release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
     left = np.maximum(since, release)
     there = np.where(status == Status.ADRIFT, end, np.minimum(ended, end))
+    afloat = ensemble.afloat.to_numpy()  # what refloats begins to move within the step
+    left = np.where(afloat < there, np.maximum(left, afloat), left)
     lasting = np.maximum(there - left, 1)
     share = np.clip((time - left) / lasting, 0.0, 1.0)
     diffusivity = np.repeat([p.diffusivity for p in scene.physics], np.diff(ensemble.bounds))
@@ -229,6 +231,8 @@ def _moment(ensemble: Ensemble, lon: Array, lat: Array, time: int, search: Filte
     release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
     over = (status != Status.ADRIFT) & (status != Status.PENDING)
     status = np.where(over & (ended > time) | (status == Status.PENDING), int(Status.ADRIFT), status)
+    waits = (status == Status.ADRIFT) & (ensemble.afloat.to_numpy() > np.maximum(time, release))
+    status = np.where(waits, int(Status.ASHORE), status)  # it refloats later in this step
     status = np.where(release > time, int(Status.PENDING), status)
     weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)
     return Moment(time, lon, lat, status.astype(np.int32), weight, ancestors)

@@ -189,3 +189,24 @@ def test_the_step_chosen_is_the_largest_that_keeps_its_tolerance() -> None:
     assert loose.step == 3600
     assert forecast.choose_step(fresh(), place, clock, 3600, 0, 1000.0, 1e6).step == 900  # the errors' decorrelation
     assert forecast.choose_step(fresh(), place, clock, 2700, 0, np.inf, 1e6).step == 900  # divides 45 minutes
+
+
+def test_what_refloats_within_a_step_lies_ashore_until_it_does() -> None:
+    """Outputs inside a step of an hour: on the beach at 1000 s, half of its way made half-way between 2000 s and the end."""
+    ensemble = record.empty(1, (0, 1))
+    ensemble.status.fill(int(Status.ASHORE))
+
+    class Tide:
+        """A scene in which the particle floats off at 2000 s and goes 16,000 units north."""
+
+        physics = (STILL,)
+        place = kernel.Place(EVERYWHERE)
+
+        def advance(self, ensemble: record.Ensemble, low: int, high: int, step: object) -> None:
+            ensemble.status.fill(int(Status.ADRIFT))
+            ensemble.afloat.fill(2000)
+            ensemble.lat.fill(16_000)
+
+    moments = list(forecast.run(ensemble, Tide(), Clock(0, 3600, 1, 3600), np.array([1000, 2800, 3600])))
+    assert [int(moment.status[0]) for moment in moments] == [Status.ASHORE, Status.ADRIFT, Status.ADRIFT]
+    assert [int(moment.lat[0]) for moment in moments] == [0, 8000, 16_000]
