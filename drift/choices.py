@@ -107,7 +107,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     # Whole seconds, as a case file has them: later to begin.
     start = math.ceil(start)
     pattern = patterns.parallel(centre, length, width, turn, spacing, start, unit.search_speed, corner)
-    end = start + float(flown.duration[0]) if crew.random else pattern.legs.time[-1]
+    end = min(start + float(flown.duration[0]), crew.reach.spans[-1][1]) if crew.random else pattern.legs.time[-1]
     first, last = ((math.radians(pattern.legs.lon[k]), math.radians(pattern.legs.lat[k])) for k in (0, -1))
     coverage = tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in unit.sweep_width)
     sortie = Sortie(

@@ -67,6 +67,7 @@ def reach(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float |
     spans = [(begin, until)]
     if unit.daylight:
         spans = daylight.windows(begin, until, float(np.degrees(place[0])), float(np.degrees(place[1])))
-    spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
+    if unit.law.kind != "random":  # which has no legs
+        spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
     base = tuple(float(v) for v in np.radians(unit.base))
     return Reach((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)
