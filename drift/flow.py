@@ -96,6 +96,18 @@ def run(
     report is told what is being done and how much of it is done. Raises UserError for all that the user can mend.
     """
     tell = report or (lambda phase, share: None)
+    where, clock = opened(case, out, threads, backend, overwrite, tell)
+    result = forecasted(case, where, clock, tell)
+    if out is not None:
+        tell("write", 0.0)
+        write(result, where, out, clock, overwrite=overwrite)
+    return result
+
+
+def opened(
+    case: Case, out: Path | None, threads: int | None, backend: str, overwrite: bool, tell: Report
+) -> tuple[Environment, Stopwatch]:
+    """Return the environment of a case, once it is sure that results can be written and Taichi runs; and the time that took."""
     if out is not None:
         output.check_folder(out, overwrite)
     clock = Stopwatch()
@@ -104,11 +116,7 @@ def run(
     tell("read", 0.0)
     with clock.phase("read"):
         where = environment.open_for(case)
-    result = forecasted(case, where, clock, tell)
-    if out is not None:
-        tell("write", 0.0)
-        write(result, where, out, clock, overwrite=overwrite)
-    return result
+    return where, clock
 
 
 def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> Result:
@@ -206,14 +214,9 @@ def trace(
     tell = report or (lambda phase, share: None)
     if case.spill is None:
         raise UserError(f"{case.path.name}: has no [spill]; an origin is told from the [[find]]s of a spill")
-    if out is not None:
-        output.check_folder(out, overwrite)
-    clock = Stopwatch()
-    runtime.start(backend, threads)
-    tell("read", 0.0)
+    where, clock = opened(case, out, threads, backend, overwrite, tell)
+    assert where.coast is not None
     with clock.phase("read"):
-        where = environment.open_for(case)
-        assert where.coast is not None
         segments = evidence.cut(case.spill, where.coast)
         places = [evidence.place(find, segments, where.coast) for find in case.spill.finds]
     with clock.phase("drift"):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from drift import bound as bounds
-from drift import environment, flow, follow, optimise, output, plan_files, plan_text
+from drift import flow, follow, optimise, output, plan_files, plan_text
 from drift.case import Case
 from drift.environment import Environment
 from drift.flow import Report, Result, Stopwatch
@@ -23,7 +23,6 @@ from drift.tasking import Plan, Tasking
 from drift.tracks import Tracks
 from drift.units import group
 from geo.errors import UserError
-from kernels import runtime
 
 
 def plan(
@@ -57,14 +56,7 @@ def plan(
             f"{case.path.name}: plan.begin {group(case.plan.begin)} is before the end of {what}, {group(last)}: a plan begins when all is "
             "known; give a later begin in [plan], or leave it out"
         )
-    if out is not None:
-        output.check_folder(out, overwrite)
-    clock = Stopwatch()
-    with clock.phase("taichi"):
-        runtime.start(backend, threads)
-    tell("read", 0.0)
-    with clock.phase("read"):
-        where = environment.open_for(case)
+    where, clock = flow.opened(case, out, threads, backend, overwrite, tell)
     made, executed, result = scheme(case, where, clock, tell)
     if out is not None:
         tell("write", 0.0)
