@@ -9,7 +9,7 @@ from drift import fields, units
 from geo import sphere
 
 NMI = units.NMI
-ROUNDING = 1e-9  # by which shares that add up to 1 may exceed it
+ROUNDING = 1e-12  # by which a sum of shares may exceed 1 in float64; seen: 7e-16
 
 
 class PlaceWithin(fields.Table):
