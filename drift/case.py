@@ -6,8 +6,8 @@ forcing is found here, and is one line. Cases that ship with the project are fou
 
 import os
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
@@ -33,6 +33,7 @@ else:
     import tomli as tomllib
 
 MOST_OUTPUTS = 1000
+FILES = ("files", "source", "lakes", "file", "track", "actual")  # keys that name input files
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,7 @@ class Case:
     plan: PlanSpec
     resampling: Resampling
     expect: Expect
+    inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
 
 
 def shipped() -> list[tuple[str, str]]:
@@ -116,13 +118,26 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
         for key, value in (overrides or {}).items():
             _override(data, key, value)
             text += f"\n# --set {key}={value}"
-        return _build(CaseTable.model_validate(data), path, text)
+        case = _build(CaseTable.model_validate(data), path, text)
+        return replace(case, inputs=tuple(dict.fromkeys(_inputs(data, path.absolute().parent))))
     except ValidationError as error:
         raise UserError(_one_line(path, messages.line(error, data))) from None
     except UserError as error:
         raise UserError(_one_line(path, str(error))) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
+
+
+def _inputs(here: Any, folder: Path, key: str = "") -> Iterator[str]:
+    """Give the paths of the files that a case's tables, which are known to be in order, name anywhere."""
+    if isinstance(here, Mapping):
+        for name, value in here.items():
+            yield from _inputs(value, folder, name)
+    elif isinstance(here, list):
+        for value in here:
+            yield from _inputs(value, folder, key)
+    elif isinstance(here, str) and key in FILES and here not in {"gshhg", "none"}:
+        yield from (path for path in sources.found(here, folder) if not sources.ADDRESS.match(path))
 
 
 def _one_line(path: Path, message: str) -> str:

@@ -39,6 +39,7 @@ from drift.status import Status
 from drift.tasking import Plan
 from drift.updates import Updates
 from geo import coast as shoreline
+from geo import digest
 from geo.errors import UserError
 from kernels import deposit, runtime
 
@@ -110,6 +111,7 @@ def opened(
     """Return the environment of a case, once it is sure that results can be written and Taichi runs; and the time that took."""
     if out is not None:
         output.check_folder(out, overwrite)
+    digest.start(case.inputs)
     clock = Stopwatch()
     with clock.phase("taichi"):
         runtime.start(backend, threads)

@@ -94,18 +94,25 @@ class CoastTable(fields.Table):
         return self
 
 
-class ErrorTable(fields.Table):
-    """Standard deviation and decorrelation time of a forcing's error."""
+class CurrentErrorTable(fields.Table):
+    """Standard deviation and decorrelation time of a current's error."""
 
-    std: fields.Speed
+    std: fields.CurrentError
+    time: fields.Duration
+
+
+class WindErrorTable(fields.Table):
+    """Standard deviation and decorrelation time of a wind's error."""
+
+    std: fields.WindError
     time: fields.Duration
 
 
 class UncertaintyTable(fields.Table):
     """The [uncertainty] table as written."""
 
-    current: ErrorTable | None = None
-    wind: ErrorTable | None = None
+    current: CurrentErrorTable | None = None
+    wind: WindErrorTable | None = None
     diffusivity: fields.Diffusivity = 0.0
 
 

@@ -96,7 +96,7 @@ class ConditionsTable(fields.Table):
 
     visibility: Annotated[fields.Length, Field(gt=0)]
     altitude: fields.Length | None = None
-    wind: fields.Speed | None = None
+    wind: fields.WindSpeed | None = None
     seas: fields.Length | None = None
     fatigue: bool = False
 

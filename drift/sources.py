@@ -9,7 +9,7 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,8 +19,12 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift import fields, units
 from geo.errors import UserError
+from geo.quantities import SPOKEN
 
 Quantity = Literal["current", "wind", "stokes"]
+
+CEILINGS: Mapping[Quantity, float] = {"current": 8.0, "wind": 90.0, "stokes": 3.0}  # [m/s] of what a case states itself
+SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
 
 ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
 
@@ -59,6 +63,7 @@ class ForcingSpec:
     steady: bool = False
     times: Slices | None = None  # in place of the files' own
     fill: int = 3  # cells filled from wet neighbours toward the coast
+    plausible: bool = False  # the user vouches for the speeds in the files
 
 
 class Vector(fields.Table):
@@ -143,6 +148,7 @@ class SourceTable(fields.Table):
     steady: bool = False
     times: StatedTimes | None = None
     fill: fields.Count = 3
+    plausible: bool = False
 
     @field_validator("fill")
     @classmethod
@@ -157,7 +163,7 @@ class SourceTable(fields.Table):
         """Refuse two kinds of source in one table, and keys that belong to another kind."""
         kind = fields.one_of(self, ("files", "constant", "table", "analytic"))
         if kind != "files":
-            for key in ("variables", "units", "depth", "steady", "times"):
+            for key in ("variables", "units", "depth", "steady", "times", "plausible"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} belongs to files; this source is {kind}")
         if kind != "analytic" and self.parameters:
@@ -171,8 +177,14 @@ class SourceTable(fields.Table):
     def spec(self, quantity: Quantity, number: int, start: np.datetime64, folder: Path) -> ForcingSpec:
         """Return the source with paths made absolute and times resolved.
 
-        number: its place among the sources of its quantity, from 1. folder: what relative paths start from.
+        number: its place among the sources of its quantity, from 1. folder: what relative paths start from. Raises
+        ValueError where a stated speed is more than any such quantity has.
         """
+        for place, speed in self._speeds():
+            if speed > CEILINGS[quantity]:
+                raise ValueError(
+                    f"{place}: {speed:.4g} m/s is too fast for a {SPOKEN[quantity]}; at most {CEILINGS[quantity]:g} m/s"
+                )
         return ForcingSpec(
             name=self.name or f"{quantity} {number}",
             quantity=quantity,
@@ -187,7 +199,17 @@ class SourceTable(fields.Table):
             steady=self.steady,
             times=self.times.stated(start) if self.times else None,
             fill=self.fill,
+            plausible=self.plausible,
         )
+
+    def _speeds(self) -> Iterator[tuple[str, float]]:
+        """Give the speeds [m/s] that the table itself states, and where."""
+        if self.constant:
+            yield "constant", math.hypot(*self.constant.components())
+        for row, vector in enumerate(self.table or (), 1):
+            yield f"table, row {row}", math.hypot(*vector.components())
+        for key in SPEEDS:
+            yield f"parameters.{key}", abs(self.parameters.get(key, 0.0))
 
 
 def _report(rows: list[TimedVector], start: np.datetime64) -> Report:

@@ -213,7 +213,7 @@ class SpillTable(fields.Table):
     per_world: fields.Count | None = None
     destroyed: fields.ShareRange = (0.0, 0.0)
     windage_bias: Annotated[fields.Share, Field(le=1)] = 0.2
-    current_bias: fields.Speed = 0.0
+    current_bias: fields.CurrentError = 0.0
     renewals: Annotated[fields.Count, Field(ge=0, le=20)] = 3
     stretches: StretchTable = StretchTable()
     reporting: ReportingTable = ReportingTable()

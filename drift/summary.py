@@ -8,6 +8,7 @@ from drift.ensemble import Account
 from drift.environment import Environment
 from drift.start import Start
 from drift.status import Status
+from geo import digest
 from kernels import runtime
 
 PACKAGES = ("casp-drift", "taichi", "numpy", "xarray", "netCDF4", "roaring-landmask")
@@ -41,6 +42,14 @@ def behaviour(case: Case) -> str:
             f"the beach, {coast.offing:g} m off it"
         )
     return "strand: what reaches the shore stays there for good"
+
+
+def _input(path: str) -> dict[str, Any]:
+    """Return what an input file was: its path, size and digest, so that a damaged or exchanged one can be told."""
+    try:
+        return {"path": path, "bytes": digest.size(path), "digest": digest.of(path)}
+    except OSError as error:
+        return {"path": path, "bytes": None, "digest": f"none: {error.strerror or 'gone'} by the end of the run"}
 
 
 def numbers(
@@ -80,6 +89,7 @@ def numbers(
             }
             for s in where.sources
         ],
+        "inputs": [_input(path) for path in case.inputs],
         "coast": {"source": where.coast.source if where.coast else "none", "notes": list(where.notes)},
         "wall_time_s": seconds,
     }

@@ -33,6 +33,7 @@ class Component:
     layout: Layout
     mask: NDArray[np.bool_] | None
     unmasked: bool = False  # the case says that zeros are still water
+    fills: tuple[float, ...] = ()  # values in the file's own units that mean missing, though it does not say so
     notes: tuple[str, ...] = field(default=())
 
 
@@ -107,7 +108,7 @@ def gather(
             raise UserError(f"{times[same[0]]} stands in both {a} and {b}; name one of them in [[{quantity}]] files")
     return Component(
         name, dims, fixed, tuple(slices), times, _factor(data, name, units, quantity, path, notes), quantity,
-        layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), tuple(notes),
+        layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), notes=tuple(notes),
     )  # fmt: skip
 
 

@@ -9,11 +9,11 @@ import hashlib
 import os
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+from geo import digest
 from geo.errors import UserError
 
 WHOLE = 2**28  # [bytes] of a file up to which all of it is hashed; of a larger one, its ends and 256 samples
@@ -128,23 +128,17 @@ def fingerprint(paths: Sequence[str], datasets: Sequence[xr.Dataset], extra: str
             for name in sorted(map(str, data.variables)):
                 if data[name].ndim == 1 and data[name].size < 100_000:
                     total.update(np.ascontiguousarray(data[name].values).tobytes())
-        elif os.path.isdir(path):
-            for file in sorted(p for p in Path(path).rglob("*") if p.is_file()):
-                total.update(str(file.relative_to(path)).encode())
-                _hash_file(total, str(file))
+        elif os.path.isdir(path) or os.path.getsize(path) <= WHOLE:
+            total.update(digest.of(path).encode())
         else:
-            _hash_file(total, path)
+            _sampled(total, path)
     return total.hexdigest()[:16]
 
 
-def _hash_file(total: "hashlib._Hash", path: str) -> None:
+def _sampled(total: "hashlib._Hash", path: str) -> None:
     size = os.path.getsize(path)
     total.update(str(size).encode())
     with open(path, "rb") as file:
-        if size <= WHOLE:
-            while chunk := file.read(2**22):
-                total.update(chunk)
-            return
         for start in np.linspace(0, size - SAMPLE, 256).astype(int):
             file.seek(int(start))
             total.update(file.read(SAMPLE))

@@ -58,6 +58,7 @@ def open_source(
     depth: float | None = None,
     name: str | None = None,
     lenient: bool = False,
+    plausible: bool = False,
 ) -> Source:
     """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) as one source.
 
@@ -65,13 +66,14 @@ def open_source(
     "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it overrides what is found.
     units: of the values where the file is silent or wrong. times: {"start": ..., "interval": ...} or one time a
     slice, where the file's are meaningless. steady: the first slice holds at all times. box: what is needed; two
-    nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it.
+    nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it. plausible: the user
+    vouches for its values: no speed is refused, no value taken as an undeclared fill value for standing apart.
     """
     if quantity not in quantities.QUANTITIES:
         raise UserError(f'quantity "{quantity}": allowed are {", ".join(quantities.QUANTITIES)}')
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     title = name or os.path.basename(os.fspath(listed[0]).rstrip("/") if listed else "")
-    asked = reader.Request(quantity, title, variables or {}, units, times, steady, box, depth, lenient)
+    asked = reader.Request(quantity, title, variables or {}, units, times, steady, box, depth, lenient, plausible)
     reading = reader.read(asked, listed)
     return Source(
         quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,

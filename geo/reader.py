@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, component, dataset, layout, naming, quantities, tile
+from geo import clock, component, dataset, layout, naming, quantities, survey, tile
 from geo.box import Box
 from geo.component import Component
 from geo.errors import UserError
@@ -45,6 +45,7 @@ class Request:
     box: Box | None
     depth: float | None
     lenient: bool  # a lone slice counts: for a description, not for a run
+    plausible: bool  # the user vouches for speeds that no such quantity has
 
 
 def read(request: Request, paths: dataset.Paths) -> Reading:
@@ -66,11 +67,14 @@ def read(request: Request, paths: dataset.Paths) -> Reading:
     first, second = _components(request, pair, files, notes)
     first, second, times = _join(request, first, second, notes)
     notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
+    count = 1 if request.steady else len(first.segments)
+    whole = survey.of((first, second), count, request.plausible, request.name)
+    first, second = replace(first, fills=whole.fills[0]), replace(second, fills=whole.fills[1])
     crops = [layout.crop(c.layout, request.box) for c in (first, second)]
     if crops[0] is None or crops[1] is None:
         raise UserError(_apart(request, first.layout))
     made = tile.make((first, second), (crops[0], crops[1]), pair.axes, request.box)
-    seen = tile.examine(made, len(first.segments))
+    seen = tile.examine(made, count, whole)
     if seen.missing == 1.0 and seen.empty:
         inside = " in the case's area" if request.box is not None else ""
         odd = f" ({seen.strange} are no possible speed: are the units right?)" if seen.strange else ""
@@ -82,7 +86,7 @@ def read(request: Request, paths: dataset.Paths) -> Reading:
         times,
         lambda i: tile.read(made, i),
         seen.missing,
-        tuple(notes) + made.notes + seen.notes,
+        tuple(notes) + whole.notes + made.notes + seen.notes,
         dataset.fingerprint(listed, [d for _, d in files], f"{q} {pair.east} {pair.north} {asked}"),
         tile.domain(made),
     )

@@ -1,7 +1,11 @@
 """Reading one slice of a component: only the part of the file that is wanted, in m/s, NaN where missing."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from geo.component import Component
 from geo.errors import UserError
@@ -10,6 +14,7 @@ from geo.layout import Array, Index, Layout, Triangles
 SENTINELS = (999.0, 9999.0, 99999.0, 999.9, 9999.9, 32767.0, 32768.0)  # fill values that files forget to declare
 SENTINEL_SPEED = 5.0  # [m/s] above which one of these numbers is no speed, whatever its units
 IMPOSSIBLE = {"current": 100.0, "wind": 200.0, "stokes": 100.0}  # [m/s]; the strongest gust on record is 113
+ROUNDING = 1e-9  # [m/s] what rounding leaves of a zero
 
 
 def window(layout: Layout) -> tuple[Index, ...]:
@@ -22,22 +27,35 @@ def window(layout: Layout) -> tuple[Index, ...]:
 
 def read(component: Component, layout: Layout, i: int) -> tuple[Array, int]:
     """Return slice i [m/s] over a (cropped) layout, NaN missing, and how many undeclared fill values it held."""
+    index = window(layout)
+    with _reading(component, i) as variable:
+        values = _block(variable, component.dims, index)
+    if component.mask is not None:
+        values[~component.mask[np.ix_(*index)]] = np.nan
+    return _clean(values, component)
+
+
+def block(component: Component, i: int, index: tuple[slice, ...]) -> Array:
+    """Return part of slice i as the file has it: in its own units, over its own indices along `component.dims`."""
+    with _reading(component, i) as variable:
+        cut = variable.isel(dict(zip(component.dims, index, strict=True))).transpose(*component.dims)
+        return np.array(cut.values, np.float64)
+
+
+@contextmanager
+def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
+    """Give slice i, unread; a failure to read it becomes a line that names the file."""
     data, path, time_dim, k = component.segments[i]
     fixed = {d: n for d, n in component.fixed.items() if d in data[component.name].dims}
     if time_dim is not None:
         fixed[time_dim] = k
-    variable = data[component.name].isel(fixed)
-    index = window(layout)
     try:
-        values = _block(variable, component.dims, index)
+        yield data[component.name].isel(fixed)
     except Exception as error:  # HDF5's OSError and RuntimeError, zlib's, an address's
         raise UserError(
             f"{path}: cannot read slice {k} of {component.name} ({' '.join(str(error).split())[:80]}): "
             f"truncated or damaged; mend [[{component.quantity}]] files"
         ) from error
-    if component.mask is not None:
-        values[~component.mask[np.ix_(*index)]] = np.nan
-    return _clean(values, component)
 
 
 def _block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ...]) -> Array:
@@ -62,8 +80,22 @@ def _block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ..
     return np.concatenate(parts, axis=0)
 
 
+def still(values: Array, component: Component) -> NDArray[np.bool_]:
+    """Return which values, in the file's own units, are zero as far as the file can write zero.
+
+    A number packed with an offset need not hit it: the nearest one does.
+    """
+    data = component.segments[0][0]
+    packing = data[component.name].encoding
+    exact = not float(packing.get("add_offset", 0.0))
+    slack = 0.0 if exact else 0.501 * abs(float(packing.get("scale_factor", 1.0)))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(values) <= max(slack, ROUNDING / component.factor))
+
+
 def _clean(values: Array, component: Component) -> tuple[Array, int]:
     """Convert to m/s and drop what no speed can be: fill values that the file does not declare."""
+    values = np.where(np.isin(values, component.fills), np.nan, values)
     with np.errstate(invalid="ignore", over="ignore"):
         size = np.abs(values)
         wrong = size * component.factor > IMPOSSIBLE[component.quantity]

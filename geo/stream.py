@@ -84,5 +84,5 @@ class Slices:
         values, grid = self.source.read(index), self.source.grid
         if not self.cells:
             return values
-        spacing, inside = filling.spacing(grid), self.source.domain
-        return filling.fill(values, self.cells, grid.seamless, reach=REACH, spacing=spacing, within=inside)
+        bands, inside = filling.bands(grid), self.source.domain
+        return filling.fill(values, self.cells, grid.seamless, reach=REACH, bands=bands, within=inside)

@@ -17,9 +17,9 @@ from geo.box import Box
 from geo.component import Component
 from geo.grid import Grid
 from geo.layout import Array, Axes, Curved, Layout, Plane, Triangles, uniform
+from geo.survey import Survey
 
 Values = NDArray[np.float32]
-DRY = 0.005  # share of exact zeros from which they are land, in a field that has no missing values at all
 
 
 @dataclass(frozen=True)
@@ -185,20 +185,14 @@ def read(tile: Tile, i: int) -> Values:
     return _finished(tile, *_carried(tile, x, y))
 
 
-def examine(tile: Tile, count: int) -> Examined:
-    """Look at the first slice: land stored as zero, undeclared fill values, what is missing, what carrying cost."""
+def examine(tile: Tile, count: int, seen: Survey) -> Examined:
+    """Look at the first slice: what is missing, what carrying cost; and mark as dry what the survey takes as land."""
     notes: list[str] = []
+    if seen.dry:
+        tile = replace(tile, dry=_dry(tile, seen.looked_at))
     x, y, strange = _components(tile, 0)
     if strange:
         notes.append(f"{strange} values of the first slice are fill values that the file does not declare: missing")
-    dry = _dry(tile, x, y, count)
-    if dry is not None:
-        tile = replace(tile, dry=dry)
-        x, y = np.where(dry[0], np.nan, x), np.where(dry[1], np.nan, y)
-        notes.append(
-            f"no value is missing, but {dry[0].mean():.1%} are exactly zero and stay so: taken as land "
-            f'(variables.mask = "none" to take them as still water)'
-        )
     a, b = _carried(tile, x, y)
     first = _finished(tile, a, b)
     missing = float(np.isnan(first[..., 0]).mean())
@@ -208,17 +202,14 @@ def examine(tile: Tile, count: int) -> Examined:
     return Examined(tile, missing, empty, strange, tuple(notes))
 
 
-def _dry(tile: Tile, x: Array, y: Array, count: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """Return the points where a current is exactly zero in every slice looked at, where that can only be land."""
-    if tile.components[0].quantity == "wind" or np.isnan(x).any() or np.isnan(y).any():
-        return None
-    if tile.components[0].unmasked:
-        return None
-    zero = x == 0, y == 0
-    for i in sorted({count // 2, count - 1} - {0}):
-        u, v, _ = _components(tile, i)
-        zero = zero[0] & (u == 0), zero[1] & (v == 0)
-    if x.shape == y.shape:
-        zero = zero[0] & zero[1], zero[0] & zero[1]
-    shares = [float(z.mean()) for z in zero]
-    return zero if min(shares) > DRY and max(shares) < 1 else None
+def _dry(tile: Tile, looked_at: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the points of each component that are exactly zero, or missing, in all these slices."""
+    zero = [np.ones(()), np.ones(())]
+    for i in looked_at:
+        values = _components(tile, i)[:2]
+        zero = [
+            z * (slices.still(value / c.factor, c) | np.isnan(value))
+            for z, value, c in zip(zero, values, tile.components, strict=True)
+        ]
+    u, v = (np.asarray(z, bool) for z in zero)
+    return (u & v, u & v) if u.shape == v.shape else (u, v)

@@ -316,7 +316,7 @@ def test_far_nodes_take_the_nearest_wet_node():
     rng = np.random.default_rng(8)
     wet = rng.random((17, 23)) < 0.02
     values = field(17, 23, wet)
-    filled = fill.fill(values, 0, reach=7.5, spacing=(2.0, 1.0))
+    filled = fill.fill(values, 0, reach=7.5, bands=((0, len(values), (2.0, 1.0)),))
     j, i = np.nonzero(wet)
     for row in range(17):
         for column in range(23):
@@ -387,8 +387,30 @@ def test_a_mask_that_changes_is_filled_anew():
     assert np.isnan(fill.fill(nothing, 3, reach=20.0)).all()
 
 
-def test_spacing_in_metres():
-    north, east = fill.spacing(Grid(5.0, 59.0, 0.03, 0.01, 7, 201))  # 59 to 61 N
-    eastward = sphere.distance(*np.deg2rad([5.0, 60.0, 5.03, 60.0]))
-    northward = sphere.distance(*np.deg2rad([5.0, 60.0, 5.0, 60.01]))
-    assert (north, east) == (pytest.approx(float(northward), rel=1e-6), pytest.approx(float(eastward), rel=1e-6))
+def test_bands_measure_in_metres_and_do_not_follow_the_crop():
+    whole = fill.bands(Grid(5.0, 58.0, 0.03, 0.01, 7, 701))  # 58 to 65 N: bands of 55, 60 and 65 degrees
+    assert [(first, last) for first, last, _ in whole] == [(0, 200), (200, 700), (700, 701)]
+    for (_, _, (north, east)), middle in zip(whole, (57.5, 62.5, 67.5), strict=True):
+        eastward = sphere.distance(*np.deg2rad([5.0, middle, 5.03, middle]))
+        northward = sphere.distance(*np.deg2rad([5.0, middle, 5.0, middle + 0.01]))
+        assert (north, east) == (pytest.approx(float(northward), rel=1e-6), pytest.approx(float(eastward), rel=1e-6))
+    part = fill.bands(Grid(5.0, 61.0, 0.03, 0.01, 7, 101))
+    assert part == ((0, 101, whole[1][2]),)
+
+
+def test_a_crop_is_filled_as_the_whole_is():
+    """To the bit, at 52 to 66 N: metres of a degree of longitude change by a third from one end to the other."""
+    grid = Grid(3.0, 52.0, 0.08, 0.05, 60, 281)
+    wet = np.random.default_rng(3).random((281, 60)) < 0.01
+    values = field(281, 60, wet)
+    whole = fill.fill(values, 2, reach=30_000.0, bands=fill.bands(grid))
+    margin = 8  # rows that 30 km and two rings do not cross: what lies beyond a crop is not known there
+    for low, high in ((0, 130), (90, 200), (150, 281)):
+        part = fill.fill(
+            values[low:high],
+            2,
+            reach=30_000.0,
+            bands=fill.bands(Grid(3.0, 52.0 + 0.05 * low, 0.08, 0.05, 60, high - low)),
+        )
+        begin, end = low + margin * (low > 0), high - margin * (high < 281)
+        np.testing.assert_array_equal(part[begin - low : end - low], whole[begin:end])

@@ -1,0 +1,197 @@
+"""What a source holds as a whole: how fast it is, the fill values that it does not declare, whether its land is zero.
+
+Judged once a source, from fixed slices and evenly strided points of all that the files hold, never from the part that a case
+needs: so no answer depends on the case's domain. At most READ bytes of values are read.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import slices
+from geo.component import Component
+from geo.dataset import remote
+from geo.errors import UserError
+from geo.layout import Array
+
+READ = 64 * 2**20  # [bytes] of values at most, both components and all slices together
+READ_REMOTE = 4 * 2**20  # [bytes] of them through an address
+LOOKED_AT = 8  # slices at most: the first, the last and some between
+DRY = 0.005  # share of exact zeros from which they are land
+RECURS = 3  # times from which an extreme value is a fill value if it is one at all
+VARIED = 10  # different values that the rest must hold before one can stand apart from it
+GAP = 0.25  # of the range of all other values, from which a number of nines stands apart from them
+NINES = tuple(k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1)  # 9.9 to 99999
+SLOW_WIND = 2.0  # [m/s]
+
+# What no real field exceeds [m/s]: the mean, the 99.9th percentile, any value at all. Monthly means of the strongest
+# currents (Gulf Stream, Agulhas) stay under 2.5, tidal races (Saltstraumen) under 11, the significant Stokes drift of
+# hurricanes under 1; the strongest wind on record was 113 in a gust, 96 sustained.
+CEILINGS = {
+    "current": (2.5, 8.0, np.inf),
+    "wind": (np.inf, np.inf, 90.0),
+    "stokes": (np.inf, np.inf, 3.0),
+}
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What was found. looked_at: indices of the slices; fills: values of each component, in the file's own units, that
+    are none; dry: whether points that are exactly zero in all those slices are land; notes: all that in words.
+    """
+
+    looked_at: tuple[int, ...]
+    fills: tuple[tuple[float, ...], tuple[float, ...]]
+    dry: bool
+    notes: tuple[str, ...]
+
+
+def of(components: tuple[Component, Component], count: int, plausible: bool, name: str) -> Survey:
+    """Survey a source's first `count` slices; plausible: the user vouches for its values, so that nothing is refused.
+
+    Raises UserError, with the figures, where the speeds can't be those of the quantity.
+    """
+    looked_at = tuple(int(k) for k in np.unique(np.linspace(0, count - 1, min(count, LOOKED_AT)).round()))
+    samples = [_sample(component, looked_at) for component in components]
+    notes: list[str] = []
+    fills: list[tuple[float, ...]] = []
+    for component, values in zip(components, samples, strict=True):
+        found = () if plausible else undeclared(values, component.factor, component.quantity)
+        fills.append(found)
+        for fill in found:
+            share = float(np.mean(values == fill))
+            values[values == fill] = np.nan
+            notes.append(
+                f'"{component.name}" holds {fill:g} at {share:.1%} of its points, apart from all other values: taken as a '
+                "fill value that the file does not declare (plausible = true to take it as a value)"
+            )
+        with np.errstate(invalid="ignore", over="ignore"):
+            values[np.abs(values) * component.factor > slices.IMPOSSIBLE[component.quantity]] = np.nan
+    shares = _still(components, samples)
+    dry = min(shares) > DRY and max(shares) < 1 and _may_be_dry(components, samples)
+    if dry:
+        notes.append(
+            f"{max(shares):.1%} of the values are exactly zero at all {len(looked_at)} times looked at: taken as land "
+            '(variables.mask = "none" to take them as still water)'
+        )
+    notes += _judged(components, samples, looked_at, plausible, name)
+    return Survey(looked_at, (fills[0], fills[1]), dry, tuple(notes))
+
+
+def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
+    """Return strided values in the file's own units, shape (slices, ...), NaN where missing, infinite or masked."""
+    data, path, _, _ = component.segments[0]
+    sizes = [int(data.sizes[dim]) for dim in component.dims]
+    itemsize = np.dtype(data[component.name].encoding.get("dtype") or data[component.name].dtype).itemsize
+    most = (READ_REMOTE if remote(path) else READ) / (2 * len(looked_at) * itemsize)
+    stride = max(1, int(np.ceil((np.prod(sizes) / most) ** (1 / len(sizes)))))
+    every = (slice(None, None, stride),) * len(sizes)
+    values = np.stack([slices.block(component, k, every) for k in looked_at])
+    if component.mask is not None:
+        values[:, ~component.mask[every]] = np.nan
+    values[np.isinf(values)] = np.nan
+    return values
+
+
+def undeclared(values: Array, factor: float, quantity: str) -> tuple[float, ...]:
+    """Return the values that must be fill values: extreme, recurring, and apart from all others by a gap.
+
+    values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves nothing: packed fields
+    saturate. One apart by a gap must also be a number of nines (99, -999, 99.9), or faster than anything real.
+    """
+    known = values[np.isfinite(values)]
+    fastest = min(CEILINGS[quantity][1:])
+    found: list[float] = []
+    for _ in range(4):  # a file may hold two of them, and both signs
+        for largest in (True, False):
+            if not known.size:
+                return tuple(found)
+            extreme = float(known.max() if largest else known.min())
+            at = known == extreme
+            rest = known[~at]
+            if (
+                int(at.sum()) < RECURS
+                or rest.size < VARIED
+                or len(np.unique(rest[:: max(1, rest.size // 10_000)])) < VARIED
+            ):
+                continue
+            low, high = float(rest.min()), float(rest.max())
+            gap = extreme - high if largest else low - extreme
+            nines = bool(np.isclose(abs(extreme), NINES, rtol=1e-6).any())
+            if gap > (GAP if nines else 1.0) * (high - low) and (nines or abs(extreme) * factor > fastest):
+                found.append(extreme)
+                known = rest
+    return tuple(found)
+
+
+def _still(components: tuple[Component, Component], samples: list[Array]) -> tuple[float, float]:
+    """Return the shares of the present points of each component that are exactly zero in all slices."""
+    zero = []
+    for component, values in zip(components, samples, strict=True):
+        still = slices.still(values, component)
+        zero.append(np.all(still | np.isnan(values), axis=0) & np.any(still, axis=0))
+    if samples[0].shape == samples[1].shape:
+        zero = [zero[0] & zero[1]] * 2  # together: a packed component is often zero by itself
+    present = [np.any(np.isfinite(values), axis=0) for values in samples]
+    first, second = (float(z.sum() / max(p.sum(), 1)) for z, p in zip(zero, present, strict=True))
+    return first, second
+
+
+def _may_be_dry(components: tuple[Component, Component], samples: list[Array]) -> bool:
+    """Whether zeros can be land: not in a wind, nor where a mask or the case says which water is still.
+
+    Stokes drift really is zero in the lee, once packed: there only a file that has no missing value can mean land.
+    """
+    first = components[0]
+    if first.quantity == "wind" or first.unmasked or any(c.mask is not None for c in components):
+        return False
+    return first.quantity == "current" or not any(np.isnan(values).any() for values in samples)
+
+
+def _judged(
+    components: tuple[Component, Component],
+    samples: list[Array],
+    looked_at: tuple[int, ...],
+    plausible: bool,
+    name: str,
+) -> list[str]:
+    """Refuse speeds that can't be the quantity's; return a warning of a wind that hardly blows."""
+    quantity = components[0].quantity
+    speed = _speeds(components, samples)
+    if not speed.size:
+        return []
+    mean, high, largest = float(speed.mean()), float(np.percentile(speed, 99.9)), float(speed.max())
+    told = f"mean {mean:.2g}, 99.9th percentile {high:.3g}, largest {largest:.3g} m/s"
+    limits = CEILINGS[quantity]
+    if mean > limits[0] or high > limits[1] or largest > limits[2]:
+        if plausible:
+            return [f"speeds that no {_SPOKEN[quantity]} has ({told}), as the case vouches"]
+        raise UserError(
+            f"{name}: {components[0].name}, {components[1].name} can't be a {_SPOKEN[quantity]}: {told}; {_ALLOWED[quantity]}. "
+            f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set plausible = true"
+        )
+    if quantity == "wind" and largest <= SLOW_WIND:
+        return [
+            f"WARNING: this wind is nowhere over {largest:.2g} m/s at the {len(looked_at)} times looked at: is it a current?"
+        ]
+    return []
+
+
+_SPOKEN = {"current": "current", "wind": "wind", "stokes": "Stokes drift"}
+_ALLOWED = {
+    "current": "a current's mean is at most 2.5, its 99.9th percentile at most 8 m/s",
+    "wind": "a wind is at most 90 m/s",
+    "stokes": "a Stokes drift is at most 3 m/s",
+}
+
+
+def _speeds(components: tuple[Component, Component], samples: list[Array]) -> NDArray[Any]:
+    """Return the speeds [m/s] where both components are, raveled; of staggered ones those of one index."""
+    shape = tuple(min(a, b) for a, b in zip(samples[0].shape, samples[1].shape, strict=True))
+    part = tuple(slice(0, n) for n in shape)
+    x, y = (values[part] * component.factor for values, component in zip(samples, components, strict=True))
+    speed = np.hypot(x, y)
+    kept: NDArray[Any] = speed[np.isfinite(speed) & (speed > 0)]
+    return kept if kept.size else speed[np.isfinite(speed)]

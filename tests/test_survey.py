@@ -1,0 +1,320 @@
+"""What is judged once a source, whatever the domain: zeros that are land, undeclared fill values, speeds that can't be."""
+
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import pytest
+import writers
+import xarray as xr
+
+import drift
+from geo import forcing, survey
+from geo.box import Box
+from geo.errors import UserError
+from geo.grid import Grid, sample
+
+LON, LAT = np.arange(2.0, 8.01, 0.1), np.arange(57.0, 63.01, 0.05)
+HOURS = np.arange(0, 97, 6)
+RNG = np.random.default_rng(11)
+
+
+def swirl(lon: Any, lat: Any, hour: float) -> tuple[Any, Any]:
+    """A current [m/s] that is nowhere zero for long and has no symmetry."""
+    x, y = np.radians(lon * 40), np.radians(lat * 55)
+    return (
+        0.31 + 0.22 * np.sin(x + 0.07 * hour) * np.cos(0.7 * y),
+        -0.12 + 0.27 * np.cos(1.3 * x - y + 0.05 * hour),
+    )
+
+
+def fields(lon: Any = LON, lat: Any = LAT, hours: Any = HOURS) -> tuple[Any, Any]:
+    x, y = np.meshgrid(lon, lat)
+    both = [swirl(x, y, float(h)) for h in hours]
+    return np.stack([u for u, _ in both]), np.stack([v for _, v in both])
+
+
+def saved(path: Path, u: Any, v: Any, lon: Any = LON, lat: Any = LAT, hours: Any = HOURS, **more: Any) -> Path:
+    """A file of currents over (time, lat, lon); more: encoding of both, or attributes."""
+    attributes = more.pop("attributes", {})
+    dims = ("time", "lat", "lon")
+    data = xr.Dataset(
+        {
+            "uo": (dims, np.asarray(u), writers.EAST | attributes),
+            "vo": (dims, np.asarray(v), writers.NORTH | attributes),
+        },
+        {"time": ("time", hours, {"units": "hours since 2026-03-01"}), "lon": lon, "lat": lat},
+    )
+    if "dtype" in more and more["dtype"].startswith("int"):
+        more["_FillValue"] = np.iinfo(more["dtype"]).min
+    data.to_netcdf(path, encoding={n: {"_FillValue": None} | more for n in ("uo", "vo")})
+    return path
+
+
+def shore(lon: Any, lat: Any) -> Any:
+    """A coast aslant across the north-east of the field."""
+    return 0.8 * (lon - 5.3) + (lat - 60.1) > 0.9
+
+
+CASE = """
+start = "2026-03-01T00:00Z"
+duration = "96 h"
+particles = 40
+max_lost = 1.0
+[output]
+trajectories = 40
+[coast]
+source = "none"
+[clock]
+step = "30 min"
+[domain]
+{domain}
+[[current]]
+files = "{files}"
+[[scenario]]
+name = "a"
+object = "water"
+position = {{ at = [4.6, 60.0], error = "3 nmi" }}
+"""
+
+SMALL = "west = 3.5\nsouth = 58.9\neast = 7.5\nnorth = 61.6"  # holds no missing value
+WIDE = "west = 2.0\nsouth = 57.0\neast = 8.0\nnorth = 63.0"
+
+
+def ends(folder: Path, files: Path, domain: str) -> Any:
+    (folder / "a.toml").write_text(CASE.format(domain=domain, files=files))
+    tracks = drift.run(drift.load(folder / "a.toml")).trajectories
+    return tracks.lon, tracks.lat, tracks.status
+
+
+def test_zeros_that_are_land_are_land_whatever_the_domain(tmp_path: Path) -> None:
+    """Land is zero and a far corner is missing: two domains, one with that corner, give the same tracks.
+
+    Taken as still water, land within one domain alone moved these tracks by kilometres. Places in a tile are float32
+    numbers of cells from its own corner, here up to 60, so 4e-6 of a cell: 0.02 m in a field that changes by a tenth a cell.
+    """
+    u, v = fields()
+    x, y = np.meshgrid(LON, LAT)
+    land = shore(x, y)
+    u[:, land], v[:, land] = 0.0, 0.0
+    u[:, :12, :9], v[:, :12, :9] = np.nan, np.nan
+    path = saved(tmp_path / "a.nc", u, v)
+    small, wide = ends(tmp_path, path, SMALL), ends(tmp_path, path, WIDE)
+    assert (small[2][:, -1] == 0).sum() > 20
+    afloat = (small[2] == wide[2]).all(axis=1) & (small[2][:, -1] == 0)  # those that stay inside both
+    assert afloat.sum() > 20
+    for a, b in zip(small[:2], wide[:2], strict=True):
+        assert np.abs(a[afloat].astype(int) - b[afloat])[:, -1].max() * 0.0093 < 0.1  # [m]
+    for box in (Box(3.5, 58.9, 7.5, 61.6), Box(2.0, 57.0, 8.0, 63.0), None):
+        source = forcing.open_source("current", path, box=box)
+        values = source.read(3)
+        lon, lat = np.meshgrid(source.grid.lon, source.grid.lat)
+        inside = lat > 58.0
+        np.testing.assert_array_equal(np.isnan(values[..., 0])[inside], shore(lon, lat)[inside])
+        assert any("exactly zero at all 8 times looked at: taken as land" in note for note in source.notes)
+
+
+def test_tracks_beside_zero_land_are_those_of_a_float64_integration(tmp_path: Path) -> None:
+    """Where three nodes round a particle are wet, RK4 in float64 on the raw values gives the same track to metres."""
+    u, v = fields()
+    x, y = np.meshgrid(LON, LAT)
+    land = shore(x, y)
+    u[:, land], v[:, land] = 0.0, 0.0
+    u[:, :12, :9], v[:, :12, :9] = np.nan, np.nan
+    path = saved(tmp_path / "a.nc", u, v)
+    (tmp_path / "a.toml").write_text(CASE.format(domain=WIDE, files=path))
+    tracks = drift.run(drift.load(tmp_path / "a.toml")).trajectories
+    grid = Grid(float(LON[0]), float(LAT[0]), 0.1, 0.05, len(LON), len(LAT))
+    u[:, land], v[:, land] = np.nan, np.nan
+    both = np.stack((u, v), axis=-1)
+
+    def velocity(lon: Any, lat: Any, hour: float) -> Any:
+        k = min(int(hour // 6), len(HOURS) - 2)
+        share = hour / 6 - k
+        gone = ~np.isfinite(lon + lat)  # it met a missing corner: NaN from there on
+        at = np.where(gone, 4.6, lon), np.where(gone, 60.0, lat)
+        result = (1 - share) * sample(grid, both[k], *at) + share * sample(grid, both[k + 1], *at)
+        return np.where(gone[:, None], np.nan, result)
+
+    degrees = 180 / np.pi / 6_371_008.8
+    lon, lat = (np.asarray(c[:, 0], float) * 360 / 2**32 for c in (tracks.lon, tracks.lat))
+    way = np.zeros(len(lon))
+    h = 0.5
+    for n in range(192):
+        stages = []
+        for back, t in ((None, 0.0), (0, h / 2), (1, h / 2), (2, h)):
+            at = (lon, lat) if back is None else (lon + t * stages[back][0], lat + t * stages[back][1])
+            e, nn = velocity(*at, n * h + t).T * 3600 * degrees
+            stages.append((e / np.cos(np.radians(at[1])), nn))
+        step = [sum(w * s[i] for w, s in zip((1, 2, 2, 1), stages, strict=True)) * h / 6 for i in (0, 1)]
+        way += np.hypot(step[0] * np.cos(np.radians(lat)), step[1]) / degrees
+        lon, lat = lon + step[0], lat + step[1]
+    last = [np.asarray(c[:, -1], float) * 360 / 2**32 for c in (tracks.lon, tracks.lat)]
+    apart = np.hypot((last[0] - lon) * np.cos(np.radians(lat)), last[1] - lat) / degrees
+    free = np.isfinite(apart)  # the oracle fills no coast: it ends where a corner is missing
+    assert free.sum() > 12
+    print(
+        f"median {np.median(apart[free]):.2f} m, worst {apart[free].max():.2f} m, {(apart / way)[free].max():.2e} of the way"
+    )
+    # 192 steps of float32 increments (1e-7 of some 700 m each) and of 9 mm positions, grown by the shear and by
+    # velocities off by 4e-7 m/s for 96 h, 0.14 m
+    assert apart[free].max() < 0.3
+
+
+def test_zeros_packed_with_an_offset_are_zeros_too(tmp_path: Path) -> None:
+    u, v = fields()
+    x, y = np.meshgrid(LON, LAT)
+    land = shore(x, y)
+    u[:, land], v[:, land] = 0.0, 0.0
+    path = saved(
+        tmp_path / "a.nc", u, v, dtype="int16", scale_factor=np.float32(0.00031), add_offset=np.float32(0.2337)
+    )
+    with netCDF4.Dataset(path) as raw:
+        assert (raw["uo"][0][land] != 0).all()  # none of them decodes to zero
+    source = forcing.open_source("current", path)
+    np.testing.assert_array_equal(np.isnan(source.read(5)[..., 0]), land)
+
+
+def test_still_water_stays_where_the_file_or_the_case_says_so(tmp_path: Path) -> None:
+    u, v = fields()
+    u[:, 20:40, 20:40], v[:, 20:40, 20:40] = 0.0, 0.0
+    path = saved(tmp_path / "a.nc", u, v)
+    assert forcing.open_source("current", path, variables={"mask": "none"}).missing == 0
+    u[3:6] = 0.0  # slack everywhere for a while is no land
+    v[3:6] = 0.0
+    u[:3, 20:40, 20:40] = 0.01
+    assert forcing.open_source("current", saved(tmp_path / "b.nc", u, v)).missing == 0
+    calm = saved(tmp_path / "c.nc", 0 * u, 0 * v)
+    assert forcing.open_source("current", calm).missing == 0
+
+
+@pytest.mark.parametrize("fill", [99.0, -99.0, 99.9, -9.99, 9999.0, -999.9, 1e10, -32768.0])
+def test_undeclared_fill_values_are_found_and_named(fill: float, tmp_path: Path) -> None:
+    u, v = fields()
+    x, y = np.meshgrid(LON, LAT)
+    land = shore(x, y)
+    u[:, land], v[:, land] = fill, fill
+    u[0, 5, 5] = 1.7  # the fastest, once: no fill value
+    source = forcing.open_source("current", saved(tmp_path / "a.nc", u, v, dtype="float32"))
+    np.testing.assert_array_equal(np.isnan(source.read(0)[..., 0]), land)
+    assert source.read(0)[5, 5, 0] == np.float32(1.7)
+    assert any(f'"uo" holds {fill:g} at {land.mean():.1%} of its points' in note for note in source.notes)
+
+
+def test_a_packed_field_that_saturates_keeps_its_extreme(tmp_path: Path) -> None:
+    """The largest number of int8 recurs where the current is faster than can be packed: no gap sets it apart."""
+    u, v = fields()
+    path = saved(tmp_path / "a.nc", np.minimum(u, 0.4), v, dtype="int8", scale_factor=0.4 / 127)
+    source = forcing.open_source("current", path)
+    assert source.missing == 0
+    assert (source.read(2)[..., 0] > 0.399).sum() > 100
+    two = saved(tmp_path / "b.nc", np.where(u > 0.3, 0.99, 0.1), v)  # two values, far apart, both real
+    assert forcing.open_source("current", two).missing == 0
+
+
+def test_undeclared_is_decided_by_recurrence_gap_and_number() -> None:
+    rest = RNG.normal(0.0, 0.3, 5_000)
+
+    def of(*more: float, factor: float = 1.0, quantity: str = "current") -> tuple[float, ...]:
+        return survey.undeclared(np.concatenate((rest, more)), factor, quantity)
+
+    assert of(*[99.0] * 3) == (99.0,)
+    assert of(*[99.0] * 2) == ()  # not often enough
+    assert of(*[12.0] * 9) == (12.0,)  # faster than any current
+    assert of(*[7.0] * 9) == ()  # it might be one
+    assert set(of(*[-99.0] * 9, *[9999.0] * 9)) == {-99.0, 9999.0}
+    assert of(*[99.9] * 9, quantity="wind") == (99.9,)
+    assert of(*[50.0] * 9, factor=0.01) == ()  # 0.5 m/s in cm/s
+
+
+WIND = (
+    6.0 + 4.0 * RNG.normal(size=(len(HOURS), len(LAT), len(LON))),
+    3.0 * RNG.normal(size=(len(HOURS), len(LAT), len(LON))),
+)
+
+
+def test_a_wind_is_no_current_and_a_current_hardly_a_wind(tmp_path: Path) -> None:
+    path = saved(tmp_path / "wind.nc", *WIND)
+    speed = np.hypot(*WIND)
+    with pytest.raises(
+        UserError, match=r"wind\.nc: uo, vo can't be a current: mean (\S+), 99\.9th .*plausible = true"
+    ) as told:
+        forcing.open_source("current", path)
+    # of 8 of 17 slices, 39,000 points: mean and rounding to two digits within 2 %
+    assert float(str(told.value).split("mean ")[1].split(",")[0]) == pytest.approx(speed.mean(), rel=0.02)
+    vouched = forcing.open_source("current", path, plausible=True)
+    assert any("as the case vouches" in note for note in vouched.notes)
+    np.testing.assert_allclose(vouched.read(4)[..., 0], WIND[0][4], rtol=1e-6)
+    chosen = {"east": "uo", "north": "vo"}
+    slow = forcing.open_source("wind", saved(tmp_path / "b.nc", *fields()), variables=chosen)
+    assert any("WARNING: this wind is nowhere over 0.66" in note for note in slow.notes)
+    gale = forcing.open_source("wind", path, variables=chosen)
+    assert not any("WARNING" in note for note in gale.notes)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "factor", "good"),
+    [("current", 6.4, True), ("current", 6.9, False), ("wind", 130.0, True), ("wind", 140.0, False), ("stokes", 4.4, True),
+     ("stokes", 4.7, False)],
+)  # fmt: skip
+def test_ceilings(quantity: str, factor: float, good: bool, tmp_path: Path) -> None:
+    """The field's mean is 0.377 and its largest speed 0.658 m/s: at 6.63 times that the mean is 2.5, at 137 and 4.56 the largest 90 and 3."""
+    u, v = fields()
+    path = saved(tmp_path / "a.nc", factor * u, factor * v)
+    chosen = {"east": "uo", "north": "vo"}
+    if good:
+        assert forcing.open_source(quantity, path, variables=chosen).missing == 0
+    else:
+        with pytest.raises(UserError, match="plausible = true"):
+            forcing.open_source(quantity, path, variables=chosen)
+
+
+def test_the_same_is_judged_whatever_the_box(tmp_path: Path) -> None:
+    """A jet as fast as a wind, in one corner: refused from anywhere."""
+    u, v = fields()
+    u[:, :20, :20] += 14.0
+    path = saved(tmp_path / "a.nc", u, v)
+    for box in (None, Box(6.0, 61.0, 7.0, 62.0), Box(2.0, 57.0, 3.0, 58.0)):
+        with pytest.raises(UserError, match="can't be a current"):
+            forcing.open_source("current", path, box=box)
+
+
+def test_large_sources_are_sampled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a 2,000th of the bytes the same is found, and no more than that is read."""
+    u, v = fields()
+    x, y = np.meshgrid(LON, LAT)
+    u[:, shore(x, y)], v[:, shore(x, y)] = 0.0, 0.0
+    path = saved(tmp_path / "a.nc", u, v)
+    monkeypatch.setattr(survey, "READ", 32_768)
+    seen, block = [], survey.slices.block
+
+    def counted(*given: Any) -> Any:
+        seen.append(block(*given).nbytes)
+        return block(*given)
+
+    monkeypatch.setattr(survey.slices, "block", counted)
+    source = forcing.open_source("current", path)
+    assert 0 < sum(seen) <= 32_768
+    np.testing.assert_array_equal(np.isnan(source.read(0)[..., 0]), shore(x, y))
+
+
+def test_typed_speeds_have_ceilings(tmp_path: Path) -> None:
+    text = CASE.format(domain=SMALL, files="").replace('files = ""', "constant = {{ speed = {speed}, toward = 31 }}")
+    path = tmp_path / "a.toml"
+    path.write_text(text.replace("{{", "{").replace("}}", "}").replace("{speed}", "7.9"))
+    drift.load(path)
+    with pytest.raises(UserError, match=r"constant: 8\.1 m/s is too fast for a current; at most 8 m/s"):
+        drift.load(path, {"current.0.constant.speed": "8.1"})
+    calm = drift.load(path, {"current.0.constant.speed": "0"})
+    assert calm.currents[0].constant == (0.0, 0.0)
+    gust = {"wind": '[{table = [{time = "+0 h", east = 1, north = 2}, {time = "+9 h", east = -60, north = 68}]}]'}
+    with pytest.raises(UserError, match=r"row 2: 90\.69 m/s is too fast for a wind"):
+        drift.load(path, gust)
+    for key, value, most in (("current", "2.6", "2.5"), ("wind", "21", "20")):
+        with pytest.raises(UserError, match=f"must be at most {most}"):
+            drift.load(path, {f"uncertainty.{key}": f'{{std = {value}, time = "3 h"}}'})
+    with pytest.raises(UserError, match="at most 10000"):
+        drift.load(path, {"uncertainty.diffusivity": "10001"})
+    with pytest.raises(UserError, match="plausible belongs to files"):
+        drift.load(path, {"current.0.plausible": "true"})
