@@ -247,6 +247,8 @@ def _objects(given: argparse.Namespace) -> None:
         )
         table.add_row(drifter.name, "  " * drifter.level + drifter.description, *lines)
     terminal.show(table)
+    if upwind := [f"{drifter.name} {drifter.lull:.1f}" for drifter in found if drifter.lull > 0]:
+        terminal.say(f"Mean drift is upwind, as published, in winds below [m/s]: {', '.join(upwind)} (docs/leeway.md).")
     if not words:
         terminal.say(
             'Besides: "water" for a pure water drifter, { windage = "3 %" } or lines of your own in the case file.'

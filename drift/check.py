@@ -45,6 +45,8 @@ def understood(case: Case) -> dict[str, Any]:
         found[f'{story} "{scenario.name}"'] = (
             f"{scenario.weight:.0%}, {scenario.object.name}: {scenario.object.description}"
         )
+        if scenario.object.lull > 0:
+            found[f'{story} "{scenario.name}"'] += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
         if dry > 0:
             found[f'{story} "{scenario.name}"'] += f"; {dry:.1%} of its prior is on land and left out"
     return found | _search(case)

@@ -22,7 +22,8 @@ class Line:
     """One leeway line: speed = slope * wind + offset, with the standard error of the regression.
 
     A particle draws xi ~ N(0, 1) once for a line and has slope + slope_std * xi and offset + offset_std * xi, so that
-    at 10 m/s of wind its error is std * xi (Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010).
+    at 10 m/s of wind its error is std * xi (Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010). On a downwind
+    line xi is drawn anew until its slope is not negative (docs/leeway.md).
     """
 
     slope: float = 0.0  # [1]
@@ -58,6 +59,11 @@ class Drifter:
         """Whether the wind moves it at all."""
         still = Line()
         return (self.down, self.right, self.left) != (still, still, still)
+
+    @property
+    def lull(self) -> float:
+        """Wind speed [m/s] below which its downwind line, as published, leads upwind; 0 where it never does."""
+        return max(0.0, -self.down.offset / self.down.slope) if self.down.slope > 0 else 0.0
 
     @property
     def jibes(self) -> bool:

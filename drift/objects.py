@@ -50,6 +50,10 @@ class ObjectTable(fields.Table):
                 leeway.find(self.name)
             except UserError as error:
                 raise ValueError(str(error)) from None
+        elif self.downwind is not None and self.downwind.slope < 0:
+            raise ValueError(
+                f"downwind slope {100 * self.downwind.slope:g} % must be 0 to 50 %: no wind draws an object towards itself"
+            )
         elif self.downwind is not None and self.windage is not None:
             raise ValueError("give either downwind, right and left or windage, not both")
         if self.windage is not None and (self.right or self.left):

@@ -175,11 +175,12 @@ def draw_errors(case: Case, ensemble: Ensemble, slots: tuple[int, int], key: tup
 
 
 def equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:
-    """Draw each particle's own leeway lines and its first side."""
+    """Draw each particle's own leeway lines and its first side; no downwind slope is negative unless its line's is."""
     for number, name in enumerate(("down", "right", "left")):
         line = getattr(drifter, name)
         slope, offset = getattr(ensemble, f"{name}_slope"), getattr(ensemble, f"{name}_offset")
+        least = 0.0 if name == "down" and line.slope >= 0 else -np.inf
         kernel.draw_object(
-            *slots, slope, offset, number, *key, line.slope, line.offset, line.slope_std, line.offset_std
+            *slots, slope, offset, number, *key, line.slope, line.offset, line.slope_std, line.offset_std, least
         )
     kernel.draw_side(*slots, ensemble.side, *key)

@@ -10,6 +10,8 @@ from kernels import noise, sphere
 from kernels.coast import Bytes, Frame, Ints, Reals, is_wet
 
 TRIES = 4096  # a prior with less than 1 % of water still fails with probability 1e-18 only
+REDRAWS = 64  # of a slope: at least half of all draws pass, so that all fail with probability 2**-64 at most
+LINES = 3  # leeway lines of an object: the first draw of line k is number k of its stream, the next one k + LINES
 
 f32x2 = ti.types.vector(2, ti.f32)
 I64s = ti.types.ndarray(dtype=ti.i64, ndim=1)
@@ -227,15 +229,24 @@ def draw_object(
     mean_offset: ti.f32,
     slope_std: ti.f32,
     offset_std: ti.f32,
+    least: ti.f32,
 ):
     """Draw each particle's own slope and offset [m/s] of one leeway line; both move with one normal number.
 
-    So the standard deviation at wind speed W is slope_std W + offset_std (Allen 2005, CG-D-05-05).
+    So the standard deviation at wind speed W is slope_std W + offset_std (Breivik and Allen 2008,
+    doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn anew with its offset, which cuts the normal law
+    there (docs/leeway.md). No more than half of it may lie below: what fails REDRAWS times is given `least` itself.
     """
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, line)
-        n = noise.normals(w[0], w[1])[0]
-        slope[i] = mean_slope + slope_std * n
+        own, n = least, (least - mean_slope) / ti.max(slope_std, 1e-30)
+        k, found = 0, 0
+        while found == 0 and k < REDRAWS:
+            w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, line + k * LINES)
+            drawn = noise.normals(w[0], w[1])[0]
+            k += 1
+            if mean_slope + slope_std * drawn >= least:
+                own, n, found = mean_slope + slope_std * drawn, drawn, 1
+        slope[i] = own
         offset[i] = mean_offset + offset_std * n
 
 

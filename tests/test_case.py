@@ -248,6 +248,7 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"scenario.0.object": "{ windage = 3 }"}, r'scenario "raft".object.windage: .* at most 0.5'),
     ({"scenario.0.object": "{ windage = 0.03, downwind = { slope = 0.03 } }"}, "not both"),
     ({"scenario.0.object": "{ downwind = { slope = 0.03 }, right = { slope = 0.01 } }"}, "both right and left"),
+    ({"scenario.0.object": "{ downwind = { slope = '-3 %' } }"}, r"object.*: downwind slope -3 % must be 0 to 50 %"),
     ({"scenario.0.object": "{}"}, "give a class"),
     ({"scenario.0.position.at": "[10, 95]"}, r"position.at: latitude 95 is outside -90 to 90 \(the order is"),
     ({"scenario.0.position.at": "'27 30 88 15'"}, "ambiguous"),
