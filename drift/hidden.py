@@ -48,7 +48,9 @@ def within(ground: Path) -> list[Path]:
     """Return the hidden folders in a folder, by name."""
     try:
         with os.scandir(ground) as found:
-            names = sorted(one.name for one in found if one.name.startswith(PREFIX) and one.is_dir(follow_symlinks=False))
+            names = sorted(
+                one.name for one in found if one.name.startswith(PREFIX) and one.is_dir(follow_symlinks=False)
+            )
     except OSError:
         return []
     return [ground / name for name in names]

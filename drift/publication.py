@@ -101,12 +101,14 @@ def staged(target: Path) -> Iterator[Stage]:
         yield Stage(target, folder, inside, _state(target))
     finally:
         with undisturbed():
-            if not (folder / JOURNAL).exists():  # else the old result is in it, and could not be put back
-                hidden.remove(folder)
-            os.close(lock)
-            with contextlib.suppress(OSError):  # the results are in them, or they were there before
-                for path in made:
-                    os.rmdir(path)
+            try:
+                if not (folder / JOURNAL).exists():  # else the old result is in it, and could not be put back
+                    hidden.remove(folder)
+                with contextlib.suppress(OSError):  # the results are in them, or they were there before
+                    for path in made:
+                        os.rmdir(path)
+            finally:
+                os.close(lock)
 
 
 def _clean(ground: Path) -> None:
@@ -244,7 +246,9 @@ def _finish(target: Path, folder: Path) -> None:
         journal: dict[str, Any] = json.loads((folder / JOURNAL).read_text(encoding="utf-8"))
         aside, new = list(journal["old"]), dict(journal["new"])
     except (ValueError, KeyError, TypeError):
-        raise UserError(f"output folder {target}: {folder.name}/{JOURNAL} is damaged; see {folder.name}/{OLD}") from None
+        raise UserError(
+            f"output folder {target}: {folder.name}/{JOURNAL} is damaged; see {folder.name}/{OLD}"
+        ) from None
     if _state(target) != new[manifest.NAME]:
         _put_back(target, folder, aside, new)
     os.unlink(folder / JOURNAL)  # from here on the hidden folder holds nothing that anybody needs

@@ -70,7 +70,15 @@ def write(folder, forecast, tracks, **more):
 
 def test_all_files_and_nothing_else(tmp_path, forecast, tracks):
     paths = write(tmp_path / "new" / "out", forecast, tracks)
-    names = {"forecast.nc", "particles.nc", "summary.json", "contours.geojson", "track.csv", "ashore.csv", "map.png"} | {"manifest.json"}
+    names = {
+        "forecast.nc",
+        "particles.nc",
+        "summary.json",
+        "contours.geojson",
+        "track.csv",
+        "ashore.csv",
+        "map.png",
+    } | {"manifest.json"}
     assert {p.name for p in paths} == names == {p.name for p in (tmp_path / "new" / "out").iterdir()}
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["out"]
 
