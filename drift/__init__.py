@@ -5,6 +5,7 @@ case = drift.load("case.toml")      # or the name of a shipped case
 result = drift.run(case)            # or drift.run(case, out=Path("results"))
 result.probability                  # xarray.DataArray (time, lat, lon)
 result.washup                       # of a spill: xarray.Dataset by stretch of coast and time
+drift.results("results")            # paths of a finished run's files, once all are as it wrote them
 drift.trace(case)                   # of a spill: where it may have come from, backward from its finds
 """
 
@@ -17,10 +18,11 @@ _HOMES = {
     "Result": "drift.flow",
     "UserError": "geo.errors",
     "load": "drift.case",
+    "results": "drift.publication",
     "run": "drift.flow",
     "trace": "drift.flow",
 }
-__all__ = ["Case", "Result", "UserError", "load", "run", "trace"]
+__all__ = ["Case", "Result", "UserError", "load", "results", "run", "trace"]
 
 
 def __dir__() -> list[str]:

@@ -1,25 +1,13 @@
-"""The only writer of files: a run's results in one folder, complete or not there at all.
+"""What a run hands out, and how it is written: one folder, complete or not there at all (see drift.publication).
 
-Everything is written into a hidden folder beside the target, or in it, and renamed at the end: a killed run leaves no
-half file. Files: forecast.nc, particles.nc, summary.json, contours.geojson, track.csv, ashore.csv, and the figures.
-Data depend on the forecast alone; the date of creation stands in attributes only. summary.json lists the other files
-with their digests, so that a later run can tell what is ours in the folder.
+Files: forecast.nc, particles.nc, summary.json, contours.geojson, track.csv, ashore.csv, the figures, and manifest.json, which
+lists the others. Data depend on the forecast alone; the date of creation stands in attributes only.
 """
 
-import contextlib
-import errno
-import glob
-import hashlib
 import json
 import os
-import shutil
-import signal
-import sys
-import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,8 +15,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift import tables
+from drift import manifest, publication, tables
 from drift.cells import Array
+from drift.interrupt import undisturbed
 from drift.products import Forecast
 from drift.status import Status
 from geo import sphere
@@ -36,9 +25,18 @@ from geo.errors import UserError
 
 Figure = Callable[[Path], None]
 
-ADVICE = "name another with --out, or add --overwrite"
-STALE = 86_400  # [s] after which what a killed run left is taken away
 SUMMARY = "summary.json"
+USUAL = (  # what every forecast writes
+    "forecast.nc",
+    "particles.nc",
+    "contours.geojson",
+    "track.csv",
+    "ashore.csv",
+    "map.png",
+    "snapshots.png",
+    SUMMARY,
+    manifest.NAME,
+)
 EPOCH = "seconds since 1970-01-01 00:00:00"
 
 
@@ -69,29 +67,7 @@ class Product:
 
 def check_folder(folder: Path, overwrite: bool = False) -> None:
     """Raise UserError unless results may be written to the folder; made before the work starts. Creates nothing."""
-    try:
-        str(folder.absolute()).encode(sys.getfilesystemencoding())  # HDF5 takes no other names
-        exists = folder.is_symlink() or folder.exists()
-        (folder.absolute().parent / _prefix(folder)).exists()  # room for the staging folder's longer name
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise UserError(f"output folder {str(folder)[:300]!a}: {reason}; name another with --out") from None
-    if exists and not folder.is_dir():
-        raise UserError(f"output folder {folder}: is no folder; name another with --out")
-    if exists and not overwrite and _filled(folder):
-        raise UserError(f"output folder {folder}: is not empty; {ADVICE}")
-    ground = folder if folder.is_dir() else next(p for p in folder.absolute().parents if p.exists())
-    if not ground.is_dir() or not os.access(ground, os.W_OK):
-        raise UserError(f"output folder {folder}: cannot write in {ground}; name another with --out")
-
-
-def _prefix(folder: Path) -> str:
-    return f".{folder.absolute().name[:100]}.partial-"
-
-
-def _filled(folder: Path) -> bool:
-    """Whether a folder holds anything but what a killed run left."""
-    return any(not path.name.startswith(_prefix(folder)) for path in folder.iterdir())
+    publication.check(folder, overwrite, USUAL)
 
 
 def write(
@@ -135,7 +111,7 @@ def publish(
     `history` and `date_created` are added. With `overwrite` what an earlier run wrote into the folder and this one does
     not is taken away.
     """
-    check_folder(folder, overwrite)
+    publication.check(folder, overwrite)
     now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     stamped = {
         "Conventions": "CF-1.11",
@@ -145,21 +121,19 @@ def publish(
         "date_created": now,
     }
     try:
-        with _staging(folder) as staging:
+        with publication.staged(folder) as stage:
             for product in products:
-                _product(product, stamped, staging)
+                _product(product, stamped, stage.new)
             for name, draw in figures.items():
-                draw(staging / name)
-            files = {path.name: _digest(path) for path in sorted(staging.iterdir())}
-            _json({**stamped, **summary, "files": files}, staging / SUMMARY, indent=1)
-            names = sorted(path.name for path in staging.iterdir())
-            _publish(staging, folder, names, overwrite)
+                draw(stage.new / name)
+            _json({**stamped, **summary}, stage.new / SUMMARY, indent=1)
+            return publication.publish(stage, stamped["run_id"], overwrite)
     except OSError as error:
+        file = f" at {os.path.basename(error.filename)}" if isinstance(error.filename, str) else ""
         raise UserError(
-            f"output folder {folder}: cannot be written ({error.strerror or error}), and nothing of this run was; "
+            f"output folder {folder}: cannot be written ({error.strerror or error}{file}), and nothing of this run was; "
             "make room, or name another with --out"
         ) from error
-    return [folder / name for name in names]
 
 
 def _product(product: Product, stamped: Mapping[str, str], staging: Path) -> None:
@@ -171,95 +145,6 @@ def _product(product: Product, stamped: Mapping[str, str], staging: Path) -> Non
         path.write_text(made, encoding="utf-8", newline="\n")
     else:
         _json(made, path, indent=None)
-
-
-@contextmanager
-def _staging(folder: Path) -> Iterator[Path]:
-    """A hidden folder on the target's file system, gone afterwards; what a killed run left a day ago goes too.
-
-    It lies in the target where that is there (it may be a mount, and what is beside it not writable), else beside it.
-    """
-    ground = folder.absolute() if folder.is_dir() else folder.absolute().parent
-    made = [path for path in (ground, *ground.parents) if not path.exists()]  # the innermost first
-    ground.mkdir(parents=True, exist_ok=True)
-    for old in ground.glob(f"{glob.escape(_prefix(folder))}*"):
-        if time.time() - old.stat().st_mtime > STALE:
-            shutil.rmtree(old, ignore_errors=True)
-    staging = Path(tempfile.mkdtemp(prefix=_prefix(folder), dir=ground))
-    try:
-        staging.chmod(0o777 & ~_umask())
-        yield staging
-    finally:
-        with _undisturbed():
-            shutil.rmtree(staging, ignore_errors=True)
-            with contextlib.suppress(OSError):  # the results are in them, or they were there before
-                for path in made:
-                    path.rmdir()
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Put off Ctrl-C and a request to end until the block is done."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    waiting: list[int] = []
-    before = {
-        number: signal.signal(number, lambda number, _: waiting.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
-        if waiting:
-            signal.raise_signal(waiting[0])
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def _publish(staging: Path, folder: Path, names: list[str], overwrite: bool) -> None:
-    """Move the finished files: the folder at once where there is none yet, else file by file."""
-    with _undisturbed():
-        if not folder.exists():
-            with contextlib.suppress(FileExistsError):
-                _rename(staging, folder)
-                return
-        if not overwrite and _filled(folder):
-            raise UserError(f"output folder {folder}: another run has filled it meanwhile; {ADVICE}")
-        stale = [path for path in _ours(folder) if path.name not in names]
-        for name in names:
-            os.replace(staging / name, folder / name)
-        for path in stale:
-            path.unlink(missing_ok=True)
-
-
-def _ours(folder: Path) -> list[Path]:
-    """Return the files in a folder that an earlier run of ours lists and that are as it wrote them."""
-    try:
-        listed = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["files"].items()
-    except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
-        return []  # no run of ours, or of a version without a list
-    named = [(folder / str(name), digest) for name, digest in listed if Path(str(name)).name == name]
-    return [path for path, digest in named if path.is_file() and not path.is_symlink() and _digest(path) == digest]
-
-
-def _digest(path: Path) -> str:
-    return f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
-
-
-def _rename(staging: Path, folder: Path) -> None:
-    try:
-        os.rename(staging, folder)
-    except OSError as error:
-        if error.errno in {errno.ENOTEMPTY, errno.EEXIST}:
-            raise FileExistsError from None
-        raise
 
 
 def _netcdf(data: xr.Dataset, path: Path) -> None:
@@ -277,7 +162,7 @@ def _netcdf(data: xr.Dataset, path: Path) -> None:
         if variable.dtype.kind == "M":
             encoding[str(name)] = {"units": EPOCH, "calendar": "standard", "dtype": "int64", "_FillValue": None}
     try:
-        with _undisturbed():  # an exception in the middle of it leaves HDF5's lock taken: closing waits for ever
+        with undisturbed():  # an exception in the middle of it leaves HDF5's lock taken: closing waits for ever
             data.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
     except RuntimeError as error:  # what netCDF4 raises where HDF5 cannot write
         raise OSError(f"{path.name}: {error}") from error

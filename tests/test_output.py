@@ -1,6 +1,7 @@
 """Files: what they hold, that they are whole or absent, and what is refused."""
 
 import csv
+import hashlib
 import io
 import json
 import subprocess
@@ -69,7 +70,15 @@ def write(folder, forecast, tracks, **more):
 
 def test_all_files_and_nothing_else(tmp_path, forecast, tracks):
     paths = write(tmp_path / "new" / "out", forecast, tracks)
-    names = {"forecast.nc", "particles.nc", "summary.json", "contours.geojson", "track.csv", "ashore.csv", "map.png"}
+    names = {
+        "forecast.nc",
+        "particles.nc",
+        "summary.json",
+        "contours.geojson",
+        "track.csv",
+        "ashore.csv",
+        "map.png",
+    } | {"manifest.json"}
     assert {p.name for p in paths} == names == {p.name for p in (tmp_path / "new" / "out").iterdir()}
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["out"]
 
@@ -252,17 +261,31 @@ def test_overwrite_takes_away_what_only_an_earlier_run_wrote(tmp_path, forecast,
     assert (folder / "other.png").exists()
 
 
-@pytest.mark.parametrize("names", ['{"../mine": "%s"}', '{"a/mine": "%s"}', "[1]", "7", "{"])
-def test_a_foreign_summary_takes_nothing_away(tmp_path, forecast, tracks, names):
+@pytest.mark.parametrize(
+    "names",
+    [
+        '[{"name": "../mine", "size": 4, "sha256": "%s"}]',
+        '[{"name": "a/mine", "size": 4, "sha256": "%s"}]',
+        '[{"name": "..", "size": 4, "sha256": "%s"}]',
+        "[1]",
+        "7",
+        "{",
+    ],
+)
+def test_a_foreign_manifest_takes_nothing_away(tmp_path, forecast, tracks, names):
     folder = tmp_path / "out"
     (folder / "a").mkdir(parents=True)
     for path in (tmp_path / "mine", folder / "a" / "mine"):
         path.write_bytes(b"mine")
-    digest = output._digest(tmp_path / "mine")
-    (folder / "summary.json").write_text(f'{{"files": {names.replace("%s", digest)}}}')
-    write(folder, forecast, tracks, overwrite=True)
+    digest = hashlib.sha256(b"mine").hexdigest()
+    held = f'{{"run_id": "x", "files": {names.replace("%s", digest)}}}'
+    (folder / "manifest.json").write_text(held)
+    with pytest.raises(UserError, match=r'"manifest.json" is in the way'):
+        write(folder, forecast, tracks, overwrite=True)
     assert (tmp_path / "mine").exists()
     assert (folder / "a" / "mine").exists()
+    assert (folder / "manifest.json").read_text() == held
+    assert {path.name for path in folder.iterdir()} == {"a", "manifest.json"}
 
 
 @pytest.mark.parametrize("direction", [1, -1])
@@ -332,6 +355,6 @@ def test_a_folder_that_is_there_is_staged_in_itself_not_beside_it(tmp_path, fore
     """It may be a mount: what is beside it lies on another file system, where a rename fails."""
     (tmp_path / "out").mkdir()
     seen = []
-    figures = {"map.png": lambda path: (seen.append(path.parent.parent), path.write_bytes(b"png"))}
+    figures = {"map.png": lambda path: (seen.append(path.parents[2]), path.write_bytes(b"png"))}
     write(tmp_path / "out", forecast, tracks, figures=figures)
     assert seen == [tmp_path / "out"]
