@@ -143,6 +143,7 @@ def _open(spec: ForcingSpec, box: Box, case: Case) -> Source:
             box=box,
             depth=spec.depth,
             name=spec.name,
+            timeout=spec.timeout,
         )
     except UserError as error:
         raise UserError(f'{spec.quantity} "{spec.name}": {error}') from None

@@ -136,6 +136,7 @@ SignedSpeed = Annotated[float, _quantity("m/s", "speed", "2 cm/s", low=-150, hig
 ShipSpeed = Annotated[float, _quantity("m/s", "speed", "8 kn", above=True, high=150)]
 _duration = _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)
 Duration = Annotated[float, _duration]
+Timeout = Annotated[float, _quantity("s", "timeout", "60 s", low=1, high=3600)]
 Diffusivity = Annotated[float, _quantity("m^2/s", "diffusivity", "10 m2/s", high=1e6)]
 Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.5, high=0.5)]
 Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]

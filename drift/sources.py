@@ -59,6 +59,7 @@ class ForcingSpec:
     steady: bool = False
     times: Slices | None = None  # in place of the files' own
     fill: int = 3  # cells filled from wet neighbours toward the coast
+    timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
 
 
 class Vector(fields.Table):
@@ -143,6 +144,7 @@ class SourceTable(fields.Table):
     steady: bool = False
     times: StatedTimes | None = None
     fill: fields.Count = 3
+    timeout: fields.Timeout = 60.0
 
     @field_validator("fill")
     @classmethod
@@ -157,7 +159,7 @@ class SourceTable(fields.Table):
         """Refuse two kinds of source in one table, and keys that belong to another kind."""
         kind = fields.one_of(self, ("files", "constant", "table", "analytic"))
         if kind != "files":
-            for key in ("variables", "units", "depth", "steady", "times"):
+            for key in ("variables", "units", "depth", "steady", "times", "timeout"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} belongs to files; this source is {kind}")
         if kind != "analytic" and self.parameters:
@@ -187,6 +189,7 @@ class SourceTable(fields.Table):
             steady=self.steady,
             times=self.times.stated(start) if self.times else None,
             fill=self.fill,
+            timeout=self.timeout,
         )
 
 

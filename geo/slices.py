@@ -30,7 +30,9 @@ def read(component: Component, layout: Layout, i: int) -> tuple[Array, int]:
     index = window(layout)
     try:
         values = _block(variable, component.dims, index)
-    except Exception as error:  # HDF5's OSError and RuntimeError, zlib's, an address's
+    except UserError as error:  # of an address
+        raise UserError(f"{error}; set [[{component.quantity}]] files") from error
+    except Exception as error:  # HDF5's OSError and RuntimeError, zlib's
         raise UserError(
             f"{path}: cannot read slice {k} of {component.name} ({' '.join(str(error).split())[:80]}): "
             f"truncated or damaged; mend [[{component.quantity}]] files"
