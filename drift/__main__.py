@@ -203,6 +203,11 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
         if given.threads is not None and given.threads < 1:
             raise UserError(f"--threads {given.threads} must be at least 1")
         from drift import flow, progress  # noqa: F401 - flow: what is slow to import is imported here
+        from kernels import runtime
+
+        cores = runtime.cores()
+        if given.threads is not None and given.threads > cores:
+            print(f"drift: --threads {given.threads}: runs on {cores}, all the cores it may use here", file=sys.stderr)
 
     with progress.shown(case) as show:
 
@@ -215,10 +220,12 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
 
 
 def _check(given: argparse.Namespace) -> None:
-    case = _load(given)
-    from drift import check
+    with interrupt.leaving_at_once():  # nothing is written
+        case = _load(given)
+        from drift import check
 
-    terminal.facts(f"{case.title}: ready to run", check.understood(case))
+        told = check.understood(case)
+    terminal.facts(f"{case.title}: ready to run", told)
 
 
 def _cases(given: argparse.Namespace) -> None:
@@ -256,11 +263,13 @@ def _objects(given: argparse.Namespace) -> None:
 
 
 def _info(given: argparse.Namespace) -> None:
-    from geo import describe
+    with interrupt.leaving_at_once():  # nothing is written
+        from geo import describe
 
-    understood = describe.understand(given.files)
-    for source in understood:
-        terminal.say("\n".join([*describe.describe(source), *describe.sketch(source)]))
+        understood = describe.understand(given.files)
+        told = ["\n".join([*describe.describe(source), *describe.sketch(source)]) for source in understood]
+    for text in told:
+        terminal.say(text)
     for source in understood if given.plot else ():
         plot = given.plot
         if len(understood) > 1:

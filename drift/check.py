@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from drift import aftermath, environment, start, summary, tables, units
+from drift import aftermath, environment, start, summary, tables, turns, units
 from drift.case import Case
 from drift.spill import Spill
 from drift.units import NMI
@@ -15,6 +15,7 @@ from kernels import runtime
 CHECKED = 10_000  # particles that a check draws
 
 
+@turns.in_turn
 def understood(case: Case) -> dict[str, Any]:
     """Return how a case was understood, having opened all and drawn a few particles; run nothing.
 

@@ -144,6 +144,7 @@ def _open(spec: ForcingSpec, box: Box, case: Case) -> Source:
             depth=spec.depth,
             name=spec.name,
             plausible=spec.plausible,
+            timeout=spec.timeout,
         )
     except UserError as error:
         raise UserError(f'{spec.quantity} "{spec.name}": {error}') from None

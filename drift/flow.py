@@ -25,6 +25,7 @@ from drift import (
     start,
     summary,
     tables,
+    turns,
 )
 from drift import ensemble as record
 from drift.aftermath import Aftermath, Drifted
@@ -83,6 +84,7 @@ class Stopwatch:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
 
+@turns.in_turn
 def run(
     case: Case,
     out: Path | None = None,
@@ -199,6 +201,7 @@ def write(
         )
 
 
+@turns.in_turn
 def trace(
     case: Case,
     out: Path | None = None,

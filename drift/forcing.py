@@ -7,8 +7,10 @@ first that knows it once missing values next to the coast are filled. So with se
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from threading import Event
 from typing import Any
 
+from geo import waiting
 from geo.forcing import Source
 from geo.stream import Bracket, Key, Slices
 from kernels.sample import Tiles
@@ -35,7 +37,8 @@ class Forcing:
     """Tiles of all scenarios; `ranges[s]` are the first and last tile of current, wind and Stokes drift of scenario s."""
 
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
-        self._pool = ThreadPoolExecutor(1, "read-ahead")
+        self._closed = Event()
+        self._pool = ThreadPoolExecutor(1, "read-ahead", waiting.ask, (self._heed,))
         self._slices: list[Slices] = []
         self.ranges: list[tuple[int, ...]] = []
         self._direction = direction
@@ -83,6 +86,12 @@ class Forcing:
             self.tiles.place(tile, slices.get(wanted[1]), later=True)
         self._held[tile] = wanted
 
+    def _heed(self) -> None:
+        """Leave the wait for a server: the read-ahead thread asks this while it waits."""
+        if self._closed.is_set():
+            raise waiting.Left
+
     def close(self) -> None:
-        """Stop reading ahead."""
+        """Stop reading ahead, without waiting for a server; a file is read to the end of the slice."""
+        self._closed.set()
         self._pool.shutdown(wait=True, cancel_futures=True)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from drift import bound as bounds
-from drift import flow, follow, optimise, output, plan_files, plan_text
+from drift import flow, follow, optimise, output, plan_files, plan_text, turns
 from drift.case import Case
 from drift.environment import Environment
 from drift.flow import Report, Result, Stopwatch
@@ -25,6 +25,7 @@ from drift.units import group
 from geo.errors import UserError
 
 
+@turns.in_turn
 def plan(
     case: Case,
     out: Path | None = None,

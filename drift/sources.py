@@ -64,6 +64,7 @@ class ForcingSpec:
     times: Slices | None = None  # in place of the files' own
     fill: int = 3  # cells filled from wet neighbours toward the coast
     plausible: bool = False  # the user vouches for the speeds in the files
+    timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
 
 
 class Vector(fields.Table):
@@ -149,6 +150,7 @@ class SourceTable(fields.Table):
     times: StatedTimes | None = None
     fill: fields.Count = 3
     plausible: bool = False
+    timeout: fields.Timeout = 60.0
 
     @field_validator("fill")
     @classmethod
@@ -163,7 +165,7 @@ class SourceTable(fields.Table):
         """Refuse two kinds of source in one table, and keys that belong to another kind."""
         kind = fields.one_of(self, ("files", "constant", "table", "analytic"))
         if kind != "files":
-            for key in ("variables", "units", "depth", "steady", "times", "plausible"):
+            for key in ("variables", "units", "depth", "steady", "times", "plausible", "timeout"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} belongs to files; this source is {kind}")
         if kind != "analytic" and self.parameters:
@@ -200,6 +202,7 @@ class SourceTable(fields.Table):
             times=self.times.stated(start) if self.times else None,
             fill=self.fill,
             plausible=self.plausible,
+            timeout=self.timeout,
         )
 
     def _speeds(self) -> Iterator[tuple[str, float]]:

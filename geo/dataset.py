@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from geo import digest
+from geo import address, digest
 from geo.errors import UserError
 
 WHOLE = 2**28  # [bytes] of a file up to which all of it is hashed; of a larger one, its ends and 256 samples
@@ -49,8 +49,11 @@ def expand(paths: Paths, quantity: str) -> list[str]:
     return found
 
 
-def open_one(path: str, quantity: str) -> xr.Dataset:
-    """Return one file's dataset with fill values and packing resolved but times as they are stored."""
+def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.Dataset:
+    """Return one file's dataset with fill values and packing resolved but times as they are stored.
+
+    timeout: how long the server of an address may leave a question unanswered [s].
+    """
     where = f"set [[{quantity}]] files"
     is_zarr = os.path.isdir(path)
     if not remote(path) and not is_zarr and not os.path.isfile(path):  # a pipe would wait for ever
@@ -60,7 +63,9 @@ def open_one(path: str, quantity: str) -> xr.Dataset:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # xarray's on several fill values and Zarr's on consolidation: all are met
-            if not is_zarr and not remote(path):
+            if remote(path):
+                return address.open_dataset(path, timeout)
+            if not is_zarr:
                 _refuse_truncated(path)
             data = xr.open_dataset(
                 path,

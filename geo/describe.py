@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from geo import dataset, forcing, quantities
+from geo import address, dataset, forcing, quantities
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import Source
@@ -21,7 +21,9 @@ def understand(paths: dataset.Paths, **options: Any) -> list[Source]:
     """
     found: list[Source] = []
     errors: dict[str, UserError] = {}
-    held = _held(paths)
+    patience = options.get("timeout", address.TIMEOUT)
+    _lines = [dataset.open_one(p, "current", patience) for p in dataset.expand(paths, "current") if dataset.remote(p)]
+    held = _held(paths)  # the process that reads an address lives as long as one of its datasets: it serves all below
     for quantity in quantities.QUANTITIES:
         if held and quantity not in held:
             continue

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from geo import analytic as flows
-from geo import dataset, quantities, reader
+from geo import address, dataset, quantities, reader
 from geo.box import Box
 from geo.errors import UserError
 from geo.grid import Grid
@@ -59,6 +59,7 @@ def open_source(
     name: str | None = None,
     lenient: bool = False,
     plausible: bool = False,
+    timeout: float = address.TIMEOUT,
 ) -> Source:
     """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) as one source.
 
@@ -68,12 +69,15 @@ def open_source(
     slice, where the file's are meaningless. steady: the first slice holds at all times. box: what is needed; two
     nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it. plausible: the user
     vouches for its values: no speed is refused, no value taken as an undeclared fill value for standing apart.
+    timeout: how long the server of an address may leave a question unanswered [s].
     """
     if quantity not in quantities.QUANTITIES:
         raise UserError(f'quantity "{quantity}": allowed are {", ".join(quantities.QUANTITIES)}')
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     title = name or os.path.basename(os.fspath(listed[0]).rstrip("/") if listed else "")
-    asked = reader.Request(quantity, title, variables or {}, units, times, steady, box, depth, lenient, plausible)
+    asked = reader.Request(
+        quantity, title, variables or {}, units, times, steady, box, depth, lenient, plausible, timeout
+    )
     reading = reader.read(asked, listed)
     return Source(
         quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,

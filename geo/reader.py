@@ -46,13 +46,14 @@ class Request:
     depth: float | None
     lenient: bool  # a lone slice counts: for a description, not for a run
     plausible: bool  # the user vouches for speeds that no such quantity has
+    timeout: float  # of an address [s]
 
 
 def read(request: Request, paths: dataset.Paths) -> Reading:
     """Open files and return how to read the quantity from them."""
     q = request.quantity
     listed = dataset.expand(paths, q)
-    files = [(path, dataset.open_one(path, q)) for path in listed]
+    files = [(path, dataset.open_one(path, q, request.timeout)) for path in listed]
     notes: list[str] = []
     attributes: dict[str, Mapping[str, Any]] = {}
     for _, data in files:

@@ -51,7 +51,9 @@ def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
         fixed[time_dim] = k
     try:
         yield data[component.name].isel(fixed)
-    except Exception as error:  # HDF5's OSError and RuntimeError, zlib's, an address's
+    except UserError as error:  # of an address
+        raise UserError(f"{error}; set [[{component.quantity}]] files") from error
+    except Exception as error:  # HDF5's OSError and RuntimeError, zlib's
         raise UserError(
             f"{path}: cannot read slice {k} of {component.name} ({' '.join(str(error).split())[:80]}): "
             f"truncated or damaged; mend [[{component.quantity}]] files"

@@ -1,11 +1,16 @@
-"""Start Taichi once, on the backend asked for; move arrays between host and device.
+"""Start Taichi once, on the backend asked for; let one thread at a time use it; move arrays between host and device.
 
 `ti.init` wipes every array of the process, so a process keeps the backend that it started with.
 """
 
 import contextlib
 import io
+import math
+import os
+import threading
 import weakref
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import taichi as ti
@@ -16,41 +21,98 @@ from geo.errors import UserError
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
 
 _started: dict[str, object] = {}
+_use = threading.RLock()  # held by the thread that uses Taichi
+POLL = 0.5  # [s] how long a wait for another thread's run may keep a signal from being heeded
+CGROUPS = Path("/sys/fs/cgroup")
+
+
+@contextlib.contextmanager
+def alone() -> Iterator[None]:
+    """Wait until no other thread uses Taichi, and keep it for this one meanwhile; may be nested.
+
+    Taichi's compiler keeps what it compiles at the moment in variables of the process: a second thread that launches
+    meanwhile gets errors from the middle of the compiler, or ends the process.
+    """
+    while not _use.acquire(timeout=POLL):
+        pass
+    try:
+        yield
+    finally:
+        _use.release()
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use: of the machine, its affinity, its container's quota."""
+    try:
+        count = len(os.sched_getaffinity(0))
+    except (AttributeError, OSError):  # macOS and Windows know no affinity
+        count = os.cpu_count() or 1
+    quota = _quota()
+    return count if quota is None else max(1, min(count, math.ceil(quota)))
+
+
+def _quota() -> float | None:
+    """Return the cores' worth of time that the container grants (Linux control groups, version 2 or 1), None without one."""
+    for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
+        try:
+            granted, period = " ".join((CGROUPS / name).read_text() for name in names).split()
+            if int(granted) > 0 and int(period) > 0:
+                return int(granted) / int(period)
+        except (OSError, ValueError):  # there is none, or it says "max"
+            continue
+    return None
 
 
 def start(backend: str = "cpu", threads: int | None = None) -> None:
-    """Start Taichi on a backend with a number of CPU threads (default: all); once started, keep it.
+    """Start Taichi on a backend with a number of CPU threads (default and most: `cores()`); once started, keep it.
 
-    Raises UserError when the backend is unknown or this machine lacks it, or when another one runs already.
+    Raises UserError when the backend is unknown or this machine lacks it, when another one runs already, or on a graphics
+    card from another thread than the one that started it.
     """
     if backend not in BACKENDS:
         raise UserError(f"--backend: unknown backend {backend!r}; allowed: {', '.join(BACKENDS)}")
-    if _started:
-        if backend != _started["backend"] or threads not in (None, _started["threads"]):
+    if threads is not None and threads < 1:
+        raise UserError(f"--threads {threads} must be at least 1")
+    with alone():
+        count = min(threads or cores(), cores())
+        if _started:
+            _check_same(backend, None if threads is None else count)
+            return
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                # fast_math reorders sums, so that results would hang on the compiler; it saves 3 to 10 %.
+                ti.init(
+                    arch=BACKENDS[backend],
+                    enable_fallback=False,
+                    default_fp=ti.f32,
+                    default_ip=ti.i32,
+                    fast_math=False,
+                    log_level=ti.ERROR,
+                    offline_cache=True,
+                    cpu_max_num_threads=count,
+                )
+                # Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the first
+                # launch, in whatever thread; kernels are compiled and launched from any.
+                impl.get_runtime().materialize()
+        except Exception as error:
             raise UserError(
-                f"--backend/--threads: this process already runs {_started['backend']} with "
-                f"{_started['threads'] or 'all'} threads; start a new process for {backend} with {threads or 'all'}"
-            )
-        return
-    options = {"cpu_max_num_threads": threads} if threads else {}
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            # fast_math reorders sums, so that results would hang on the compiler; it saves 3 to 10 %.
-            ti.init(
-                arch=BACKENDS[backend],
-                enable_fallback=False,
-                default_fp=ti.f32,
-                default_ip=ti.i32,
-                fast_math=False,
-                log_level=ti.ERROR,
-                offline_cache=True,
-                **options,
-            )
-    except Exception as error:
+                f"--backend: {backend!r} is not available on this machine ({str(error).splitlines()[0]}); use --backend cpu"
+            ) from error
+        _started.update(backend=backend, threads=count, thread=threading.get_ident())
+
+
+def _check_same(backend: str, threads: int | None) -> None:
+    """Refuse another backend or number of threads than those that run, and a graphics card from another thread."""
+    if backend != _started["backend"] or threads not in (None, _started["threads"]):
         raise UserError(
-            f"--backend: {backend!r} is not available on this machine ({str(error).splitlines()[0]}); use --backend cpu"
-        ) from error
-    _started.update(backend=backend, threads=threads)
+            f"--backend/--threads: this process already runs {_started['backend']} with {_started['threads']} threads; "
+            f"start a new process for {backend} with {threads or 'all'}"
+        )
+    if backend != "cpu" and threading.get_ident() != _started["thread"]:
+        raise UserError(
+            f"--backend {backend}: a graphics card serves the thread that started it, and this is another one of the same "
+            "program; run all cases from one thread, or with --backend cpu"
+        )
 
 
 def backend() -> str:
