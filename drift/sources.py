@@ -59,6 +59,7 @@ class ForcingSpec:
     steady: bool = False
     times: Slices | None = None  # in place of the files' own
     fill: int = 3  # cells filled from wet neighbours toward the coast
+    add: bool = False  # added to what the sources without it give by priority
 
 
 class Vector(fields.Table):
@@ -143,6 +144,7 @@ class SourceTable(fields.Table):
     steady: bool = False
     times: StatedTimes | None = None
     fill: fields.Count = 3
+    add: bool = False
 
     @field_validator("fill")
     @classmethod
@@ -187,6 +189,7 @@ class SourceTable(fields.Table):
             steady=self.steady,
             times=self.times.stated(start) if self.times else None,
             fill=self.fill,
+            add=self.add,
         )
 
 
