@@ -290,4 +290,9 @@ def _sources(
         if spec.name in {other.name for other in specs}:
             raise UserError(f"{place}: two sources have this name; give each its own")
         specs.append(spec)
+    if specs and all(spec.add for spec in specs):
+        raise UserError(
+            f'{quantity} "{specs[0].name}": add = true, and there is no [[{quantity}]] to add it to: leave add out of the '
+            "source that the others are added to"
+        )
     return tuple(specs)

@@ -12,7 +12,7 @@ from drift.leeway import Drifter
 from drift.scenario import AreaPrior, PositionPrior, Scenario
 from drift.sources import ForcingSpec
 from geo import coast as shoreline
-from geo import forcing, shore, sphere
+from geo import forcing, shore, sphere, stream
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import Source
@@ -48,20 +48,23 @@ def open_for(case: Case) -> Environment:
     cells: dict[tuple[str, str], int] = {
         (spec.quantity, spec.name): spec.fill for spec in (*case.currents, *case.winds, *case.stokes)
     }
+    added = frozenset((spec.quantity, spec.name) for spec in (*case.currents, *case.winds, *case.stokes) if spec.add)
+    opened = {key: _told(source, added) for key, source in opened.items()}
     scenarios = []
     for scenario in case.scenarios:
         current, wind, stokes = (
             tuple(opened[name + quantity] for name in names)
             for quantity, names in zip(QUANTITIES, _names(case, scenario), strict=True)
         )
-        scenarios.append(Sources(current, wind, stokes, cells))
+        scenarios.append(Sources(current, wind, stokes, cells, added))
     for scenario, sources in zip(case.scenarios, scenarios, strict=True):
         for quantity in QUANTITIES:
-            if sources.of(quantity):
-                _check_times(case, scenario, quantity, sources.of(quantity))
+            for k, term in enumerate(sources.terms(quantity)):
+                _check_times(case, scenario, quantity, term, added=k > 0)
     shown = tuple(opened.values())
     # A last step may lead out of the box: the coast reaches a little further.
-    coastal = _shrunk(box, shown).grown(COAST_MARGIN / np.cos(np.radians(min(abs(box.north), 80))), COAST_MARGIN)
+    base = tuple(source for source in shown if (source.quantity, source.name) not in added)
+    coastal = _shrunk(box, base).grown(COAST_MARGIN / np.cos(np.radians(min(abs(box.north), 80))), COAST_MARGIN)
     land = shore.land(case.coast.source, coastal, case.coast.lakes)
     coast = shoreline.build(land, coastal) if land.polygons.size else None
     if coast is None and case.spill:
@@ -150,8 +153,23 @@ def _open(spec: ForcingSpec, box: Box, case: Case) -> Source:
         raise UserError(f'{spec.quantity} "{spec.name}": {error}') from None
 
 
-def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[Source, ...]) -> None:
-    """Refuse a run of which a part, longer than may be lost, has no source of a quantity."""
+def _told(source: Source, added: frozenset[tuple[str, str]]) -> Source:
+    """Return a source of a sum with notes on its part in it: where and when it has values, for without it there is no sum."""
+    if all(quantity != source.quantity for quantity, _ in added):
+        return source
+    notes, box = list(source.notes), source.grid.box
+    if (source.quantity, source.name) in added:
+        notes.append(f"added to the other sources of [[{source.quantity}]]: where it has no value the sum has none")
+    if source.grid is not forcing.EVERYWHERE:
+        notes.append(f"within {box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N")
+    if source.times.size:
+        notes.append(f"from {units.group(source.times[0])} to {units.group(source.times[-1])}")
+    notes += [f"no values between {units.group(a)} and {units.group(b)}" for a, b in stream.holes(source.times)]
+    return replace(source, notes=tuple(notes))
+
+
+def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[Source, ...], *, added: bool) -> None:
+    """Refuse a run of which a part, longer than may be lost, has no source of a quantity; sources: a term of its sum."""
     if any(not source.times.size for source in sources):
         return
     first, last = sorted((case.start, case.end))
@@ -168,7 +186,11 @@ def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[S
         raise UserError(
             f'{"class" if case.spill else "scenario"} "{scenario.name}": {quantity} {names} lasts from {whole}, the run from {units.group(first)} to '
             f"{units.group(last)}: {share:.0%} of it is covered, and without forcing all that is adrift is lost. Change "
-            f"start, duration or end, or add another [[{quantity}]]"
+            + (
+                f"start, duration or end, or leave {names} out: it has add = true, and a sum without it is none"
+                if added
+                else f"start, duration or end, or add another [[{quantity}]]"
+            )
         )
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift import (
     aftermath,
@@ -22,6 +21,7 @@ from drift import (
     prior,
     products,
     search_tables,
+    silence,
     start,
     summary,
     tables,
@@ -34,6 +34,7 @@ from drift.environment import Environment
 from drift.landings import Landings
 from drift.products import Forecast
 from drift.search import Search
+from drift.snapshot import Snapshot
 from drift.spool import Spool
 from drift.start import Start
 from drift.status import Status
@@ -141,7 +142,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
                     begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch, search
                 )
                 snapshots = stack.enter_context(Spool(case, begin.ensemble, moments))
-            _check_lost(case, where, record.account(begin.ensemble, snapshots[-1].status).by_status.sum(axis=0))
+            _check_lost(case, where, begin, snapshots[-1])
             return Drifted(begin, snapshots, landings, search.updates if search else None)
 
         done, after = drifted(begin), None
@@ -245,15 +246,16 @@ def trace(
     return found
 
 
-def _check_lost(case: Case, where: Environment, by_status: npt.NDArray[np.float64]) -> None:
+def _check_lost(case: Case, where: Environment, begin: Start, end: Snapshot) -> None:
     """Refuse a run that lost more than the case allows."""
+    by_status = record.account(begin.ensemble, end.status).by_status.sum(axis=0)
     lost = {status: float(by_status[status]) for status in LOST}
     if sum(lost.values()) <= case.max_lost:
         return
-    box = where.box
+    box, silent = where.box, silence.told(silence.lost(begin.scene.forcing, begin.clock, begin.ensemble, end))
     raise UserError(
         f"{sum(lost.values()):.0%} of the probability was lost by the end: {lost[Status.OUTSIDE]:.0%} ran out of "
-        f"forcing, {lost[Status.LEFT]:.0%} left the domain ({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
+        f"forcing{f' (no value: {silent})' if silent else ''}, {lost[Status.LEFT]:.0%} left the domain ({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
         f"{box.north:.2f} N); at most {case.max_lost:.0%} may be (max_lost). Shorten the run, add a source, or widen "
         "[domain]"
     )

@@ -1,7 +1,8 @@
 """The winds and currents of a run on the device: which tiles each scenario sees, kept in step with the clock.
 
 Sources of a quantity stand in order of priority. A particle takes the first that knows its place as it is; then the
-first that knows it once missing values next to the coast are filled. So with several sources each has two tiles.
+first that knows it once missing values next to the coast are filled. So with several sources each has two tiles. Sources
+that are added to these are filled each by itself, and each must know the place: a sum with a missing term is missing.
 """
 
 from collections.abc import Mapping
@@ -26,40 +27,72 @@ class Sources:
     wind: tuple[Source, ...] = ()
     stokes: tuple[Source, ...] = ()
     cells: Mapping[tuple[str, str], int] = field(default_factory=dict)  # by quantity and name
+    added: frozenset[tuple[str, str]] = (
+        frozenset()
+    )  # by quantity and name: no matter of priority, but added to the rest
 
     def of(self, quantity: str) -> tuple[Source, ...]:
         """Return the sources of a quantity."""
         sources: tuple[Source, ...] = getattr(self, quantity)
         return sources
 
+    def terms(self, quantity: str) -> list[tuple[Source, ...]]:
+        """Return the terms of a quantity's sum: the sources by priority together, then each added one by itself."""
+        sources = self.of(quantity)
+        extra: list[tuple[Source, ...]] = [(source,) for source in sources if (quantity, source.name) in self.added]
+        base = tuple(source for source in sources if (quantity, source.name) not in self.added)
+        return [base, *extra] if base else extra
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of a quantity's sum on the device: the names of its sources, and its tiles."""
+
+    names: tuple[str, ...]
+    first: int
+    last: int
+
 
 class Forcing:
-    """Tiles of all scenarios; `ranges[s]` are the first and last tile of current, wind and Stokes drift of scenario s."""
+    """Tiles of all scenarios; `ranges[s]` are the first and last tile of current, wind and Stokes drift of scenario s.
+
+    terms: of scenario s and a quantity, in the order of their tiles.
+    """
 
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
         self._closed = Event()
         self._pool = ThreadPoolExecutor(1, "read-ahead", waiting.ask, (self._heed,))
         self._slices: list[Slices] = []
         self.ranges: list[tuple[int, ...]] = []
+        self.terms: list[dict[str, list[Term]]] = []
         self._direction = direction
-        known: dict[Any, tuple[int, int]] = {}
+        known: dict[Any, list[Term]] = {}
         shared: dict[Any, Slices] = {}
+        ends: list[int] = []
         for scenario in scenarios:
             ranges: list[int] = []
+            self.terms.append({})
             for quantity in QUANTITIES:
-                sources = scenario.of(quantity)
-                name = (quantity, *(id(s) for s in sources))
+                terms = scenario.terms(quantity)
+                name = (quantity, *(tuple(id(s) for s in sources) for sources in terms))
+                begin = len(self._slices)
                 if name not in known:
-                    first = len(self._slices)
-                    raw = [(s, 0) for s in sources] if len(sources) > 1 else []
-                    for source, cells in raw + [(s, scenario.cells.get((quantity, s.name), 0)) for s in sources]:
-                        key = (id(source), cells)
-                        shared.setdefault(key, Slices(source, cells, direction, self._pool))
-                        self._slices.append(shared[key])
-                    known[name] = first, len(self._slices)
-                ranges += known[name]
+                    known[name] = []
+                    for sources in terms:
+                        first = len(self._slices)
+                        raw = [(s, 0) for s in sources] if len(sources) > 1 else []
+                        for source, cells in raw + [(s, scenario.cells.get((quantity, s.name), 0)) for s in sources]:
+                            key = (id(source), cells)
+                            shared.setdefault(key, Slices(source, cells, direction, self._pool))
+                            self._slices.append(shared[key])
+                        last = len(self._slices)
+                        ends += [last] * (last - first)
+                        known[name].append(Term(tuple(s.name for s in sources), first, last))
+                made = known[name]
+                ranges += (made[0].first, made[-1].last) if made else (begin, begin)
+                self.terms[-1][quantity] = made
             self.ranges.append(tuple(ranges))
-        self.tiles = Tiles([s.source.grid for s in self._slices])
+        self.tiles = Tiles([s.source.grid for s in self._slices], ends)
         self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
 
     def set(self, low: int, high: int) -> None:

@@ -65,6 +65,7 @@ class ForcingSpec:
     fill: int = 3  # cells filled from wet neighbours toward the coast
     plausible: bool = False  # the user vouches for the speeds in the files
     timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
+    add: bool = False  # added to what the sources without it give by priority
 
 
 class Vector(fields.Table):
@@ -151,6 +152,7 @@ class SourceTable(fields.Table):
     fill: fields.Count = 3
     plausible: bool = False
     timeout: fields.Timeout = 60.0
+    add: bool = False
 
     @field_validator("fill")
     @classmethod
@@ -203,6 +205,7 @@ class SourceTable(fields.Table):
             fill=self.fill,
             plausible=self.plausible,
             timeout=self.timeout,
+            add=self.add,
         )
 
     def _speeds(self) -> Iterator[tuple[str, float]]:

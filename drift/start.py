@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift import ensemble as record
-from drift import forecast, prior, release
+from drift import forecast, prior, release, silence
 from drift import worlds as drawn_worlds
 from drift.case import Case, ForcingError
 from drift.ensemble import Ensemble
@@ -167,18 +167,25 @@ def _check_place(case: Case, where: Environment, ensemble: Ensemble, scene: Scen
     # What is released later may find a source that has nothing yet: the run itself judges it.
     probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
     missing = dict.fromkeys(QUANTITIES, 0.0)
-    for (first, last), ranges in zip(ensemble.scenarios, scene.forcing.ranges, strict=True):
-        for k, quantity in enumerate(missing):
-            tiles = ranges[2 * k : 2 * k + 2]
-            if tiles[1] > tiles[0]:
-                valid = scene.forcing.tiles.at(*tiles, lon[first:last], lat[first:last], 0.0)[:, 2]
-                missing[quantity] += float(probability[first:last][valid < 0.5].sum())
+    by_term: silence.Shares = {}
+    for number, (first, last) in enumerate(ensemble.scenarios):
+        known = {quantity: np.ones(last - first, bool) for quantity in QUANTITIES}
+        for quantity, term, valid in silence.terms(scene.forcing, number, lon[first:last], lat[first:last]):
+            key = quantity, term.names
+            by_term[key] = by_term.get(key, 0.0) + float(probability[first:last][~valid].sum())
+            known[quantity] &= valid
+        for quantity, valid in known.items():
+            missing[quantity] += float(probability[first:last][~valid].sum())
     for quantity, share in missing.items():
-        if share > case.max_lost:
-            boxes = [s.grid.box for s in where.sources if s.quantity == quantity]
-            extents = ", ".join(f"{b.west:.2f}..{b.east:.2f} E {b.south:.2f}..{b.north:.2f} N" for b in boxes)
-            raise UserError(
-                f"[[{quantity}]]: {share:.0%} of the prior lies where there is no {quantity} ({extents} of the domain "
-                f"is covered, land excluded); at most {case.max_lost:.0%} may be lost (max_lost). Add a source, or move "
-                "the scenario"
-            )
+        if share <= case.max_lost:
+            continue
+        boxes = [s.grid.box for s in where.sources if s.quantity == quantity]
+        extents = ", ".join(f"{b.west:.2f}..{b.east:.2f} E {b.south:.2f}..{b.north:.2f} N" for b in boxes)
+        summed = any(key[0] == quantity for one in where.scenarios for key in one.added)
+        silent = silence.told({key: part for key, part in by_term.items() if key[0] == quantity})
+        raise UserError(
+            f"[[{quantity}]]: {share:.0%} of the prior lies where there is no {quantity} ({extents} of the domain "
+            f"is covered, land excluded); at most {case.max_lost:.0%} may be lost (max_lost). "
+            + (f"A sum has no value where one of its terms has none: {silent}. " if summed else "")
+            + "Add a source, or move the scenario"
+        )

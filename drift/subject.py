@@ -139,4 +139,13 @@ def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str
     for name in wanted or ():
         if name not in names:
             raise UserError(f'{place}: no source "{name}"; there are: {", ".join(names) or "none"}')
-    return names if wanted is None else tuple(wanted)
+    if wanted is None:
+        return names
+    added = {spec.name for spec in specs if spec.add}
+    if wanted and added.issuperset(wanted):
+        rest = ", ".join(f'"{name}"' for name in names if name not in added)
+        raise UserError(f"{place}: all of these have add = true; name what they are added to as well: {rest}")
+    for name in wanted:
+        if name in added and wanted.count(name) > 1:
+            raise UserError(f'{place}: "{name}" has add = true and is named twice; name it once')
+    return tuple(wanted)

@@ -126,9 +126,7 @@ class Line:
         try:
             told, content = self._child.ask(question | {"timeout": timeout}, timeout)
         except TimeoutError:
-            raise UserError(
-                f'"{self.address}" did not answer for {timeout:g} s (the timeout of its source)'
-            ) from None
+            raise UserError(f'"{self.address}" did not answer for {timeout:g} s (the timeout of its source)') from None
         except EOFError:
             raise UserError(
                 f'what "{self.address}" answered cannot be read: the library that reads it {self._child.fate()}'
@@ -248,7 +246,9 @@ def _check_header(told: dict[str, Any], address: str) -> None:
     sizes: dict[str, int] = {}
     for name, variable in told["variables"].items():
         dims, shape = variable["dims"], variable["shape"]
-        if len(dims) != len(shape) or any(size < 0 or sizes.setdefault(d, size) != size for d, size in zip(dims, shape, strict=False)):
+        if len(dims) != len(shape) or any(
+            size < 0 or sizes.setdefault(d, size) != size for d, size in zip(dims, shape, strict=False)
+        ):
             raise UserError(f'"{address}" contradicts itself on the dimensions of {name}')
 
 
@@ -323,6 +323,4 @@ def pieces(shape: tuple[int, ...], most: int) -> Iterator[tuple[slice, ...]]:
         left //= lengths[axis]
     starts = (range(0, size, length) for size, length in zip(shape, lengths, strict=True))
     for corner in itertools.product(*starts):
-        yield tuple(
-            slice(k, min(k + length, size)) for k, length, size in zip(corner, lengths, shape, strict=True)
-        )
+        yield tuple(slice(k, min(k + length, size)) for k, length, size in zip(corner, lengths, shape, strict=True))

@@ -20,6 +20,7 @@ LONGEST_GAP = 3  # times the usual interval: a longer one is a hole in the data,
 
 REACH = 30_000.0  # [m] from its nearest wet node a bay or channel that the source does not resolve still gets a value
 
+Times = npt.NDArray[np.datetime64]
 Key = int | float  # an index of a slice, or a time [s] between two
 
 
@@ -30,6 +31,14 @@ class Bracket(NamedTuple):
     later: Key
     low: float
     high: float
+
+
+def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return between which times [UTC] a source has no values though it has some before and after."""
+    steps = np.diff(times)
+    return (
+        [(times[k], times[k + 1]) for k in np.flatnonzero(steps > LONGEST_GAP * np.median(steps))] if steps.size else []
+    )
 
 
 class Slices:

@@ -1,11 +1,12 @@
-"""Current, wind and Stokes drift at a point: bilinear in space, linear in time, from several tiles by priority.
+"""Current, wind and Stokes drift at a point: bilinear in space, linear in time, from several tiles by priority, or added.
 
 All tiles of a run lie in one flat array. A node holds four numbers side by side: (east, north) at the earlier and at
-the later of two times, so that one look-up fetches both. A missing value is NaN; where a tile has none the next one of the
-same quantity is asked; where all are silent the answer is not valid, never zero.
+the later of two times, so that one look-up fetches both. A missing value is NaN. The tiles of a quantity stand in groups:
+of a group the first tile that knows the point answers, and the answers of all groups are added up; where a whole group is
+silent the answer is not valid, never zero.
 
-Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle] and nlon; `scale` (float32)
-SCALE numbers: nodes per unit east and north, the last node's coordinates (nlon - 1, nlat - 1; negative: nothing for this
+Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, and the tile after the last
+one of its group; `scale` (float32) SCALE numbers: nodes per unit east and north, the last node's coordinates (nlon - 1, nlat - 1; negative: nothing for this
 step), and the weight of the later slice at the begin of the step and its change over the step.
 """
 
@@ -17,7 +18,7 @@ from geo.errors import UserError
 from geo.grid import Grid
 from kernels import runtime
 
-WHERE, SCALE = 4, 6
+WHERE, SCALE = 5, 6
 
 f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
@@ -35,11 +36,15 @@ def sample(
     lat: ti.i32,
     fraction: ti.f32,
 ) -> f32x3:
-    """Return (east, north, valid) of the first tile in [first, last) that knows the point; fraction of the step."""
-    u, v, valid = 0.0, 0.0, 0.0
+    """Return (east, north, valid): of each group in [first, last) the first tile that knows the point, added up.
+
+    fraction: of the step. first must begin a group, last end one.
+    """
+    east, north, valid = 0.0, 0.0, 0.0
     tile = first
     while tile < last:
         w, s = tile * WHERE, tile * SCALE
+        valid = 0.0
         # Differences are taken modulo a turn: a tile may lie across the antimeridian, and what lies west or south of it
         # comes out far east or north.
         x = ti.cast(ti.cast(lon - where[w + 1], ti.u32), ti.f32) * scale[s]
@@ -50,17 +55,23 @@ def sample(
             fx, fy = x - ix, y - iy
             a = where[w] + iy * where[w + 3] + ix
             b = a + where[w + 3]
-            south = nodes[a] + fx * (nodes[a + 1] - nodes[a])
-            north = nodes[b] + fx * (nodes[b + 1] - nodes[b])
-            both = south + fy * (north - south)
+            lower = nodes[a] + fx * (nodes[a + 1] - nodes[a])
+            upper = nodes[b] + fx * (nodes[b + 1] - nodes[b])
+            both = lower + fy * (upper - lower)
             alpha = scale[s + 4] + scale[s + 5] * fraction
             u = both[0] + alpha * (both[2] - both[0])
             v = both[1] + alpha * (both[3] - both[1])
             if u + v == u + v:  # not NaN
+                east += u
+                north += v
                 valid = 1.0
-                tile = last
-        tile += 1
-    return f32x3(u, v, valid)
+        if valid > 0.5:
+            tile = where[w + 4]  # the next group
+        else:
+            tile += 1
+            if tile == where[w + 4]:
+                tile = last  # the group has nothing here: neither has the sum
+    return f32x3(east, north, valid)
 
 
 @ti.kernel
@@ -95,9 +106,12 @@ def _sample_all(
 
 
 class Tiles:
-    """The tiles of a run on the device; `place` puts a time slice in, `blend` says where in time a step lies."""
+    """The tiles of a run on the device; `place` puts a time slice in, `blend` says where in time a step lies.
 
-    def __init__(self, grids: list[Grid]) -> None:
+    ends: for each tile the one after the last of its group; by default all are one group.
+    """
+
+    def __init__(self, grids: list[Grid], ends: list[int] | None = None) -> None:
         sizes = [g.nlon * g.nlat for g in grids]
         if 4 * sum(sizes) >= 2**31:
             raise UserError(f"forcing: {sum(sizes)} grid nodes in the domain; at most 2**29 fit: make [domain] smaller")
@@ -106,8 +120,9 @@ class Tiles:
         self.nodes = runtime.empty_nodes(sum(sizes))
         self._where = np.zeros((max(len(grids), 1), WHERE), np.int32)
         self._scale = np.zeros((max(len(grids), 1), SCALE), np.float32)
-        for row, (grid, begin) in enumerate(zip(grids, self.offsets, strict=True)):
-            self._where[row] = begin, sphere.to_binary(grid.lon0), sphere.to_binary(grid.lat0), grid.nlon
+        ends = [len(grids)] * len(grids) if ends is None else ends
+        for row, (grid, begin, end) in enumerate(zip(grids, self.offsets, ends, strict=True)):
+            self._where[row] = begin, sphere.to_binary(grid.lon0), sphere.to_binary(grid.lat0), grid.nlon, end
             self._scale[row] = 360 / sphere.TURN / grid.dlon, 360 / sphere.TURN / grid.dlat, -1, -1, 0, 0
         self.where, self.scale = runtime.upload(self._where), runtime.upload(self._scale)
 
