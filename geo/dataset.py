@@ -1,4 +1,4 @@
-"""Opening what a case names (files, globs, Zarr stores, OPeNDAP addresses) as xarray datasets.
+"""Opening what a case names (netCDF, GRIB, globs, Zarr stores, OPeNDAP addresses) as xarray datasets.
 
 Nothing is read but headers. Every way in which a path can be wrong ends here in one line with the path and the
 key of the case that names it.
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from geo import grib, messages
 from geo.errors import UserError
 
 WHOLE = 2**28  # [bytes] of a file up to which all of it is hashed; of a larger one, its ends and 256 samples
@@ -61,6 +62,8 @@ def open_one(path: str, quantity: str) -> xr.Dataset:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # xarray's on several fill values and Zarr's on consolidation: all are met
             if not is_zarr and not remote(path):
+                if messages.is_grib(path):
+                    return grib.open_file(path)
                 _refuse_truncated(path)
             data = xr.open_dataset(
                 path,
@@ -75,7 +78,9 @@ def open_one(path: str, quantity: str) -> xr.Dataset:
     except Exception as error:  # backends raise OSError, ValueError, KeyError, RuntimeError and their own
         if remote(path):
             raise UserError(f'cannot open the address "{path}" ({_one_line(error)}); {where}') from error
-        raise UserError(f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}') from error
+        raise UserError(
+            f'"{path}" is not a netCDF or GRIB file that can be read ({_why(path, error)}); {where}'
+        ) from error
     return data
 
 
@@ -110,8 +115,6 @@ def _why(path: str, error: Exception) -> str:
         return "it is empty"
     if magic.startswith((b"CDF", b"\x89HDF")):
         return "it is truncated or damaged"
-    if magic.startswith(b"GRIB"):
-        return "it is GRIB: convert it with cdo or grib_to_netcdf"
     return _one_line(error) if isinstance(error, PermissionError) else "unknown format"
 
 

@@ -30,6 +30,8 @@ def read(component: Component, layout: Layout, i: int) -> tuple[Array, int]:
     index = window(layout)
     try:
         values = _block(variable, component.dims, index)
+    except UserError:
+        raise
     except Exception as error:  # HDF5's OSError and RuntimeError, zlib's, an address's
         raise UserError(
             f"{path}: cannot read slice {k} of {component.name} ({' '.join(str(error).split())[:80]}): "
