@@ -58,11 +58,12 @@ def gather(
     """
     notes: list[str] = []
     path, data = files[0]
-    odd = [key for key in chosen if key not in quantities.KEYS and key not in data[name].dims]
+    lone = {levels.name: levels for levels in level.beside(data, name, quantity)}
+    odd = [key for key in chosen if key not in quantities.KEYS and key not in data[name].dims and key not in lone]
     if odd:
         raise UserError(
-            f"[[{quantity}]] variables.{odd[0]}: allowed are {', '.join(quantities.KEYS)} and the dimensions of "
-            f"{describe_dims(data, name)}"
+            f"[[{quantity}]] variables.{odd[0]}: allowed are {', '.join(quantities.KEYS)}, the dimensions of "
+            f"{describe_dims(data, name)}" + (f" and its level, {', '.join(lone)}" if lone else "")
         )
     time_name = clock.variable_of(data, list(map(str, data[name].dims)), chosen)
     time_dim = str(data[time_name].dims[0]) if time_name and data[time_name].ndim == 1 else None
@@ -71,12 +72,20 @@ def gather(
     dims, fixed = _sort_dims(data, name, time_dim, side, quantity, chosen, depth, notes, path)
     layout, remarks = locate.locate(data, name, dims, chosen)
     notes += remarks
-    if depth is not None and not any(level.is_vertical(data, d) for d in fixed):
+    for other_path, other in files:
+        notes += [n for n in _beside(other, name, quantity, chosen, depth, other_path) if n not in notes]
+    if depth is not None and not lone and not any(level.is_vertical(data, d) for d in fixed):
         notes.append(f"depth = {depth:g} m is not used: {name} has no levels")
     slices: list[tuple[xr.Dataset, str, str | None, int]] = []
     stamps: list[NDArray[np.datetime64]] = []
     for other_path, other in files:
         _same_grid(data, other, path, other_path, name, dims, layout, chosen, quantity)
+        for dim, index in fixed.items():
+            if level.is_vertical(data, dim) and not level.same(data, other, dim, index):
+                raise UserError(
+                    f'{other_path} has other levels along "{dim}" than {path}: index {index} is not the same level in both; '
+                    f"give it as a [[{quantity}]] source of its own"
+                )
         count = int(other.sizes[time_dim]) if time_dim and time_dim in other[name].dims else 1
         slices += [(other, other_path, time_dim if time_dim in other[name].dims else None, k) for k in range(count)]
         if not needs_times:
@@ -135,7 +144,7 @@ def _sort_dims(
         elif dim.lower() in HORIZONTAL and size == 2:
             fixed[dim] = side
         elif level.is_vertical(data, dim):
-            fixed[dim], remark = level.choose(data, dim, quantity, depth)
+            fixed[dim], remark = level.choose(data, name, dim, quantity, depth, path)
             notes += [remark] if remark else []
     rest = [d for d in rest if d not in fixed]
     wanted = 1 if _unstructured(data, rest) else 2
@@ -154,6 +163,23 @@ def _sort_dims(
     if wanted == 2 and _lat_last(data, rest):
         rest = rest[::-1]
     return tuple(rest), fixed
+
+
+def _beside(
+    data: xr.Dataset, name: str, quantity: str, chosen: Mapping[str, Any], depth: float | None, path: str
+) -> list[str]:
+    """Return remarks on the levels at which a variable stands without a dimension for them; refuse any but the surface."""
+    remarks = []
+    for levels in level.beside(data, name, quantity):
+        if levels.name not in chosen:
+            remarks.append(level.accept(levels, name, quantity, depth, path))
+        elif str(chosen[levels.name]).strip() != "0":
+            raise UserError(
+                f"[[{quantity}]] variables.{levels.name} = {chosen[levels.name]}: it has a single level, whose index is 0"
+            )
+        else:
+            remarks.append(f'the level of "{levels.name}", as the case says')
+    return [r for r in remarks if r]
 
 
 def _has_axis(data: xr.Dataset, dim: str) -> bool:

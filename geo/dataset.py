@@ -1,4 +1,4 @@
-"""Opening what a case names (files, globs, Zarr stores, OPeNDAP addresses) as xarray datasets.
+"""Opening what a case names (netCDF, GRIB, globs, Zarr stores, OPeNDAP addresses) as xarray datasets.
 
 Nothing is read but headers. Every way in which a path can be wrong ends here in one line with the path and the
 key of the case that names it.
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from geo import address, digest
+from geo import address, digest, grib, messages
 from geo.errors import UserError
 
 WHOLE = 2**28  # [bytes] of a file up to which all of it is hashed; of a larger one, its ends and 256 samples
@@ -66,6 +66,8 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
             if remote(path):
                 return address.open_dataset(path, timeout)
             if not is_zarr:
+                if messages.is_grib(path):
+                    return grib.open_file(path)
                 _refuse_truncated(path)
             data = xr.open_dataset(
                 path,
@@ -80,7 +82,9 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
     except Exception as error:  # backends raise OSError, ValueError, KeyError, RuntimeError and their own
         if remote(path):
             raise UserError(f'cannot open the address "{path}" ({_one_line(error)}); {where}') from error
-        raise UserError(f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}') from error
+        raise UserError(
+            f'"{path}" is not a netCDF or GRIB file that can be read ({_why(path, error)}); {where}'
+        ) from error
     return data
 
 
@@ -115,8 +119,6 @@ def _why(path: str, error: Exception) -> str:
         return "it is empty"
     if magic.startswith((b"CDF", b"\x89HDF")):
         return "it is truncated or damaged"
-    if magic.startswith(b"GRIB"):
-        return "it is GRIB: convert it with cdo or grib_to_netcdf"
     return _one_line(error) if isinstance(error, PermissionError) else "unknown format"
 
 

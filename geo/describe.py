@@ -32,7 +32,9 @@ def understand(paths: dataset.Paths, **options: Any) -> list[Source]:
         except UserError as error:
             errors[quantity] = error
     if not held:
-        raise UserError(f"no current, wind or Stokes drift found: {errors['current']}") from errors["current"]
+        halves = [e for e in errors.values() if "one component" in str(e)]
+        why = (halves or [errors["current"]])[0]
+        raise UserError(f"no current, wind or Stokes drift found: {why}") from why
     if not found:
         raise next(iter(errors.values()))
     return found

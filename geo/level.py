@@ -1,22 +1,81 @@
-"""The level nearest the surface (or nearest a wanted depth) along a variable's vertical dimension."""
+"""Which level of a variable is read, and whether what it holds there is what things at the surface feel.
+
+A level stands along a dimension, beside the variable as a lone coordinate (its dimension dropped), or only in its
+attributes. Wherever it stands it is read and judged: winds 2 to 20 m above the sea, currents and Stokes drift at most
+5 m deep, sigma close to the surface. Nothing else is taken unless the case names it.
+"""
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from geo.errors import UserError
 
 NAMES = re.compile(
     r"^(depth.*|deptht|depthu|depthv|lev|level|levels|z|z_.*|zc|s_rho|s_w|siglay|siglev|sigma|layer|layers|height.*"
-    r"|nschism_vgrid_layers|altitude|elevation|vertical|k|isobaric.*|plev|pressure)$",
+    r"|nschism_vgrid_layers|altitude|elevation|vertical|k|isobaric.*|plev|pressure|pressure_level|pres|model_level|hybrid"
+    r"|oceanmodel.*|bottom_top)$",
     re.IGNORECASE,
 )
-WIND_HEIGHT = 10.0  # [m]
+DEPTHS = re.compile(r"^depth", re.IGNORECASE)
+HEIGHTS = re.compile(r"^(height|altitude)", re.IGNORECASE)
+PRESSURES = re.compile(r"^(isobaric|plev|pres)", re.IGNORECASE)
+SIGMAS = re.compile(r"^(siglay|siglev|sigma.*|s_rho|s_w)$", re.IGNORECASE)
+FROM_BOTTOM = re.compile(r"^(s_rho|s_w|nschism_vgrid_layers)$", re.IGNORECASE)  # ROMS and SCHISM count upwards
+FROM_TOP = re.compile(r"^(depth.*|siglay|siglev)$", re.IGNORECASE)
+
+METRES = {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "km": 1e3, "cm": 0.01, "dm": 0.1, "mm": 1e-3,
+          "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "fathom": 1.8288, "fathoms": 1.8288}  # fmt: skip
+PASCALS = {"pa": 1.0, "hpa": 100.0, "mb": 100.0, "mbar": 100.0, "millibar": 100.0, "millibars": 100.0, "kpa": 1e3,
+           "bar": 1e5, "dbar": 1e4, "decibar": 1e4, "decibars": 1e4, "pascal": 1.0, "pascals": 1.0}  # fmt: skip
+DECIBAR = 1e4  # [Pa]; of sea water it is a metre of depth to 1 %
+
+WIND_HEIGHT = 10.0  # [m] the height that leeway is measured against
+HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] from which a wind passes: the logarithmic profile changes by 15 % from 10 to these
+DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
+SIGMA = {"wind": 0.005, "current": 0.1, "stokes": 0.1}  # from the surface; of the atmosphere's, 0.005 is 40 m
+SURFACES = {
+    "surface",
+    "meansea",
+    "oceansurface",
+    "sea",
+    "sea surface",
+    "mean sea level",
+}  # types of level that have no value
+WANTED = {
+    "wind": "the wind 2 to 20 m above the sea",
+    "current": "the current at most 5 m deep, or within 0.1 of the surface in sigma",
+    "stokes": "the Stokes drift at most 5 m deep, or within 0.1 of the surface in sigma",
+}
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The levels of a variable, under the name by which a case chooses among them.
+
+    values (n,), units: as the file has them, for messages; away (n,): above the sea for a "height" [m], below it for a
+    "depth" [m], from the surface for "sigma" [1]; NaN for what has no known place: a "pressure", a "number", "unknown".
+    upwards: whether numbers grow upwards, None where nothing says so; lone: no dimension of the variable.
+    """
+
+    name: str
+    kind: str
+    values: Array
+    units: str
+    away: Array
+    upwards: bool | None = None
+    lone: bool = False
 
 
 def is_vertical(data: xr.Dataset, dim: str) -> bool:
-    """Whether a dimension is a vertical one, by its coordinate's attributes or its name."""
+    """Whether a dimension or coordinate is a vertical one, by its attributes or its name."""
     if NAMES.match(dim):
         return True
     if dim not in data.variables:
@@ -26,63 +85,310 @@ def is_vertical(data: xr.Dataset, dim: str) -> bool:
     return (
         str(attributes.get("axis", "")).upper() == "Z"
         or "positive" in attributes
-        or standard in ("depth", "height", "altitude")
-        or standard.startswith("ocean_")
+        or standard in ("depth", "height", "altitude", "air_pressure", "model_level_number")
+        or standard.startswith(("ocean_", "atmosphere_sigma", "atmosphere_hybrid", "height_above_", "depth_below_"))
     )
 
 
-def choose(data: xr.Dataset, dim: str, quantity: str, depth: float | None) -> tuple[int, str]:
-    """Return the index to read along a vertical dimension, and a remark that says which level that is."""
+def choose(data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
+    """Return the index to read along a vertical dimension of variable `name`, and a remark that says which level it is.
+
+    depth: the one the case wants [m], None for the surface; where: the file, for messages.
+    """
     count = int(data.sizes[dim])
     if not count:
-        raise UserError(f'"{dim}" has no level; set [[{quantity}]] files')
-    coordinate = data[dim] if dim in data.variables else None
-    if coordinate is None or not np.issubdtype(coordinate.dtype, np.number):
-        if count == 1:
-            return 0, ""
-        return _without_coordinate(dim, count, quantity, depth)
-    values = np.asarray(coordinate.values, np.float64)
-    if values.ndim > 1:  # FVCOM: siglay(siglay, node)
-        values = np.nanmean(values.reshape(count, -1), axis=1)
-    if not np.isfinite(values).all():
-        raise UserError(f'"{dim}" has missing values; set [[{quantity}]] variables.{dim} to the index of a level')
-    units = str(coordinate.attrs.get("units", "")).strip().lower()
-    metres = units in ("m", "meter", "meters", "metre", "metres") or (
-        not units and str(coordinate.attrs.get("standard_name", "")) == "depth"
-    )
-    if quantity == "wind":
-        if count > 1 and not metres:
-            raise UserError(f'wind on {count} levels of "{dim}" [{units}]; set [[wind]] variables.{dim} to an index')
-        chosen = int(np.argmin(np.abs(values - WIND_HEIGHT)))
-        return chosen, f"height {values[chosen]:g} m of {count} levels" if count > 1 else ""
-    if depth is not None:
-        if not metres and count > 1:
-            raise UserError(
-                f'[[{quantity}]] depth = {depth:g} m, but "{dim}" counts levels that are not in metres; '
-                f"set [[{quantity}]] variables.{dim} to an index instead"
-            )
-        chosen = int(np.argmin(np.abs(np.abs(values) - abs(depth))))
-    elif not metres and (values > 0).all() and str(coordinate.attrs.get("positive", "")).lower() == "up":
-        chosen = int(np.argmax(values))  # numbers of layers, counted upwards
-    else:
-        chosen = int(np.argmin(np.abs(values)))  # metres or sigma, up or down: the surface is where they are 0
-    unit = " m" if metres else ""
-    if count == 1 and depth is None and abs(values[0]) < 1e-6:
-        return 0, ""
-    return chosen, f'level {values[chosen]:g}{unit} of {count} along "{dim}"'
-
-
-def _without_coordinate(dim: str, count: int, quantity: str, depth: float | None) -> tuple[int, str]:
-    if depth is not None:
+        raise UserError(f'{where}: "{dim}" has no level; set [[{quantity}]] files')
+    levels = _along(data, dim, quantity)
+    if levels is None:
+        return _uncounted(dim, count, quantity, depth, where) if count > 1 else (0, "")
+    if not np.isfinite(levels.values).all():
         raise UserError(
-            f'[[{quantity}]] depth = {depth:g} m, but "{dim}" has no depths; '
-            f"set [[{quantity}]] variables.{dim} to an index instead"
+            f'{where}: "{dim}" has missing values, so that nothing says which level lies at the surface; where you know '
+            f"it, name it by its index in [[{quantity}]] variables.{dim}"
         )
-    upwards = dim.lower() in ("s_rho", "nschism_vgrid_layers")  # ROMS and SCHISM count from the bottom
-    if upwards or re.match(r"^(depth.*|siglay)$", dim.lower()):
+    return _judge(levels, name, quantity, depth, where)
+
+
+def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
+    """Return the levels that a variable holds no dimension for: lone coordinates, or else what its attributes say."""
+    variable = data[name]
+    own = set(map(str, variable.dims))
+    listed = _listed(variable) | set(map(str, variable.coords))
+    others = set().union(*(_listed(data[n]) for n in map(str, data.variables) if n != name))
+    found = []
+    for other in map(str, data.variables):
+        held = data[other]
+        dims = set(map(str, held.dims))
+        if other == name or held.size != 1 or dims & own or not is_vertical(data, other):
+            continue
+        if not np.issubdtype(held.dtype, np.number) or not np.isfinite(held.values).all():
+            continue
+        lent = any(dims & set(map(str, v.dims)) for n, v in data.variables.items() if n != other)
+        if other in listed or (other not in others and not lent):
+            found.append(_read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True))
+    if found or any(is_vertical(data, d) for d in own):
+        return found
+    stated = of_attributes(variable.attrs, quantity)
+    return [stated] if stated is not None else []
+
+
+def accept(levels: Levels, name: str, quantity: str, depth: float | None, where: str) -> str:
+    """Return a remark on a lone level that passes, and refuse one that does not."""
+    return _judge(levels, name, quantity, depth, where)[1]
+
+
+def passes(attributes: Mapping[str, Any], quantity: str) -> bool:
+    """Whether a variable's attributes name a level that lies at the surface."""
+    if str(attributes.get("GRIB_typeOfLevel", "")).lower() in SURFACES:
+        return True
+    levels = of_attributes(attributes, quantity)
+    return levels is not None and _surface(levels, quantity) is not None
+
+
+def same(data: xr.Dataset, other: xr.Dataset, dim: str, index: int) -> bool:
+    """Whether one index along a vertical dimension stands for the same level in two files."""
+    if dim not in data.variables or dim not in other.variables:
+        return True
+    pair = [np.asarray(d[dim].values) for d in (data, other)]
+    if pair[0].ndim != 1 or pair[1].ndim != 1 or not np.issubdtype(pair[0].dtype, np.number):
+        return True
+    return index < len(pair[1]) and bool(np.isclose(pair[0][index], pair[1][index], rtol=1e-4, equal_nan=True))
+
+
+def _listed(variable: xr.DataArray) -> set[str]:
+    return set(str(variable.attrs.get("coordinates", "")).split())
+
+
+def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
+    """Return the levels along a dimension: its own coordinate's, or those of the one vertical variable along it."""
+    named = dim
+    if dim not in data.variables:
+        fitting = [n for n, v in data.variables.items() if v.dims == (dim,) and is_vertical(data, str(n))]
+        if len(fitting) != 1:
+            return None
+        named = str(fitting[0])
+    coordinate = data[named]
+    if not np.issubdtype(coordinate.dtype, np.number) or dim not in coordinate.dims:
+        return None
+    values = np.asarray(coordinate.transpose(dim, ...).values, np.float64)
+    if values.ndim > 1:  # FVCOM: siglay(siglay, node)
+        values = np.nanmean(values.reshape(len(values), -1), axis=1)
+    return _read(dim, coordinate.attrs, values, quantity, False)
+
+
+def _read(name: str, attributes: Mapping[str, Any], values: Array, quantity: str, lone: bool) -> Levels:
+    """Return levels with their kind and their place, as far as name, units and attributes tell it."""
+    units = str(attributes.get("units", "")).strip()
+    standard = str(attributes.get("standard_name", "")).strip().lower()
+    positive = str(attributes.get("positive", "")).strip().lower()
+    text = f"{standard} {attributes.get('long_name', '')}".lower().replace("_", " ")
+    nowhere = np.full(values.shape, np.nan)
+    kind, away, upwards = "unknown", nowhere, {"up": True, "down": False}.get(positive)
+    down = upwards is False or (upwards is None and bool(DEPTHS.match(name) or standard.startswith("depth")))
+    length, pressure = METRES.get(units.lower()), PASCALS.get(units.lower())
+    none = units.lower() in (
+        "",
+        "1",
+        "level",
+        "levels",
+        "layer",
+        "layers",
+        "count",
+        "none",
+        "unknown",
+        "-",
+        "sigma_level",
+    )
+    if none and values.size and _counts(values) and not _sigma(name, standard, units):
+        kind = "number"
+        if upwards is None:
+            upwards = True if FROM_BOTTOM.match(name) else False if FROM_TOP.match(name) else None
+    elif re.search(r"(sea ?floor|bottom|above (the )?bed|mixed layer)", text):
+        kind = "unknown"
+    elif pressure is not None and quantity != "wind":
+        kind, away = "depth", np.abs(values) * pressure / DECIBAR
+    elif pressure is not None or (none and PRESSURES.match(name)):
+        kind = "pressure"
+    elif length is not None and quantity == "wind":
+        kind, away = "height", values * length * (-1.0 if down else 1.0)
+    elif length is not None:
+        kind, away = "depth", np.abs(values) * length
+    elif _sigma(name, standard, units) and np.abs(values).max(initial=0.0) <= 1.0 + 1e-6:
+        kind, away = "sigma", _from_surface(values, quantity, upwards)
+    elif none and (DEPTHS.match(name) or standard == "depth") and not (upwards and (values > 0).all()):
+        kind, away = ("height", -values) if quantity == "wind" else ("depth", np.abs(values))
+    elif none and (
+        HEIGHTS.match(name)
+        or standard in ("height", "altitude")
+        or (values == 0).all()
+        or (quantity != "wind" and np.abs(values).max(initial=0.0) > 1.0)
+    ):
+        kind, away = ("height", values) if quantity == "wind" else ("depth", np.abs(values))
+    elif none and (values <= 0).all() and values.size > 1 and quantity != "wind":
+        kind, away = "sigma", np.abs(values)
+    return Levels(name, kind, values, units, away, upwards, lone)
+
+
+def _counts(values: Array) -> bool:
+    """Whether values number levels instead of placing them: 3, 4, 5, ... or a lone whole number other than 0."""
+    whole = bool((values == np.round(values)).all()) if np.isfinite(values).all() else False
+    return whole and (bool(values[0]) if len(values) == 1 else bool((np.abs(np.diff(values)) == 1).all()))
+
+
+def _sigma(name: str, standard: str, units: str) -> bool:
+    return bool(
+        SIGMAS.match(name)
+        or units.lower() == "sigma_level"
+        or standard.startswith(("ocean_s", "ocean_double", "atmosphere_sigma", "atmosphere_hybrid"))
+    )
+
+
+def _from_surface(values: Array, quantity: str, upwards: bool | None) -> Array:
+    """Return how far sigma lies from the surface, where the atmosphere's is 1 and an ocean's is 0 (-1 at the bottom)."""
+    if quantity == "wind" or (upwards and (values >= 0).all() and values.max() > 0):
+        return 1.0 - values
+    if upwards is None and (values > 0).any():
+        return np.full(values.shape, np.nan)  # 0 to 1, and nothing says at which end the surface is
+    return np.abs(values)
+
+
+def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None:
+    """Return the level that a variable's attributes name where they do so plainly; None at the surface."""
+    kind = str(attributes.get("GRIB_typeOfLevel", "")).strip()
+    if kind and kind != "undef":
+        if kind.lower() in SURFACES:
+            return None
+        value = attributes.get("GRIB_level")
+        units = {"isobaricInhPa": "hPa", "isobaricInPa": "Pa"}.get(
+            kind, "m" if re.match("height|depthBelowSea", kind) else ""
+        )
+        if value is not None and not kind.endswith("Layer"):
+            read = _read(kind, {"units": units}, np.array([float(value)]), quantity, True)
+            return Levels("level", read.kind, read.values, read.units or kind, read.away, None, True)
+        known = re.search(r"\d", str(attributes.get("long_name", "")))  # "10 metre U wind component"
+        if not known:
+            return Levels("level", "unknown", np.empty(0), kind, np.empty(0), None, True)
+    for key in ("level", "long_name"):
+        text = str(attributes.get(key, "")).lower().replace("_", " ")
+        at = r"(?:\bat|@|\bon)\s+(?:the\s+)?" if key == "long_name" else r"^\s*"
+        number, metre = r"(\d+(?:\.\d+)?)", r"[\s-]*m(?:et(?:er|re)s?)?\b(?!\s*(?:/|s\b|s-|s\*|s\^|per))"
+        if quantity == "wind":
+            hit = re.search(number + r"[\s-]*(hpa|mb|mbar|millibars?)\b", text)
+            if hit:
+                return _read("level", {"units": hit[2]}, np.array([float(hit[1])]), quantity, True)
+            of = r"\s*(?:above|height|wind|[uv]\b|[uv][- ]|eastward|northward|zonal|meridional)"
+            hit = re.search(f"{at}{number}{metre}", text) or re.search(rf"\b{number}{metre}(?={of})", text)
+        else:
+            hit = re.search(f"{at}{number}{metre}", text) or re.search(
+                rf"\b{number}{metre}\s*(?:depth|below|deep)", text
+            )
+        if hit:
+            return _read("level", {"units": "m"}, np.array([float(hit[1])]), quantity, True)
+    return None
+
+
+def _surface(levels: Levels, quantity: str) -> int | None:
+    """Return the index of the level that passes for the surface; for winds the one nearest 10 m; None without one."""
+    values, away = levels.values, levels.away
+    if levels.kind == "number" and quantity != "wind" and levels.upwards is not None:
+        if levels.upwards:  # the greatest number is at the surface, if this is not a single one of them
+            return int(np.argmax(values)) if len(values) > 1 else None
+        return int(np.argmin(values)) if values.min() <= 1 else None
+    if not np.isfinite(away).all() or not len(away):
+        return None
+    if levels.kind == "height":
+        low, high = HEIGHTS_OF_WIND
+        fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)  # 0: at the surface, as some files put it
+        distance = np.where(fits, np.abs(away - WIND_HEIGHT), np.inf)
+    elif levels.kind in ("depth", "sigma"):
+        most = DEEPEST + 1e-3 if levels.kind == "depth" else SIGMA[quantity] + 1e-6
+        distance = np.where((away <= most) & (away >= -1e-6), away, np.inf)
+    else:
+        return None
+    best = int(np.argmin(distance))
+    return best if np.isfinite(distance[best]) else None
+
+
+def _judge(levels: Levels, name: str, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
+    count = len(levels.values)
+    if depth is not None and quantity != "wind":
+        if levels.kind != "depth":
+            raise UserError(
+                f'{where}: [[{quantity}]] depth = {depth:g} m, but "{levels.name}" of {name} has levels that are not in '
+                f"metres: {_spoken(levels)}; {_key(levels, quantity, False)}"
+            )
+        chosen = int(np.argmin(np.abs(levels.away - abs(depth))))
+        apart = abs(float(levels.away[chosen]) - abs(depth))
+        inside = levels.away.min() <= abs(depth) <= levels.away.max()
+        if not inside and apart > max(DEEPEST, abs(depth) / 4):
+            raise UserError(
+                f"{where}: {name} has no level near [[{quantity}]] depth = {depth:g} m: it is given at {_spoken(levels)}"
+            )
+    else:
+        surface = _surface(levels, quantity)
+        if surface is None:
+            raise UserError(_refusal(levels, name, quantity, where))
+        chosen = surface
+    if count == 1 and depth is None and (levels.away[0] == 0 or (levels.kind == "height" and not levels.lone)):
+        return 0, ""
+    value = _number(levels.values[chosen])
+    if quantity == "wind" and levels.kind == "height":
+        return chosen, f"height {value} {levels.units or 'm'}" + (f" of {count} levels" if count > 1 else "")
+    unit = f" {levels.units}" if levels.units.lower() in METRES or levels.units.lower() in PASCALS else ""
+    guess = ", taken as metres" if levels.kind == "depth" and not unit else ""
+    return chosen, f'level {value}{unit} of {count} along "{levels.name}"{guess}'
+
+
+def _refusal(levels: Levels, name: str, quantity: str, where: str) -> str:
+    only = "the only level" if len(levels.values) == 1 else "all levels"
+    if not len(levels.values):
+        given = f'is given at a level of type "{levels.units}"'
+    elif np.isfinite(levels.away).all() or levels.kind == "pressure":
+        given = f'is given at {_spoken(levels)} ("{levels.name}", {only} of it)'
+    else:
+        given = f'has "{levels.name}" = {_spoken(levels)}, and nothing says how far from the surface that is'
+    return f"{where}: {name} {given}; needed is {WANTED[quantity]}: {_key(levels, quantity, levels.kind == 'depth')}"
+
+
+def _key(levels: Levels, quantity: str, by_depth: bool) -> str:
+    """Return how a level is named, without a value to copy: who names one must know what it holds."""
+    place = f"its index there, counted from 0, in [[{quantity}]] variables.{levels.name}"
+    if by_depth:
+        place = f"[[{quantity}]] depth, or {place}"
+    return (
+        f"name a file that has it in [[{quantity}]] files, or, if you know a level here to be right, name it by {place}"
+    )
+
+
+def _spoken(levels: Levels) -> str:
+    values = [_number(v) for v in levels.values]
+    if len(values) > 12:
+        values = [*values[:6], "...", *values[-3:]]
+    text = ", ".join(values)
+    unit = levels.units or ("sigma" if levels.kind == "sigma" else "")
+    if levels.kind == "sigma":
+        return f"sigma {text}"
+    if not unit or unit == "1":
+        return f"{text} (no units)"
+    return f"{text} {unit}"
+
+
+def _number(value: float) -> str:
+    return f"{value:.6g}"
+
+
+def _uncounted(dim: str, count: int, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
+    """Return the surface's index along a dimension without a coordinate, where its name alone says which end that is."""
+    if depth is not None and quantity != "wind":
+        raise UserError(
+            f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; where you know '
+            f"them, name one by its index, counted from 0, in [[{quantity}]] variables.{dim}"
+        )
+    upwards = bool(FROM_BOTTOM.match(dim))
+    if quantity != "wind" and (upwards or FROM_TOP.match(dim)):
         chosen = count - 1 if upwards else 0
         return chosen, f'{"last" if upwards else "first"} of {count} levels along "{dim}", taken as the surface'
     raise UserError(
-        f'"{dim}" has {count} levels and nothing says which is the surface; '
-        f"set [[{quantity}]] variables.{dim} to its index"
+        f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is {WANTED[quantity]}: where you know '
+        f"which that is, name it by its index, counted from 0, in [[{quantity}]] variables.{dim}"
     )

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from geo import naming
+from geo import level, naming
 from geo.errors import UserError
 
 Attributes = Mapping[str, Any]
@@ -112,7 +112,9 @@ def _standard_name(attributes: Attributes, key: str) -> str:
 
 
 def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str, east: bool) -> list[str]:
-    """Narrow several variables of one standard name: winds at 10 m first, then a name in common use."""
+    """Narrow several variables of one standard name: those at the surface first, winds at 10 m, a name in common use."""
+    if len(names) > 1:
+        names = [n for n in names if level.passes(attributes[n], quantity)] or names
     if len(names) > 1 and quantity == "wind":
         ten = [n for n in names if re.search(r"(?<!\d)10(?!\d)", f"{n} {attributes[n].get('long_name', '')}")]
         names = ten or names
