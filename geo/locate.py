@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from geo import connect, naming, projection, rotation
+from geo import absent, connect, naming, projection, rotation, seam
 from geo.errors import UserError
 from geo.layout import Array, Axes, Curved, Layout
 
@@ -31,7 +31,7 @@ def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[s
             f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
-    lon, lat = _still(data, lon_name, dims), _still(data, lat_name, dims)
+    lon, lat = absent.without(_still(data, lon_name, dims), _still(data, lat_name, dims), notes)
     if not np.isfinite(lon).any() or np.nanmax(np.abs(lat)) > 90.001 or np.nanmax(np.abs(lon)) > 720:
         raise UserError(f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}')
     if len(dims) == 1:
@@ -42,7 +42,8 @@ def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[s
     if _separable(lon, lat):
         return axes(lon[0], lat[:, 0], lon_name, lat_name), notes
     angle = _angle(data, chosen, lon, lat, notes)
-    return Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle), notes
+    whole = Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle)
+    return absent.extended(seam.close(whole, notes)), notes
 
 
 def _names(
