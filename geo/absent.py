@@ -78,7 +78,7 @@ def extended(curved: Curved) -> Curved:
     guesses += [at(dj, 0) + at(0, di) - at(dj, di) for dj in (-1, 1) for di in (-1, 1)]
     there = [np.isfinite(guess).all(axis=1) for guess in guesses]
     total = sum((np.where(ok[:, None], guess, 0.0) for ok, guess in zip(there, guesses, strict=True)), np.zeros(3))
-    near = np.any(there, axis=0)
+    near = np.asarray(np.any(np.stack(there), axis=0), bool)
     x, y, z = total[near].T
     lon, lat = curved.lon.copy(), curved.lat.copy()
     lon[row[near], column[near]] = np.degrees(np.arctan2(y, x))

@@ -20,10 +20,8 @@ FEWEST = 16  # columns of a grid that goes round the Earth
 def close(curved: Curved, notes: list[str]) -> Curved:
     """Return a grid without what it holds twice, joined with itself at its seam and its fold."""
     ny, nx = curved.lon.shape
-    if nx < FEWEST or ny < 2:
-        return curved
-    repeated = next((k for k in range(HALO, 0, -1) if _repeats(curved, k)), 0)
-    if not repeated and not _touches(curved):
+    repeated = follower(curved)
+    if repeated is None:
         return curved
     first = repeated // 2  # the inner ones are the model's own
     columns = np.arange(first, nx - (repeated - first))
@@ -31,6 +29,14 @@ def close(curved: Curved, notes: list[str]) -> Curved:
     curved = replace(curved, joined=np.ones(len(columns), bool))
     notes.append("the grid goes round the Earth" + (f": {repeated} repeated columns left out" if repeated else ""))
     return _folded(curved, notes)
+
+
+def follower(curved: Curved) -> int | None:
+    """Return the column that follows the last one of a grid that goes round the Earth, None of any other."""
+    if min(curved.lon.shape) < 2 or curved.lon.shape[1] < FEWEST:
+        return None
+    repeated = next((k for k in range(HALO, 0, -1) if _repeats(curved, k)), 0)
+    return repeated if repeated or _touches(curved) else None
 
 
 def _part(curved: Curved, rows: Index, columns: Index) -> Curved:
