@@ -8,35 +8,45 @@ from collections.abc import Iterator
 import numpy as np
 import scipy.sparse as sp
 
+from geo import layout
 from geo.grid import Grid
 from geo.layout import Array, Curved, Index, Triangles
 
 CHUNK = 2_000_000  # candidate pairs of cell and node handled at a time
+NEAR = 0.5  # cosine of how far a corner may be from its cell's middle: 60 degrees; what is wider is no cell
+RIM = 0.01  # of a cell: so far outside a grid a node counts as on its rim; an edge along a parallel bulges less
+SLACK = 1e-6  # of a cell: rounding
+
+Part = tuple[Index, Index, Array, Array]  # (node, points, weights of points, how far outside the cell)
 
 
-def of_curved(curved: Curved, grid: Grid) -> sp.csr_matrix:
+def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
+    """Bilinear inside cells, those across the seam and the fold of a grid that goes round the Earth among them.
+
+    mirrored: sign of weights on points beyond the fold: -1 for components along the grid's own axes, which turn
+    round there.
+    """
     ny, nx = curved.lon.shape
-    index = np.arange(ny * nx).reshape(ny, nx)
-    if _closes(curved):
-        index = np.concatenate((index, index[:, :1]), axis=1)
-    corners = np.stack((index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]), axis=-1).reshape(-1, 4)
     lon, lat = np.ravel(curved.lon), np.ravel(curved.lat)
-    parts: list[tuple[Index, Index, Array]] = []
-    for cell, node, x, y, px, py in _candidates(lon[corners], lat[corners], grid):
-        s, t = _inverse_bilinear(px, py, x, y)
-        hit = (s >= -1e-6) & (s <= 1 + 1e-6) & (t >= -1e-6) & (t <= 1 + 1e-6)
-        s, t = np.clip(s[hit], 0, 1), np.clip(t[hit], 0, 1)
-        parts.append((node[hit], corners[cell[hit]], np.stack(((1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t), 1)))
+    parts: list[Part] = []
+    band = max(1, CHUNK // (8 * nx))
+    for j in range(0, ny - 1, band):
+        corners = layout.cells(curved, np.arange(j, min(j + band, ny - 1))).reshape(-1, 4)
+        parts += _bilinear(lon, lat, corners, grid, np.ones(4))
+    parts += _bilinear(lon, lat, layout.across(curved), grid, np.array([1.0, 1.0, mirrored, mirrored]))
     return _assemble(parts, grid, ny * nx)
 
 
-def _closes(curved: Curved) -> bool:
-    """Whether the last column lies one step before the first: a grid that goes round the Earth."""
-    step = (np.diff(curved.lon, axis=1) + 180.0) % 360.0 - 180.0
-    seam = (curved.lon[:, 0] - curved.lon[:, -1] + 180.0) % 360.0 - 180.0
-    turns = np.nansum(step, axis=1) + seam
-    fair = np.abs(seam) < 2 * np.nanmedian(np.abs(step), axis=1)
-    return bool(np.nanmedian(np.abs(turns)) > 350.0 and np.mean(fair) > 0.5)
+def _bilinear(lon: Array, lat: Array, corners: Index, grid: Grid, sign: Array) -> list[Part]:
+    parts: list[Part] = []
+    for cell, node, x, y, px, py in _candidates(lon[corners], lat[corners], grid):
+        s, t = _inverse_bilinear(px, py, x, y)
+        outside = np.maximum(np.maximum(-s, s - 1), np.maximum(-t, t - 1))
+        hit = outside <= RIM  # never where the inversion failed
+        s, t = np.clip(s[hit], 0, 1), np.clip(t[hit], 0, 1)
+        share = np.stack(((1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t), 1) * sign
+        parts.append((node[hit], corners[cell[hit]], share, np.maximum(outside[hit], SLACK)))
+    return parts
 
 
 def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
@@ -83,7 +93,7 @@ def _pseudo_laplacian(mesh: Triangles) -> sp.csr_matrix:
 
 
 def _linear(lon: Array, lat: Array, cells: Index, grid: Grid) -> sp.csr_matrix:
-    parts: list[tuple[Index, Index, Array]] = []
+    parts: list[Part] = []
     for cell, node, x, y, px, py in _candidates(lon[cells], lat[cells], grid):
         det = (y[:, 1] - y[:, 2]) * (x[:, 0] - x[:, 2]) + (x[:, 2] - x[:, 1]) * (y[:, 0] - y[:, 2])
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -91,7 +101,7 @@ def _linear(lon: Array, lat: Array, cells: Index, grid: Grid) -> sp.csr_matrix:
             b = ((y[:, 2] - y[:, 0]) * (px - x[:, 2]) + (x[:, 0] - x[:, 2]) * (py - y[:, 2])) / det
             hit = (a >= -1e-9) & (b >= -1e-9) & (a + b <= 1 + 1e-9)
         share = np.clip(np.stack((a[hit], b[hit], 1 - a[hit] - b[hit]), 1), 0, 1)
-        parts.append((node[hit], cells[cell[hit]], share))
+        parts.append((node[hit], cells[cell[hit]], share, np.full(hit.sum(), SLACK)))
     return _assemble(parts, grid, len(lon))
 
 
@@ -101,39 +111,55 @@ Candidates = tuple[Index, Index, Array, Array, Array, Array]
 def _candidates(lon: Array, lat: Array, grid: Grid) -> Iterator[Candidates]:
     """Yield every pair of a cell and a node inside the cell's own box, in chunks.
 
-    lon, lat: corners (m, k) [deg]. Yields (cell, node, corner x, corner y, node x, node y), x and y in steps of
-    the grid from its first node, x unwrapped round the cell. Cells with missing corners or wider than 90
-    degrees (a pole inside, a tripolar grid's fold) are passed over.
+    lon, lat: corners (m, k) [deg]. Yields (cell, node, corner x, corner y, node x, node y), x and y in the plane
+    that touches the sphere at the cell's middle, seen from the centre of the Earth: great circles are straight
+    there, so that cells meet without gaps everywhere, at the poles as well. Cells with missing corners are passed
+    over, as are those with corners further than 60 degrees from their middle.
     """
-    x0 = (lon[:, :1] - grid.lon0) % 360.0
-    x = (x0 + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0) / grid.dlon
-    y = (lat - grid.lat0) / grid.dlat
-    fine = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
-    with np.errstate(invalid="ignore"):
-        fine &= (np.ptp(x, axis=1) * grid.dlon < 90.0) & (y.max(axis=1) >= 0) & (y.min(axis=1) <= grid.nlat - 1)
+    west, width, south, north = layout.extents(lon, lat)
+    corner = _unit(np.radians(lon), np.radians(lat))
+    middle = corner.mean(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        middle /= np.sqrt((middle**2).sum(axis=1))[:, None]
+        ahead = (corner * middle[:, None]).sum(axis=2)
+        fine = (ahead.min(axis=1) > NEAR) & (north >= grid.lat0) & (south <= grid.lat[-1])
     chosen = np.nonzero(fine)[0]
-    turn = 360.0 / grid.dlon
-    for shift in (-turn, 0.0) if not grid.seamless else (0.0,):
-        cells = chosen
-        xs = x[cells] + shift
-        low_x, high_x = np.ceil(xs.min(axis=1) - 1e-6), np.floor(xs.max(axis=1) + 1e-6)
+    corner, middle, ahead = corner[chosen], middle[chosen], ahead[chosen]
+    east = np.stack((-middle[:, 1], middle[:, 0], np.zeros(len(chosen))), -1)
+    level = np.hypot(middle[:, 0], middle[:, 1])[:, None]
+    east = np.where(level > 0, east / np.where(level > 0, level, 1), (0.0, 1.0, 0.0))
+    up = np.cross(middle, east)
+    x, y = (corner * east[:, None]).sum(axis=2) / ahead, (corner * up[:, None]).sum(axis=2) / ahead
+    first, last = (west[chosen] - grid.lon0) % 360.0 / grid.dlon, width[chosen] / grid.dlon
+    low_y = np.maximum(np.ceil((south[chosen] - grid.lat0) / grid.dlat - 1e-6), 0)
+    high_y = np.minimum(np.floor((north[chosen] - grid.lat0) / grid.dlat + 1e-6), grid.nlat - 1)
+    lam, phi = np.radians(grid.lon), np.radians(grid.lat)
+    for shift in (-360.0 / grid.dlon, 0.0) if not grid.seamless else (0.0,):
+        low_x, high_x = np.ceil(first + shift - 1e-6), np.floor(first + last + shift + 1e-6)
         if not grid.seamless:
             low_x, high_x = np.maximum(low_x, 0), np.minimum(high_x, grid.nlon - 1)
-        low_y = np.maximum(np.ceil(y[cells].min(axis=1) - 1e-6), 0)
-        high_y = np.minimum(np.floor(y[cells].max(axis=1) + 1e-6), grid.nlat - 1)
         wide, high = (high_x - low_x + 1).astype(np.int64), (high_y - low_y + 1).astype(np.int64)
         count = np.where((wide > 0) & (high > 0), wide * high, 0)
         edges = np.searchsorted(np.cumsum(count), np.arange(0, count.sum() + CHUNK, CHUNK))
-        for a, b in zip(edges, [*edges[1:], len(cells)], strict=True):
+        for a, b in zip(edges, [*edges[1:], len(chosen)], strict=True):
             part = np.arange(a, b)[count[a:b] > 0]
             if len(part) == 0:
                 continue
             which = np.repeat(part, count[part])
             rank = np.arange(len(which)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
-            i, j = low_x[which] + rank % wide[which], low_y[which] + rank // wide[which]
-            column = i.astype(np.int64) % grid.columns if grid.seamless else i.astype(np.int64)
-            node = j.astype(np.int64) * grid.columns + column
-            yield cells[which], node, xs[which], y[cells][which], i, j
+            column = (low_x[which] + rank % wide[which]).astype(np.int64) % grid.columns
+            row = (low_y[which] + rank // wide[which]).astype(np.int64)
+            node = _unit(lam[column], phi[row])
+            away = (node * middle[which]).sum(axis=1)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                px, py = (node * east[which]).sum(axis=1) / away, (node * up[which]).sum(axis=1) / away
+            px[away <= 0] = np.nan  # the far side of the Earth
+            yield chosen[which], row * grid.columns + column, x[which], y[which], px, py
+
+
+def _unit(lam: Array, phi: Array) -> Array:
+    """Return unit vectors (..., 3) of points [rad]."""
+    return np.stack((np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)), axis=-1)
 
 
 def _inverse_bilinear(px: Array, py: Array, x: Array, y: Array) -> tuple[Array, Array]:
@@ -157,15 +183,16 @@ def _inverse_bilinear(px: Array, py: Array, x: Array, y: Array) -> tuple[Array, 
     return s, t
 
 
-def _assemble(parts: list[tuple[Index, Index, Array]], grid: Grid, count: int) -> sp.csr_matrix:
-    """Build the matrix, keeping for a node on a shared edge the first cell that holds it."""
+def _assemble(parts: list[Part], grid: Grid, count: int) -> sp.csr_matrix:
+    """Build the matrix, keeping for a node on a shared edge or a rim the cell that it is least outside of, the first."""
     size = grid.nlat * grid.columns
     if not parts:
         return sp.csr_matrix((size, count))
-    node = np.concatenate([p[0] for p in parts])
+    node, outside = np.concatenate([p[0] for p in parts]), np.concatenate([p[3] for p in parts])
     corner, share = np.concatenate([p[1] for p in parts]), np.concatenate([p[2] for p in parts])
-    node, first = np.unique(node, return_index=True)
-    corner, share = corner[first], share[first]
+    order = np.lexsort((outside, node))
+    node, first = np.unique(node[order], return_index=True)
+    corner, share = corner[order[first]], share[order[first]]
     k = corner.shape[1]
     matrix = sp.csr_matrix((share.ravel(), (np.repeat(node, k), corner.ravel())), shape=(size, count))
     matrix.eliminate_zeros()

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, level, locate, naming, quantities, speed
+from geo import clock, level, locate, naming, quantities, speed, ugrid
 from geo.errors import UserError
 from geo.layout import Layout
 
@@ -70,7 +70,7 @@ def gather(
     if time_dim is None:
         time_dim = next((str(d) for d in data[name].dims if str(d).lower() in {n.lower() for n in clock.NAMES}), None)
     dims, fixed = _sort_dims(data, name, time_dim, side, quantity, chosen, depth, notes, path)
-    layout, remarks = locate.locate(data, name, dims, chosen)
+    layout, remarks = locate.locate(data, name, dims, chosen, side)
     notes += remarks
     for other_path, other in files:
         notes += [n for n in _beside(other, name, quantity, chosen, depth, other_path) if n not in notes]
@@ -147,19 +147,23 @@ def _sort_dims(
             fixed[dim], remark = level.choose(data, name, dim, quantity, depth, path)
             notes += [remark] if remark else []
     rest = [d for d in rest if d not in fixed]
-    wanted = 1 if _unstructured(data, rest) else 2
+    single = _unstructured(data, name, rest, chosen)
+    wanted = 1 if single else 2
     for dim in rest:
-        if len(rest) > wanted and data.sizes[dim] == 1 and not _has_axis(data, dim):
+        if len(rest) > wanted and data.sizes[dim] == 1 and not _has_axis(data, dim) and dim != single:
             fixed[dim] = 0
     rest = [d for d in rest if d not in fixed]
     if len(rest) > wanted:
-        extra = rest[:-wanted]
+        extra = [d for d in rest if d != single] if single else rest[:-wanted]
         raise UserError(
             f"{path}: {describe_dims(data, name)} has more than one {' and '.join(extra)}; "
             f"set [[{quantity}]] variables.{extra[0]} to an index"
         )
     if len(rest) < wanted:
-        raise UserError(f"{path}: {describe_dims(data, name)} is no field over longitude and latitude")
+        raise UserError(
+            f"{path}: {describe_dims(data, name)} is no field over longitude and latitude; "
+            f"set variables = {{ lon = ..., lat = ... }} to those of its points"
+        )
     if wanted == 2 and _lat_last(data, rest):
         rest = rest[::-1]
     return tuple(rest), fixed
@@ -199,13 +203,25 @@ def _lat_last(data: xr.Dataset, dims: Sequence[str]) -> bool:
     return says(dims[0], naming.LON, "longitude", "x") and says(dims[1], naming.LAT, "latitude", "y")
 
 
-def _unstructured(data: xr.Dataset, dims: Sequence[str]) -> bool:
-    """Whether longitudes and latitudes share the last dimension, which no axis is."""
+def _unstructured(data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapping[str, Any]) -> str | None:
+    """Return the dimension that longitudes and latitudes share, which no axis is; None on any other grid.
+
+    That of the variable's UGRID mesh, that of the coordinates that the case names, or the last with both along it.
+    """
+    for dim in dims:
+        if ugrid.mesh_of(data, name, dim) is not None:
+            return dim
+    named = [chosen.get(key) for key in ("lon", "lat")]
+    if all(other in data.variables for other in named):
+        own = [tuple(map(str, data[other].dims)) for other in named]
+        return own[0][0] if own[0] == own[1] and len(own[0]) == 1 and own[0][0] in dims else None
     if not dims:
-        return False
-    last = dims[-1]
-    along = [str(n) for n, v in data.variables.items() if v.dims == (last,)]
-    return any(naming.LON.match(n) for n in along) and any(naming.LAT.match(n) for n in along)
+        return None
+    held: list[bool] = []
+    for pattern, standard in ((naming.LON, "longitude"), (naming.LAT, "latitude")):
+        along = [(str(n), v) for n, v in data.variables.items() if v.dims == (dims[-1],)]
+        held.append(any(pattern.match(n) or v.attrs.get("standard_name") == standard for n, v in along))
+    return dims[-1] if all(held) else None
 
 
 def _same_grid(

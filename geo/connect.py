@@ -6,47 +6,87 @@ import xarray as xr
 from geo import naming
 from geo.errors import UserError
 from geo.layout import Array, Index, Triangles
+from geo.ugrid import Mesh
 
 LONGEST = 4.0  # edges over this many times the local median bridge land when no connectivity is given
 
 
-def triangles(data: xr.Dataset, name: str, dim: str, lon: Array, lat: Array, notes: list[str]) -> Triangles:
-    """Return the triangles on which a variable of one horizontal dimension stands, at nodes or at centres."""
-    cells = _connectivity(data)
-    if cells is None:
+def triangles(
+    data: xr.Dataset, name: str, dim: str, lon: Array | None, lat: Array | None, notes: list[str],
+    mesh: Mesh | None = None,
+) -> Triangles:  # fmt: skip
+    """Return the triangles on which a variable of one horizontal dimension stands, at nodes or at centres.
+
+    lon, lat: of its points; None at faces whose centres the file does not give: the means of their nodes are taken.
+    """
+    size = int(data.sizes[dim])
+    node_lon, node_lat = (None, None) if mesh is None or not mesh.nodes else (_values(data, n) for n in mesh.nodes)
+    table = _connectivity(data, dim, mesh, None if node_lon is None else len(node_lon))
+    if table is None:
+        assert lon is not None
+        assert lat is not None
         notes.append("no connectivity in the file: points joined by a Delaunay triangulation without its long edges")
         return Triangles(lon, lat, _delaunay(lon, lat), 0)
+    cells, at_faces = table
     count, nodes = len(cells), int(cells.max()) + 1
-    if len(lon) == count and len(lon) != nodes:
-        node_lon, node_lat = _nodes(data, nodes, count)
+    if mesh is not None:
+        at_faces = mesh.place == "face"
+    if count == size and (at_faces or size != nodes):
+        if node_lon is None or node_lat is None:
+            node_lon, node_lat = _nodes(data, nodes, count)
+        if node_lon is not None and node_lat is not None and lon is None:
+            lon, lat = _centres(node_lon, node_lat, cells)
+            notes.append("centres of elements taken as the means of their nodes")
+        assert lon is not None
+        assert lat is not None
         if node_lon is not None and node_lat is not None:
             notes.append(f"triangles: {count} elements with values at their centres")
             return Triangles(node_lon, node_lat, cells, 0, lon, lat)
         notes.append("values at centres of elements, whose nodes the file lacks: centres joined by triangulation")
         return Triangles(lon, lat, _delaunay(lon, lat), 0)
-    if nodes > len(lon):
-        raise UserError(f'"{name}" has {len(lon)} points, but its triangles name {nodes} nodes')
-    notes.append(f"triangles: {count} elements with values at their {len(lon)} nodes")
+    if nodes > size or lon is None or lat is None:
+        raise UserError(f'"{name}" has {size} points, but its triangles name {nodes} nodes')
+    notes.append(f"triangles: {count} elements with values at their {size} nodes")
     return Triangles(lon, lat, _split(cells), 0)
 
 
-def _connectivity(data: xr.Dataset) -> Index | None:
-    """Return cells (m, k) of node indices from 0, short ones ending in -1."""
-    names = [str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "face_node_connectivity"]
+def _values(data: xr.Dataset, name: str) -> Array:
+    return np.asarray(data[name].values, np.float64)
+
+
+def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
+    """Return the mean places [deg] of the nodes of cells (m, k), short ones ending in -1."""
+    phi, lam, there = np.radians(lat)[cells], np.radians(lon)[cells], cells >= 0
+    x, y, z = (
+        np.where(there, v, 0.0).sum(axis=1) for v in (np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi))
+    )
+    return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+def _connectivity(data: xr.Dataset, dim: str, mesh: Mesh | None, nodes: int | None) -> tuple[Index, bool] | None:
+    """Return cells (m, k) of node indices from 0, short ones ending in -1, and whether `dim` counts them.
+
+    nodes: how many there are, where that is known: larger numbers are fill values that nothing declares.
+    """
+    names = [mesh.connectivity] if mesh is not None and mesh.connectivity else []
+    names += [str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "face_node_connectivity"]
     for other in map(str, data.variables):
         if str(data[other].attrs.get("face_node_connectivity", "")) in data.variables:
             names.append(str(data[other].attrs["face_node_connectivity"]))
     names += [str(n) for n, v in data.variables.items() if naming.CONNECTIVITY.match(str(n)) and v.ndim == 2]
     for name in names:
         variable = data[name]
-        values = np.asarray(variable.values, np.float64)
+        values, dims = np.asarray(variable.values, np.float64), tuple(map(str, variable.dims))
         if values.ndim != 2 or not 3 <= min(values.shape) <= 8:
             continue
-        values = values.T if values.shape[0] < values.shape[1] else values
-        values = np.where(np.isfinite(values) & (values >= 0), values, -1)
-        valid = values[values >= 0]
+        counted = next((d for d in (mesh.dims.get("face") if mesh else None, dim) if d in dims), None)
+        across = dims.index(counted) == 1 if counted else values.shape[0] < values.shape[1]
+        values = values.T if across else values
+        valid = values[np.isfinite(values) & (values >= 0)]
         start = int(variable.attrs.get("start_index", 0 if (valid == 0).any() else 1))
-        return np.where(values >= 0, values - start, -1).astype(np.int64)
+        with np.errstate(invalid="ignore"):
+            there = np.isfinite(values) & (values >= start) & (values < start + (nodes or np.inf))
+        return np.where(there, values - start, -1).astype(np.int64), counted == dim
     return None
 
 

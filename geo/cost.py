@@ -11,19 +11,27 @@ import numpy as np
 from geo import grid as grids
 from geo import layout
 from geo.grid import Grid
-from geo.layout import Array, Layout, Triangles
+from geo.layout import Array, Curved, Layout, Triangles
 
 Probe = tuple[tuple[Array, Array], Array]
 
 
 def of(grid: Grid, layouts: tuple[Layout, Layout], carried: tuple[Array, Array], source: tuple[Array, Array]) -> str:
     """Say what regridding cost: the tile sampled as particles do, against the points and what lies between them."""
+    source = _off_the_fold(layouts[0], source[0]), _off_the_fold(layouts[1], source[1])
     at_points = _error(grid, carried, [(layout.points(i), v) for i, v in zip(layouts, source, strict=True)])
     between = _error(grid, carried, [_between(i, v) for i, v in zip(layouts, source, strict=True)])
     return (
         f"regridding cost: rms error {between[0]:.1%} of the rms speed between the points, {at_points[0]:.1%} at "
         f"them, {at_points[1]:.1%} of wet points lost (rim and coast)"
     )
+
+
+def _off_the_fold(item: Layout, values: Array) -> Array:
+    """Return values without those in cells where a tripolar grid's axes, which they count along, turn round."""
+    if not isinstance(item, Curved) or item.mirror is None:
+        return values
+    return np.where(np.arange(len(values))[:, None] < len(values) - 2, values, np.nan)
 
 
 def _between(item: Layout, values: Array) -> Probe:
@@ -45,7 +53,13 @@ def _between(item: Layout, values: Array) -> Probe:
     def blend(corners: Sequence[Array]) -> Array:
         return sum((w * v for w, v in zip(weight, corners, strict=True)), np.zeros(shape))
 
-    return (blend(turned), blend(_corners(lat))), blend(_corners(values))
+    if not isinstance(item, Curved):
+        return (blend(turned), blend(_corners(lat))), blend(_corners(values))
+    phi, lam = np.radians(lat), np.radians(lon)  # in space: a cell may hold the pole
+    x, y = (blend(_corners(np.cos(phi) * f(lam))) for f in (np.cos, np.sin))
+    truth = blend(_corners(values))
+    truth[:, ~layout.joins(item)[:-1]] = np.nan  # columns that are no neighbours
+    return (np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(blend(_corners(np.sin(phi))), np.hypot(x, y)))), truth
 
 
 def _corners(values: Array) -> list[Array]:

@@ -61,13 +61,19 @@ class Plane:
 
 @dataclass(frozen=True)
 class Curved:
-    """A curved grid: lon, lat (ny, nx) [deg]; angle (ny, nx) [rad] of the grid's x axis from east, if the file has it."""
+    """A curved grid: lon, lat (ny, nx) [deg]; angle (ny, nx) [rad] of the grid's x axis from east, if the file has it.
+
+    joined: (nx,) whether the next column (after the last: the first) is a column's neighbour, None: all but the
+    last are. mirror: (nx,) columns that the last row's points face across the fold of a tripolar grid, -1 for none.
+    """
 
     lon: Array
     lat: Array
     columns: Index
     rows: Index
     angle: Array | None = None
+    joined: NDArray[np.bool_] | None = None
+    mirror: Index | None = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,7 @@ class Triangles:
 
 Layout = Axes | Plane | Curved | Triangles
 
+FEW = 16  # columns: shorter gaps between those that are needed are read as well
 UNIFORM = 0.01  # of a cell: jitter of coordinates up to which an axis counts as uniform
 
 
@@ -129,6 +136,54 @@ def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
     return np.asarray(np.degrees(metres / sphere.RADIUS))
 
 
+def joins(curved: Curved) -> NDArray[np.bool_]:
+    """Return which columns of a curved grid have the next one (the last: the first) as their neighbour, (nx,)."""
+    if curved.joined is not None:
+        return curved.joined
+    return np.asarray(np.arange(curved.lon.shape[1]) < curved.lon.shape[1] - 1)
+
+
+def cells(curved: Curved, rows: Index) -> Index:
+    """Return the raveled points at the corners of the cells between rows and the next ones, (rows, cells, 4)."""
+    nx = curved.lon.shape[1]
+    left = np.nonzero(joins(curved))[0]
+    right, row = (left + 1) % nx, np.asarray(rows)[:, None] * nx
+    return np.stack((row + left, row + right, row + nx + right, row + nx + left), -1)
+
+
+def across(curved: Curved) -> Index:
+    """Return the raveled points at the corners of the cells across the fold of a tripolar grid, (cells, 4)."""
+    if curved.mirror is None:
+        return np.empty((0, 4), np.int64)
+    ny, nx = curved.lon.shape
+    left = np.nonzero(joins(curved))[0]
+    right = (left + 1) % nx
+    facing = np.stack((left, right, curved.mirror[right], curved.mirror[left]), -1)
+    return np.asarray(facing[(facing >= 0).all(axis=1)] + (ny - 1) * nx)
+
+
+def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
+    """Return (west, width, south, north) [deg] of cells whose edges are great circles, NaN where a corner is missing.
+
+    lon, lat: corners in turn (m, k) [deg]. A cell that holds a pole is 360 wide. Edges bulge poleward, at most as
+    one at the cell's highest latitude that is as wide as the cell.
+    """
+    phi, lam = np.radians(lat), np.radians(lon)
+    middle = np.degrees(np.arctan2((np.cos(phi) * np.sin(lam)).sum(1), (np.cos(phi) * np.cos(lam)).sum(1)))[:, None]
+    turned = (lon - middle + 180.0) % 360.0 - 180.0
+    turned = np.where(np.abs(lat) > 90.0 - 1e-6, 0.0 * turned, turned)  # a pole has no longitude
+    with np.errstate(invalid="ignore"):
+        around = np.abs(((np.roll(turned, -1, axis=1) - turned + 180.0) % 360.0 - 180.0).sum(axis=1)) > 180.0
+        width = np.where(around, 360.0, np.ptp(turned, axis=1))
+        half = np.cos(np.radians(np.minimum(width, 180.0) / 2))
+        south, north = lat.min(axis=1), lat.max(axis=1)
+        upper = np.degrees(np.arctan2(np.sin(np.radians(north)), np.cos(np.radians(north)) * half))
+        lower = np.degrees(np.arctan2(np.sin(np.radians(south)), np.cos(np.radians(south)) * half))
+        upper = np.where(around & (north + south > 0), 90.0, np.where(north > 0, upper, north))
+        lower = np.where(around & (north + south < 0), -90.0, np.where(south < 0, lower, south))
+    return middle[:, 0] + turned.min(axis=1), width, lower, upper
+
+
 def within(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]:
     """Return which points [deg] lie in a box grown by a margin [deg of a great circle] on every side."""
     south, north = box.south - margin, box.north + margin
@@ -145,25 +200,18 @@ def crop(layout: Layout, box: Box | None) -> Layout | None:
         return layout
     if isinstance(layout, Axes):
         return _crop_axes(layout, box)
+    if isinstance(layout, Curved):
+        return _crop_curved(layout, box)
+    if isinstance(layout, Triangles):
+        return _crop_triangles(layout, box)
     lon, lat = points(layout)
     inside = within(lon, lat, box, 3 * spacing(layout))
     if not inside.any():
         return None
-    if isinstance(layout, Triangles):
-        return _crop_triangles(layout, box)
     j, i = np.nonzero(inside.any(axis=1))[0], np.nonzero(inside.any(axis=0))[0]
     rows, columns = slice(j[0], j[-1] + 1), slice(i[0], i[-1] + 1)
-    if isinstance(layout, Plane):
-        return replace(
-            layout, x=layout.x[columns], y=layout.y[rows], columns=layout.columns[columns], rows=layout.rows[rows]
-        )
     return replace(
-        layout,
-        lon=layout.lon[rows, columns],
-        lat=layout.lat[rows, columns],
-        columns=layout.columns[columns],
-        rows=layout.rows[rows],
-        angle=None if layout.angle is None else layout.angle[rows, columns],
+        layout, x=layout.x[columns], y=layout.y[rows], columns=layout.columns[columns], rows=layout.rows[rows]
     )
 
 
@@ -195,17 +243,82 @@ def _crop_axes(axes: Axes, box: Box) -> Axes | None:
     return Axes(axes.lon[k % n] + 360.0 * (k // n), axes.lat[rows], axes.columns[k % n], axes.rows[rows], whole)
 
 
+def _crop_curved(curved: Curved, box: Box) -> Curved | None:
+    """Keep the cells that meet a box, and a row and a column more: of a grid round the Earth, in up to three pieces."""
+    margin = 3 * spacing(curved)
+    grown = box.grown(margin / np.cos(np.radians(min(89.0, max(abs(box.south), abs(box.north)) + margin))), margin)
+    ny, nx = curved.lon.shape
+    low, high = np.fmin.reduce(curved.lat, axis=1), np.fmax.reduce(curved.lat, axis=1)
+    low, high = np.where(low < -75.0, -90.0, low), np.where(high > 75.0, 90.0, high)  # edges bulge there
+    with np.errstate(invalid="ignore"):
+        near = (np.fmin(low[:-1], low[1:]) <= grown.north) & (np.fmax(high[:-1], high[1:]) >= grown.south)
+    row_needed, column_needed = np.zeros(ny, bool), np.zeros(nx, bool)
+    lon, lat = np.ravel(curved.lon), np.ravel(curved.lat)
+    band = np.nonzero(near)[0]
+    for rows in [band[k : k + 64] for k in range(0, len(band), 64)]:  # some at a time: memory
+        corners = cells(curved, rows).reshape(-1, 4)
+        met = corners[_meet(lon[corners], lat[corners], grown)]
+        row_needed[met // nx] = column_needed[met % nx] = True
+    corners = across(curved)
+    met = corners[_meet(lon[corners], lat[corners], grown)]
+    row_needed[met // nx] = column_needed[met % nx] = True
+    if not row_needed.any():
+        return None
+    j = np.nonzero(row_needed)[0]
+    part = slice(max(j[0] - 1, 0), j[-1] + 2)
+    order = _pieces(column_needed, bool(joins(curved)[-1]))
+    joined = joins(curved)[order] & (np.roll(order, -1) == (order + 1) % nx)
+    mirror = None
+    if curved.mirror is not None and part.stop >= ny:
+        place = np.full(nx + 1, -1)
+        place[order] = np.arange(len(order))
+        mirror = place[curved.mirror[order]]
+    return replace(
+        curved, lon=curved.lon[part][:, order], lat=curved.lat[part][:, order], columns=curved.columns[order],
+        rows=curved.rows[part], angle=None if curved.angle is None else curved.angle[part][:, order], joined=joined,
+        mirror=mirror,
+    )  # fmt: skip
+
+
+def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
+    """Return which cells with corners (..., 4) [deg] meet a box."""
+    shape = lon.shape[:-1]
+    west, width, south, north = extents(lon.reshape(-1, lon.shape[-1]), lat.reshape(-1, lon.shape[-1]))
+    with np.errstate(invalid="ignore"):
+        inside = (north >= box.south) & (south <= box.north) & (north - south < 90.0)
+        inside &= (west + width - box.west) % 360.0 <= box.east - box.west + width
+    return np.asarray(inside.reshape(shape))
+
+
+def _pieces(needed: NDArray[np.bool_], around: bool) -> Index:
+    """Return the columns that are needed and one more on both sides, in turn, gaps but the three widest filled up.
+
+    The first column follows the widest gap, so that what is needed on both sides of the seam stays together.
+    """
+    n = len(needed)
+    more = np.roll(needed, 1) | np.roll(needed, -1)
+    if not around:
+        more[0], more[-1] = needed[1], needed[-2]
+    at = np.nonzero(needed | more)[0]
+    gap = (np.roll(at, -1) - at - 1) % n  # columns left out after each that is needed
+    kept = np.argsort(gap, kind="stable")[::-1][:3]
+    kept = kept[gap[kept] >= FEW]
+    if len(kept) == 0:
+        return np.arange(n)
+    start = int(at[kept[0]] + gap[kept[0]] + 1)
+    out = np.zeros(n, bool)
+    for k in kept:
+        out[(at[k] + 1 + np.arange(gap[k])) % n] = True
+    order = (start + np.arange(n)) % n
+    return np.asarray(order[~out[order]], np.int64)
+
+
 def _crop_triangles(mesh: Triangles, box: Box) -> Triangles | None:
     margin = 3 * spacing(mesh)
     corners = np.where(mesh.cells < 0, mesh.cells[:, :1], mesh.cells)
-    lon, lat = mesh.lon[corners], mesh.lat[corners]
-    lon = lon[:, :1] + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
     # a cell counts where its own box meets the wanted one: elements may be larger than the whole case
-    size_lon, size_lat = np.ptp(lon, axis=1), np.ptp(lat, axis=1)
     grown = box.grown(margin / max(0.02, np.cos(np.radians(max(abs(box.south), abs(box.north))))), margin)
-    inside = (lat.max(axis=1) >= grown.south) & (lat.min(axis=1) <= grown.north)
-    inside &= (lon.min(axis=1) - grown.west + size_lon) % 360.0 <= grown.east - grown.west + size_lon
-    inside &= size_lat < 90.0
+    inside = _meet(mesh.lon[corners], mesh.lat[corners], grown)
     kept = np.nonzero(inside)[0]
     if len(kept) == 0:
         return None

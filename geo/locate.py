@@ -6,16 +6,26 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from geo import connect, naming, projection, rotation
+from geo import absent, connect, naming, projection, rotation, seam, stagger, ugrid
 from geo.errors import UserError
 from geo.layout import Array, Axes, Curved, Layout
 
 
-def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any]) -> tuple[Layout, list[str]]:
-    """Return the layout of a variable with these horizontal dimensions, and remarks."""
+def locate(
+    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int = 0
+) -> tuple[Layout, list[str]]:
+    """Return the layout of a variable with these horizontal dimensions, and remarks; side: 0 for u, 1 for v."""
     notes: list[str] = []
     plane = projection.plane(data, name, dims, chosen, notes)
-    lon_name, lat_name = _names(data, name, dims, chosen)
+    mesh = ugrid.mesh_of(data, name, dims[0]) if len(dims) == 1 else None
+    lon_name, lat_name = _names(data, name, dims, chosen, side, mesh)
+    if len(dims) == 1 and (mesh.place == "edge" if mesh else "edge" in dims[0].lower()):
+        raise UserError(
+            f'"{name}" stands on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes or '
+            f"faces with variables = {{ east = ..., north = ... }}"
+        )
+    if mesh and mesh.place == "face" and lon_name is None and mesh.nodes and mesh.connectivity:
+        return connect.triangles(data, name, dims[0], None, None, notes, mesh), notes
     if plane is not None:
         if lon_name and lat_name:
             trouble = projection.disagreement(plane, _still(data, lon_name, dims), _still(data, lat_name, dims))
@@ -31,30 +41,29 @@ def locate(data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[s
             f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
-    lon, lat = _still(data, lon_name, dims), _still(data, lat_name, dims)
+    lon, lat = absent.without(_still(data, lon_name, dims), _still(data, lat_name, dims), notes)
     if not np.isfinite(lon).any() or np.nanmax(np.abs(lat)) > 90.001 or np.nanmax(np.abs(lon)) > 720:
         raise UserError(f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}')
     if len(dims) == 1:
-        return connect.triangles(data, name, dims[0], lon, lat, notes), notes
+        return connect.triangles(data, name, dims[0], lon, lat, notes, mesh), notes
     if lon.ndim == 1 and lat.ndim == 1:
         return axes(lon, lat, lon_name, lat_name), notes
-    lon, lat = _at_points(lon, lat, data, lon_name, dims)
+    lon, lat = _at_points(lon, lat, data, name, lon_name, dims, chosen, side, notes)
     if _separable(lon, lat):
         return axes(lon[0], lat[:, 0], lon_name, lat_name), notes
     angle = _angle(data, chosen, lon, lat, notes)
-    return Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle), notes
+    whole = Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle)
+    return absent.extended(seam.close(whole, notes)), notes
 
 
 def _names(
-    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any]
+    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int, mesh: ugrid.Mesh | None
 ) -> tuple[str | None, str | None]:
-    """Return the names of the longitudes and latitudes that go with a variable."""
-    listed = str(data[name].attrs.get("coordinates", "")).split()
-    mesh = data[name].attrs.get("mesh")
-    if mesh in data.variables:  # UGRID: the mesh names the coordinates of its nodes and faces
-        for key in ("node_coordinates", "face_coordinates"):
-            listed += str(data[mesh].attrs.get(key, "")).split()
-    found: list[str | None] = []
+    """Return the names of the longitudes and latitudes that go with a variable: over the same dimensions."""
+    held = None if mesh is None else {"node": mesh.nodes, "face": mesh.faces}.get(mesh.place)
+    if held and not {"lon", "lat"} & set(chosen):
+        return held
+    found: list[dict[str, float]] = []
     for key, pattern, units, standard in (
         ("lon", naming.LON, naming.EAST_UNITS, "longitude"),
         ("lat", naming.LAT, naming.NORTH_UNITS, "latitude"),
@@ -62,28 +71,59 @@ def _names(
         if key in chosen:
             if chosen[key] not in data.variables:
                 raise UserError(f'no variable "{chosen[key]}" (variables.{key})')
-            found.append(str(chosen[key]))
+            found.append({str(chosen[key]): 0.0})
             continue
-        candidates = []
+        scores = {}
         for other in map(str, data.variables):
-            variable = data[other]
-            attributes = variable.attrs
+            attributes = data[other].attrs
             score = (
                 4 * (str(attributes.get("standard_name", "")) == standard)
                 + 4 * bool(units.match(str(attributes.get("units", "")).strip()))
                 + 2 * bool(pattern.match(other))
             )
-            if not score or not variable.ndim or not np.issubdtype(variable.dtype, np.number):
-                continue
-            own = set(map(str, variable.dims)) <= set(dims) or tuple(map(str, variable.dims[1:])) == dims
-            if not own and not _staggered_shape(variable.shape, tuple(data.sizes[d] for d in dims)):
-                continue
-            values = variable.isel({variable.dims[0]: 0}).values if variable.ndim > 2 else variable.values
-            if values.size > 1 and np.nanmin(values) == np.nanmax(values):
-                continue  # FVCOM in metres writes lon = lat = 0 everywhere
-            candidates.append((score + 20 * own + 10 * (other in listed) + (variable.ndim == len(dims)), other))
-        found.append(max(candidates)[1] if candidates else None)
-    return found[0], found[1]
+            fit = _fit(data, name, other, dims, side) if score else None
+            if fit is not None:
+                scores[other] = score + fit
+        found.append(scores)
+    pairs = [
+        (x + y, lon, lat)
+        for lon, x in found[0].items()
+        for lat, y in found[1].items()
+        if data[lon].dims == data[lat].dims or max(data[lon].ndim, data[lat].ndim) == 1 or {"lon", "lat"} <= set(chosen)
+    ]
+    if pairs:
+        return max(pairs)[1:]
+    return (max(found[0], default=None), None) if found[0] else (None, max(found[1], default=None))
+
+
+def _fit(data: xr.Dataset, name: str, other: str, dims: tuple[str, ...], side: int) -> float | None:
+    """Return how well coordinates of this name suit a component's points, None where they cannot be its own."""
+    variable = data[other]
+    if not variable.ndim or not np.issubdtype(variable.dtype, np.number):
+        return None
+    own = set(map(str, variable.dims)) <= set(dims) or tuple(map(str, variable.dims[1:])) == dims
+    place = stagger.place_of(other) if len(dims) == 2 else None
+    beside = place in (None, "t") and _beside(data, variable, dims)
+    if not own and not beside:
+        return None
+    values = np.asarray(variable.isel({variable.dims[0]: 0}).values if variable.ndim > 2 else variable.values, float)
+    there = values[np.isfinite(values)]
+    if values.size > 1 and (there.size == 0 or there.min() == there.max()):
+        return None  # no places: FVCOM in metres writes lon = lat = 0 everywhere, ROMS zeros or fill values at u and v
+    listed = other in str(data[name].attrs.get("coordinates", "")).split()
+    return 20 * own + 10 * listed + (variable.ndim == len(dims)) + 3 * (place == "uv"[side])
+
+
+def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> bool:
+    """Whether points lie half a cell beside those of a component over these dimensions, by sizes and dimensions."""
+    wanted = tuple(int(data.sizes[d]) for d in dims)
+    repeated = variable.ndim == 3 and "time" in str(variable.dims[0]).lower()  # WRF's, for every time
+    if variable.ndim != 2 + repeated or len(dims) != 2 or (not repeated and "time" in str(variable.dims[0]).lower()):
+        return False
+    shape = variable.shape[-2:]
+    more = [have - want for have, want in zip(shape, wanted, strict=True)]
+    same = tuple(shape) == wanted and not set(map(str, variable.dims)) <= set(dims)
+    return same or (max(more) <= 1 and min(more) >= 0 and any(more)) or sorted(more) == [-1, 0]
 
 
 def _still(data: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
@@ -111,19 +151,37 @@ def _halved(values: Array, wanted: tuple[int, ...]) -> Array:
     return values
 
 
-def _at_points(lon: Array, lat: Array, data: xr.Dataset, name: str, dims: tuple[str, ...]) -> tuple[Array, Array]:
-    wanted = tuple(data.sizes[d] for d in dims)
-    own = tuple(map(str, data[name].dims))
+def _at_points(
+    lon: Array, lat: Array, data: xr.Dataset, name: str, lon_name: str, dims: tuple[str, ...], chosen: Mapping[str, Any],
+    side: int, notes: list[str],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return two-dimensional places of a component's own points, given those of points that may lie beside them."""
+    wanted = tuple(int(data.sizes[d]) for d in dims)
+    own = tuple(map(str, data[lon_name].dims))[-2:]
     if set(own) == set(dims) and own != dims:
         lon, lat = lon.T, lat.T
-    if lon.shape == wanted:
+    if lon.ndim != 2 or lat.shape != lon.shape:
+        raise ValueError("not over the component's dimensions")
+    along = stagger.offsets(data, name, dims, side, lon_name, chosen, lon.shape)
+    if along == (0.0, 0.0):
         return lon, lat
-    middle = float(lon[np.isfinite(lon)][0])
-    near = middle + (lon - middle + 180.0) % 360.0 - 180.0
-    if np.nanmax(np.abs(np.diff(near, axis=1))) > 180 or np.nanmax(np.abs(np.diff(near, axis=0))) > 180:
-        x, y = np.cos(np.radians(lon)), np.sin(np.radians(lon))  # round the Earth: average directions
-        return np.degrees(np.arctan2(_halved(y, wanted), _halved(x, wanted))), _halved(lat, wanted)
-    return _halved(near, wanted), _halved(lat, wanted)
+    notes.append(f"{name} has no places of its own: taken midway between the points of {lon_name}{_told(along)}")
+    if _separable(lon, lat):
+        line = stagger.moved_line(np.unwrap(lon[0], period=360.0), wanted[1], along[1])
+        x, y = np.meshgrid(line, stagger.moved_line(lat[:, 0], wanted[0], along[0]))
+        return x, y
+    whole = absent.extended(Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0])))
+    return stagger.moved(whole.lon, whole.lat, wanted, along, seam.follower(whole))
+
+
+def _told(along: tuple[float | None, float | None]) -> str:
+    """Say which way points lie from those that they are taken from, where sizes do not tell."""
+    words = [
+        f", half a cell {'after' if offset > 0 else 'before'} them along the {axis}"
+        for offset, axis in zip(along, ("columns", "rows"), strict=True)
+        if offset
+    ]
+    return "".join(words)
 
 
 def _separable(lon: Array, lat: Array) -> bool:

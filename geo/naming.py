@@ -1,9 +1,15 @@
 """How longitudes, latitudes and the parts of a grid are called."""
 
 import re
+from collections.abc import Mapping
+from typing import Any
 
-LON = re.compile(r"^(lon(gitude)?s?|lon_.*|nav_lon.*|lonc|x_?lon.*|glam[tuvf]|longitude_.*|.*_node_x|.*_face_x)$", re.I)
-LAT = re.compile(r"^(lat(itude)?s?|lat_.*|nav_lat.*|latc|x_?lat.*|gphi[tuvf]|latitude_.*|.*_node_y|.*_face_y)$", re.I)
+LON = re.compile(
+    r"^(lon(gitude)?s?|lon_.*|nav_lon.*|lonc|x_?lon.*|glam[tuvf]|longitude_.*|.*_(node|face)_(x|lon(gitude)?))$", re.I
+)
+LAT = re.compile(
+    r"^(lat(itude)?s?|lat_.*|nav_lat.*|latc|x_?lat.*|gphi[tuvf]|latitude_.*|.*_(node|face)_(y|lat(itude)?))$", re.I
+)
 EAST_UNITS = re.compile(r"^degrees?_?(e|east)$", re.I)
 NORTH_UNITS = re.compile(r"^degrees?_?(n|north)$", re.I)
 CONNECTIVITY = re.compile(
@@ -14,6 +20,9 @@ GRID = re.compile(
 )  # what else a grid file is for
 
 
-def of_grid(name: str) -> bool:
-    """Whether a variable of this name describes a grid: what one file may lend another."""
+def of_grid(name: str, attributes: Mapping[str, Any] | None = None) -> bool:
+    """Whether a variable of this name, or with these attributes, describes a grid: what one file may lend another."""
+    said = attributes or {}
+    if "cf_role" in said or str(said.get("standard_name", "")) in ("longitude", "latitude"):
+        return True
     return any(p.match(name) for p in (LON, LAT, CONNECTIVITY, GRID))

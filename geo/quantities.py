@@ -70,6 +70,13 @@ COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("ustokes", "vstokes", "true"), ("u_stokes", "v_stokes", "true"), ("stokes_u", "stokes_v", "true"),
     ),
 }  # fmt: skip
+MODIFIERS = (
+    "_standard_error",
+    "_number_of_observations",
+    "_status_flag",
+    "_quality_flag",
+    "_detection_minimum",
+)  # CF's
 PLAIN = {"u", "v"}  # so plain that only a current may be called this without saying what it is
 
 
@@ -85,10 +92,12 @@ class Pair:
 
 def said(attributes: Attributes) -> str | None:
     """Return what a variable says of itself: a quantity, "other", or None where it does not say."""
-    standard = str(attributes.get("standard_name", "")).strip().lower().split(" ")[0]
+    standard = _standard_name(attributes, "standard_name")
     standard = "" if standard in ("unknown", "none") else standard  # GRIB converters write this
     text = standard or str(attributes.get("long_name", "")).lower()
     text = text.replace("_", " ")
+    if standard.endswith(MODIFIERS):
+        return "other"
     if not text:
         return None
     if re.search(
@@ -107,8 +116,8 @@ def said(attributes: Attributes) -> str | None:
 
 
 def _standard_name(attributes: Attributes, key: str) -> str:
-    text = str(attributes.get(key, "")).strip().lower()
-    return re.sub(r"\s*[(\[].*$", "", text)  # RTOFS: long_name = "eastward_sea_water_velocity (m/s) "
+    text = re.sub(r"\s*[(\[].*$", "", str(attributes.get(key, "")).strip().lower())
+    return re.sub(r"\s+", "_", text)  # FVCOM: "eastward wind"; RTOFS: long_name = "eastward_sea_water_velocity (m/s) "
 
 
 def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str, east: bool) -> list[str]:
@@ -166,7 +175,20 @@ def search(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
     )
 
 
-KEYS = ("east", "north", "axes", "lon", "lat", "time", "angle", "mask", "crs", "x", "y")  # of a case's variables
+KEYS = (
+    "east",
+    "north",
+    "axes",
+    "lon",
+    "lat",
+    "time",
+    "angle",
+    "mask",
+    "crs",
+    "x",
+    "y",
+    "stagger",
+)  # of a case's variables
 
 
 def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str, Any], name: str) -> Pair:

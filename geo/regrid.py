@@ -17,18 +17,19 @@ from geo.layout import Array, Axes, Curved, Index, Layout, Plane
 WET = 0.5  # weight on present values from which a node is present
 
 
-def weights(layout: Layout, grid: Grid) -> sp.csr_matrix:
+def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
     """Return the matrix (nodes, points) that interpolates raveled values at points to raveled nodes of a grid.
 
     A seamless grid's last column is left out of the nodes: it repeats the first. Rows of nodes outside the
-    layout are empty; other rows add up to 1.
+    layout are empty; other rows add up to 1, but for weights beyond the fold of a tripolar grid, whose sign is
+    `mirrored`.
     """
     if isinstance(layout, Axes):
         matrix = _of_axes(layout, grid)
     elif isinstance(layout, Plane):
         matrix = _of_plane(layout, grid)
     elif isinstance(layout, Curved):
-        matrix = cells.of_curved(layout, grid)
+        matrix = cells.of_curved(layout, grid, mirrored)
     else:
         matrix = cells.of_triangles(layout, grid)
     return matrix.astype(np.float32)
@@ -39,7 +40,8 @@ def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.flo
     source = np.ravel(values).astype(np.float32)
     present = np.isfinite(source)
     total = matrix @ np.where(present, source, np.float32(0))
-    weight = matrix @ present.astype(np.float32)
+    plain = matrix if matrix.data.min(initial=0) >= 0 else abs(matrix)
+    weight = plain @ present.astype(np.float32)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(weight >= WET - 1e-4, total / weight, np.float32(np.nan)), np.float32)
 

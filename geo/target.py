@@ -7,10 +7,11 @@ import numpy as np
 from geo import layout as lay
 from geo.box import Box
 from geo.grid import Grid
-from geo.layout import Array, Axes, Layout, Triangles, uniform
+from geo.layout import Array, Axes, Curved, Layout, Triangles, uniform
 
 FINER = 2.0  # times the source's resolution (NorKyst-800: 0.7 % rms error a component; 1.9 % at its own)
 MOST_NODES = 4_000_000  # of a tile: 32 MB a slice
+POLAR = 75.0  # [deg] beyond which cells are looked at for the pole
 POLEWARD = 89.0  # [deg] beyond which east and north lose their meaning
 
 
@@ -29,22 +30,43 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
             )
         present = np.isfinite(lon) & np.isfinite(lat)
         lon, lat = lon[present], lat[present]
-        south, north = max(float(lat.min()), -POLEWARD), min(float(lat.max()), POLEWARD)
+        low, high = _reach(first, lat)
+        south, north = max(low, -POLEWARD), min(high, POLEWARD)
         if box is not None:
             south, north = max(south, box.south - 2 * step), min(north, box.north + 2 * step)
         least = 0.0 if south < 0 < north else min(abs(south), abs(north))
         dlon = step / max(0.02, np.cos(np.radians(least)))  # fine enough at the widest parallel
         west, width = _hull(lon, 4 * FINER * dlon)
         if box is not None and box.east - box.west < 350.0:
-            offset = (box.west - 2 * dlon - west + 180.0) % 360.0 - 180.0
-            end = min(width, offset + box.east - box.west + 4 * dlon)
-            west, width = west + max(offset, 0.0), end - max(offset, 0.0)
+            west, width = _shared(west, width, box.west - 2 * dlon, box.east - box.west + 4 * dlon)
         grid = _grid(west, south, width, max(north - south, step), dlon, step)
     coarser = np.sqrt(grid.nlon * grid.nlat / MOST_NODES)
     if coarser > 1:
         width, height = (grid.nlon - 1) * grid.dlon, (grid.nlat - 1) * grid.dlat
         grid = _grid(grid.lon0, grid.lat0, width, height, grid.dlon * coarser, grid.dlat * coarser)
     return grid, bool(coarser > 1)
+
+
+def _reach(item: Layout, lat: Array) -> tuple[float, float]:
+    """Return how far a layout reaches (south, north) [deg], given its points' latitudes: a cell may hold a pole."""
+    south, north = float(lat.min()), float(lat.max())
+    if not isinstance(item, Curved) or max(-south, north) < POLAR:
+        return south, north
+    polar = (np.fmax.reduce(np.abs(item.lat), axis=1) > POLAR)[:-1]
+    corners = np.concatenate((lay.cells(item, np.nonzero(polar)[0]).reshape(-1, 4), lay.across(item)))
+    _, _, low, high = lay.extents(np.ravel(item.lon)[corners], np.ravel(item.lat)[corners])
+    return float(np.fmin.reduce(low, initial=south)), float(np.fmax.reduce(high, initial=north))
+
+
+def _shared(west: float, width: float, start: float, span: float) -> tuple[float, float]:
+    """Return (west, width) [deg] of what an arc of the circle and a wanted one share: both ends where it is in two."""
+    if width >= 360.0:
+        return start, span
+    offset = (start - west) % 360.0
+    ahead, behind = min(width, offset + span) - offset, min(width, offset + span - 360.0)
+    if ahead > 0 and behind > 0:
+        return start, span
+    return (west, behind) if behind > ahead else (start, max(ahead, 0.0))
 
 
 def _grid(west: float, south: float, width: float, height: float, dlon: float, dlat: float) -> Grid:

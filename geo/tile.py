@@ -63,7 +63,8 @@ def make(components: tuple[Component, Component], layouts: tuple[Layout, Layout]
     matrices = None
     if grid is None:
         grid, coarser = target.choose(layouts, box)
-        matrices = (regrid.weights(first, grid), regrid.weights(second, grid))
+        sign = 1.0 if axes == "true" else -1.0  # a grid's own axes turn round at the fold of a tripolar grid
+        matrices = (regrid.weights(first, grid, sign), regrid.weights(second, grid, sign))
         kind = {Axes: "rectilinear", Plane: "projected", Curved: "curvilinear", Triangles: "triangular"}[type(first)]
         notes.append(
             f"{kind} grid carried to a regular one of {grid.nlon} x {grid.nlat} nodes, "
@@ -128,14 +129,17 @@ def _directions(
         notes.append("components are true east and north as they stand")
         return None
     assumed = ' (assumed: set variables.axes = "true" if they are east and north)' if axes == "?" else ""
+    lon, lat = grids.nodes(grid)
     if isinstance(first, Plane):
-        lon, lat = grids.nodes(grid)
         result = rotation.plane_axes(first, lon, lat)
         how = "the projection's axes"
-    else:
-        angle = first.angle if first.angle is not None else rotation.curved_angle(first.lon, first.lat)
-        cosine, sine = (matrices[0] @ np.nan_to_num(np.ravel(f(angle))) for f in (np.cos, np.sin))
-        result = rotation.angle_axes(cosine, sine).reshape(grid.nlat, grid.columns, 4)
+    else:  # each component has an axis of its own: at a fold one may be taken from one side, one from the other
+        second = layouts[1] if isinstance(layouts[1], Curved) else first
+        x, y = (
+            rotation.carried_axis(matrix, item.lon, item.lat, _x_axis(item) + quarter, lon, lat)
+            for matrix, item, quarter in ((matrices[0], first, 0.0), (matrices[1], second, np.pi / 2))
+        )
+        result = rotation.undone(x, y)
         how = "the grid's own axes"
     turned = np.degrees(np.arctan2(result[..., 1], result[..., 0]))
     low, high = np.nanpercentile(turned, (5, 95))
@@ -143,6 +147,11 @@ def _directions(
         f"vectors rotated from {how} ({low:.1f} to {high:.1f} degrees from east) to true east and north{assumed}"
     )
     return result
+
+
+def _x_axis(item: Curved) -> Array:
+    """Return the angle [rad] of a curved grid's x axis from east at its points."""
+    return item.angle if item.angle is not None else rotation.curved_angle(item.lon, item.lat, layout.joins(item))
 
 
 def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:

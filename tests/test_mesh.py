@@ -1,0 +1,186 @@
+"""Unstructured files as models write them: UGRID meshes by what they say, and FVCOM's own attributes."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import writers
+import xarray as xr
+
+from geo import forcing
+from geo.box import Box
+from geo.errors import UserError
+from geo.forcing import Source
+from geo.grid import sample
+
+AREA = Box(writers.LON[0], writers.LAT[0], writers.LON[1], writers.LAT[1])
+EAST = {"standard_name": "longitude", "units": "degrees_east"}
+NORTH = {"standard_name": "latitude", "units": "degrees_north"}
+
+
+def check(source: Source, places: str, factor: float = 1.0) -> None:
+    """The field of the writers, within what its triangles cost: twice that from centres (see test_regrid)."""
+    rng = np.random.default_rng(3)
+    lon, lat = rng.uniform(*writers.LON, 2000), rng.uniform(*writers.LAT, 2000)
+    got = sample(source.grid, source.read(0), lon, lat)
+    limit = writers.tolerance() * (2.0 if places == "face" else 1.0)
+    assert np.abs(got / factor - np.stack(writers.field(lon, lat, 0.0), -1)).max() < limit
+
+
+def ugrid(
+    path: Path, place: str, *, names: str = "mesh_{}_lon mesh_{}_lat", coordinates: str = "node face", transposed: bool = False,
+    start: int = 1, fill: int = -999, declared: bool = True, says: bool = True, attributes: bool = True,
+) -> Path:  # fmt: skip
+    """A mesh of triangles in rows of four, with edges and a second, coarser mesh in the same file; u, v at one place."""
+    lon, lat, cells = writers.mesh()
+    edges = np.unique(np.sort(np.concatenate((cells[:, :2], cells[:, 1:])), axis=1), axis=0)
+    at = {"node": (lon, lat)} | {k: (lon[n].mean(1), lat[n].mean(1)) for k, n in (("face", cells), ("edge", edges))}
+    table = np.concatenate((cells + start, np.full((len(cells), 1), fill)), axis=1).astype(np.int32)
+    dims = ("corner", "cell") if transposed else ("cell", "corner")
+    dim = {"node": "point", "face": "cell", "edge": "side"}
+    topology = {"cf_role": "mesh_topology", "topology_dimension": 2, "face_node_connectivity": "table"}
+    topology |= {"edge_node_connectivity": "sides", "face_dimension": "cell"}
+    topology |= {f"{k}_coordinates": names.format(k, k) for k in coordinates.split()}
+    u, v = writers.slices(*at[place])
+    more = {"mesh": "mesh", "location": place} if says else {}
+    data: dict[str, Any] = {
+        "other": (
+            (),
+            0,
+            {"cf_role": "mesh_topology", "node_coordinates": "olon olat", "face_node_connectivity": "otable"},
+        ),
+        "olon": ("opoint", [0.0, 1.0, 0.0, 1.0], EAST),
+        "olat": ("opoint", [0.0, 0.0, 1.0, 1.5], NORTH),
+        "otable": (("ocell", "three"), [[0, 1, 2], [1, 3, 2]], {"start_index": 0}),
+        "mesh": ((), 0, topology),
+        "table": (dims, table.T if transposed else table, {"start_index": start}),
+        "sides": (("side", "two_ends"), edges + start),
+        "u": (("time", dim[place]), u, {"units": "m/s", "standard_name": "eastward_sea_water_velocity"} | more),
+        "v": (("time", dim[place]), v, {"units": "m/s", "standard_name": "northward_sea_water_velocity"} | more),
+    }
+    for k in coordinates.split():
+        for name, values, said in zip(names.format(k, k).split(), at[k], (EAST, NORTH), strict=True):
+            data[name] = (dim[k], values, said if attributes else {})
+    encoding = {"table": {"_FillValue": fill if declared else None}}
+    xr.Dataset(data, {"time": writers.TIMES}).to_netcdf(path, encoding=encoding)
+    return path
+
+
+KINDS: dict[str, dict[str, Any]] = {
+    "mesh_face_lon": {},
+    "mesh2d_face_x": {"names": "mesh2d_{}_x mesh2d_{}_y"},
+    "names that say nothing": {"names": "a{} b{}"},
+    "latitude first": {"names": "a{} b{}"},
+    "neither names nor attributes": {"names": "a{} b{}", "attributes": False},
+    "transposed": {"transposed": True},
+    "start_index 0, a fill value that nothing declares": {"start": 0, "fill": 2_000_000_000, "declared": False},
+    "start_index 1, 0 for none": {"fill": 0, "declared": False},
+    "no mesh at the variable": {"says": False},
+    "nodes alone": {"coordinates": "node"},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("place", ["node", "face"])
+def test_ugrid(kind: str, place: str, tmp_path: Path) -> None:
+    path = ugrid(tmp_path / "a.nc", place, **KINDS[kind])
+    if kind == "latitude first":
+        data = xr.load_dataset(path, decode_times=False, mask_and_scale=False)
+        for key in ("node", "face"):
+            data["mesh"].attrs[f"{key}_coordinates"] = f"b{key} a{key}"
+        data.to_netcdf(path)
+    source = forcing.open_source("current", path, box=AREA)
+    check(source, place)
+    assert any(f"values at their {'centres' if place == 'face' else ''}" in n for n in source.notes)
+
+
+def test_edges_are_refused(tmp_path: Path) -> None:
+    for says in (True, False):
+        path = ugrid(tmp_path / f"{says}.nc", "edge", says=says, coordinates="node face edge")
+        with pytest.raises(UserError, match=r'"u" stands on the edges of its mesh \(side\).*variables = \{ east'):
+            forcing.open_source("current", path)
+
+
+def test_a_mesh_in_another_file(tmp_path: Path) -> None:
+    data = xr.load_dataset(ugrid(tmp_path / "all.nc", "face"), decode_times=False)
+    fields = ["u", "v", "time"]
+    data[fields].to_netcdf(tmp_path / "his.nc")
+    data.drop_vars([*fields, "sides"]).to_netcdf(tmp_path / "grid.nc")
+    check(forcing.open_source("current", [tmp_path / "his.nc", tmp_path / "grid.nc"], box=AREA), "face")
+
+
+def test_the_key_that_a_refusal_names_works(tmp_path: Path) -> None:
+    """Coordinates of any name, without a mesh that says what they are."""
+    path = ugrid(tmp_path / "a.nc", "face", names="a{} b{}", attributes=False, says=False)
+    data = xr.load_dataset(path, decode_times=False)
+    data = data.drop_vars(["mesh", "other"])
+    data.to_netcdf(tmp_path / "b.nc")
+    with pytest.raises(UserError, match=r"variables = \{ lon = \.\.\., lat = \.\.\. \}"):
+        forcing.open_source("current", tmp_path / "b.nc")
+    source = forcing.open_source("current", tmp_path / "b.nc", variables={"lon": "aface", "lat": "bface"}, box=AREA)
+    check(source, "face")
+
+
+def fvcom(path: Path, **more: Any) -> Path:
+    """An FVCOM history file's variables and attributes: winds whose standard name holds a space, exact times apart."""
+    lon, lat, cells = writers.mesh()
+    lonc, latc = lon[cells].mean(1), lat[cells].mean(1)
+    u, v = writers.slices(lonc, latc)
+    days = (writers.TIMES - np.datetime64("1858-11-17")) / np.timedelta64(1, "D")
+    at = {"grid": "fvcom_grid", "type": "data", "mesh": "fvcom_mesh", "location": "face"}
+    layers = np.repeat(np.array([[-0.1], [-0.9]]), len(lon), 1)
+    water = {"units": "meters s-1", "coordinates": "time siglay latc lonc"} | at
+    wind = {"units": "meters s-1", "coordinates": "time latc lonc"} | at
+    mesh = {
+        "cf_role": "mesh_topology", "topology_dimension": 2, "node_coordinates": "lon lat",
+        "face_coordinates": "lonc latc", "face_node_connectivity": "nv",
+    }  # fmt: skip
+    three = ("time", "siglay", "nele")
+    weight = np.array([1.0, 0.4])[:, None]
+    xr.Dataset(
+        {
+            "fvcom_mesh": ((), 0, mesh),
+            "x": ("node", 0.0 * lon, {"long_name": "nodal x-coordinate", "units": "meters"}),
+            "lon": ("node", lon, EAST | {"long_name": "nodal longitude"}),
+            "lat": ("node", lat, NORTH | {"long_name": "nodal latitude"}),
+            "lonc": ("nele", lonc, EAST | {"long_name": "zonal longitude"}),
+            "latc": ("nele", latc, NORTH | {"long_name": "zonal latitude"}),
+            "nv": (("three", "nele"), (cells.T + 1).astype(np.int32), {"long_name": "nodes surrounding element"}),
+            "siglay": (("siglay", "node"), layers, {"standard_name": "ocean_sigma/general_coordinate", "positive": "up"}),
+            "Itime": ("time", np.floor(days).astype(np.int32), {"units": "days since 1858-11-17 00:00:00", "format": "modified julian day (MJD)"}),
+            "Itime2": ("time", np.rint(days % 1 * 86_400_000).astype(np.int32), {"units": "msec since 00:00:00"}),
+            "u": (three, u[:, None] * weight, {"long_name": "Eastward Water Velocity", "standard_name": "eastward_sea_water_velocity"} | water),
+            "v": (three, v[:, None] * weight, {"long_name": "Northward Water Velocity", "standard_name": "Northward_sea_water_velocity"} | water),
+            "ua": (("time", "nele"), 0.3 * u, {"long_name": "Vertically Averaged x-velocity"} | water),
+            "va": (("time", "nele"), 0.3 * v, {"long_name": "Vertically Averaged y-velocity"} | water),
+            **{
+                name: (("time", "nele"), 8.0 * values, {"long_name": f"{way} Wind Velocity", "standard_name": f"{way.lower()} wind"} | wind)
+                for name, values, way in zip(more.get("winds", ("uwind_speed", "vwind_speed")), (u, v), ("Eastward", "Northward"), strict=True)
+            },
+        }
+    ).to_netcdf(path)  # fmt: skip
+    return path
+
+
+@pytest.mark.parametrize("winds", [("uwind_speed", "vwind_speed"), ("U10", "V10"), ("wx", "wy")])
+def test_fvcom_winds_and_currents_in_one_file(winds: tuple[str, str], tmp_path: Path) -> None:
+    path = fvcom(tmp_path / "a.nc", winds=winds)
+    wind = forcing.open_source("wind", path, box=AREA)
+    assert (wind.times == writers.TIMES.astype("datetime64[s]")).all()
+    assert any("found by standard_name eastward_wind" in note for note in wind.notes)
+    check(wind, "face", 8.0)
+    current = forcing.open_source("current", path, box=AREA)
+    assert any("from u, v" in note for note in current.notes)
+    check(current, "face")
+
+
+def test_errors_of_a_wind_are_no_wind(tmp_path: Path) -> None:
+    """CF's modifiers follow a standard name after a space, as the words of FVCOM's do."""
+    path = fvcom(tmp_path / "a.nc", winds=("u10", "v10"))
+    data = xr.load_dataset(path, decode_times=False)
+    for name in ("u10", "v10"):
+        data[name].attrs["standard_name"] += " standard_error"
+    data.to_netcdf(tmp_path / "b.nc")
+    with pytest.raises(UserError, match="no wind in the wind file"):
+        forcing.open_source("wind", tmp_path / "b.nc")
