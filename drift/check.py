@@ -30,7 +30,7 @@ def understood(case: Case) -> dict[str, Any]:
     stretches = aftermath.stretches(case, few.spill, where, begin) if few.spill else None
     box = where.box
     found: dict[str, Any] = {
-        "run": f"{case.start} to {case.end} UTC, {case.particles:,} particles, step {begin.clock.step} s",
+        "run": f"{units.group(case.start)} to {units.group(case.end)}, {case.particles:,} particles, step {begin.clock.step} s",
         "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
         "coast": f"{where.coast.source}; {summary.behaviour(case)}" if where.coast else "none in the domain",
     }

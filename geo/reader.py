@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, component, dataset, layout, naming, quantities, tile
+from geo import clock, component, dataset, layout, naming, notation, quantities, tile
 from geo.box import Box
 from geo.component import Component
 from geo.errors import UserError
@@ -201,7 +201,7 @@ def _join(
     if len(times) == 1:
         if not request.lenient:
             raise UserError(
-                f"{request.name}: one time only, {times[0]}, which says nothing of the hours around it; set "
+                f"{request.name}: one time only, {notation.group(times[0])}, which says nothing of the hours around it; set "
                 f"[[{q}]] steady = true to hold it constant, or times to say when it holds, or name more files"
             )
         notes.append("one time only: a run needs steady = true or times")
