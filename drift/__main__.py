@@ -203,8 +203,10 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
         out = given.out or Path(f"{case.path.stem}-{kind}")
         if given.threads is not None and given.threads < 1:
             raise UserError(f"--threads {given.threads} must be at least 1")
-        from drift import flow, progress  # noqa: F401 - flow: what is slow to import is imported here
+        from drift import flow, outlook, progress  # noqa: F401 - flow: what is slow to import is imported here
 
+    if worth := outlook.caution(case):
+        print(f"drift: {worth}", file=sys.stderr)
     with progress.shown(case) as show:
 
         def report(phase: str, share: float) -> None:

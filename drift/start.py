@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift import ensemble as record
-from drift import forecast, prior, release
+from drift import forecast, prior, release, tables
 from drift import worlds as drawn_worlds
 from drift.case import Case, ForcingError
 from drift.ensemble import Ensemble
@@ -20,8 +20,10 @@ from drift.scenario import Scenario
 from drift.spill import Spill
 from drift.worlds import Proposal, Worlds
 from geo import coast as shoreline
-from geo import sphere
+from geo import notation, sphere
+from geo.box import Box
 from geo.errors import UserError
+from geo.forcing import Source
 from kernels import advance, runtime
 from kernels import coast as device_coast
 
@@ -166,19 +168,79 @@ def _check_place(case: Case, where: Environment, ensemble: Ensemble, scene: Scen
     lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     # What is released later may find a source that has nothing yet: the run itself judges it.
     probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
-    missing = dict.fromkeys(QUANTITIES, 0.0)
-    for (first, last), ranges in zip(ensemble.scenarios, scene.forcing.ranges, strict=True):
-        for k, quantity in enumerate(missing):
+    story = "class" if case.spill else "scenario"
+    _check_domain(case, where, ensemble, probability)
+    for k, quantity in enumerate(QUANTITIES):
+        missing, told = 0.0, []
+        pairs = zip(case.scenarios, where.scenarios, ensemble.scenarios, scene.forcing.ranges, strict=True)
+        for scenario, sources, (first, last), ranges in pairs:
             tiles = ranges[2 * k : 2 * k + 2]
-            if tiles[1] > tiles[0]:
-                valid = scene.forcing.tiles.at(*tiles, lon[first:last], lat[first:last], 0.0)[:, 2]
-                missing[quantity] += float(probability[first:last][valid < 0.5].sum())
-    for quantity, share in missing.items():
-        if share > case.max_lost:
-            boxes = [s.grid.box for s in where.sources if s.quantity == quantity]
-            extents = ", ".join(f"{b.west:.2f}..{b.east:.2f} E {b.south:.2f}..{b.north:.2f} N" for b in boxes)
+            if tiles[1] <= tiles[0]:
+                continue
+            valid = scene.forcing.tiles.at(*tiles, lon[first:last], lat[first:last], 0.0)[:, 2]
+            lost = np.where(valid < 0.5, probability[first:last], 0.0)
+            missing += float(lost.sum())
+            if lost.sum() > 0:
+                share = lost.sum() / max(probability[first:last].sum(), 1e-300)
+                x, y = _middle(lon[first:last], lat[first:last], lost)
+                away = ", ".join(f'"{source.name}" {_away(source, x, y)}' for source in sources.of(quantity))
+                told.append(f'{share:.0%} of {story} "{scenario.name}", about {tables.position(x, y)}: {away}')
+        if missing > case.max_lost:
             raise UserError(
-                f"[[{quantity}]]: {share:.0%} of the prior lies where there is no {quantity} ({extents} of the domain "
-                f"is covered, land excluded); at most {case.max_lost:.0%} may be lost (max_lost). Add a source, or move "
-                "the scenario"
+                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({'; '.join(told)}); at most "
+                f"{case.max_lost:.0%} may be lost (max_lost). Add a source, or move the {story}"
             )
+
+
+def _check_domain(case: Case, where: Environment, ensemble: Ensemble, probability: npt.NDArray[Any]) -> None:
+    """Refuse a prior of which more than may be lost lies outside the domain."""
+    west, south, width, height = domain(where)
+    lon, lat = ensemble.lon.to_numpy().astype(np.int64), ensemble.lat.to_numpy().astype(np.int64)
+    beyond = ((lon - west) % sphere.TURN > width) | (lat < south) | (lat > south + height)
+    lost = np.where(beyond, probability, 0.0)
+    if lost.sum() <= case.max_lost:
+        return
+    x, y = _middle(ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), lost)
+    box = where.box
+    raise UserError(
+        f"[domain]: {lost.sum():.0%} of the prior lies outside it, about {tables.position(x, y)}, from where it is "
+        f"{_edge(box, x, y)} to its edge ({box.west:.2f}..{box.east:.2f} E {box.south:.2f}..{box.north:.2f} N); at most "
+        f"{case.max_lost:.0%} may be lost (max_lost). Widen [domain], or leave it out"
+    )
+
+
+def _middle(lon: npt.NDArray[np.int32], lat: npt.NDArray[np.int32], weight: npt.NDArray[Any]) -> tuple[float, float]:
+    """Return the weighted mean position (lon, lat) [deg] of points [binary angles]: that of their mean vector."""
+    x, y = lon * sphere.UNIT, lat * sphere.UNIT
+    mean = [float((weight * part).sum()) for part in (np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y))]
+    middle = math.atan2(mean[1], mean[0]), math.atan2(mean[2], math.hypot(mean[0], mean[1]))
+    return math.degrees(middle[0]), math.degrees(middle[1])
+
+
+def _away(source: Source, lon: float, lat: float) -> str:
+    """Return how far and where the domain of a source lies from a point [deg]; what is missing inside it is land, or a gap."""
+    grid = source.grid
+    if source.domain is None:
+        box = grid.box
+        if (lon - box.west) % 360 <= box.east - box.west and box.south <= lat <= box.north:
+            return "has no value there (land, or missing)"
+        return f"begins {_edge(box, lon, lat)}"
+    row, column = np.nonzero(source.domain)
+    x, y = grid.lon[column], grid.lat[row]
+    apart = sphere.distance(np.radians(lon), np.radians(lat), np.radians(x), np.radians(y))
+    near = int(np.argmin(apart))
+    if apart[near] < np.radians(max(grid.dlon, grid.dlat)) * sphere.RADIUS:
+        return "has no value there (land, or missing)"
+    return f"begins {notation.toward(lon, lat, float(x[near]), float(y[near]))}"
+
+
+def _edge(box: Box, lon: float, lat: float) -> str:
+    """Return how far and where the edge of a box is from a point [deg], to about a thousandth of the box's size."""
+    share = np.linspace(0, 1, 1001)
+    x, y = box.west + share * (box.east - box.west), box.south + share * (box.north - box.south)
+    x, y = (
+        np.concatenate([x, x, 0 * y + box.west, 0 * y + box.east]),
+        np.concatenate([0 * x + box.south, 0 * x + box.north, y, y]),
+    )
+    near = int(np.argmin(sphere.distance(np.radians(lon), np.radians(lat), np.radians(x), np.radians(y))))
+    return notation.toward(lon, lat, float(x[near]), float(y[near]))

@@ -23,6 +23,22 @@ REACH = 30_000.0  # [m] from its nearest wet node a bay or channel that the sour
 Key = int | float  # an index of a slice, or a time [s] between two
 
 
+def holes(times: npt.NDArray[np.datetime64]) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return the (begin, end) of the holes in a source's times: between them it has nothing."""
+    if times.size < 2:
+        return []
+    steps = np.diff(times.astype("datetime64[s]"))
+    wide = np.flatnonzero(steps.astype(np.int64) > LONGEST_GAP * np.median(steps.astype(np.int64)))
+    return [(times[k], times[k + 1]) for k in wide]
+
+
+def spans(times: npt.NDArray[np.datetime64]) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return the (begin, end) of the spans in which a source that is not steady has something."""
+    inner = [end for hole in holes(times) for end in hole]
+    ends = [times[0], *inner, times[-1]]
+    return list(zip(ends[::2], ends[1::2], strict=True))
+
+
 class Bracket(NamedTuple):
     """The slices on both sides of a step, and the weight of the later one at its lower and upper time."""
 
