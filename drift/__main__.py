@@ -1,6 +1,6 @@
 """The command line `drift`: run, plan or check a case, list cases and objects, say how a forcing file was understood.
 
-Exit status: 0, 2 for the user's error (one line), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing heavy is imported before
+Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing heavy is imported before
 the command that needs it, so that help and lists come at once.
 """
 
@@ -107,7 +107,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         with interrupt.ending_cleanly():
             return _dispatch(argv)
     except UserError as error:
-        print(f"drift: {terminal.line(error)}", file=sys.stderr)
+        for line in terminal.lines(error):
+            print(f"drift: {line}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(interrupt.INTERRUPTED, file=sys.stderr)
@@ -202,13 +203,15 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
         out = given.out or Path(f"{case.path.stem}-{kind}")
         if given.threads is not None and given.threads < 1:
             raise UserError(f"--threads {given.threads} must be at least 1")
-        from drift import flow, progress  # noqa: F401 - flow: what is slow to import is imported here
+        from drift import flow, outlook, progress  # noqa: F401 - flow: what is slow to import is imported here
         from kernels import runtime
 
         cores = runtime.cores()
         if given.threads is not None and given.threads > cores:
             print(f"drift: --threads {given.threads}: runs on {cores}, all the cores it may use here", file=sys.stderr)
 
+    if worth := outlook.caution(case):
+        print(f"drift: {worth}", file=sys.stderr)
     with progress.shown(case) as show:
 
         def report(phase: str, share: float) -> None:
@@ -280,12 +283,12 @@ def _info(given: argparse.Namespace) -> None:
 
 def _draw(source: Any, path: Path) -> None:
     from drift import maps
-    from geo import shore
+    from geo import notation, shore
 
     if path.suffix.lower() != ".png" or not path.absolute().parent.is_dir():
         raise UserError(f"--plot {path}: must be a .png file in a folder that exists")
     values, grid = source.read(0), source.grid
-    when = f", {source.times[0]}Z" if source.times.size else ""
+    when = f", {notation.group(source.times[0])}" if source.times.size else ""
     title = f"{source.quantity} {source.name}{when}"
     land = shore.land("gshhg", grid.box).polygons
     maps.draw_field(path, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land)

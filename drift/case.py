@@ -1,7 +1,7 @@
 """The case: who is adrift, since when and where, in which wind and current, and what is asked of the forecast.
 
 `load` turns a TOML file into a Case, a frozen record in SI and UTC. Every error that can be found without opening the
-forcing is found here, and is one line. Cases that ship with the project are found by name.
+forcing is found here, all of them at once, a line each. Cases that ship with the project are found by name.
 """
 
 import os
@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from drift import contact_input, messages, plan_input, sortie_input, sources, subject, units
+from drift import contact_input, messages, mistakes, plan_input, sortie_input, sources, subject, units
 from drift.expect import Expect
 from drift.fit import Run
+from drift.mistakes import Mistakes
 from drift.scenario import Scenario
 from drift.schema import CaseTable, OutputTable
 from drift.sortie import Contact, PlanSpec, Resampling, Sortie, Unit
@@ -34,6 +35,7 @@ else:
 
 MOST_OUTPUTS = 1000
 FILES = ("files", "source", "lakes", "file", "track", "actual")  # keys that name input files
+QUANTITIES: tuple[Quantity, ...] = ("current", "wind", "stokes")
 
 
 @dataclass(frozen=True)
@@ -107,23 +109,26 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
     """Return the case of a TOML file, or of a shipped case's name.
 
     overrides: {"clock.step": "10 min", "scenario.0.weight": "0.3"}: places in the file and TOML values.
-    Raises UserError, one line, for whatever is wrong with it.
+    Raises one UserError for whatever is wrong with it, a line for each mistake.
     """
     path, text = _read(name)
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError; numbers of 5,000 digits; 1,000 brackets deep
         raise UserError(_one_line(path, f"not valid TOML: {error}")) from None
-    try:
-        for key, value in (overrides or {}).items():
+    wrong = Mistakes()
+    for key, value in (overrides or {}).items():
+        with wrong.gathered():
             _override(data, key, value)
-            text += f"\n# --set {key}={value}"
+        text += f"\n# --set {key}={value}"
+    try:
+        wrong.refuse()
         case = _build(CaseTable.model_validate(data), path, text)
         return replace(case, inputs=tuple(dict.fromkeys(_inputs(data, path.absolute().parent))))
     except ValidationError as error:
-        raise UserError(_one_line(path, messages.line(error, data))) from None
+        raise _refusal(path, (*messages.lines(error, data), *_sources_without(data, path))) from None
     except UserError as error:
-        raise UserError(_one_line(path, str(error))) from None
+        raise _refusal(path, error.lines) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
 
@@ -140,9 +145,34 @@ def _inputs(here: Any, folder: Path, key: str = "") -> Iterator[str]:
         yield from (path for path in sources.found(here, folder) if not sources.ADDRESS.match(path))
 
 
+def _refusal(path: Path, lines: tuple[str, ...]) -> UserError:
+    """Return a refusal of a case: its mistakes, each a line that begins with the file's name."""
+    return UserError(*(_one_line(path, line) for line in mistakes.shortened(lines)))
+
+
 def _one_line(path: Path, message: str) -> str:
-    """Return a refusal with its file's name; what was given may hold line breaks of its own."""
+    """Return a mistake with its file's name; what was given may hold line breaks of its own."""
     return f"{path.name}: {' '.join(message.split())}"
+
+
+def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
+    """Return what is wrong with the sources that can be understood in a case that as a whole can't be."""
+    try:
+        start = units.time(data.get("start"))
+    except ValueError:
+        return []
+    found = Mistakes()
+    for quantity in QUANTITIES:
+        tables = data.get(quantity)
+        for number, written in enumerate(tables if isinstance(tables, list) else (), 1):
+            try:
+                table = SourceTable.model_validate(written)
+            except ValidationError:  # told already
+                continue
+            if isinstance(start, np.datetime64):
+                with found.gathered(sources.place(quantity, number, table.name)):
+                    table.spec(quantity, number, start, path.absolute().parent)
+    return found.lines
 
 
 def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
@@ -191,23 +221,35 @@ def _index(here: Any, part: str, key: str) -> int:
 def _build(table: CaseTable, path: Path, text: str) -> Case:
     """Return the record, after what only the whole case can tell."""
     start, end = table.begin(), table.finish()
-    folder = path.absolute().parent
-    currents = _sources("current", table.current, start, folder)
-    winds = _sources("wind", table.wind, start, folder)
-    stokes = _sources("stokes", table.stokes, start, folder)
+    folder, wrong = path.absolute().parent, Mistakes()
+    known = tuple(
+        _sources(quantity, tables, start, folder, wrong)
+        for quantity, tables in zip(QUANTITIES, (table.current, table.wind, table.stokes), strict=True)
+    )
     uncertain = table.uncertainty
     off = ForcingError(0.0, 21_600.0)
-    spill = subject.spill(table, start, end, folder) if table.spill else None
-    known = (currents, winds, stokes)
-    scenarios = (
-        subject.classes(spill, start, end, known) if spill else subject.scenarios(table.scenario, start, end, known)
-    )
+    spill: Spill | None = None
+    scenarios: tuple[Scenario, ...] = ()
+    with wrong.gathered():
+        if table.spill:
+            spill = subject.spill(table, start, end, folder)
+            scenarios = subject.classes(spill, start, end, known)
+        else:
+            scenarios = subject.scenarios(table.scenario, start, end, known)
     run = Run(start, end, scenarios, folder)
-    sorties, contacts = sortie_input.build(table.sortie, run), contact_input.build(table.contact, run)
-    plan = table.plan.spec(run, sorties, contacts, asked=bool(table.unit) or "plan" in table.model_fields_set)
-    fleet = plan_input.build(table.unit, run, plan)
-    plan_input.check_groups(sorties, fleet)
+    sorties, contacts, fleet, plan = _search(table, run, wrong)
     more = [find.time for find in spill.finds if find.at_sea] if spill else plan_input.times(sorties, contacts)
+    outputs = np.empty(0, "datetime64[s]")
+    with wrong.gathered():
+        outputs = _outputs(table.output, start, end, more)
+    shore, lakes = table.coast.source, table.coast.lakes
+    with wrong.gathered():
+        shore = _shore(shore, folder)
+    with wrong.gathered():
+        lakes = sources.one_file(lakes, folder, "coast.lakes") if isinstance(lakes, str) else lakes
+    wrong.refuse()
+    assert plan is not None
+    currents, winds, stokes = known
     return Case(
         title=table.title or path.stem,
         path=path,
@@ -218,21 +260,13 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         particles=spill.particles if spill else table.particles,
         seed=table.seed,
         max_lost=table.max_lost,
-        outputs=_outputs(table.output, start, end, more),
+        outputs=outputs,
         trajectories=table.output.trajectories,
         step=table.clock.step,
         scheme=table.clock.scheme,
         tolerance=table.clock.tolerance,
         domain=table.domain.box() if table.domain else None,
-        coast=Coast(
-            _shore(table.coast.source, folder),
-            table.coast.behaviour,
-            table.coast.half_life or 0.0,
-            table.coast.offing,
-            sources.one_file(table.coast.lakes, folder, "coast.lakes")
-            if isinstance(table.coast.lakes, str)
-            else table.coast.lakes,
-        ),
+        coast=Coast(shore, table.coast.behaviour, table.coast.half_life or 0.0, table.coast.offing, lakes),
         currents=currents,
         winds=winds,
         stokes=stokes,
@@ -248,6 +282,36 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         resampling=table.resampling.resampling(),
         expect=table.expect,
     )
+
+
+def _search(
+    table: CaseTable, run: Run, wrong: Mistakes
+) -> tuple[tuple[Sortie, ...], tuple[Contact, ...], tuple[Unit, ...], PlanSpec | None]:
+    """Return what was searched, seen, and can be sent; what is wrong with it is added to the mistakes.
+
+    Where the scenarios are at fault nothing is looked at: they say what is searched for, and how well it is seen.
+    """
+    sorties: tuple[Sortie, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    fleet: tuple[Unit, ...] = ()
+    plan = None
+    if not run.scenarios:
+        return sorties, contacts, fleet, plan
+    before = len(wrong.lines)
+    with wrong.gathered():
+        sorties = sortie_input.build(table.sortie, run)
+    with wrong.gathered():
+        contacts = contact_input.build(table.contact, run)
+    with wrong.gathered():
+        plan = table.plan.spec(run, sorties, contacts, asked=bool(table.unit) or "plan" in table.model_fields_set)
+    # Units that fit no plan of the case may fit the longest that there can be.
+    longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_input.LEAST)
+    with wrong.gathered():
+        fleet = plan_input.build(table.unit, run, plan or longest)
+    if len(wrong.lines) == before:
+        with wrong.gathered():
+            plan_input.check_groups(sorties, fleet)
+    return sorties, contacts, fleet, plan
 
 
 def _outputs(
@@ -278,20 +342,20 @@ def _shore(source: str, folder: Path) -> str:
 
 
 def _sources(
-    quantity: Quantity, tables: list[SourceTable], start: np.datetime64, folder: Path
+    quantity: Quantity, tables: list[SourceTable], start: np.datetime64, folder: Path, wrong: Mistakes
 ) -> tuple[ForcingSpec, ...]:
+    """Return the sources of a quantity; one that is at fault is added to the mistakes, and stands in by its name."""
     specs: list[ForcingSpec] = []
     for number, table in enumerate(tables, 1):
-        place = f'{quantity} "{table.name}"' if table.name else f"{quantity} {number}"
-        try:
+        place = sources.place(quantity, number, table.name)
+        spec = ForcingSpec(table.name or f"{quantity} {number}", quantity)
+        with wrong.gathered(place):
             spec = table.spec(quantity, number, start, folder)
-        except ValueError as error:
-            raise UserError(f"{place}: {error}") from None
         if spec.name in {other.name for other in specs}:
-            raise UserError(f"{place}: two sources have this name; give each its own")
+            wrong.lines.append(f"{place}: two sources have this name; give each its own")
         specs.append(spec)
     if specs and all(spec.add for spec in specs):
-        raise UserError(
+        wrong.lines.append(
             f'{quantity} "{specs[0].name}": add = true, and there is no [[{quantity}]] to add it to: leave add out of the '
             "source that the others are added to"
         )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from drift import aftermath, environment, start, summary, tables, turns, units
+from drift import aftermath, environment, outlook, start, summary, tables, turns, units
 from drift.case import Case
 from drift.spill import Spill
 from drift.units import NMI
@@ -27,18 +27,27 @@ def understood(case: Case) -> dict[str, Any]:
     if case.spill:
         few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))
     begin = start.prepare(few, where)
-    begin.scene.forcing.close()
-    stretches = aftermath.stretches(case, few.spill, where, begin) if few.spill else None
+    try:
+        stretches = aftermath.stretches(case, few.spill, where, begin) if few.spill else None
+        told = {
+            "work": outlook.work(case, begin.clock.step) + outlook.advised(case, where, begin),
+            "by the end": outlook.ends(case, begin),
+        }
+    finally:
+        begin.scene.forcing.close()
     box = where.box
     found: dict[str, Any] = {
-        "run": f"{case.start} to {case.end} UTC, {case.particles:,} particles, step {begin.clock.step} s",
+        "run": f"{units.group(case.start)} to {units.group(case.end)}, {case.particles:,} particles, step {begin.clock.step} s",
         "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
+        **told,
         "coast": f"{where.coast.source}; {summary.behaviour(case)}" if where.coast else "none in the domain",
     }
     found |= {f"coast, note {k}": note for k, note in enumerate(where.notes, 1)}
     for source in where.sources:
         missing = f"{source.missing:.1%} missing; " if source.missing else ""
         found[f"{source.quantity} {source.name}"] = f"{missing}{'; '.join(source.notes) or 'as is'}"
+        if lacking := outlook.holes(case, source):
+            found[f"{source.quantity} {source.name}"] += f"; {lacking}: what drifts then needs another source"
     if case.spill and stretches:
         found |= _spill(case.spill, stretches)
     story = "class" if case.spill else "scenario"

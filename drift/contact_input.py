@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, model_validator
 
 from drift import fields, units
-from drift.fit import Run, named, told
+from drift.fit import Run, all_told
 from drift.objects import ObjectTable
 from drift.pattern_input import RegionTable
 from drift.scenario import ErrorTable
@@ -171,6 +171,5 @@ class ContactTable(fields.Table):
 
 def build(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:
     """Return the contacts by time; raise UserError for what is wrong with one."""
-    names = named([table.name for table in tables], "contact")
-    made = tuple(told(table.contact, name, "contact", run) for table, name in zip(tables, names, strict=True))
+    made = all_told([table.contact for table in tables], [table.name for table in tables], "contact", run)
     return tuple(sorted(made, key=lambda contact: contact.time))

@@ -22,6 +22,9 @@ STRONGEST_WIND = 25.0  # [m/s]
 COAST_MARGIN = 0.25  # [deg] more than a step
 PIECE = 50_000.0  # [m] how finely a voyage is followed for its box
 POLEWARD = 89.0  # [deg] beyond, east and north lose their meaning: a particle there has left
+VAST = 4_000.0  # [deg2] a box in which it is worth asking what of it can be reached at all
+UTMOST_CURRENT, UTMOST_STOKES, UTMOST_WIND = 8.0, 3.0, 90.0  # [m/s] faster ones are refused as implausible
+FARTHEST = 7.0  # standard deviations beyond which nothing is drawn
 SPREADS = 5.0  # standard deviations of a prior that lie in its box
 
 
@@ -44,6 +47,8 @@ def open_for(case: Case) -> Environment:
     """
     box = case.domain or reach(case)
     box = replace(box, south=max(box.south, -POLEWARD), north=min(box.north, POLEWARD))
+    if (box.east - box.west) * (box.north - box.south) > VAST:
+        box = _common(box, utmost(case))
     opened = {spec.name + spec.quantity: _open(spec, box, case) for spec in (*case.currents, *case.winds, *case.stokes)}
     cells: dict[tuple[str, str], int] = {
         (spec.quantity, spec.name): spec.fill for spec in (*case.currents, *case.winds, *case.stokes)
@@ -90,6 +95,42 @@ def _names(case: Case, scenario: Scenario) -> tuple[tuple[str, ...], ...]:
 
 def reach(case: Case) -> Box:
     """Return the box that holds every prior and all that it can reach by the end of the run."""
+    slope = max(
+        (max(abs(line.slope) for line in (one.down, one.right, one.left)) for one in _objects(case)),
+        default=0.0,
+    )
+    fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * case.current_error.std
+    if case.spill:
+        fastest += 3 * case.spill.current_bias + slope * STRONGEST_WIND * (math.exp(2 * case.spill.windage_bias) - 1)
+    return _around(case, fastest, SPREADS)
+
+
+def utmost(case: Case) -> Box:
+    """Return a box that nothing of a case leaves: speeds beyond all that is plausible, and errors beyond chance.
+
+    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs.
+    """
+    wind = UTMOST_WIND + FARTHEST * case.wind_error.std
+    leeway = max(
+        (
+            (abs(line.slope) + FARTHEST * line.slope_std) * wind + abs(line.offset) + FARTHEST * line.offset_std
+            for one in _objects(case)
+            for line in (one.down, one.right, one.left)
+        ),
+        default=0.0,
+    )
+    fastest = (
+        UTMOST_CURRENT + UTMOST_STOKES + 2 * leeway + FARTHEST * case.current_error.std
+    )  # down and across the wind
+    if case.spill:
+        fastest += FARTHEST * case.spill.current_bias + 2 * leeway * math.exp(FARTHEST * case.spill.windage_bias)
+    span = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
+    fastest += FARTHEST * math.sqrt(2 * case.diffusivity / span)
+    return _around(case, fastest, FARTHEST)
+
+
+def _around(case: Case, fastest: float, spreads: float) -> Box:
+    """Return the box of all priors, so many standard deviations wide, and of what drifts from them at a speed [m/s]."""
     lon: list[np.ndarray] = []
     lat: list[np.ndarray] = []
     spread = 0.0
@@ -98,23 +139,17 @@ def reach(case: Case) -> Box:
         x, y = np.atleast_1d(prior.lon), np.atleast_1d(prior.lat)
         if isinstance(prior, PositionPrior):
             far = prior.displacement.distance[1] if prior.displacement else 0.0
-            spread = max(spread, SPREADS * prior.major + far)
+            spread = max(spread, spreads * prior.major + far)
         elif not isinstance(prior, AreaPrior):
             x, y = sphere.track(x, y, PIECE)
             x = np.unwrap(x)
-            spread = max(spread, SPREADS * prior.cross_track)
+            spread = max(spread, spreads * prior.cross_track)
         # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to the first prior's.
         about = lon[0].mean() if lon else x.mean()
         lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
         lat.append(y)
-    slope = max(
-        (max(abs(line.slope) for line in (one.down, one.right, one.left)) for one in _objects(case)),
-        default=0.0,
-    )
-    fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * case.current_error.std
     if case.spill:
-        spread += SPREADS * case.spill.scatter
-        fastest += 3 * case.spill.current_bias + slope * STRONGEST_WIND * (math.exp(2 * case.spill.windage_bias) - 1)
+        spread += spreads * case.spill.scatter
     duration = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
     grown = np.degrees((spread + fastest * duration) / sphere.RADIUS)
     x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
@@ -173,25 +208,47 @@ def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[S
     if any(not source.times.size for source in sources):
         return
     first, last = sorted((case.start, case.end))
-    spans = sorted((source.times[0], source.times[-1]) for source in sources)
-    covered, reached = np.timedelta64(0, "s"), first
-    for begin, end in spans:
-        begin, end = max(begin, reached), min(end, last)
-        if end > begin:
-            covered, reached = covered + (end - begin), end
-    share = float(covered / (last - first))
-    if share < 1 and (share == 0 or case.max_lost < 1):
-        names = ", ".join(f'"{source.name}"' for source in sources)
-        whole = f"{units.group(min(s[0] for s in spans))} to {units.group(max(s[1] for s in spans))}"
-        raise UserError(
-            f'{"class" if case.spill else "scenario"} "{scenario.name}": {quantity} {names} lasts from {whole}, the run from {units.group(first)} to '
-            f"{units.group(last)}: {share:.0%} of it is covered, and without forcing all that is adrift is lost. Change "
-            + (
-                f"start, duration or end, or leave {names} out: it has add = true, and a sum without it is none"
-                if added
-                else f"start, duration or end, or add another [[{quantity}]]"
-            )
+    spans = sorted(span for source in sources for span in stream.spans(source.times))
+    without, reached = [], first
+    for begin, end in (*spans, (last, last)):
+        if begin > reached:
+            without.append((reached, min(begin, last)))
+        reached = min(max(reached, end), last)
+    without = [hole for hole in without if hole[1] > hole[0]]
+    if not without or (case.max_lost == 1 and without != [(first, last)]):
+        return
+    share = 1 - float(sum((end - begin for begin, end in without), np.timedelta64(0, "s")) / (last - first))
+    names = ", ".join(f'"{source.name}"' for source in sources)
+    whole = f"{units.group(min(s[0] for s in spans))} to {units.group(max(s[1] for s in spans))}"
+    lacking = " and ".join(f"from {units.group(begin)} to {units.group(end)}" for begin, end in without[:3])
+    more = f" and {len(without) - 3} times more" if len(without) > 3 else ""
+    raise UserError(
+        f'{"class" if case.spill else "scenario"} "{scenario.name}": {quantity} {names} lasts from {whole}, the run from '
+        f"{units.group(first)} to {units.group(last)}: {math.floor(100 * share)}% of it is covered, nothing {lacking}{more}, and "
+        f"without forcing all that is adrift is lost. Change "
+        + (
+            f"start, duration or end, or leave {names} out: it has add = true, and a sum without it is none"
+            if added
+            else f"start, duration or end, or add another [[{quantity}]]"
         )
+    )
+
+
+def _common(box: Box, other: Box) -> Box:
+    """Return the part of a box that lies in another too; the whole of it where they have no part, or two, in common."""
+    south, north = max(box.south, other.south), min(box.north, other.north)
+    if other.east - other.west >= 360:
+        found = [(box.west, box.east)]
+    elif box.east - box.west >= 360:
+        found = [(other.west, other.east)]
+    else:
+        sides = ((max(box.west, other.west + k), min(box.east, other.east + k)) for k in (-360, 0, 360))
+        found = [(west, east) for west, east in sides if west < east]
+    if south >= north or len(found) != 1:
+        return box
+    ((west, east),) = found
+    start = (west + 180) % 360 - 180
+    return Box(start, south, start + east - west, north)
 
 
 def _shrunk(box: Box, sources: tuple[Source, ...]) -> Box:

@@ -4,10 +4,18 @@ Each is an annotated type for a pydantic model. A refusal says what was given an
 """
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails
 
 from drift import units
 
@@ -17,19 +25,53 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=False)
 
-    @model_validator(mode="before")
+    @model_validator(mode="wrap")
     @classmethod
-    def known_keys(cls, data: Any) -> Any:
-        """Refuse unknown keys with the nearest known one, before anything else in the table."""
+    def known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
+        """Refuse unknown keys with the nearest known one, together with all else that is wrong in the table.
+
+        What only follows from an unknown key is left out: that the key it stands for is missing, and what the table as a
+        whole would lack.
+        """
+        if isinstance(data, cls):
+            return handler(data)
         if not isinstance(data, dict):
             raise ValueError(f"must be a table, not {data!r}")
         known = [field.alias or name for name, field in cls.model_fields.items()]
-        for key in data:
-            if key not in known:
-                near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.6)
-                hint = f'did you mean "{near[0]}"? ' if near else ""
-                raise ValueError(f'unknown key "{key}"; {hint}Allowed: {", ".join(known)}')
-        return data
+        unknown = {str(key): difflib.get_close_matches(str(key), known, n=1, cutoff=0.6) for key in data}
+        unknown = {key: near for key, near in unknown.items() if key not in known}
+        if not unknown:
+            return handler(data)
+        wrong = [
+            f'unknown key "{key}"; {f"""did you mean "{near[0]}"? """ if near else ""}Allowed: {", ".join(known)}'
+            for key, near in unknown.items()
+        ]
+        meant = {near[0] for near in unknown.values() if near}
+        other: list[InitErrorDetails] = []
+        try:
+            handler({key: value for key, value in data.items() if key in known})
+        except ValidationError as error:
+            other = [
+                _detail(found)
+                for found in error.errors(include_url=False)
+                if found["loc"] and not (found["type"] == "missing" and found["loc"][0] in meant)
+            ]
+        raise ValidationError.from_exception_data(cls.__name__, [*map(complaint, wrong), *other])
+
+
+def complaint(message: str) -> InitErrorDetails:
+    """Return a complaint about a whole table, one of several to raise together."""
+    return {"type": "value_error", "loc": (), "input": None, "ctx": {"error": ValueError(message)}}
+
+
+def refuse(table: BaseModel, messages: Sequence[str]) -> None:
+    """Refuse a table for all that is wrong with it, if anything is."""
+    if messages:
+        raise ValidationError.from_exception_data(type(table).__name__, [complaint(message) for message in messages])
+
+
+def _detail(found: Any) -> InitErrorDetails:
+    return {"type": found["type"], "loc": found["loc"], "input": found["input"], "ctx": found.get("ctx", {})}
 
 
 def one_of(table: BaseModel, names: tuple[str, ...]) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from drift import units
+from drift.mistakes import Mistakes
 from drift.scenario import Scenario
 from geo.errors import UserError
 
@@ -33,11 +34,30 @@ class Run:
 
 def named(given: Sequence[str | None], what: str) -> list[str]:
     """Return names, "sortie 2" for the second where it has none; refuse a name that comes twice."""
-    names = [name or f"{what} {number}" for number, name in enumerate(given, 1)]
-    for name in names:
-        if names.count(name) > 1:
-            raise UserError(f'{what} "{name}": two {what}s have this name; give each its own')
+    names = numbered(given, what)
+    again = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if again:
+        raise UserError(*(f'{what} "{name}": two {what}s have this name; give each its own' for name in again))
     return names
+
+
+def numbered(given: Sequence[str | None], what: str) -> list[str]:
+    """Return names, "sortie 2" for the second where it has none."""
+    return [name or f"{what} {number}" for number, name in enumerate(given, 1)]
+
+
+def all_told(
+    makers: Sequence[Callable[[str, Run], Any]], given: Sequence[str | None], what: str, run: Run
+) -> list[Any]:
+    """Return what tables make, one after the other; raise one UserError for all that is wrong with any of them."""
+    wrong, made = Mistakes(), []
+    with wrong.gathered():
+        named(given, what)
+    for make, name in zip(makers, numbered(given, what), strict=True):
+        with wrong.gathered():
+            made.append(told(make, name, what, run))
+    wrong.refuse()
+    return made
 
 
 def told(make: Callable[[str, Run], Any], name: str, what: str, run: Run) -> Any:

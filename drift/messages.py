@@ -1,4 +1,4 @@
-"""What pydantic found wrong in a case file, as one line for the person who wrote it."""
+"""What pydantic found wrong in a case file, as lines for the person who wrote it."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,16 +6,16 @@ from typing import Any
 from pydantic import ValidationError
 
 
-def line(error: ValidationError, data: Mapping[str, Any]) -> str:
-    """Return the first complaint as 'scenario "raft".position.at: what is wrong', and how many more there are.
+def lines(error: ValidationError, data: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the complaints as 'scenario "raft".position.at: what is wrong', a line each.
 
     data: the case file's tables as read, so that scenarios and sources are called by their names.
     """
-    found = error.errors(include_url=False)
-    first = found[0]
-    place, what = where(first["loc"], data), _what(first)
-    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-    return f"{place}: {what}{more}" if place else f"{what}{more}"
+    told = []
+    for found in error.errors(include_url=False):
+        place, what = where(found["loc"], data), _what(found)
+        told.append(f"{place}: {what}" if place else what)
+    return tuple(told)
 
 
 def where(loc: Sequence[int | str], data: Any) -> str:

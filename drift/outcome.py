@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from drift import plan_text, subareas
 from drift.tables import NMI, position
 from drift.tasking import Plan
@@ -10,6 +12,8 @@ from drift.units import group
 WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
 WORST = 5  # stretches that are told
 FEW = 200  # effective particles under which results are rough
+
+TIMES = ("time", "time_10", "time_50", "time_90")  # of an origin
 
 Facts = dict[str, str]
 
@@ -93,7 +97,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
     for place in told["worst_stretches"][:WORST]:
         facts[place["name"]] = (
             f"{place['expected']:.1f} ashore ({place['number_10']:.0f} to {place['number_90']:.0f}), at least one "
-            f"{_percent(place['probability'])}, the first about {place['first_50'][:16]}Z"
+            f"{_percent(place['probability'])}, the first about {_group(place['first_50'])}"
         )
     for find in told["finds"]:
         odd = "; ODD, check it" if find["odd"] else ""
@@ -122,11 +126,18 @@ def origin(told: dict[str, Any]) -> Facts:
         name.replace("_", " "): f"{value:.4g}" if isinstance(value, float) else str(value)
         for name, value in told.items()
     }
+    facts |= {name.replace("_", " "): _group(told[name]) for name in told if name in TIMES}
     facts["note"] = (
         "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) with this "
         "release as its prior, weighted by all finds"
     )
     return facts
+
+
+def _group(iso: str) -> str:
+    """Return a time as files hold it, 2026-11-21T18:30:00Z, as a date-time group; "never" where there is none."""
+    time = np.datetime64(iso.removesuffix("Z"))
+    return "never" if np.isnat(time) else group(time)
 
 
 def _coast(numbers: dict[str, Any]) -> Facts:

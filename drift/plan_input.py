@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator
 
 from drift import fields, units
-from drift.fit import Run, named, told
+from drift.fit import Run, all_told
+from drift.mistakes import Mistakes
 from drift.sensor_input import VISUAL, Kind, SensorTable
 from drift.sortie import Contact, PlanSpec, Resampling, Sortie, Unit
 from geo.errors import UserError
@@ -100,23 +101,23 @@ class PlanTable(fields.Table):
         known = [run.start, *(sortie.end for sortie in sorties), *(contact.time for contact in contacts)]
         begin = max(known) if self.begin is None else units.resolve(self.begin, run.start)
         until = run.end if self.until is None else units.resolve(self.until, run.start)
+        wrong = Mistakes()
         for key, time in (("begin", begin), ("until", until)):
             if getattr(self, key) is not None:
-                try:
+                with wrong.gathered(f"plan.{key}"):
                     run.check(time, time)
-                except ValueError as error:
-                    raise UserError(f"plan.{key}: {error}") from None
         if self.begin is None:
             begin = min(begin, until)  # all has been flown: a run need not mind that there is no time left to plan for
         elif asked and begin >= until:
-            raise UserError(
+            wrong.lines.append(
                 f"plan: it begins at {units.group(begin)}, not before its end, {units.group(until)}; give begin and "
                 "until in [plan], or run for longer"
             )
         if self.objective == "alive" and all(scenario.survival is None for scenario in run.scenarios):
-            raise UserError(
+            wrong.lines.append(
                 'plan.objective: "alive" needs survival in the scenarios, like survival = { median = "18 h", spread = 1.6 }'
             )
+        wrong.refuse()
         return PlanSpec(begin, until, self.objective, self.separation, self.rounds, self.particles)
 
 
@@ -141,12 +142,11 @@ class ResamplingTable(fields.Table):
 
 def build(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit, ...]:
     """Return the units; raise UserError for what is wrong with one."""
-    named([table.name for table in tables], "unit")
 
     def maker(table: UnitTable) -> Callable[[str, Run], Unit]:
         return lambda name, run: table.unit(name, run, plan)
 
-    return tuple(told(maker(table), table.name, "unit", run) for table in tables)
+    return tuple(all_told([maker(table) for table in tables], [table.name for table in tables], "unit", run))
 
 
 def check_groups(sorties: Sequence[Sortie], known: Sequence[Unit]) -> None:

@@ -4,7 +4,7 @@ Scenarios, objects, sources and expectations have files of their own; here is wh
 """
 
 import os
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -77,11 +77,17 @@ class DomainTable(fields.Table):
         return Box(west, self.south, west + ((self.east - west) % 360 or 360.0), self.north)
 
 
+def _lakes(value: object) -> bool | str:
+    if not isinstance(value, bool | str):
+        raise ValueError(f"{value!r} must be true, false or a file of lakes")
+    return value
+
+
 class CoastTable(fields.Table):
     """The [coast] table as written."""
 
     source: str = "gshhg"
-    lakes: bool | str = False
+    lakes: Annotated[Any, BeforeValidator(_lakes)] = False
     behaviour: Literal["strand", "refloat", "slide"] = "strand"
     half_life: fields.Duration | None = None
     offing: Annotated[fields.Length, Field(gt=0, le=2000)] = 100.0
@@ -177,38 +183,47 @@ class CaseTable(fields.Table):
         return value
 
     @model_validator(mode="after")
-    def one_subject(self) -> "CaseTable":
-        """Refuse a case of nothing, and one of two kinds."""
-        if bool(self.scenario) == (self.spill is not None):
-            raise ValueError("give either [[scenario]] tables, of one object, or a [spill] of many")
-        if self.spill is None and (self.find or self.patrol):
-            raise ValueError("[[find]] and [[patrol]] belong to a [spill]")
-        if self.spill is not None and "particles" in self.model_fields_set:
-            raise ValueError("particles: a spill has spill.worlds times spill.per_world of them; give those")
-        given = [f"[[{key}]]" for key in ("sortie", "contact", "unit") if getattr(self, key)]
-        given += [f"[{key}]" for key in ("plan", "resampling") if key in self.model_fields_set]
-        if self.spill is not None and given:
-            raise ValueError(
-                f"{given[0]} belongs to a search with [[scenario]] tables; a [spill] has [[find]] and [[patrol]]"
-            )
-        if self.direction == "backward" and given:
-            raise ValueError(f"{given[0]} belongs to a forward run: a search and its plan go with the time")
+    def whole(self) -> "CaseTable":
+        """Refuse a case of nothing, one of two kinds, and one whose times don't fit its direction."""
+        wrong = [*self._subject(), *self._backward(), *self._span()]
+        fields.refuse(self, wrong)
         return self
 
-    @model_validator(mode="after")
-    def span(self) -> "CaseTable":
-        """Refuse an end before the start, unless the run is backward."""
-        fields.one_of(self, ("duration", "end"))
+    def _subject(self) -> list[str]:
+        if bool(self.scenario) == (self.spill is not None):
+            return ["give either [[scenario]] tables, of one object, or a [spill] of many"]
+        wrong = []
+        if self.spill is None and (self.find or self.patrol):
+            wrong.append("[[find]] and [[patrol]] belong to a [spill]")
+        if self.spill is not None and "particles" in self.model_fields_set:
+            wrong.append("particles: a spill has spill.worlds times spill.per_world of them; give those")
+        if self.spill is not None and (given := self._of_a_search()):
+            wrong.append(f"{given} belongs to a search with [[scenario]] tables; a [spill] has [[find]] and [[patrol]]")
+        return wrong
+
+    def _backward(self) -> list[str]:
+        given = self._of_a_search() if self.direction == "backward" and self.spill is None else ""
+        return [f"{given} belongs to a forward run: a search and its plan go with the time"] if given else []
+
+    def _of_a_search(self) -> str:
+        """Return the first table that belongs to a search, "" without one."""
+        given = [f"[[{key}]]" for key in ("sortie", "contact", "unit") if getattr(self, key)]
+        given += [f"[{key}]" for key in ("plan", "resampling") if key in self.model_fields_set]
+        return given[0] if given else ""
+
+    def _span(self) -> list[str]:
+        try:
+            fields.one_of(self, ("duration", "end"))
+        except ValueError as error:
+            return [str(error)]
         start, end = self.begin(), self.finish()
         if end == start:
-            raise ValueError(f"end {units.group(end)} is the start: nothing to forecast")
-        if (end < start) != (self.direction == "backward"):
-            fault = "before" if end < start else "after"
-            cure = 'an end after the start, or direction = "backward"' if end < start else "an end before the start"
-            raise ValueError(
-                f"end {units.group(end)} is {fault} start {units.group(start)} in a {self.direction} run; give {cure}"
-            )
-        return self
+            return [f"end {units.group(end)} is the start: nothing to forecast"]
+        if (end < start) == (self.direction == "backward"):
+            return []
+        fault = "before" if end < start else "after"
+        cure = 'an end after the start, or direction = "backward"' if end < start else "an end before the start"
+        return [f"end {units.group(end)} is {fault} start {units.group(start)} in a {self.direction} run; give {cure}"]
 
     def begin(self) -> np.datetime64:
         """Return the start."""

@@ -10,9 +10,9 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, PlainValidator, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
-from drift import fields, messages, sweep_width, units
+from drift import fields, sweep_width, units
 from drift.scenario import Scenario
 from drift.sortie import Law, Watch
 from geo.errors import UserError
@@ -115,10 +115,7 @@ def _width(value: object) -> Any:
     if not isinstance(value, dict):
         return _one_width(value)
     if set(value) & set(ConditionsTable.model_fields):
-        try:
-            return ConditionsTable.model_validate(value)
-        except ValidationError as error:
-            raise ValueError(messages.line(error, value)) from None
+        return ConditionsTable.model_validate(value)
     if not value:
         raise ValueError(
             "is empty; give a length, one for each scenario, or { visibility = .., wind = .. } for the tables"

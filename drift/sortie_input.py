@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from drift import fields, made_good, passage, pattern_input, patterns, units
-from drift.fit import Run, named, told
+from drift.fit import Run, all_told
 from drift.pattern_input import PatternTable, RegionTable, Spacing, Waypoints
 from drift.scenario import Scenario
 from drift.sensor_input import Kind, Pod, SensorTable, Zones, by_scenario
@@ -332,8 +332,7 @@ class SortieTable(SensorTable):
 
 def build(tables: Sequence[SortieTable], run: Run) -> tuple[Sortie, ...]:
     """Return the sorties by start; raise UserError for what is wrong with one, or between them."""
-    names = named([table.name for table in tables], "sortie")
-    made = tuple(told(table.sortie, name, "sortie", run) for table, name in zip(tables, names, strict=True))
+    made = all_told([table.sortie for table in tables], [table.name for table in tables], "sortie", run)
     return tuple(sorted(made, key=lambda sortie: (sortie.start, sortie.end)))
 
 

@@ -218,6 +218,11 @@ class SourceTable(fields.Table):
             yield f"parameters.{key}", abs(self.parameters.get(key, 0.0))
 
 
+def place(quantity: str, number: int, name: str | None) -> str:
+    """Return what messages call a source: by its name, or its number among those of its quantity."""
+    return f'{quantity} "{name}"' if name else f"{quantity} {number}"
+
+
 def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
     if len(rows) < 2:
         raise ValueError("table needs at least two rows; for one, write constant")

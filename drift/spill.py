@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from drift import fields, units
 from drift.leeway import Drifter
+from drift.mistakes import Mistakes
 from drift.objects import ObjectTable
 from drift.scenario import JIBE_RATE, AreaPrior, AreaTable, PositionPrior, PositionTable, TracklinePrior, TracklineTable
 
@@ -307,20 +308,20 @@ def build(
 ) -> Spill:
     """Return the record of a spill; file: the path of the named stretches.
 
-    Raises ValueError for finds and patrols that don't fit the spill.
+    Raises UserError for all finds and patrols that don't fit the spill.
     """
     total = math.fsum(kind.share for kind in table.kinds)
     prior = table.prior(start)
+    wrong = Mistakes()
     known = tuple(_patrol(patrol, start) for patrol in patrols)
-    names = [patrol.name for patrol in known]
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f'patrol "{name}": two patrols have this name; give each its own')
-    found = tuple(_find(find, k, known, start) for k, find in enumerate(finds, 1))
-    names = [find.name for find in found]
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f'find "{name}": two finds have this name; give each its own')
+    wrong.lines += _twice([patrol.name for patrol in known], "patrol")
+    listed = []
+    for number, find in enumerate(finds, 1):
+        with wrong.gathered():
+            listed.append(_find(find, number, known, start))
+    found = tuple(listed)
+    wrong.lines += _twice([find.name for find in found], "find")
+    wrong.refuse()
     spill = Spill(
         objects=table.objects,
         kinds=tuple(kind.kind(total) for kind in table.kinds if kind.share > 0),
@@ -347,6 +348,12 @@ def build(
     )
     _check(spill)
     return spill
+
+
+def _twice(names: list[str], what: str) -> list[str]:
+    """Return complaints about names that come twice."""
+    again = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    return [f'{what} "{name}": two {what}s have this name; give each its own' for name in again]
 
 
 def _patrol(table: PatrolTable, start: np.datetime64) -> Patrol:
@@ -380,39 +387,41 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
 
 def _check(spill: Spill) -> None:
     """Refuse finds and patrols that cannot be."""
+    wrong = Mistakes()
     kinds, most = [kind.name for kind in spill.kinds], spill.objects[1]
     for find in spill.finds:
         if find.kind is not None and find.kind not in kinds:
-            raise ValueError(
+            wrong.lines.append(
                 f'{find.name}: class "{find.kind}" is none of the spill\'s with a share: {", ".join(kinds)}'
             )
     sure = [find for find in spill.finds if find.false == 0]
     cure = "raise it, or give finds a probability of being false"
     if len(sure) > most:
-        raise ValueError(f"{len(sure)} finds, but only {most} objects were spilled ([spill] objects); {cure}")
+        wrong.lines.append(f"{len(sure)} finds, but only {most} objects were spilled ([spill] objects); {cure}")
     for kind in spill.kinds:
         number = sum(find.kind == kind.name for find in sure)
         there = math.ceil(kind.share * most - 1e-9)
         if number > there:
-            raise ValueError(
+            wrong.lines.append(
                 f'{number} finds of class "{kind.name}", but at most {there} of the {most} objects ([spill] objects) are of '
                 f"it; {cure}"
             )
     if sure and spill.destroyed[0] == 1:
-        raise ValueError(f"{sure[0].name}: [spill] destroyed = 1 leaves nothing to be found; lower it")
+        wrong.lines.append(f"{sure[0].name}: [spill] destroyed = 1 leaves nothing to be found; lower it")
     began = spill.prior.release_start
     known: list[Find | Patrol] = [*spill.finds, *spill.patrols]
     for thing in known:
         if thing.time <= began:
             word = "found" if isinstance(thing, Find) else "a patrol"
-            raise ValueError(
+            wrong.lines.append(
                 f"{thing.name}: {word} at {units.group(thing.time)}, not after the spill, which began at "
                 f"{units.group(began)} at the earliest; check its time, or [spill] {_when(spill)}"
             )
     until, last = spill.reporting.until, max((thing.time for thing in known), default=began)
     if until is not None and until < last:
         what = "the last find or patrol" if known else "the spill"
-        raise ValueError(f"spill.reporting.until {units.group(until)} is before {what}, {units.group(last)}")
+        wrong.lines.append(f"spill.reporting.until {units.group(until)} is before {what}, {units.group(last)}")
+    wrong.refuse()
 
 
 def _when(spill: Spill) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift import ensemble as record
-from drift import forecast, prior, release, silence
+from drift import forecast, prior, release, silence, tables
 from drift import worlds as drawn_worlds
 from drift.case import Case, ForcingError
 from drift.ensemble import Ensemble
@@ -20,8 +20,10 @@ from drift.scenario import Scenario
 from drift.spill import Spill
 from drift.worlds import Proposal, Worlds
 from geo import coast as shoreline
-from geo import sphere
+from geo import notation, sphere
+from geo.box import Box
 from geo.errors import UserError
+from geo.forcing import Source
 from kernels import advance, runtime
 from kernels import coast as device_coast
 
@@ -166,26 +168,84 @@ def _check_place(case: Case, where: Environment, ensemble: Ensemble, scene: Scen
     lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     # What is released later may find a source that has nothing yet: the run itself judges it.
     probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
-    missing = dict.fromkeys(QUANTITIES, 0.0)
-    by_term: silence.Shares = {}
-    for number, (first, last) in enumerate(ensemble.scenarios):
-        known = {quantity: np.ones(last - first, bool) for quantity in QUANTITIES}
-        for quantity, term, valid in silence.terms(scene.forcing, number, lon[first:last], lat[first:last]):
-            key = quantity, term.names
-            by_term[key] = by_term.get(key, 0.0) + float(probability[first:last][~valid].sum())
-            known[quantity] &= valid
-        for quantity, valid in known.items():
-            missing[quantity] += float(probability[first:last][~valid].sum())
-    for quantity, share in missing.items():
-        if share <= case.max_lost:
-            continue
-        boxes = [s.grid.box for s in where.sources if s.quantity == quantity]
-        extents = ", ".join(f"{b.west:.2f}..{b.east:.2f} E {b.south:.2f}..{b.north:.2f} N" for b in boxes)
-        summed = any(key[0] == quantity for one in where.scenarios for key in one.added)
-        silent = silence.told({key: part for key, part in by_term.items() if key[0] == quantity})
-        raise UserError(
-            f"[[{quantity}]]: {share:.0%} of the prior lies where there is no {quantity} ({extents} of the domain "
-            f"is covered, land excluded); at most {case.max_lost:.0%} may be lost (max_lost). "
-            + (f"A sum has no value where one of its terms has none: {silent}. " if summed else "")
-            + "Add a source, or move the scenario"
-        )
+    story = "class" if case.spill else "scenario"
+    _check_domain(case, where, ensemble, probability)
+    for quantity in QUANTITIES:
+        missing, told = 0.0, []
+        for number, (scenario, sources, (first, last)) in enumerate(
+            zip(case.scenarios, where.scenarios, ensemble.scenarios, strict=True)
+        ):
+            x, y, weight = lon[first:last], lat[first:last], probability[first:last]
+            known = np.ones(last - first, bool)
+            for of, term, valid in silence.terms(scene.forcing, number, x, y):
+                lost = np.where(valid, 0.0, weight)
+                if of == quantity:
+                    known &= valid
+                if of == quantity and lost.sum() > 0:
+                    share, middle = lost.sum() / max(weight.sum(), 1e-300), _middle(x, y, lost)
+                    silent = [source for source in sources.of(quantity) if source.name in term.names]
+                    away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
+                    told.append(f'{share:.0%} of {story} "{scenario.name}", about {tables.position(*middle)}: {away}')
+            missing += float(weight[~known].sum())
+        if missing > case.max_lost:
+            summed = any(key[0] == quantity for one in where.scenarios for key in one.added)
+            raise UserError(
+                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({'; '.join(told)}); at most "
+                f"{case.max_lost:.0%} may be lost (max_lost). "
+                + ("A sum has no value where one of its terms has none. " if summed else "")
+                + f"Add a source, or move the {story}"
+            )
+
+
+def _check_domain(case: Case, where: Environment, ensemble: Ensemble, probability: npt.NDArray[Any]) -> None:
+    """Refuse a prior of which more than may be lost lies outside the domain."""
+    west, south, width, height = domain(where)
+    lon, lat = ensemble.lon.to_numpy().astype(np.int64), ensemble.lat.to_numpy().astype(np.int64)
+    beyond = ((lon - west) % sphere.TURN > width) | (lat < south) | (lat > south + height)
+    lost = np.where(beyond, probability, 0.0)
+    if lost.sum() <= case.max_lost:
+        return
+    x, y = _middle(ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), lost)
+    box = where.box
+    raise UserError(
+        f"[domain]: {lost.sum():.0%} of the prior lies outside it, about {tables.position(x, y)}, from where it is "
+        f"{_edge(box, x, y)} to its edge ({box.west:.2f}..{box.east:.2f} E {box.south:.2f}..{box.north:.2f} N); at most "
+        f"{case.max_lost:.0%} may be lost (max_lost). Widen [domain], or leave it out"
+    )
+
+
+def _middle(lon: npt.NDArray[np.int32], lat: npt.NDArray[np.int32], weight: npt.NDArray[Any]) -> tuple[float, float]:
+    """Return the weighted mean position (lon, lat) [deg] of points [binary angles]: that of their mean vector."""
+    x, y = lon * sphere.UNIT, lat * sphere.UNIT
+    mean = [float((weight * part).sum()) for part in (np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y))]
+    middle = math.atan2(mean[1], mean[0]), math.atan2(mean[2], math.hypot(mean[0], mean[1]))
+    return math.degrees(middle[0]), math.degrees(middle[1])
+
+
+def _away(source: Source, lon: float, lat: float) -> str:
+    """Return how far and where the domain of a source lies from a point [deg]; what is missing inside it is land, or a gap."""
+    grid = source.grid
+    if source.domain is None:
+        box = grid.box
+        if (lon - box.west) % 360 <= box.east - box.west and box.south <= lat <= box.north:
+            return "has no value there (land, or missing)"
+        return f"begins {_edge(box, lon, lat)}"
+    row, column = np.nonzero(source.domain)
+    x, y = grid.lon[column], grid.lat[row]
+    apart = sphere.distance(np.radians(lon), np.radians(lat), np.radians(x), np.radians(y))
+    near = int(np.argmin(apart))
+    if apart[near] < np.radians(max(grid.dlon, grid.dlat)) * sphere.RADIUS:
+        return "has no value there (land, or missing)"
+    return f"begins {notation.toward(lon, lat, float(x[near]), float(y[near]))}"
+
+
+def _edge(box: Box, lon: float, lat: float) -> str:
+    """Return how far and where the edge of a box is from a point [deg], to about a thousandth of the box's size."""
+    share = np.linspace(0, 1, 1001)
+    x, y = box.west + share * (box.east - box.west), box.south + share * (box.north - box.south)
+    x, y = (
+        np.concatenate([x, x, 0 * y + box.west, 0 * y + box.east]),
+        np.concatenate([0 * x + box.south, 0 * x + box.north, y, y]),
+    )
+    near = int(np.argmin(sphere.distance(np.radians(lon), np.radians(lat), np.radians(x), np.radians(y))))
+    return notation.toward(lon, lat, float(x[near]), float(y[near]))

@@ -8,6 +8,7 @@ import numpy as np
 
 from drift import sources, units
 from drift.leeway import Drifter
+from drift.mistakes import Mistakes
 from drift.scenario import Scenario, ScenarioTable
 from drift.schema import CaseTable
 from drift.sources import ForcingSpec
@@ -19,29 +20,37 @@ from geo.errors import UserError
 def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Spill:
     """Return the spill of a case; raise UserError where it does not fit the run."""
     assert table.spill is not None
+    wrong = Mistakes()
     if end < start:
-        raise UserError("a [spill] runs forward; where it came from follows from its finds: see drift origin")
+        wrong.lines.append("a [spill] runs forward; where it came from follows from its finds: see drift origin")
     if table.coast.source == "none":
-        raise UserError('coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file')
+        wrong.lines.append(
+            'coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file'
+        )
     if table.coast.behaviour == "slide":
-        raise UserError('coast.behaviour: "slide": nothing of a [spill] would come ashore; give "strand" or "refloat"')
-    named = table.spill.stretches.file
-    file = sources.one_file(named, folder, "spill.stretches.file") if named else None
-    try:
+        wrong.lines.append(
+            'coast.behaviour: "slide": nothing of a [spill] would come ashore; give "strand" or "refloat"'
+        )
+    named, file, made = table.spill.stretches.file, None, None
+    with wrong.gathered():
+        file = sources.one_file(named, folder, "spill.stretches.file") if named else None
+    with wrong.gathered():
         made = build_spill(table.spill, table.find, table.patrol, start, file)
-    except ValueError as error:
-        raise UserError(str(error)) from None
+    if made is None or end < start:
+        wrong.refuse()
+    assert made is not None
     known: list[Find | Patrol] = [*made.finds, *made.patrols]
     for thing in known:
         if thing.time > end:
-            raise UserError(
+            wrong.lines.append(
                 f"{thing.name}: at {units.group(thing.time)}, after the run's end, {units.group(end)}; run for longer"
             )
     until = made.reporting.until
     if until is not None and until > end:
-        raise UserError(
+        wrong.lines.append(
             f"spill.reporting.until {units.group(until)} is after the run's end, {units.group(end)}; run for longer"
         )
+    wrong.refuse()
     return made
 
 
@@ -65,14 +74,19 @@ def scenarios(
     known: tuple[tuple[ForcingSpec, ...], ...],
 ) -> tuple[Scenario, ...]:
     """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit the run."""
+    wrong = Mistakes()
     total = math.fsum(table.weight for table in tables)
     if total <= 0:
-        raise UserError("scenario weights add up to 0; at least one must be above 0")
+        wrong.lines.append("scenario weights add up to 0; at least one must be above 0")
     names = [table.name for table in tables]
-    for name in names:
-        if names.count(name) > 1:
-            raise UserError(f'scenario "{name}": two scenarios have this name; give each its own')
-    return tuple(_scenario(table, table.weight / total, start, end, known) for table in tables)
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        wrong.lines.append(f'scenario "{name}": two scenarios have this name; give each its own')
+    made = []
+    for table in tables:
+        with wrong.gathered():
+            made.append(_scenario(table, table.weight / (total or 1.0), start, end, known))
+    wrong.refuse()
+    return tuple(made)
 
 
 def _scenario(
@@ -82,20 +96,23 @@ def _scenario(
     end: np.datetime64,
     known: tuple[tuple[ForcingSpec, ...], ...],
 ) -> Scenario:
-    place = f'scenario "{table.name}"'
+    place, wrong = f'scenario "{table.name}"', Mistakes()
     drifter = table.object.drifter()
-    try:
+    prior: Any = None
+    with wrong.gathered(place):
         prior = table.prior(start)
-    except ValueError as error:
-        raise UserError(f"{place}: {error}") from None
-    _check_release(place, prior, start, end)
-    chosen = [
-        _chosen(wanted, specs, f"{place}.{key}")
-        for key, wanted, specs in zip(
-            ("currents", "winds", "stokes"), (table.currents, table.winds, table.stokes), known, strict=True
-        )
-    ]
-    _check_sources(place, drifter, chosen[0], chosen[1])
+    with wrong.gathered():
+        if prior is not None:
+            _check_release(place, prior, start, end)
+    chosen: list[tuple[str, ...]] = []
+    asked = (table.currents, table.winds, table.stokes)
+    for key, wanted, specs in zip(("currents", "winds", "stokes"), asked, known, strict=True):
+        with wrong.gathered():
+            chosen.append(_chosen(wanted, specs, f"{place}.{key}"))
+    if len(chosen) == len(asked):
+        with wrong.gathered():
+            _check_sources(place, drifter, chosen[0], chosen[1])
+    wrong.refuse()
     currents, winds, stokes = chosen
     alive = table.survival.survival() if table.survival else None
     return Scenario(
@@ -122,16 +139,18 @@ def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetim
 
 
 def _check_sources(place: str, drifter: Drifter, currents: tuple[str, ...], winds: tuple[str, ...]) -> None:
+    wrong = Mistakes()
     if not currents:
-        raise UserError(
+        wrong.lines.append(
             f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
             "to say that there is none"
         )
     if drifter.uses_wind and not winds:
-        raise UserError(
+        wrong.lines.append(
             f'{place}: object "{drifter.name}" drifts with the wind and there is none: add [[wind]] with files, or '
             'constant = { speed = "12 kn", from = 240 }'
         )
+    wrong.refuse()
 
 
 def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str) -> tuple[str, ...]:

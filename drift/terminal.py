@@ -9,9 +9,13 @@ from typing import Any
 from geo.errors import UserError
 
 
-def line(error: Exception) -> str:
-    """Return a refusal as one line that a terminal can show, whatever the user had written."""
-    line = "".join(letter if letter.isprintable() else " " for letter in " ".join(str(error).split()))
+def lines(error: UserError) -> list[str]:
+    """Return a refusal as lines that a terminal can show, one a mistake, whatever the user had written."""
+    return [_line(told) for told in error.lines]
+
+
+def _line(told: str) -> str:
+    line = "".join(letter if letter.isprintable() else " " for letter in told)
     return line if len(line) <= 1200 else f"{line[:600]} ... {line[-500:]}"
 
 

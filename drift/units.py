@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pint
 
-MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
+from geo import notation
 
 NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 POWER = re.compile(r"(?<=[A-Za-z])\^?(-?[1-4])(?![\d.])")  # m2/s, nmi^2
@@ -32,6 +32,8 @@ TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")  # arithmetic that no 
 CENTURY = 3_155_760_000  # [s]
 NMI = 1852.0  # [m] international nautical mile
 KNOT = NMI / 3600  # [m/s]
+
+group = notation.group  # a time as a date-time group
 
 Instant = np.datetime64 | np.timedelta64  # a time, or an interval after the start of the case
 
@@ -150,11 +152,9 @@ def position(value: object) -> tuple[float, float]:
 def _pair(text: str) -> tuple[float, float]:
     """Return (lon, lat) [deg] of two angles with hemisphere letters, all before or all after their numbers."""
     plain = text.strip().upper().replace("º", "°").replace("’", "'")
+    if fault := _no_position(plain):
+        raise ValueError(f'position "{text}" {fault}; write it like "27 30.5N 088 15.0W"')
     letters = re.findall(r"[NSEW]", plain)
-    if len(letters) != 2 or (letters[0] in "NS") == (letters[1] in "NS"):
-        raise ValueError(
-            f'position "{text}" is ambiguous: write one of N or S and one of E or W, like "27 30.5N 088 15.0W"'
-        )
     if plain[0] in "NSEW":
         halves = re.split(r"[\s,;/]*(?=[NSEW])", plain[1:], maxsplit=1)
         halves[0] = plain[0] + halves[0]
@@ -162,7 +162,46 @@ def _pair(text: str) -> tuple[float, float]:
         halves = re.split(r"(?<=[NSEW])[\s,;/]*", plain, maxsplit=1)
     latitude_first = letters[0] in "NS"
     lat, lon = halves if latitude_first else reversed(halves)
-    return angle(lon, "EW"), angle(lat, "NS")
+    try:
+        return angle(lon, "EW"), angle(lat, "NS")
+    except ValueError as error:
+        raise ValueError(f"{error}{_exchanged(lon, lat)}") from None
+
+
+def _no_position(text: str) -> str:
+    """Return what is wrong with a text that should hold two angles with their letters, in capitals; "" if nothing is."""
+    if not text:
+        return "is empty"
+    if not re.search(r"\d", text):
+        return "holds no number"
+    words = [word for word in re.findall(r"[^\W\d_]+", text) if word not in {"N", "S", "E", "W", "D"}]
+    if words:
+        return f'holds "{words[0]}", which is neither a number nor one of N, S, E and W'
+    letters = re.findall(r"[NSEW]", text)
+    if not letters:
+        return "is ambiguous: no letter says which number is the latitude, N or S, and which the longitude, E or W"
+    if len(letters) > 2:
+        return f"has {len(letters)} letters of N, S, E and W; a latitude and a longitude have one each"
+    if len(letters) == 1:
+        there, lacks = ("latitude", "longitude, E or W") if letters[0] in "NS" else ("longitude", "latitude, N or S")
+        return f"has a {there} and lacks its {lacks}"
+    if (letters[0] in "NS") == (letters[1] in "NS"):
+        there, lacks = ("latitudes", "longitude") if letters[0] in "NS" else ("longitudes", "latitude")
+        return f"has two {there} and no {lacks}"
+    if comma := re.search(r"\d+,\d+", text):
+        return f"has a decimal comma; with a point it is {comma[0].replace(',', '.')}"
+    return ""
+
+
+def _exchanged(lon: str, lat: str) -> str:
+    """Return a hint where two angles would do with each other's letters."""
+    swap = str.maketrans("NSEW", "EWNS")
+    try:
+        angle(lat.translate(swap), "EW")
+        angle(lon.translate(swap), "NS")
+    except ValueError:
+        return ""
+    return " (have the letters of latitude and longitude been exchanged?)"
 
 
 def time(value: object) -> Instant:
@@ -174,7 +213,7 @@ def time(value: object) -> Instant:
     if isinstance(value, datetime):
         return _utc(value, value.isoformat())
     if not isinstance(value, str):
-        raise ValueError(f'{value!r} is not a time; write it like "211830ZNOV26" or "2026-11-21T18:30Z"')
+        raise ValueError(f'{value!r} is not a time; write it like "211830ZNOV26", or in ISO 8601 with its zone')
     text = value.strip()
     if text[:1] in {"+", "-"}:
         seconds = quantity(text, "s", "interval after the start", "+6 h")
@@ -190,14 +229,14 @@ def time(value: object) -> Instant:
         moment = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", text))
     except ValueError:
         raise ValueError(
-            f'"{text}" is not a time; write it like "211830ZNOV26", "2026-11-21T18:30Z" or "+6 h" (after the start)'
+            f'"{text}" is not a time; write it like "211830ZNOV26", in ISO 8601 with its zone, or like "+6 h" (after the start)'
         ) from None
     return _utc(moment, text)
 
 
 def _group(match: re.Match[str], text: str) -> datetime:
     day, hour, minute, letter, month, year = match.groups()
-    if month not in MONTHS:
+    if month not in notation.MONTHS:
         raise ValueError(f'time "{text}": there is no month "{month}"')
     if letter == "J":
         raise ValueError(f'time "{text}": zone J is the reader\'s own; write the zone letter, Z for UTC')
@@ -207,7 +246,7 @@ def _group(match: re.Match[str], text: str) -> datetime:
     century = int(year) if len(year) == 4 else 2000 + int(year)
     zone = timezone(timedelta(hours=hours))
     try:
-        return datetime(century, MONTHS.index(month) + 1, int(day), int(hour), int(minute), tzinfo=zone)
+        return datetime(century, notation.MONTHS.index(month) + 1, int(day), int(hour), int(minute), tzinfo=zone)
     except ValueError as error:
         raise ValueError(f'time "{text}" does not exist: {error}') from None
 
@@ -224,9 +263,3 @@ def _utc(moment: datetime, text: str) -> np.datetime64:
 def resolve(instant: Instant, start: np.datetime64) -> np.datetime64:
     """Return a time in UTC: itself, or the start plus an interval."""
     return start + instant if isinstance(instant, np.timedelta64) else instant
-
-
-def group(moment: Any) -> str:
-    """Return a time, np.datetime64, as a date-time group, 211830ZNOV26; seconds are dropped."""
-    when: datetime = np.asarray(moment).astype("datetime64[s]").item()
-    return f"{when:%d%H%M}Z{MONTHS[when.month - 1]}{when:%y}"

@@ -68,7 +68,8 @@ def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
         if nx * ny <= max_cells or shift == COARSEST:
             break
     globe = nx << shift == TURN
-    edges = _edges(shore.polygons) - np.array([west, south, west, south])
+    edges = _edges(shore.polygons)
+    edges -= np.array([west, south, west, south])
     listed = _without_cuts(edges, globe, south)
     owner, cell = _touched(listed, shift, nx, ny, globe)
     order = np.argsort(cell, kind="stable")
@@ -226,36 +227,50 @@ def _edges(polygons: Array) -> Ints:
     """Return the polygons' edges [unit, longitudes not wrapped], shape (n, 4), none longer than LONGEST_EDGE."""
     points, ring = shapely.get_coordinates(shapely.get_rings(polygons), return_index=True)
     units = np.rint(points * (TURN / 360.0)).astype(np.int64)
-    edge = np.concatenate([units[:-1], units[1:]], axis=1)[ring[1:] == ring[:-1]]
-    edge = edge[(edge[:, 0] != edge[:, 2]) | (edge[:, 1] != edge[:, 3])]
-    while True:
-        long = np.abs(edge[:, 2:] - edge[:, :2]).max(axis=1, initial=0) >= LONGEST_EDGE
-        if not long.any():
-            return np.asarray(edge, np.int64)
-        halves = np.repeat(edge, 1 + long, axis=0)
-        first = np.flatnonzero(np.repeat(long, 1 + long))[::2]
-        halves[first, 2:] = halves[first + 1, :2] = (halves[first, :2] + halves[first, 2:]) // 2
-        edge = halves
+    first = np.flatnonzero((ring[1:] == ring[:-1]) & (units[1:] != units[:-1]).any(axis=1))
+    edge = np.concatenate([units[first], units[first + 1]], axis=1)
+    # Few are long: only those are halved again and again, and then all are put in their order.
+    whole = np.flatnonzero(_long(edge))
+    part, owner = edge[whole], whole
+    while (long := _long(part)).any():
+        halves, owner = np.repeat(part, 1 + long, axis=0), np.repeat(owner, 1 + long)
+        lower = np.flatnonzero(np.repeat(long, 1 + long))[::2]
+        halves[lower, 2:] = halves[lower + 1, :2] = (halves[lower, :2] + halves[lower, 2:]) // 2
+        part = halves
+    if not whole.size:
+        return np.asarray(edge, np.int64)
+    count = np.ones(len(edge), np.int64)
+    count[whole] = np.bincount(owner, minlength=len(edge))[whole]
+    out = np.repeat(edge, count, axis=0)
+    pieces = np.zeros(len(edge), bool)
+    pieces[whole] = True
+    out[np.repeat(pieces, count)] = part
+    return np.asarray(out, np.int64)
+
+
+def _long(edge: Ints) -> npt.NDArray[np.bool_]:
+    """Return which edges are too long to be one."""
+    wide, high = np.abs(edge[:, 2] - edge[:, 0]), np.abs(edge[:, 3] - edge[:, 1])
+    return np.asarray(np.maximum(wide, high) >= LONGEST_EDGE, bool)
 
 
 def _without_cuts(edge: Ints, globe: bool, south: int) -> Ints:
     """Return the edges that are coast: not the rim at a pole, nor (round the globe) a cut along the seam."""
-    latitude = edge[:, [1, 3]] + south
-    coast = ~((np.abs(latitude) == POLE).all(axis=1))
+    rim = (np.abs(edge[:, 1] + south) == POLE) & (np.abs(edge[:, 3] + south) == POLE)
     if not globe:
-        return np.asarray(edge[coast], np.int64)
-    seam = ((edge[:, 0] == edge[:, 2]) & ((edge[:, 0] == 0) | (edge[:, 0] == TURN))) & coast
+        return np.asarray(edge[~rim] if rim.any() else edge, np.int64)
+    seam = (edge[:, 0] == edge[:, 2]) & ((edge[:, 0] == 0) | (edge[:, 0] == TURN)) & ~rim
     ends, times = np.unique(edge[seam][:, [1, 3]], return_counts=True)
     odd = ends[times % 2 == 1].reshape(-1, 2)  # stretches of the seam with land on one side only are coast
     one_sided = np.stack([0 * odd[:, 0], odd[:, 0], 0 * odd[:, 0], odd[:, 1]], axis=1)
-    return np.concatenate([edge[coast & ~seam], one_sided])
+    return np.concatenate([edge[~(rim | seam)], one_sided])
 
 
 def _upward(edge: Ints) -> tuple[Ints, Ints, Ints, Ints]:
     """Return the edges' ends with the southern one first."""
-    down = edge[:, 1] > edge[:, 3]
-    flipped = np.where(down[:, None], edge[:, [2, 3, 0, 1]], edge)
-    return flipped[:, 0], flipped[:, 1], flipped[:, 2], flipped[:, 3]
+    ax, ay, bx, by = (np.ascontiguousarray(column) for column in edge.T)
+    down = ay > by
+    return np.where(down, bx, ax), np.minimum(ay, by), np.where(down, ax, bx), np.maximum(ay, by)
 
 
 def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Ints, Ints]:
@@ -300,9 +315,10 @@ def _land_of_references(edge: Ints, reference: tuple[int, int], shift: int, nx: 
     first = np.maximum(-((y - ay) >> shift), 0)  # rows whose reference latitude lies in [ay, by)
     last = np.minimum(-((y - by) >> shift) - 1, ny - 1)
     count = np.where(by > ay, np.maximum(last - first + 1, 0), 0)
-    owner = np.repeat(np.arange(len(edge)), count)
+    owner = np.repeat(np.arange(len(edge)), count)  # a small share: most edges lie between two such latitudes
     row = _runs(first, count)
-    crossing = ax[owner] + ((row << shift) + y - ay[owner]) * (bx - ax)[owner] // (by - ay)[owner]
+    ax, ay, bx, by = ax[owner], ay[owner], bx[owner], by[owner]
+    crossing = ax + ((row << shift) + y - ay) * (bx - ax) // (by - ay)
     column = np.clip(((crossing - x) >> shift) + 1, 0, nx)
     toggles = np.bincount(row * (nx + 1) + column, minlength=ny * (nx + 1)).astype(np.uint8) & 1
     return np.asarray(np.bitwise_xor.accumulate(toggles.reshape(ny, nx + 1), axis=1)[:, :nx].ravel() == 1, bool)

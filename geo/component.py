@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, level, locate, naming, quantities, speed, ugrid
+from geo import clock, level, locate, naming, notation, quantities, speed, ugrid
 from geo.errors import UserError
 from geo.layout import Layout
 
@@ -99,7 +99,8 @@ def gather(
         if (np.diff(when) <= np.timedelta64(0, "s")).any():
             at = int(np.argmax(np.diff(when) <= np.timedelta64(0, "s")))
             raise UserError(
-                f"{other_path}: times do not increase: {when[at]} is followed by {when[at + 1]}; "
+                f"{other_path}: times do not increase: {notation.group(when[at])}, the time of slice {at + 1}, is followed by "
+                f"{notation.group(when[at + 1])}; "
                 f"mend the file or state [[{quantity}]] times"
             )
         notes += [r for r in remarks if r not in notes]
@@ -114,7 +115,9 @@ def gather(
         same = np.nonzero(np.diff(times) <= np.timedelta64(0, "s"))[0]
         if len(same):
             a, b = slices[same[0]][1], slices[same[0] + 1][1]
-            raise UserError(f"{times[same[0]]} stands in both {a} and {b}; name one of them in [[{quantity}]] files")
+            raise UserError(
+                f"{notation.group(times[same[0]])} stands in both {a} and {b}; name one of them in [[{quantity}]] files"
+            )
     return Component(
         name, dims, fixed, tuple(slices), times, _factor(data, name, units, quantity, path, notes), quantity,
         layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), notes=tuple(notes),

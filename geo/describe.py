@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from geo import address, dataset, forcing, quantities
+from geo import address, dataset, forcing, notation, quantities
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import Source
@@ -112,18 +112,14 @@ def _when(source: Source) -> str:
     if len(times) == 0:
         return "steady: at all times"
     if len(times) == 1:
-        return f"{_minute(times[0])} only"
+        return f"{notation.group(times[0])} only"
     steps = np.unique(np.diff(times).astype("m8[m]").astype(int))
     every = f"every {_span(steps[0])}" if len(steps) == 1 else f"{_span(steps[0])} to {_span(steps[-1])} apart"
-    return f"{_minute(times[0])} to {_minute(times[-1])}, {len(times)} slices {every}"
+    return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {every}"
 
 
 def _span(minutes: int) -> str:
     return f"{minutes / 60:g} h" if minutes >= 60 else f"{minutes} min"
-
-
-def _minute(time: np.datetime64) -> str:
-    return str(time.astype("datetime64[m]")).replace("T", " ") + "Z"
 
 
 def _degrees(box: Box) -> str:

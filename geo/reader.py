@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, component, dataset, layout, naming, quantities, survey, tile
+from geo import clock, component, dataset, layout, naming, notation, quantities, sphere, survey, tile
 from geo.box import Box
 from geo.component import Component
 from geo.errors import UserError
@@ -206,7 +206,7 @@ def _join(
     if len(times) == 1:
         if not request.lenient:
             raise UserError(
-                f"{request.name}: one time only, {times[0]}, which says nothing of the hours around it; set "
+                f"{request.name}: one time only, {notation.group(times[0])}, which says nothing of the hours around it; set "
                 f"[[{q}]] steady = true to hold it constant, or times to say when it holds, or name more files"
             )
         notes.append("one time only: a run needs steady = true or times")
@@ -221,9 +221,16 @@ def _apart(request: Request, item: Layout) -> str:
     lon, lat = layout.points(item)
     box = request.box
     assert box is not None
+    x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
+    known = np.isfinite(lon) & np.isfinite(lat)
+    near = np.argmin(
+        np.where(known, sphere.distance(np.radians(x), np.radians(y), np.radians(lon), np.radians(lat)), np.inf)
+    )
+    where = notation.toward(x, y, float(lon.flat[near]), float(lat.flat[near]))
     return (
         f"{request.name} covers {_span(lon, lat)} and the case needs {box.west:.2f} to {box.east:.2f} E, "
-        f"{box.south:.2f} to {box.north:.2f} N: no overlap; set [[{request.quantity}]] files"
+        f"{box.south:.2f} to {box.north:.2f} N: no overlap; from the middle of that it is {where} to the nearest value; set "
+        f"[[{request.quantity}]] files, or move the case"
     )
 
 

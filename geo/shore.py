@@ -158,7 +158,10 @@ def clip(polygons: Polygons, box: Box) -> Polygons:
         shifted = polygons[near]
         if turn:
             shifted = shapely.transform(shifted, lambda x, turn=turn: x + np.array([turn, 0.0]))
-        pieces.append(shapely.clip_by_rect(shifted, box.west, box.south, box.east, box.north))
+        west, south, east, north = shapely.bounds(shifted).T
+        rim = (west <= box.west) | (south <= box.south) | (east >= box.east) | (north >= box.north)
+        shifted[rim] = shapely.clip_by_rect(shifted[rim], box.west, box.south, box.east, box.north)
+        pieces.append(shifted)
     parts = _polygonal(np.concatenate(pieces))
     seams = [x for x in (-180.0, 180.0, 540.0) if box.west < x < box.east]
     if not seams or not parts.size:

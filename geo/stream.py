@@ -24,6 +24,22 @@ Times = npt.NDArray[np.datetime64]
 Key = int | float  # an index of a slice, or a time [s] between two
 
 
+def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return the (begin, end) of the holes in a source's times: between them it has nothing."""
+    if times.size < 2:
+        return []
+    steps = np.diff(times.astype("datetime64[s]"))
+    wide = np.flatnonzero(steps.astype(np.int64) > LONGEST_GAP * np.median(steps.astype(np.int64)))
+    return [(times[k], times[k + 1]) for k in wide]
+
+
+def spans(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return the (begin, end) of the spans in which a source that is not steady has something."""
+    inner = [end for hole in holes(times) for end in hole]
+    ends = [times[0], *inner, times[-1]]
+    return list(zip(ends[::2], ends[1::2], strict=True))
+
+
 class Bracket(NamedTuple):
     """The slices on both sides of a step, and the weight of the later one at its lower and upper time."""
 
@@ -31,14 +47,6 @@ class Bracket(NamedTuple):
     later: Key
     low: float
     high: float
-
-
-def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
-    """Return between which times [UTC] a source has no values though it has some before and after."""
-    steps = np.diff(times)
-    return (
-        [(times[k], times[k + 1]) for k in np.flatnonzero(steps > LONGEST_GAP * np.median(steps))] if steps.size else []
-    )
 
 
 class Slices:

@@ -304,6 +304,103 @@ def test_refused(tmp_path: Path, changes: dict[str, str], words: str) -> None:
     assert re.search(words, message), message
 
 
+MORE = """
+[[wind]]
+name = "model"
+files = "no.nc"
+[[stokes]]
+files = ["neither.nc"]
+"""
+
+
+def beginnings(tmp_path: Path, text: str, changes: dict[str, str] | None = None) -> list[str]:
+    """Return the mistakes of a case, each up to its first semicolon."""
+    (tmp_path / "test.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(UserError) as caught:
+        case.load(tmp_path / "test.toml", changes)
+    assert str(caught.value) == "\n".join(caught.value.lines)
+    assert all(line.startswith("test.toml: ") and line.isprintable() for line in caught.value.lines)
+    return [line.removeprefix("test.toml: ").split("; ")[0] for line in caught.value.lines]
+
+
+def test_all_mistakes_in_tables_are_told_and_none_that_only_follows(tmp_path: Path) -> None:
+    """Not that duration and a place are missing, whose keys are misspelled, nor that the source "set" is none."""
+    text = CASE.replace("duration", "durration").replace('constant = { speed = "0.8 kn"', "constnt = { speed = 1", 1)
+    text = text.replace("[scenario.position]", "[scenario.positon]") + MORE
+    changes = {
+        "particles": "0",
+        "scenario.0.weight": "-1",
+        "scenario.0.object": "'RAFT-9'",
+        "title.x": "1",
+        "seed.3": "1",
+    }
+    assert beginnings(tmp_path, text, changes) == [
+        '--set title.x: there is nothing called "x" inside a value',
+    ]
+    del changes["title.x"], changes["seed.3"]
+    found = beginnings(tmp_path, text, changes)
+    assert found == [
+        'unknown key "durration"',
+        "particles: 0 particles",
+        'current "set": unknown key "constnt"',
+        'scenario "raft": unknown key "positon"',
+        'scenario "raft".weight: weight -1 must be at least 0',
+        'scenario "raft".object: no leeway class "RAFT-9"',
+        'wind "model": no file "no.nc"',
+        'stokes 1: no file "neither.nc"',
+    ]
+
+
+def test_all_that_only_the_whole_case_tells_is_told(tmp_path: Path) -> None:
+    raft = CASE[CASE.index("[[scenario]]") :]
+    boat = raft.replace('"raft"', '"boat"') + 'time = "+30 h"\n'
+    late = raft.replace('"raft"', '"late"\ncurrents = ["gulf"]\nwinds = ["air"]')
+    search = """
+[[sortie]]
+name = "first"
+start = "+30 h"
+end = "+33 h"
+speed = "90 kn"
+sweep_width = "2 nmi"
+area = { polygon = ["27N 88W", "28N 88W", "28N 87W"] }
+[[contact]]
+name = "flare"
+time = "-3 h"
+position = { at = "27 30N 088 15W", error = "1 nmi" }
+[[unit]]
+name = "cutter"
+base = "27 30N 088 15W"
+ready = "+25 h"
+search_speed = "15 kn"
+endurance = "4 h"
+sweep_width = "2 nmi"
+"""
+    changes = {"output.times": "['+99 h']", "coast.source": "'no.bna'", "coast.lakes": "'no.geojson'"}
+    assert beginnings(tmp_path, CASE + MORE + search, changes) == [
+        'wind "model": no file "no.nc"',
+        'stokes 1: no file "neither.nc"',
+        'sortie "first": 230030ZNOV26 to 230330ZNOV26 is outside the run, 211830ZNOV26 to 221830ZNOV26',
+        'contact "flare": 211530ZNOV26 is outside the run, 211830ZNOV26 to 221830ZNOV26',
+        'unit "cutter": ready at 221930ZNOV26, not before the plan\'s end, 221830ZNOV26',
+        "output.times: 252130ZNOV26 is outside the run, 211830ZNOV26 to 221830ZNOV26",
+        'coast.source: no file "no.bna"',
+        'coast.lakes: no file "no.geojson"',
+    ]
+    assert beginnings(tmp_path, CASE + boat + late) == [
+        'scenario "boat": it may go adrift at 230030ZNOV26, outside the run, 211830ZNOV26 to 221830ZNOV26',
+        'scenario "late".currents: no source "gulf"',
+        'scenario "late".winds: no source "air"',
+    ]
+
+
+def test_more_mistakes_than_help_are_counted(tmp_path: Path) -> None:
+    corners = ", ".join(f'"95N {k}E"' for k in range(27))
+    found = beginnings(tmp_path, with_prior(f"[scenario.area]\npolygon = [{corners}]\n"))
+    assert len(found) == 21
+    assert found[0].startswith('scenario "raft".area.polygon 1: latitude "95N" is outside -90 to 90')
+    assert found[-1] == "and 7 more"
+
+
 def test_end_before_start(tmp_path: Path) -> None:
     text = CASE.replace('duration = "24 h"', 'end = "201830ZNOV26"')
     assert "end 201830ZNOV26 is before start 211830ZNOV26 in a forward run; give an end after" in refusal(
@@ -405,7 +502,7 @@ PLACES = (
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_whatever_is_written_is_a_case_or_one_line(tmp_path: Path, place: str) -> None:
+def test_whatever_is_written_is_a_case_or_lines_of_text(tmp_path: Path, place: str) -> None:
     path = tmp_path / "test.toml"
     path.write_text(CASE, encoding="utf-8")
     for odd in ODD:
@@ -414,8 +511,9 @@ def test_whatever_is_written_is_a_case_or_one_line(tmp_path: Path, place: str) -
             case.load(path, {place: odd})
         except UserError as error:
             message = str(error)
-        assert message.startswith("test.toml: ")
-        assert message.isprintable(), message
+        for line in message.split("\n"):
+            assert line.startswith("test.toml: ")
+            assert line.isprintable(), message
 
 
 def test_records_are_frozen(tmp_path: Path) -> None:

@@ -98,7 +98,7 @@ def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, 
     listed = [text for text in said if re.fullmatch(r"\d+ find of a thing, \d+Z", text)]
     assert len(listed) == (count if count <= 12 else 11)
     assert ("and 4 more" in said) == (count == 15)
-    assert ("Released at 130100ZNOV73, as given" in said) == (times == 1)
+    assert ("Released at 130100ZNOV1973, as given" in said) == (times == 1)
 
 
 def test_figures_are_those_of_a_normal_release(tmp_path, seen):
