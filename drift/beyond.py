@@ -27,9 +27,15 @@ def told(here: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = No
     return "; ".join(part for part in parts if part)
 
 
-def share(here: Frame, at: Any) -> float:
-    """Return the share of the probability in cells whose centres lie outside a frame."""
-    return float(_outside(here, at).sum())
+def aside(here: Frame, at: Any) -> str:
+    """Return what a frame leaves out of the probability in a few words, for a small map; empty if that is little."""
+    mass = _outside(here, at)
+    total = float(mass.sum())
+    if total <= labels.TELLING:
+        return ""
+    lon, lat, _ = _most(mass, at)
+    inside = within(here, np.array([[lon, lat]]))[0]
+    return f"{labels.percent(total)} outside the frame{'' if inside else f', {_point(here, lon, lat)}'}"
 
 
 def within(here: Frame, points: Array) -> Array:
@@ -67,18 +73,24 @@ def _probability(here: Frame, at: Any) -> str:
     total = float(mass.sum())
     if total <= labels.TELLING:
         return ""
+    lon, lat, most = _most(mass, at)
+    words = f"{labels.percent(total)} of the probability lies outside this frame"
+    if within(here, np.array([[lon, lat]]))[0]:  # round about it
+        return f"{words}, on several sides"
+    if most < NEARLY * total:
+        words += f", most in one place ({labels.percent(most)})"
+    return f"{words}, {_where(here, lon, lat)}"
+
+
+def _most(mass: Array, at: Any) -> tuple[float, float, float]:
+    """Return the mean position (lon, lat) [deg] and the probability of the connected cells that hold most."""
     patch, many = ndimage.label(mass > 0, np.ones((3, 3), int))
     each = ndimage.sum_labels(mass, patch, np.arange(1, many + 1))
     most = int(np.argmax(each))
     rows, columns = np.nonzero(patch == most + 1)
     weight = mass[rows, columns]
     lon, lat = (float(np.average(at[name].values[i], weights=weight)) for name, i in (("lon", columns), ("lat", rows)))
-    words = f"{labels.percent(total)} of the probability lies outside this frame"
-    if within(here, np.array([[lon, lat]]))[0]:  # round about it
-        return f"{words}, on several sides"
-    if each[most] < NEARLY * total:
-        words += f", most in one place ({labels.percent(float(each[most]))})"
-    return f"{words}, {_where(here, lon, lat)}"
+    return lon, lat, float(each[most])
 
 
 def named(here: Frame, places: Mapping[str, Sequence[Array]]) -> str:
@@ -94,6 +106,10 @@ def named(here: Frame, places: Mapping[str, Sequence[Array]]) -> str:
 
 def _where(here: Frame, lon: float, lat: float) -> str:
     """Return in which direction from the middle of a frame a place is, and where."""
+    return f"to the {_point(here, lon, lat)} (around {tables.position(lon, lat)})"
+
+
+def _point(here: Frame, lon: float, lat: float) -> str:
+    """Return the direction from the middle of a frame to a place, as one of eight points."""
     east, north = sphere.offset(*np.radians(here.centre), *np.radians([lon, lat]))
-    point = POINTS[round(float(np.degrees(np.arctan2(east, north))) / 45) % 8]
-    return f"to the {point} (around {tables.position(lon, lat)})"
+    return POINTS[round(float(np.degrees(np.arctan2(east, north))) / 45) % 8]

@@ -6,6 +6,7 @@ did, however many there are. Objects of one world share all that nobody knows of
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,9 +75,9 @@ def sentence(count: Count, when: str = "", rough: str = "areas and shares are ro
     return f"only {count.words}{when and f' {when}'}: {rough}"
 
 
-def banner(count: Count, rough: str = "the areas are rough") -> str:
-    """Return what a picture says of few."""
-    return f"ONLY {count.words.upper()}: {rough}"
+def banner(count: Count, rough: str = "the areas are rough", when: str = "") -> str:
+    """Return what a picture says of few; when: the time of its map that stands on least."""
+    return f"ONLY {count.words.upper()}{when and f' at {when}'}: {rough}"
 
 
 def at(data: Any, time: int, particles: int | None = None) -> Count:
@@ -92,11 +93,11 @@ def at(data: Any, time: int, particles: int | None = None) -> Count:
     return Count(float(data["effective_particles"].values[time]), particles)
 
 
-def fewest(data: Any, times: Any, particles: int | None = None) -> Count:
-    """Return what the map that stands on least stands on, of those at these outputs that show anything."""
-    counts = [at(data, int(i), particles) for i in times]
-    shown = [count for count in counts if count.number > 0]
-    return min(shown, key=lambda count: count.number / FEW[count.what], default=Count(0.0, particles))
+def fewest(data: Any, outputs: Iterable[int], particles: int | None = None) -> tuple[Count, int]:
+    """Return what the map that stands on least stands on, of those at some outputs that show anything, and its output."""
+    counts = [(at(data, int(i), particles), int(i)) for i in outputs]
+    shown = [one for one in counts if one[0].number > 0]
+    return min(shown, key=lambda one: one[0].number / FEW[one[0].what], default=(Count(0.0, particles), 0))
 
 
 def parts(data: Any, time: int) -> list[str]:

@@ -237,8 +237,8 @@ def rough(ax: Axes, here: Frame, area: shapely.MultiPolygon) -> None:
 def beside(here: Frame, at: Any, count: effective.Count) -> list[str]:
     """Return in a few words, for a small map, whether few count and what its frame leaves out."""
     found = [f"only {count.words}"] if count.few else []
-    out = beyond.share(here, at)
-    return found + ([f"{labels.percent(out)} outside the frame"] if out > labels.TELLING else [])
+    out = beyond.aside(here, at)
+    return [*found, out] if out else found
 
 
 def prior_line(ax: Axes, here: Frame, line: Line, which: int) -> None:

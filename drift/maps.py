@@ -91,14 +91,14 @@ def draw_map(
     ashore = layers.ashore_marks(ax, here, forecast, time)
     layers.track(ax, canvas, here, forecast, time, marks)
 
-    figure.text(0.055, 0.955, textwrap.shorten(title, 95, placeholder=" …"), fontsize=15, weight="bold", color=INK)
+    figure.text(0.055, 0.955, page.fit(title, 60 if synthetic else 95), fontsize=15, weight="bold", color=INK)
     valid = f"Valid {units.group(now)}   ({tables.iso(now)}, UTC)"
     figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
     figure.text(0.055, 0.888, labels.basis(forecast, time, particles), fontsize=9, color=INK)
     if synthetic:
         page.warn(figure, 0.985, 0.955, "right", 10)
     if count.few:
-        page.banner(figure, 0.058, 0.88 - ROW, "left", 11, effective.banner(count))
+        page.banner(figure, 0.058, 0.884 - ROW, "left", 11, effective.banner(count))
     for k, text in enumerate([*said, *out], 1 + count.few):
         style: dict[str, Any] = {"fontsize": 9.5, "weight": "bold", "color": layers.LAST_KNOWN}
         figure.text(0.055, 0.879 - ROW * k, page.fit(text, 130), **style)
@@ -129,7 +129,7 @@ def draw_snapshots(
     picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int))
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
     rows = -(-len(picks) // columns)
-    least = effective.fewest(forecast.data, picks, particles)
+    least, least_at = effective.fewest(forecast.data, picks, particles)
     wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (synthetic + least.few), 0.5, 0.35
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
     figure, canvas = page.figure(width, height)
@@ -137,7 +137,10 @@ def draw_snapshots(
     here = layers.extent(forecast, times, marks, (), aspect=1.0)
     land = chart.land_path(here, polygons, 420)
     densities = [layers.density(forecast, i) for i in picks]
-    top = max(layers.scale_top(forecast.data.isel(time=i)) for i in picks)
+    sure = [
+        i for i in picks if not effective.at(forecast.data, int(i)).few
+    ]  # what few leave must not make the others pale
+    top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or picks)
     waiting = "not yet released" if times[-1] < times[0] else "not yet adrift"
     norm, mesh = LogNorm(top / 1000, top), None
     for k, (i, density) in enumerate(zip(picks, densities, strict=True)):
@@ -184,7 +187,7 @@ def draw_snapshots(
     if synthetic:
         page.warn(figure, side / width, 1 - 0.9 / height, "left", 8)
     if least.few:
-        words = effective.banner(least, "areas are rough")
+        words = effective.banner(least, "areas are rough", units.group(forecast.data["time"].values[least_at]))
         page.banner(figure, side / width, 1 - (0.9 + 0.3 * synthetic) / height, "left", 8, words)
     figure.text(side / width, 1 - 0.36 / height, page.fit(title, width * 9), fontsize=12, weight="bold", color=INK)
     figure.text(
@@ -296,7 +299,7 @@ def _rows(
     rows: list[tuple[Any, str]] = []
     for one in outlines:
         size = labels.number(one.area / tables.NMI**2)
-        words = f"{100 * one.share:.0f} % area: {'about ' if few else ''}{size} nmi²"
+        words = f"{100 * one.share:.0f} % area: {'rough, ' if few else ''}{size} nmi²"
         rows.append((Line2D([], [], **layers.line(one.share, few)), words))
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))

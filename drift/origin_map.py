@@ -214,7 +214,7 @@ def _legend(figure: Figure, shown: _Shown, finds: int, land: bool, few: bool) ->
     rows: list[tuple[Any, str]] = [
         (
             Line2D([], [], **(layers.unsure(LINES[share]) if few else LINES[share])),
-            f"{100 * share:.0f} % area: {'about ' if few else ''}{labels.number(size)} nmi²",
+            f"{100 * share:.0f} % area: {'rough, ' if few else ''}{labels.number(size)} nmi²",
         )
         for share, (_, size) in shown.areas.items()
     ]

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from drift import plan_text, subareas
+from drift.effective import Count
 from drift.tables import NMI, position
 from drift.tasking import Plan
 from drift.units import group
@@ -79,7 +80,7 @@ def _search(numbers: dict[str, Any]) -> Facts:
                 f"POS {_percent(update['pos']['all'])}, so far {_percent(update['cumulative_pos']['all'])}"
             )
         else:
-            facts[f'contact "{update["name"]}"'] = f"{update['ess_after']:,.0f} effective particles left"
+            facts[f'contact "{update["name"]}"'] = f"{Count(update['ess_after']).words} after it"
     return facts
 
 

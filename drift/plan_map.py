@@ -270,7 +270,7 @@ def _legend(
     for outline in outlines:
         style = layers.line(outline.share, few)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
-        size = f"{'about ' if few else ''}{labels.number(outline.area / NMI**2)}"
+        size = f"{'rough, ' if few else ''}{labels.number(outline.area / NMI**2)}"
         rows.append((symbol, f"{100 * outline.share:.0f} % area: {size} nmi²"))
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: few particles"))

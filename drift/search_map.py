@@ -71,7 +71,7 @@ def draw(
     land = chart.land_path(here, polygons, 450)
     known = {update.name: (k, update) for k, update in enumerate(updates.all, 1) if update.kind == "sortie"}
 
-    least = effective.fewest(forecast.data, np.unique(picks), particles)
+    least, least_at = effective.fewest(forecast.data, np.unique(picks), particles)
     out = beyond.named(here, places)
     head = HEAD + 0.3 * (least.few + bool(out))
     size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, head + len(some) * (HIGH + OVER) + FOOT)
@@ -104,7 +104,9 @@ def draw(
         told += f"   ·   {particles:,} particles"
     _words(figure, size, title, told, footer, synthetic)
     if least.few:
-        words = effective.banner(least, "areas and shares are rough")
+        words = effective.banner(
+            least, "areas and shares are rough", units.group(forecast.data["time"].values[least_at])
+        )
         paper.banner(figure, LEFT / size[0], 1 - 0.93 / size[1], "left", 9, words)
     if out:
         y, red = 1 - (0.93 + 0.3 * least.few) / size[1], layers.LAST_KNOWN

@@ -138,7 +138,7 @@ def draw(
         figure.text(0.967, 0.945, told, fontsize=9, color=layers.LAST_KNOWN, ha="right", va="center")
     if count.few:
         page.banner(
-            figure, 0.0325, 0.871 - ROW, "left", 10, effective.banner(count, "numbers, ranges and times are rough")
+            figure, 0.0325, 0.878 - ROW, "left", 10, effective.banner(count, "numbers, ranges and times are rough")
         )
     if warning:
         told = page.fit(warning, 210)
@@ -352,10 +352,9 @@ def _words(figure: Figure, data: xr.Dataset, title: str, synthetic: bool) -> Non
 
 def _basis(data: xr.Dataset) -> str:
     worlds, many = data.sizes["world"], data["effective_worlds"].item()
-    few = ", TOO FEW: figures are rough" if _count(data).few else ""
     each = data["realisations"].item()
     return (
-        f"{worlds:,} worlds, effective {many:,.0f}{few}, of {each} simulated spill{'s' if each > 1 else ''} each   ·   "
+        f"{worlds:,} worlds, effective {many:,.0f}, of {each} simulated spill{'s' if each > 1 else ''} each   ·   "
         f"{data['total'].values[:, -1].sum():,.1f}".removesuffix(".0")
         + " objects lost"
     )
