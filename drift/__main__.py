@@ -191,7 +191,7 @@ def _origin(given: argparse.Namespace) -> None:
         from drift import flow, origin, outcome
 
         found = flow.trace(case, out, **options)
-    terminal.facts(case.title, outcome.origin(origin.summary(found)))
+    terminal.facts(case.title, outcome.origin(origin.summary(found), origin.warnings(found)))
     terminal.say(f"Results in {out}")
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import xarray as xr
 from scipy import special  # stats would take a second to import
 
-from drift import evidence, finds, tables, unknowns, washup, washup_tables, worlds
+from drift import effective, evidence, finds, tables, unknowns, washup, washup_tables, worlds
 from drift.case import Case
 from drift.environment import Environment
 from drift.fates import FOREVER, Fates, Realisation
@@ -32,7 +32,7 @@ from geo.segments import Segments
 
 Array = npt.NDArray[Any]
 
-FEWEST = 50.0  # effective worlds below which they are drawn anew
+FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn anew
 NARROWING = 20.0  # times fewer worlds than are drawn may count where a proposal is made: what one renewal narrows down
 ENOUGH = 10.0  # effective worlds a latent that a proposal is made from at least
 WORST = 10  # stretches that the summary tells
@@ -186,7 +186,7 @@ def files(after: Aftermath) -> tuple[Product, ...]:
         Product("washup_times.csv", lambda stamped: washup_tables.times(data, stamped["run_id"])),
         Product("totals.csv", lambda stamped: washup_tables.totals(data, stamped["run_id"])),
         Product("washup.geojson", lambda stamped: washup_tables.geojson(data, after.segments, stamped)),
-        Product("unknowns.csv", lambda stamped: unknowns.text(told, stamped["run_id"])),
+        Product("unknowns.csv", lambda stamped: unknowns.text(told, after.posterior.effective, stamped["run_id"])),
     )
 
 
@@ -268,7 +268,12 @@ def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
 
 
 def warning(after: Aftermath) -> str | None:
-    """Return what of the finds does not fit, or what to raise where too few worlds count; None where all is well."""
+    """Return the warnings in a sentence; None where all is well."""
+    return "; ".join(warnings(after)) or None
+
+
+def warnings(after: Aftermath) -> list[str]:
+    """Return what of the finds does not fit, and what to raise where too few worlds count; empty where all is well."""
     told = []
     few, many = _odds(after)
     if min(few, many) < ODD:
@@ -277,12 +282,14 @@ def warning(after: Aftermath) -> str | None:
             f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; check the patrols' detection, "
             "[spill.reporting] rate and [spill] destroyed before believing the figures"
         )
-    if after.posterior.effective < FEWEST:
+    count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
+    if count.few:
+        when = "after the finds" if after.posterior.known.finds else ""
         told.append(
-            f"only {after.posterior.effective:.0f} of {after.spill.worlds:,} worlds count after the finds, fewer than "
-            f"{FEWEST:.0f}: figures are rough; raise spill.worlds or spill.renewals, or check the finds that are called odd"
+            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.renewals, or check the finds "
+            "that are called odd"
         )
-    return "; ".join(told) or None
+    return told
 
 
 def _odds(after: Aftermath) -> tuple[float, float]:

@@ -1,17 +1,19 @@
 """The contents of forecast.nc: CF-1.11 variables on one grid that covers all output times."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from drift import areas, density
+from drift import areas, density, effective
 from drift.cells import Array, Cells
 from drift.snapshot import Means, Snapshot, mapped, means
 from drift.status import Status
 
 AREA = "area: cell_area"
+COUNTED = "of what was drawn anew, that of the particles from which it descends"
 CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
 
 
@@ -40,6 +42,7 @@ def build(
     sizes = np.array([one.areas if one else np.full(len(areas.SHARES), np.nan) for one in maps])
     held = np.array([one.held_out if one else np.full(len(areas.SHARES), np.nan) for one in maps])
     here = ("time", "lat", "lon")
+    counted = [_counted(one, len(scenarios)) for one in snapshots]
     data: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
         "probability": (
             here,
@@ -105,9 +108,24 @@ def build(
         ),
         "effective_particles": (
             ("time",),
-            np.array([_effective(one) for one in snapshots]),
-            {"long_name": "effective sample size of the particles on the map", "units": "1"},
+            np.array([c.map for c in counted]),
+            {"long_name": "effective sample size of the particles on the map", "units": "1", "comment": COUNTED},
         ),
+        "status_effective": (
+            ("time", "status"),
+            np.array([c.status for c in counted]),
+            {"long_name": "effective sample size of the particles of each status", "units": "1", "comment": COUNTED},
+        ),
+        "scenario_effective": (
+            ("time", "scenario"),
+            np.array([c.scenario for c in counted]),
+            {
+                "long_name": "effective sample size of the particles on the map, of each scenario",
+                "units": "1",
+                "comment": COUNTED,
+            },
+        ),
+        **_worlds(counted),
         "particles_per_kernel": (
             ("time",),
             np.array([one.per_kernel if one else np.nan for one in maps]),
@@ -142,9 +160,37 @@ def _axis(name: str, axis: str, words: str) -> dict[str, str]:
     return {"standard_name": name, "long_name": words, "axis": axis}
 
 
-def _effective(one: Snapshot) -> float:
-    weight = one.probability[mapped(one)]
-    return float(weight.sum() ** 2 / np.sum(weight**2)) if len(weight) else 0.0
+@dataclass(frozen=True)
+class _Counted:
+    """How many particles and worlds of a snapshot count."""
+
+    map: float  # adrift or ashore
+    status: Array  # (statuses,)
+    scenario: Array  # (scenarios,), adrift or ashore
+    worlds: float  # adrift or ashore; NaN where there are none
+    drawn: int  # worlds
+
+
+def _counted(one: Snapshot, scenarios: int) -> _Counted:
+    on = mapped(one)
+    weight, family, scenario = one.probability[on], None if one.family is None else one.family[on], one.scenario[on]
+    world = None if one.world is None else one.world[on]
+    return _Counted(
+        effective.number(weight, family),
+        effective.by(one.status, len(Status), one.probability, one.family),
+        effective.by(scenario, scenarios, weight, family),
+        np.nan if world is None else effective.number(weight, world),
+        0 if one.world is None else 1 + int(one.world.max()),
+    )
+
+
+def _worlds(counted: Sequence[_Counted]) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    """Return the effective number of worlds as a variable; none where there are no worlds."""
+    if not counted or counted[0].drawn == 0:
+        return {}
+    words = "effective number of worlds on the map; objects of a world share what nobody knows of it"
+    attributes = {"long_name": words, "units": "1", "worlds": counted[0].drawn}
+    return {"effective_worlds": (("time",), np.array([c.worlds for c in counted]), attributes)}
 
 
 def _coarsened(one: areas.Area, grid: Cells) -> tuple[Array, tuple[slice, slice]]:

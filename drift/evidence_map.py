@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import blended_transform_factory
 
-from drift import labels, page, search_shapes, search_tables, units
+from drift import effective, labels, layers, page, search_shapes, search_tables, units
 from drift.cells import Array
 from drift.chart import INK
 from drift.updates import Update, Updates
@@ -57,16 +57,19 @@ def draw(
     path: Path,
     *,
     title: str,
+    particles: int | None = None,
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
     synthetic: bool = False,
 ) -> None:
-    """Draw the evidence of a search; see maps.draw_map for title, footer, attributes and synthetic."""
+    """Draw the evidence of a search; see maps.draw_map for title, particles, footer, attributes and synthetic."""
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
     lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # of the legend
-    over = 1.45 + 0.24 * lines
+    least = effective.lowest(updates, particles)
+    below = 0.32 * least.few  # [in] by which all is lower for a warning
+    over = 1.45 + 0.24 * lines + below
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
     figure, canvas = page.figure(14.0, height)
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
@@ -75,7 +78,10 @@ def draw(
     figure.text(0.02, 1 - 0.4 / height, page.fit(title, 75 if synthetic else 95), fontsize=14, weight="bold", color=INK)
     figure.text(0.02, 1 - 0.68 / height, _account(updates, len(steps) - len(shown)), fontsize=9.5, color=INK)
     if stories:
-        _legend(figure, updates, 1 - 0.86 / height)
+        _legend(figure, updates, 1 - (0.86 + below) / height)
+    if least.few:
+        rough = effective.banner(least, "shares, evidence and POS are rough")
+        page.banner(figure, 0.0225, 1 - 1.0 / height, "left", 10, rough)
     if synthetic:
         page.warn(figure, 0.985, 1 - 0.4 / height, "right", 10)
     figure.text(0.02, 0.33 / height, _explained(updates), fontsize=8, color=GREY, linespacing=1.35, va="center")
@@ -231,7 +237,11 @@ def _rows(
         what = update.name if update.kind == "sortie" else f"{page.fit(update.name, 18)} (contact)"
         write(-0.03, k - 0.15, f"{number}  {page.fit(what, 28)}", 9, weight="bold", ha="right")
         pos = "" if update.pos is None else f", POS {labels.percent(float(update.pos[-1]))}"
-        write(-0.03, k + 0.21, units.group(update.time) + pos, 7.5, GREY, ha="right")
+        left = effective.Count(update.ess_after)
+        if left.few:
+            write(-0.03, k + 0.21, f"{units.group(update.time)}, {left.words}", 7.5, layers.LAST_KNOWN, ha="right")
+        else:
+            write(-0.03, k + 0.21, units.group(update.time) + pos, 7.5, GREY, ha="right")
     for k, (above, below) in enumerate(said):
         write(1.03, k - 0.15, above, 9)
         write(1.03, k + 0.21, below, 7.5, GREY)

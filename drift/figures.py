@@ -86,7 +86,7 @@ def figures(
         rest |= {"finds": found, "warning": aftermath.warning(after)}
         drawn["washup.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     if updates is not None:
-        bare = {name: common[name] for name in ("title", "footer", "attributes", "synthetic")}
+        bare = {name: common[name] for name in ("title", "particles", "footer", "attributes", "synthetic")}
         drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, **bare))
         # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
         for page in range(1, 1 + (search_map.pages(updates.sorties) if plan is None else 0)):

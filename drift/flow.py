@@ -12,12 +12,14 @@ import numpy as np
 
 from drift import (
     aftermath,
+    effective,
     environment,
     evidence,
     figures,
     forecast,
     origin,
     output,
+    plan_text,
     prior,
     products,
     search_tables,
@@ -158,8 +160,11 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
             made = products.build(snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit)
             tracks = _trajectories(case, begin.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
+    numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates)
     if after is not None:
         numbers |= aftermath.numbers(after)
+        few = effective.Count(after.posterior.effective, what="worlds").few  # the maps' worlds are the same
+        numbers["warnings"] = [*aftermath.warnings(after), *([] if few else numbers["warnings"])]
     if done.updates is not None:
         numbers |= {"search": search_tables.numbers(done.updates)}
     return Result(case, made, tracks, numbers, after, done.updates)
@@ -179,6 +184,9 @@ def write(
     case, after, updates = result.case, result.aftermath, result.updates
     with clock.phase("write"):
         attributes = summary.attributes(case, where)
+        warnings = [*result.summary["warnings"], *(plan_text.rough(plan) if plan is not None else ())]
+        if warnings:
+            attributes["warning"] = "; ".join(warnings)
         footer = f"{attributes['source']}, seed {case.seed}, coast {attributes['coast']}"
         pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan)
         files = [*(aftermath.files(after) if after else ()), *more]
@@ -229,6 +237,8 @@ def trace(
         found = origin.backward(case, where, segments, places, progress=partial(tell, "drift"))
     if out is not None:
         attributes, facts = summary.attributes(case, where), origin.summary(found)
+        if warnings := origin.warnings(found):
+            attributes["warning"] = "; ".join(warnings)
         output.publish(
             out,
             (
@@ -238,7 +248,7 @@ def trace(
                     lambda stamped: tables.csv_text([*facts, "run_id"], [[*facts.values(), stamped["run_id"]]]),
                 ),
             ),
-            {"origin": facts, "wall_time_s": clock.seconds},
+            {"origin": facts, "warnings": warnings, "wall_time_s": clock.seconds},
             figures.origin(case, where, found, f"{attributes['source']}, seed {case.seed}"),
             attributes=attributes,
             overwrite=overwrite,

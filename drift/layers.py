@@ -1,6 +1,6 @@
 """What a chart shows of a forecast: shading, areas, track, marks, what is ashore."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
 
-from drift import chart, labels, tables, units
+from drift import beyond, chart, effective, labels, tables, units
 from drift.cells import Array
 from drift.chart import Frame
 from drift.products import Contour, Forecast
@@ -23,10 +25,11 @@ LINES: dict[float, dict[str, Any]] = {
     0.75: {"color": "#0b4f8a", "linewidth": 1.5, "linestyle": (0, (6, 2))},
     0.95: {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))},
 }
+ROUGH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#55606b", "hatch": "////", "linewidth": 0.0, "alpha": 0.55}
+LARGER = 1.6  # by how much a frame may grow to show a place that is far off
 TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", "#c62828"
 SHOWN = 0.995  # containment of the cells that are shaded
 ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
-RELEASED = 0.99  # share of the probability ever released from which the mean track is that of the whole
 PARTIAL: dict[str, Any] = {"color": TRACK, "linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": ".", "markersize": 3}
 PRIOR_COLOURS = ("#1b5e20", "#00a0b0", "#5d4037", "#8bc34a", "#000000")
 PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), "-")
@@ -75,9 +78,17 @@ def edges(centres: Array) -> Array:
 
 
 def extent(
-    forecast: Forecast, times: Sequence[Any], marks: Sequence[Mark], lines: Sequence[Line], aspect: float
+    forecast: Forecast,
+    times: Sequence[Any],
+    marks: Sequence[Mark],
+    lines: Sequence[Line],
+    aspect: float,
+    also: Iterable[Sequence[Array]] = (),
 ) -> Frame:
-    """Return the frame of what is shaded at these times, the mean track and what is marked; not of outliers."""
+    """Return the frame of what is shaded at these times, the mean track and what is marked; not of outliers.
+
+    also: shapes, each several (n, 2) [deg], that it shows too where it is then at most LARGER times as large.
+    """
     data = forecast.data
     lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
     for one in forecast.contours:
@@ -97,7 +108,18 @@ def extent(
     known = np.isfinite(every_lon) & np.isfinite(every_lat)
     if not known.any():
         every_lon, every_lat, known = data["lon"].values[[0, -1]], data["lat"].values[[0, -1]], np.array([True, True])
-    return chart.frame(every_lon[known], every_lat[known], aspect, margin=0.05)
+    here = chart.frame(every_lon[known], every_lat[known], aspect, margin=0.05)
+    for shapes in also:
+        if beyond.hidden(here, shapes):
+            more = [*lines, *(Line(one[:, 0].tolist(), one[:, 1].tolist(), "") for one in shapes)]
+            whole = extent(forecast, times, marks, more, aspect)
+            here, lines = (whole, more) if little(here, whole) else (here, lines)
+    return here
+
+
+def little(here: Frame, whole: Frame) -> bool:
+    """Whether a frame is at most LARGER times as large as another."""
+    return whole.x[1] - whole.x[0] <= LARGER * (here.x[1] - here.x[0])
 
 
 def _shaded(forecast: Forecast, one: Contour) -> tuple[float, float, float, float]:
@@ -190,6 +212,35 @@ def rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str,
     )
 
 
+def line(share: float, few: bool = False) -> dict[str, Any]:
+    """Return the style of an area's outline; where few particles count it is thin and grey, for it is no edge."""
+    return unsure(LINES[share]) if few else LINES[share]
+
+
+def unsure(style: dict[str, Any]) -> dict[str, Any]:
+    """Return the style of an outline as it is where few count."""
+    return {**style, "color": "#55606b", "linewidth": 0.55 * style["linewidth"]}
+
+
+def widest(outlines: Sequence[Contour]) -> shapely.MultiPolygon:
+    """Return the largest of a time's areas."""
+    return max(outlines, key=lambda one: one.share).polygon if outlines else shapely.MultiPolygon()
+
+
+def rough(ax: Axes, here: Frame, area: shapely.MultiPolygon) -> None:
+    """Hatch an area, where few count: its edges are not where they seem."""
+    rings = [Outline(np.column_stack(here.project(*ring.T)), closed=True) for ring in kept(area)]
+    if rings:
+        ax.add_patch(PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
+
+
+def beside(here: Frame, at: Any, count: effective.Count) -> list[str]:
+    """Return in a few words, for a small map, whether few count and what its frame leaves out."""
+    found = [f"only {count.words}"] if count.few else []
+    out = beyond.aside(here, at)
+    return [*found, out] if out else found
+
+
 def prior_line(ax: Axes, here: Frame, line: Line, which: int) -> None:
     """Draw a scenario's area or trackline in the style of its number among them."""
     lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
@@ -241,10 +292,8 @@ def occupied(here: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Arr
 
 
 def complete(forecast: Forecast) -> int:
-    """Return the first output from which on all that is ever released is, but for 1 - RELEASED; 0 if nothing is."""
-    status = [str(name) for name in forecast.data["status"].values]
-    released = 1 - forecast.data["status_probability"].values[:, status.index("pending")]
-    return int(np.argmax(released >= RELEASED * released.max()))
+    """Return the first output from which on the mean track is that of the whole; see effective.released."""
+    return effective.released(forecast.data)
 
 
 def spaced(times: Array, most: int) -> list[int]:

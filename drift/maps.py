@@ -16,12 +16,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift import chart, labels, layers, page, search_layers, tables, units
+from drift import beyond, chart, effective, labels, layers, page, search_layers, tables, units
 from drift.cells import Array
 from drift.chart import INK, Frame
 from drift.layers import Line, Mark
 from drift.products import Forecast
 from drift.sortie import Contact, Sortie
+
+ROW = 0.03  # of the page, a row of warnings over the map
 
 __all__ = ["Line", "Mark", "draw_field", "draw_map", "draw_snapshots"]
 
@@ -51,14 +53,24 @@ def draw_map(
     """
     figure, canvas = page.figure(11.7, 8.3)
     at = forecast.data.isel(time=time)
-    missing = labels.missing(at)
-    high = 0.745 if missing else 0.775
-    ax = figure.add_axes((0.055, 0.095, 0.665, high))
     now = at["time"].values[()]
     outlines = [c for c in forecast.contours if c.time == now]
     begun = [sortie for sortie in searched if sortie.start <= now]
     seen = [contact for contact in contacts if contact.time <= now]
-    here = layers.extent(forecast, [now], marks, lines, aspect=0.665 * 11.7 / (high * 8.3))
+    places = search_layers.places(seen, begun)
+    count = effective.at(forecast.data, time, particles)
+    said = [text for text in (labels.missing(at), *effective.parts(forecast.data, time)) if text]
+
+    def framed(above: list[str]) -> tuple[float, Frame, list[str]]:
+        """Return the map's height [of the page] under a banner and rows of text, its frame, and what that leaves out."""
+        high = 0.775 - ROW * (count.few + len(above))
+        here = layers.extent(forecast, [now], marks, lines, 0.665 * 11.7 / (high * 8.3), places.values())
+        return high, here, textwrap.wrap(beyond.told(here, at, places), 135)
+
+    high, here, out = framed(said)
+    if out:
+        high, here, out = framed([*said, *out])
+    ax = figure.add_axes((0.055, 0.095, 0.665, high))
     chart.prepare(ax, here)
     density = layers.density(forecast, time)
     shown = np.where(at["containment"].values <= layers.SHOWN, density, np.nan)
@@ -68,8 +80,10 @@ def draw_map(
     chart.graticule(ax, here)
     for i, line in enumerate(lines):
         layers.prior_line(ax, here, line, i)
+    if count.few:
+        layers.rough(ax, here, layers.widest(outlines))
     for outline in outlines:
-        layers.rings(ax, here, outline.polygon, layers.LINES[outline.share])
+        layers.rings(ax, here, outline.polygon, layers.line(outline.share, count.few))
     for sortie in begun:
         search_layers.sortie(ax, here, sortie, now, light=True)
     for contact in seen:
@@ -77,15 +91,18 @@ def draw_map(
     ashore = layers.ashore_marks(ax, here, forecast, time)
     layers.track(ax, canvas, here, forecast, time, marks)
 
-    figure.text(0.055, 0.955, textwrap.shorten(title, 95, placeholder=" …"), fontsize=15, weight="bold", color=INK)
+    figure.text(0.055, 0.955, page.fit(title, 60 if synthetic else 95), fontsize=15, weight="bold", color=INK)
     valid = f"Valid {units.group(now)}   ({tables.iso(now)}, UTC)"
     figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
     figure.text(0.055, 0.888, labels.basis(forecast, time, particles), fontsize=9, color=INK)
     if synthetic:
         page.warn(figure, 0.985, 0.955, "right", 10)
-    if missing:
-        figure.text(0.055, 0.849, page.fit(missing, 130), fontsize=9.5, weight="bold", color=layers.LAST_KNOWN)
-    rows = _rows(forecast, time, outlines, lines, ashore, (known_as, len(marks)), land is not None)
+    if count.few:
+        page.banner(figure, 0.058, 0.884 - ROW, "left", 11, effective.banner(count))
+    for k, text in enumerate([*said, *out], 1 + count.few):
+        style: dict[str, Any] = {"fontsize": 9.5, "weight": "bold", "color": layers.LAST_KNOWN}
+        figure.text(0.055, 0.879 - ROW * k, page.fit(text, 130), **style)
+    rows = _rows(forecast, time, outlines, lines, ashore, (known_as, len(marks)), land is not None, count.few)
     rows += search_layers.key(begun, seen, search_layers.LIGHT)
     _legend(figure, rows)
     _panel(figure, at, mesh)
@@ -112,14 +129,18 @@ def draw_snapshots(
     picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int))
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
     rows = -(-len(picks) // columns)
-    wide, gap, head, foot, side = 3.0, 0.14, 1.3 if synthetic else 1.0, 0.5, 0.35
+    least, least_at = effective.fewest(forecast.data, picks, particles)
+    wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (synthetic + least.few), 0.5, 0.35
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
     figure, canvas = page.figure(width, height)
     times = [forecast.data["time"].values[i] for i in picks]
     here = layers.extent(forecast, times, marks, (), aspect=1.0)
     land = chart.land_path(here, polygons, 420)
     densities = [layers.density(forecast, i) for i in picks]
-    top = max(layers.scale_top(forecast.data.isel(time=i)) for i in picks)
+    sure = [
+        i for i in picks if not effective.at(forecast.data, int(i)).few
+    ]  # what few leave must not make the others pale
+    top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or picks)
     waiting = "not yet released" if times[-1] < times[0] else "not yet adrift"
     norm, mesh = LogNorm(top / 1000, top), None
     for k, (i, density) in enumerate(zip(picks, densities, strict=True)):
@@ -134,20 +155,25 @@ def draw_snapshots(
         chart.draw_land(ax, land)
         below = k + columns >= len(picks)
         chart.graticule(ax, here, lines=3, size=7, labels=(below, column == 0))
-        for outline in forecast.contours:
-            if outline.time == at["time"].values and outline.share in (0.5, 0.95):
-                style = {**layers.LINES[outline.share]}
-                layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+        stands_on = effective.at(forecast.data, int(i), particles)
+        outlines = [c for c in forecast.contours if c.time == at["time"].values and c.share in (0.5, 0.95)]
+        if stands_on.few:
+            layers.rough(ax, here, layers.widest(outlines))
+        for outline in outlines:
+            style = layers.line(outline.share, stands_on.few)
+            layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
         layers.ashore_marks(ax, here, forecast, int(i), scale=0.5)
         for mark in marks:
             layers.mark_point(ax, here, mark, 6)
         ax.set_title(units.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
         ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
-        if labels.missing(at) and np.isfinite(at["mean_lat"]):
+        notes = [_off_map(at, waiting)] if labels.missing(at) and np.isfinite(at["mean_lat"]) else []
+        notes += layers.beside(here, at, stands_on)
+        if notes:
             ax.text(
                 0.98,
                 0.02,
-                _off_map(at, waiting),
+                "\n".join(notes),
                 fontsize=7,
                 color=layers.LAST_KNOWN,
                 ha="right",
@@ -160,6 +186,9 @@ def draw_snapshots(
             chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
     if synthetic:
         page.warn(figure, side / width, 1 - 0.9 / height, "left", 8)
+    if least.few:
+        words = effective.banner(least, "areas are rough", units.group(forecast.data["time"].values[least_at]))
+        page.banner(figure, side / width, 1 - (0.9 + 0.3 * synthetic) / height, "left", 8, words)
     figure.text(side / width, 1 - 0.36 / height, page.fit(title, width * 9), fontsize=12, weight="bold", color=INK)
     figure.text(
         side / width,
@@ -261,15 +290,19 @@ def _rows(
     ashore: float,
     marks: tuple[str, int],
     land: bool,
+    few: bool,
 ) -> list[tuple[Any, str]]:
     """Return symbols and texts of the legend: areas, track, priors, what is ashore.
 
-    marks: what they are, and how many.
+    marks: what they are, and how many. few: few particles count.
     """
     rows: list[tuple[Any, str]] = []
     for one in outlines:
         size = labels.number(one.area / tables.NMI**2)
-        rows.append((Line2D([], [], **layers.LINES[one.share]), f"{100 * one.share:.0f} % area: {size} nmi²"))
+        words = f"{100 * one.share:.0f} % area: {'rough, ' if few else ''}{size} nmi²"
+        rows.append((Line2D([], [], **layers.line(one.share, few)), words))
+    if few and outlines:
+        rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))
     style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}
     first, last = layers.complete(forecast), range(forecast.data.sizes["time"])[time]
     if first <= last:

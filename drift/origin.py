@@ -28,9 +28,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from drift import forecast, start, tracks_back
+from drift import effective, forecast, start, tracks_back
 from drift import worlds as drawn_worlds
 from drift.case import Case
+from drift.effective import Count
 from drift.ensemble import Ensemble
 from drift.environment import Environment
 from drift.forcing import Forcing
@@ -59,6 +60,7 @@ CUT = 6.0  # widths of a kernel beyond which it is nothing: 2e-9 of it
 LEAST = 1.0001 * np.exp(-(CUT**2) / 2)
 BATCH = 100  # worlds whose densities are reckoned at once
 SECOND = np.timedelta64(1, "s")
+ROUGH = "place and time are rough"
 
 
 @dataclass(frozen=True)
@@ -309,6 +311,17 @@ def _posterior(spill: Spill, grid: _Grid, worlds: int, slices: Iterator[_Slice])
         worlds=worlds,
         effective=float(total**2 / (sums[:, 0] ** 2).sum()),
     )
+
+
+def count(origin: Origin) -> Count:
+    """Return how many of the worlds count."""
+    return Count(origin.effective, origin.worlds, "worlds")
+
+
+def warnings(origin: Origin) -> list[str]:
+    """Return what must not be believed of an origin."""
+    few = effective.sentence(count(origin), "after the finds", f"{ROUGH}; look for a find that fits no other")
+    return [few] if count(origin).few else []
 
 
 def dataset(origin: Origin) -> xr.Dataset:

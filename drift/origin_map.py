@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift import areas, chart, density, labels, layers, origin, page, tables, units
+from drift import areas, chart, density, effective, labels, layers, origin, page, tables, units
 from drift.cells import Array
 from drift.chart import INK, Frame
 from drift.layers import Mark
@@ -34,7 +34,7 @@ LINES = {0.5: layers.LINES[0.5], 0.9: layers.LINES[0.95]}
 PRIOR: dict[str, Any] = {"color": layers.PRIOR_COLOURS[0], "linewidth": 1.6, "linestyle": layers.PRIOR_DASHES[0]}
 ALLOWED = 0.01  # of the prior's largest density: under that its cells hold too few draws for a line
 FLOOR = float(np.exp(-4.0))  # of a line's density: less counts as that, so that lines stay near the cells that matter
-FEW = 20  # effective worlds under which the picture warns
+ROW = 0.032  # of the page, the row of a warning over the map
 GREY = "#55606b"
 BELIEVED: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
 ASSUMED: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
@@ -82,8 +82,9 @@ def draw(
     """
     figure, canvas = page.figure(WIDTH, HEIGHT)
     shown = _shown(found)
-    ax = figure.add_axes(MAP)
-    here = _extent(found, shown, marks)
+    high = MAP[3] - ROW * origin.count(found).few
+    ax = figure.add_axes((*MAP[:3], high))
+    here = _extent(found, shown, marks, high)
     chart.prepare(ax, here)
     norm = PowerNorm(0.5, 0, _top(shown))
     corners = here.project(*np.meshgrid(origin.edges(found.lon), origin.edges(found.lat)))
@@ -93,12 +94,15 @@ def draw(
     chart.draw_land(ax, land)
     chart.graticule(ax, here)
     layers.rings(ax, here, shown.allowed, PRIOR)
+    few = origin.count(found).few
     for share, (outline, _) in shown.areas.items():
-        layers.rings(ax, here, outline, LINES[share])
+        layers.rings(ax, here, outline, layers.unsure(LINES[share]) if few else LINES[share])
+    if few:
+        layers.rough(ax, here, shown.areas[max(shown.areas)][0])
     _points(ax, canvas, here, found, shown, marks)
     _bar(figure, mesh)
     _words(figure, found, title, synthetic)
-    _legend(figure, shown, len(marks), land is not None)
+    _legend(figure, shown, len(marks), land is not None, few)
     _times(figure, found)
     _figures(figure, found)
     _names(figure, marks)
@@ -148,7 +152,7 @@ def _top(shown: _Shown) -> float:
     return float(shown.density[_within(shown.containment, 0.1)].min())
 
 
-def _extent(found: Origin, shown: _Shown, marks: Sequence[Mark]) -> Frame:
+def _extent(found: Origin, shown: _Shown, marks: Sequence[Mark], high: float) -> Frame:
     """Return the frame of the shaded cells, the finds, and the prior's outline where it is not far off."""
     rows, columns = (np.flatnonzero(_within(shown.containment, layers.SHOWN).any(axis=axis)) for axis in (1, 0))
     lon, lat = origin.edges(found.lon), origin.edges(found.lat)
@@ -159,7 +163,7 @@ def _extent(found: Origin, shown: _Shown, marks: Sequence[Mark]) -> Frame:
     wide, high = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
     x += [max(west, x[0] - wide), min(east, x[1] + wide)]
     y += [max(south, y[0] - high), min(north, y[1] + high)]
-    return chart.frame(np.array(x), np.array(y), MAP[2] * WIDTH / (MAP[3] * HEIGHT), 0.04, least=1000.0)
+    return chart.frame(np.array(x), np.array(y), MAP[2] * WIDTH / (high * HEIGHT), 0.04, least=1000.0)
 
 
 def _points(
@@ -197,18 +201,21 @@ def _words(figure: Figure, found: Origin, title: str, synthetic: bool) -> None:
     figure.text(MAP[0], 0.955, page.fit(title, 95), fontsize=15, weight="bold", color=INK)
     figure.text(MAP[0], 0.922, "Release proposed by tracks back from the finds", fontsize=12, color=INK)
     worlds = f"{found.worlds:,} worlds, effective {found.effective:,.0f}"
-    few = found.effective < FEW
-    if few:
-        worlds += ": too few to rely on; raise the number of worlds, or look for a find that fits no other"
-    style: dict[str, Any] = {"weight": "bold", "color": layers.LAST_KNOWN} if few else {"color": INK}
-    figure.text(MAP[0], 0.892, worlds, fontsize=9.5, **style)
+    figure.text(MAP[0], 0.892, worlds, fontsize=9.5, color=INK)
+    if origin.count(found).few:
+        page.banner(
+            figure, MAP[0] + 0.003, 0.877 - ROW, "left", 10, effective.banner(origin.count(found), origin.ROUGH)
+        )
     if synthetic:
         page.warn(figure, RIGHT, 0.922, "right", 10)
 
 
-def _legend(figure: Figure, shown: _Shown, finds: int, land: bool) -> None:
+def _legend(figure: Figure, shown: _Shown, finds: int, land: bool, few: bool) -> None:
     rows: list[tuple[Any, str]] = [
-        (Line2D([], [], **LINES[share]), f"{100 * share:.0f} % area: {labels.number(size)} nmi²")
+        (
+            Line2D([], [], **(layers.unsure(LINES[share]) if few else LINES[share])),
+            f"{100 * share:.0f} % area: {'rough, ' if few else ''}{labels.number(size)} nmi²",
+        )
         for share, (_, size) in shown.areas.items()
     ]
     rows.append((Line2D([], [], **PRIOR), "Allowed before the finds (prior)"))

@@ -1,17 +1,18 @@
 """What a run came to, in a few lines for a terminal: facts by name, in the order in which they are read."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from drift import plan_text, subareas
+from drift.effective import Count
 from drift.tables import NMI, position
 from drift.tasking import Plan
 from drift.units import group
 
 WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
 WORST = 5  # stretches that are told
-FEW = 200  # effective particles under which results are rough
 
 TIMES = ("time", "time_10", "time_50", "time_90")  # of an origin
 
@@ -30,6 +31,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     for status, share in numbers["account"].items():
         if share > 0:
             facts[status] = _percent(share)
+    facts |= _warnings(numbers["warnings"])
     facts |= _search(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)
@@ -61,15 +63,14 @@ def plan(made: Plan) -> Facts:
     return facts
 
 
+def _warnings(told: Sequence[str]) -> Facts:
+    """Return warnings by number, where there are several."""
+    return {f"warning {k}" if len(told) > 1 else "warning": text for k, text in enumerate(told, 1)}
+
+
 def _search(numbers: dict[str, Any]) -> Facts:
     """Return what sorties and contacts came to."""
     facts: Facts = {}
-    low = [u for u in numbers.get("search", {}).get("updates", ()) if u["ess_after"] < FEW]
-    if low:
-        facts["warning"] = (
-            f'only {low[0]["ess_after"]:,.0f} effective particles after {low[0]["kind"]} "{low[0]["name"]}": areas and shares after it '
-            "are rough. Check it; else give more particles, or [resampling] below = 0.05"
-        )
     dead: set[str] = set()
     for update in numbers.get("search", {}).get("updates", ()):
         for name, share in update["posterior"].items():
@@ -83,7 +84,7 @@ def _search(numbers: dict[str, Any]) -> Facts:
                 f"POS {_percent(update['pos']['all'])}, so far {_percent(update['cumulative_pos']['all'])}"
             )
         else:
-            facts[f'contact "{update["name"]}"'] = f"{update['ess_after']:,.0f} effective particles left"
+            facts[f'contact "{update["name"]}"'] = f"{Count(update['ess_after']).words} after it"
     return facts
 
 
@@ -113,20 +114,20 @@ def spill(numbers: dict[str, Any]) -> Facts:
     rounds = len(told["effective_worlds_by_round"])
     facts["worlds"] = counted + (f", drawn anew {rounds - 1} times about what the finds leave" if rounds > 1 else "")
     facts |= _coast(numbers)
-    if told["warning"]:
-        facts["warning"] = told["warning"]
+    facts |= _warnings(numbers["warnings"])
     for number, note in enumerate(told["notes"], 1):
         facts[f"note {number}"] = note
     return facts | _lost(numbers)
 
 
-def origin(told: dict[str, Any]) -> Facts:
+def origin(told: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
     """Return where and when a spill may have been released, by a backward run."""
     facts = {
         name.replace("_", " "): f"{value:.4g}" if isinstance(value, float) else str(value)
         for name, value in told.items()
     }
     facts |= {name.replace("_", " "): _group(told[name]) for name in told if name in TIMES}
+    facts |= _warnings(warnings)
     facts["note"] = (
         "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) with this "
         "release as its prior, weighted by all finds"

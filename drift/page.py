@@ -29,10 +29,15 @@ def fit(text: str, characters: float) -> str:
 
 def warn(figure: Figure, x: float, y: float, side: str, size: float) -> None:
     """Say that winds or currents are made up."""
+    banner(figure, x, y, side, size, "SYNTHETIC wind or current: not for operations")
+
+
+def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str) -> None:
+    """Say what a picture must not be believed of, in white on red."""
     figure.text(
         x,
         y,
-        "SYNTHETIC wind or current: not for operations",
+        text,
         fontsize=size,
         weight="bold",
         color="white",

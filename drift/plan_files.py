@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drift import patterns, search_shapes, subareas, tables, units
+from drift import patterns, plan_text, search_shapes, subareas, tables, units
 from drift.sortie import Law
 from drift.subareas import KNOT
 from drift.tables import NMI
@@ -23,7 +23,7 @@ INKS = ("ff2a00c8", "ffb04f0b", "ff008a1c", "ff7a0f9b", "ff006a8a", "ff3a3a3a") 
 
 def numbers(plan: Plan) -> dict[str, Any]:
     """Return a plan's numbers for plan.json; see drift.subareas."""
-    return subareas.numbers(plan)
+    return {**subareas.numbers(plan), "warnings": plan_text.rough(plan)}
 
 
 def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
@@ -31,8 +31,8 @@ def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
     root = ET.Element("gpx", {"xmlns": GPX, "version": "1.1", "creator": "casp-drift"})
     about = ET.SubElement(root, "metadata")
     _leaf(about, "name", title)
-    if run:
-        _leaf(about, "desc", f"run {run}")
+    if told := _about(plan, run):
+        _leaf(about, "desc", told)
     named = list(zip(subareas.names(plan), plan.taskings, strict=True))
     for name, one in named:
         start = next(point for point in subareas.route(name, one) if point.what == "csp")
@@ -63,7 +63,7 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
     root = ET.Element("kml", {"xmlns": KML})
     document = ET.SubElement(root, "Document")
     _leaf(document, "name", title)
-    _leaf(document, "description", f"run {run}" if run else "")
+    _leaf(document, "description", _about(plan, run))
     for k, ink in enumerate(INKS):
         for kind, width in (("area", "3"), ("legs", "1.5"), ("transit", "1")):
             style = ET.SubElement(document, "Style", {"id": f"{kind}{k}"})
@@ -115,9 +115,12 @@ def _coordinates(points: Sequence[Sequence[float]]) -> str:
 def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return areas, legs, ways out and home (transit) and search points as GeoJSON (RFC 7946), cut at 180 degrees."""
     features = []
-    for told, one in zip(numbers(plan)["taskings"], plan.taskings, strict=True):
+    whole = numbers(plan)
+    counts = {f"effective_particles_{name}": value for name, value in whole["effective_particles"].items()}
+    for told, one in zip(whole["taskings"], plan.taskings, strict=True):
         for shape, geometry in _shapes(one).items():
-            features.append({"type": "Feature", "geometry": geometry, "properties": {"shape": shape, **told}})
+            properties = {"shape": shape, **told, **counts}
+            features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
 
 
@@ -141,6 +144,11 @@ def _told(one: Tasking) -> str:
     )
 
 
+def _about(plan: Plan, run: str) -> str:
+    """Return what stands at the head of a file: the run, and what of the plan stands on few particles."""
+    return ". ".join([*([f"run {run}"] if run else []), *(f"WARNING: {told}" for told in plan_text.rough(plan))])
+
+
 def _leaf(parent: ET.Element, tag: str, text: str) -> None:
     """Append an element with a text, without what XML 1.0 cannot hold."""
     ET.SubElement(parent, tag).text = "".join(c for c in text if c >= " " and c not in "\ufffe\uffff")
@@ -161,6 +169,7 @@ def toml(plan: Plan, taken: Sequence[str] = ()) -> str:
         "# The plan's sorties. Append them to the case once they were flown and found nothing; say what was done with",
         '# completed = "60 %" or actual = "track.gpx".',
     ]  # fmt: skip
+    parts += [f"# WARNING: {told}" for told in plan_text.rough(plan)]
     for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
         title, number = f"{name} {one.unit.name}", 2
         while title in used:

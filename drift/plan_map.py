@@ -15,7 +15,20 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift import chart, labels, layers, page, plan_text, search_layers, search_shapes, subareas, tables, units
+from drift import (
+    beyond,
+    chart,
+    effective,
+    labels,
+    layers,
+    page,
+    plan_text,
+    search_layers,
+    search_shapes,
+    subareas,
+    tables,
+    units,
+)
 from drift.cells import Array
 from drift.chart import INK, Frame
 from drift.layers import Line, Mark
@@ -27,10 +40,10 @@ from geo import sphere
 
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
 SIZE = (11.7, 8.3)  # [in]
-LARGER = 1.6  # by how much a chart may grow to show the bases
 GREY = "#55606b"
 POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
 BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
+ROW = 0.03  # of the page, a row of warnings over the map
 FIGURES = 2.72  # [em] that "0.12  " is wide
 TITLED = 0.65  # of the page, where a title ends that has a warning right of it
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
@@ -58,8 +71,14 @@ def draw(
     at = forecast.data.isel(time=i)
     now = at["time"].values[()]
     figure, canvas = page.figure(*SIZE)
-    ax = figure.add_axes(MAP)
-    here = _extent(forecast, plan, i, marks)
+    count = effective.at(forecast.data, i, particles)
+    least = count if count.few else min(_stood_on(plan, count), key=lambda one: one.number)
+    high, here = MAP[3] - ROW * least.few, _extent(forecast, plan, i, marks, MAP[3] - ROW * least.few)
+    if out := textwrap.wrap(beyond.told(here, at), 110):
+        high -= ROW * len(out)
+        here = _extent(forecast, plan, i, marks, high)
+        out = textwrap.wrap(beyond.told(here, at), 110)
+    ax = figure.add_axes((*MAP[:3], high))
     chart.prepare(ax, here)
     shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
@@ -67,8 +86,10 @@ def draw(
     chart.draw_land(ax, land)
     chart.graticule(ax, here)
     outlines = [c for c in forecast.contours if c.time == now and c.share in (0.5, 0.95)]
+    if count.few:
+        layers.rough(ax, here, layers.widest(outlines))
     for outline in outlines:
-        style = layers.LINES[outline.share]
+        style = layers.line(outline.share, count.few)
         layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
     ashore = layers.ashore_marks(ax, here, forecast, i)
     _plan(ax, canvas, here, forecast, plan, i, marks)
@@ -80,7 +101,12 @@ def draw(
     figure.text(0.055, 0.887, page.fit(when + many, 120), fontsize=9.5, color=INK)
     if synthetic:
         page.warn(figure, 0.985, 0.96, "right", 10)
-    _legend(figure, plan, outlines, len(marks), ashore, land is not None)
+    if least.few:
+        page.banner(figure, 0.058, 0.876 - ROW, "left", 10, effective.banner(least, "areas and POS are rough"))
+    for k, text in enumerate(out, 1 + least.few):
+        red: dict[str, Any] = {"weight": "bold", "color": layers.LAST_KNOWN}
+        figure.text(0.055, 0.875 - ROW * k, text, fontsize=9, **red)
+    _legend(figure, plan, outlines, len(marks), ashore, land is not None, count.few)
     _panel(figure, plan)
     _bar(figure, mesh)
     if footer:
@@ -107,16 +133,21 @@ def nearest(forecast: Forecast, plan: Plan) -> int:
     return int(np.argmin(np.abs(forecast.data["time"].values - (begin + (end - begin) // 2))))
 
 
-def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark]) -> Frame:
+def _stood_on(plan: Plan, shown: effective.Count) -> list[effective.Count]:
+    """Return what a plan's figures and its picture stand on."""
+    return [shown, *(count for count in (plan.scored_on, plan.made_on) if count is not None and count.few)]
+
+
+def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float) -> Frame:
     """Return the frame of the sub-areas and the probability; of the bases too where that makes it little larger."""
     rings = [_ring(one) for one in plan.taskings]
     lines = [Line(ring[:, 0].tolist(), ring[:, 1].tolist(), "") for ring in rings]
     one = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
-    times, aspect = [one.data["time"].values[0]], MAP[2] * SIZE[0] / (MAP[3] * SIZE[1])
+    times, aspect = [one.data["time"].values[0]], MAP[2] * SIZE[0] / (high * SIZE[1])
     here = layers.extent(one, times, marks, lines, aspect)
     bases = [Mark(*place) for t in plan.taskings for place in (t.unit.base, t.unit.return_to)]
     whole = layers.extent(one, times, [*marks, *bases], lines, aspect)
-    return whole if whole.x[1] - whole.x[0] <= LARGER * (here.x[1] - here.x[0]) else here
+    return whole if layers.little(here, whole) else here
 
 
 def _ring(one: Tasking) -> Array:
@@ -224,7 +255,9 @@ def _some(who: list[str]) -> str:
     return f"{page.fit(who[0], 26)}{more}"
 
 
-def _legend(figure: Figure, plan: Plan, outlines: Sequence[Any], marks: int, ashore: float, land: bool) -> None:
+def _legend(
+    figure: Figure, plan: Plan, outlines: Sequence[Any], marks: int, ashore: float, land: bool, few: bool
+) -> None:
     rows: list[tuple[Any, str]] = [
         (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0}), "Sub-area"),
         (Line2D([], [], **search_layers.LEGS), "Legs; arrow: creep"),
@@ -235,9 +268,12 @@ def _legend(figure: Figure, plan: Plan, outlines: Sequence[Any], marks: int, ash
     if any(one.round > 1 for one in plan.taskings):
         rows.insert(1, (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0, "linestyle": LATER}), "Later round"))
     for outline in outlines:
-        style = layers.LINES[outline.share]
+        style = layers.line(outline.share, few)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
-        rows.append((symbol, f"{100 * outline.share:.0f} % area: {labels.number(outline.area / NMI**2)} nmi²"))
+        size = f"{'rough, ' if few else ''}{labels.number(outline.area / NMI**2)}"
+        rows.append((symbol, f"{100 * outline.share:.0f} % area: {size} nmi²"))
+    if few and outlines:
+        rows.append((Patch(**layers.ROUGH), "Rough: few particles"))
     if marks:
         style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
         ring = Line2D([], [], marker="o", markersize=7, markerfacecolor="white", **style)

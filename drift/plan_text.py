@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drift import subareas, tables, units
+from drift import effective, subareas, tables, units
 from drift.subareas import KNOT
 from drift.tables import NMI
 from drift.tasking import Plan, Tasking
@@ -78,6 +78,18 @@ def warnings(plan: Plan, synthetic: bool) -> list[str]:
         )
     if plan.value > plan.bound + plan.bound_moved:
         found.append(f"its value, {plan.value:.3f}, is above the bound, {plan.bound:.3f}: do not trust the bound.")
+    return found + rough(plan)
+
+
+def rough(plan: Plan) -> list[str]:
+    """Return which figures of a plan stand on few particles."""
+    found = []
+    if plan.made_on is not None and plan.made_on.few:
+        found.append(
+            effective.sentence(plan.made_on, "of those that the plan was made on", "its areas and its bound are rough")
+        )
+    if plan.scored_on is not None and plan.scored_on.few:
+        found.append(effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough"))
     return found
 
 

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from drift import bound as bounds
-from drift import flow, follow, optimise, output, plan_files, plan_text, turns
+from drift import effective, flow, follow, optimise, output, plan_files, plan_text, turns
 from drift.case import Case
+from drift.effective import Count
 from drift.environment import Environment
 from drift.flow import Report, Result, Stopwatch
 from drift.sortie import Unit
@@ -117,9 +118,17 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
         bound_moved=found.moved,
         alternatives=proposal.alternatives if spec.rounds == 1 else (),
         scenarios=tuple(scenario.name for scenario in case.scenarios),
+        made_on=Count(effective.number(tracks.weight), len(tracks.weight)),
+        scored_on=_scored(result, executed, spec.begin),
         idle=tuple(unit.name for unit in case.units if unit.name not in {tasking.unit.name for tasking in tasked}),
     )
     return made, executed, result
+
+
+def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
+    """Return how many of the case's particles count when a plan begins."""
+    outputs = result.forecast.data["time"].values
+    return effective.at(result.forecast.data, int(np.argmin(np.abs(outputs - begin))), executed.particles)
 
 
 def _error(bound: float, tracks: Tracks, pos: float, result: Result) -> float:

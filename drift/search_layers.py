@@ -1,6 +1,7 @@
 """What a chart shows of a search: areas, legs as flown, zones of a watch and contacts, dark with a halo, for grey print."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from matplotlib import patheffects
@@ -71,6 +72,24 @@ def extent(sorties: Sequence[Sortie]) -> list[Line]:
 def _stands(one: Sortie) -> bool:
     """Whether it is a watch at one place: its legs go nowhere."""
     return one.watch is not None and one.legs is not None and len({*zip(one.legs.lon, one.legs.lat, strict=True)}) == 1
+
+
+def places(contacts: Sequence[Contact], sorties: Sequence[Sortie] = ()) -> dict[str, list[Array]]:
+    """Return the shapes of contacts and sorties by name, for beyond.told."""
+    found: dict[str, list[Array]] = {}
+    for seen in contacts:
+        fixes = seen.fixes if seen.kind == "position" else ()
+        if len(fixes) > 1:  # each is a place of its own: A and B of a beacon
+            for k, fix in enumerate(fixes, 1):
+                alone = replace(seen, fixes=(fix,))
+                found[f'contact "{seen.name}", position {k}'] = [points for _, points in search_shapes.contact(alone)]
+        else:
+            found[f'contact "{seen.name}"'] = [points for _, points in search_shapes.contact(seen)]
+    for one in sorties:
+        ring = search_shapes.searched(one)
+        shapes = [points for _, points in search_shapes.flown(one)] + search_shapes.zones(one, one.end)
+        found[f'sortie "{one.name}"'] = shapes + ([] if ring is None else [ring])
+    return found
 
 
 def key(sorties: Sequence[Sortie], contacts: Sequence[Contact], scale: float = 1.0) -> list[tuple[Any, str]]:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.path import Path as Outline
 
-from drift import chart, labels, layers, search_layers, units
+from drift import beyond, chart, effective, labels, layers, search_layers, units
 from drift import page as paper  # `page` is the number of one
 from drift.chart import INK, Frame
 from drift.layers import Mark
@@ -63,19 +63,23 @@ def draw(
     picks = [[_index(forecast, time) for time in _moments(one)] for one in some]
     part = replace(forecast, data=forecast.data.isel(time=np.unique(picks)))
     times = list(part.data["time"].values)
-    here = layers.extent(part, times, marks, search_layers.extent(some), aspect=WIDE / HIGH)
+    seen = [[one for one in contacts if sortie.start - RECENT <= one.time <= sortie.end] for sortie in some]
+    places = search_layers.places([*dict.fromkeys(chain(*seen))])
+    here = layers.extent(part, times, marks, search_layers.extent(some), WIDE / HIGH, places.values())
     tops = [layers.scale_top(part.data.isel(time=i)) for i in range(len(times))]
     norm = PowerNorm(0.5, 0, min(max(tops), RANGE * float(np.median(tops))))
     land = chart.land_path(here, polygons, 450)
-    seen = [[one for one in contacts if sortie.start - RECENT <= one.time <= sortie.end] for sortie in some]
     known = {update.name: (k, update) for k, update in enumerate(updates.all, 1) if update.kind == "sortie"}
 
-    size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, HEAD + len(some) * (HIGH + OVER) + FOOT)
+    least, least_at = effective.fewest(forecast.data, np.unique(picks), particles)
+    out = beyond.named(here, places)
+    head = HEAD + 0.3 * (least.few + bool(out))
+    size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, head + len(some) * (HIGH + OVER) + FOOT)
     figure, canvas = paper.figure(*size)
     corner = chart.free_corner(here, *_busy(here, part, some, times))
     mesh = None
     for row, (sortie, indices) in enumerate(zip(some, picks, strict=True)):
-        bottom = size[1] - HEAD - (row + 1) * (HIGH + OVER)
+        bottom = size[1] - head - (row + 1) * (HIGH + OVER)
         number, update = known.get(sortie.name, (0, None))
         _heading(
             figure, size, bottom + HIGH + 0.3, f"{number}  {sortie.name}" if number else sortie.name, sortie, update
@@ -83,7 +87,8 @@ def draw(
         for column, (i, wanted) in enumerate(zip(indices, _moments(sortie), strict=True)):
             left = LEFT + column * (WIDE + GAP)
             ax = figure.add_axes((left / size[0], bottom / size[1], WIDE / size[0], HIGH / size[1]))
-            mesh = _map(ax, here, forecast, i, norm, land)
+            count = effective.at(forecast.data, i, particles)
+            mesh = _map(ax, here, forecast, i, norm, land, count)
             chart.graticule(ax, here, lines=3, size=7, labels=(row == len(some) - 1, column == 0))
             search_layers.sortie(ax, here, sortie, wanted)
             for one in seen[row]:
@@ -98,6 +103,14 @@ def draw(
     if particles is not None:
         told += f"   ·   {particles:,} particles"
     _words(figure, size, title, told, footer, synthetic)
+    if least.few:
+        words = effective.banner(
+            least, "areas and shares are rough", units.group(forecast.data["time"].values[least_at])
+        )
+        paper.banner(figure, LEFT / size[0], 1 - 0.93 / size[1], "left", 9, words)
+    if out:
+        y, red = 1 - (0.93 + 0.3 * least.few) / size[1], layers.LAST_KNOWN
+        figure.text(LEFT / size[0], y, paper.fit(out, size[0] * 12), fontsize=9, weight="bold", color=red)
     _key(figure, size, search_layers.key(some, list(chain(*seen)), 0.9), bool(marks))
     _bar(figure, size, mesh)
     paper.save(canvas, path, title, attributes, dpi=130)
@@ -135,17 +148,31 @@ def _busy(here: Frame, part: Forecast, some: Sequence[Sortie], times: Sequence[A
     return x, y
 
 
-def _map(ax: Axes, here: Frame, forecast: Forecast, i: int, norm: PowerNorm, land: Outline | None) -> Any:
+def _map(
+    ax: Axes,
+    here: Frame,
+    forecast: Forecast,
+    i: int,
+    norm: PowerNorm,
+    land: Outline | None,
+    count: effective.Count,
+) -> Any:
     """Draw the probability at an output with the areas that hold 50 and 95 %; return the shading."""
     chart.prepare(ax, here)
     at = forecast.data.isel(time=i)
     shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, here, forecast, shown, norm)
     chart.draw_land(ax, land)
-    for outline in forecast.contours:
-        if outline.time == at["time"].values and outline.share in (0.5, 0.95):
-            style = layers.LINES[outline.share]
-            layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.6 * style["linewidth"]})
+    outlines = [c for c in forecast.contours if c.time == at["time"].values and c.share in (0.5, 0.95)]
+    if count.few:
+        layers.rough(ax, here, layers.widest(outlines))
+    for outline in outlines:
+        style = layers.line(outline.share, count.few)
+        layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.6 * style["linewidth"]})
+    if notes := layers.beside(here, at, count):
+        words: dict[str, Any] = {"fontsize": 7.5, "weight": "bold", "color": layers.LAST_KNOWN, "zorder": 16}
+        words |= {"ha": "right", "va": "bottom", "transform": ax.transAxes, "path_effects": labels.HALO}
+        ax.text(0.98, 0.02, "\n".join(notes), **words)
     layers.ashore_marks(ax, here, forecast, i, scale=0.45)
     return mesh
 

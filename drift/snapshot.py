@@ -23,6 +23,8 @@ class Snapshot:
     probability: npt.NDArray[np.float64]
     status: npt.NDArray[np.int32]  # drift.status.Status
     scenario: npt.NDArray[np.int32]
+    family: Array | None = None  # int: the particle of the beginning from which it descends; None: itself
+    world: Array | None = None  # int: the world whose unknowns it shares; None: there are none
 
 
 def mapped(one: Snapshot) -> Array:

@@ -28,6 +28,7 @@ class Spool(Sequence[Snapshot]):
         self._times = []
         self._weighted: list[bool] = []
         self.ancestors: list[Array | None] = []  # by time: whose offspring the particles are, of the time before
+        self._families: list[Array | None] = []  # by time: whose offspring they are, of the beginning
         for moment in moments:
             for column, kind in ((moment.lon, np.int32), (moment.lat, np.int32), (moment.status, np.uint8)):
                 self._file.write(np.ascontiguousarray(column, kind).data)
@@ -36,10 +37,12 @@ class Spool(Sequence[Snapshot]):
             self._times.append(case.start + np.timedelta64(case.direction * moment.elapsed, "s"))
             self._weighted.append(moment.log_weight is not None)
             self.ancestors.append(moment.ancestors)
+            self._families.append(_descent(self._families[-1] if self._families else None, moment.ancestors))
         self._n = ensemble.n
         self._probability = record.probability(ensemble)
         kinds = np.arange(len(case.scenarios), dtype=np.int32)
         self._scenario = np.repeat(kinds, np.diff(ensemble.bounds))
+        self._world = ensemble.world.to_numpy() if case.spill else None
 
     def __enter__(self) -> "Spool":
         return self
@@ -74,7 +77,15 @@ class Spool(Sequence[Snapshot]):
         probability = self._probability
         if self._weighted[at]:
             probability = record.shares(np.frombuffer(self._file.read(4 * self._n), np.float32))
-        return Snapshot(self._times[at], lon, lat, probability, status, self._scenario)
+        family = self._families[at]
+        return Snapshot(self._times[at], lon, lat, probability, status, self._scenario, family, self._world)
 
     def __iter__(self) -> Iterator[Snapshot]:
         return (self[i] for i in range(len(self)))
+
+
+def _descent(family: Array | None, ancestors: Array | None) -> Array | None:
+    """Return whose offspring particles are, of the beginning: family of the time before, ancestors since; None: themselves."""
+    if ancestors is None:
+        return family
+    return np.asarray(ancestors if family is None else family[ancestors], np.int32)

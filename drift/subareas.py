@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift import detection, passage, patterns, search_shapes
+from drift.effective import Count
 from drift.tables import NMI
 from drift.tasking import Plan, Tasking
 from geo import sphere
@@ -135,6 +136,7 @@ def numbers(plan: Plan) -> dict[str, Any]:
         "share_of_bound": plan.value / plan.bound if plan.bound > 0 else None,
         "value_on_planning_particles": plan.seen,
         "optimism": plan.seen - plan.value,
+        "effective_particles": {"made_on": _counted(plan.made_on), "scored_on": _counted(plan.scored_on)},
         "taskings": [_tasking(plan, name, one) for name, one in zip(names(plan), plan.taskings, strict=True)],
         "alternatives": [
             {
@@ -146,6 +148,10 @@ def numbers(plan: Plan) -> dict[str, Any]:
             for other in plan.alternatives
         ],
     }
+
+
+def _counted(count: Count | None) -> float | None:
+    return None if count is None else count.number
 
 
 def _tasking(plan: Plan, name: str, one: Tasking) -> dict[str, Any]:

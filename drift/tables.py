@@ -83,7 +83,7 @@ def numbers(forecast: Forecast) -> dict[str, Any]:
 
 
 def _output(forecast: Forecast, i: int) -> dict[str, Any]:
-    at = forecast.data.isel(time=i)
+    data, at = forecast.data, forecast.data.isel(time=i)
     shares = [f"{share:.0%}" for share in at["share"].values]
     areas = at["containment_area"].values
     status = [str(s) for s in at["status"].values]
@@ -96,15 +96,23 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
         "area_km2": dict(zip(shares, areas / 1e6, strict=True)),
         "held_out": dict(zip(shares, at["held_out"].values, strict=True)),
         "probability": dict(zip(status, at["status_probability"].values, strict=True)),
-        "effective_particles": at["effective_particles"].item(),
+        **counts(data, i),
+        "effective_by_status": dict(zip(status, at["status_effective"].values, strict=True)),
         "scenarios": {
             str(name): {
                 "probability": at["scenario_probability"].values[j],
+                "effective_particles": at["scenario_effective"].values[j],
                 "mean": _place(at["scenario_mean_lon"].values[j], at["scenario_mean_lat"].values[j]),
             }
             for j, name in enumerate(at["scenario"].values)
         },
     }
+
+
+def counts(data: Any, i: int) -> dict[str, float]:
+    """Return how many particles, and worlds where there are any, a map stands on, by column of a table."""
+    names = [name for name in ("effective_particles", "effective_worlds") if name in data]
+    return {name: float(data[name].values[i]) for name in names}
 
 
 def _place(lon: float, lat: float) -> dict[str, Any] | None:
@@ -133,6 +141,7 @@ def track(forecast: Forecast, run: str) -> str:
                 position(*datum) or "",
                 *_numbers(*(at["containment_area"].values / NMI**2), form=".6g"),
                 *_numbers(*at["status_probability"].values, form=".6f"),
+                *_numbers(*counts(data, i).values(), form=".6g"),
                 run,
             ]
         )
@@ -148,6 +157,7 @@ def track(forecast: Forecast, run: str) -> str:
             "datum_position",
             *(f"area_{share}_nmi2" for share in shares),
             *(f"probability_{s}" for s in status),
+            *counts(data, 0),
             "run_id",
         ],
         rows,
@@ -158,6 +168,7 @@ def ashore(forecast: Forecast, run: str) -> str:
     """Return where the object may be ashore at the end, cell by cell, likeliest first, and by when, as CSV.
 
     run: its run_id, in the last column. first_time is the first output time at which half of the cell's final probability had landed there.
+    effective_particles: how many of those ashore count, in all cells together.
     """
     data = forecast.data
     every = data["probability_ashore"].values.astype(np.float64)
@@ -166,12 +177,14 @@ def ashore(forecast: Forecast, run: str) -> str:
     cells = cells[np.argsort(-last[cells], kind="stable")]
     half = np.argmax(every.reshape(len(every), -1)[:, cells] >= 0.5 * last[cells], axis=0)
     lon, lat = np.meshgrid(data["lon"].values, data["lat"].values)
+    many = f"{data['status_effective'].sel(status='ashore').values[-1]:.6g}"
     rows = []
     for cell, first in zip(cells, half, strict=True):
         x, y = (float(lon.ravel()[cell]) + 180) % 360 - 180, float(lat.ravel()[cell])
         when = iso(data["time"].values[first])
-        rows.append([*_numbers(x, y, form=".6f"), position(x, y), f"{last[cell]:.4g}", when, run])
-    return csv_text(["lon", "lat", "position", "probability_ashore", "first_time", "run_id"], rows)
+        rows.append([*_numbers(x, y, form=".6f"), position(x, y), f"{last[cell]:.4g}", when, many, run])
+    header = ["lon", "lat", "position", "probability_ashore", "first_time", "effective_particles", "run_id"]
+    return csv_text(header, rows)
 
 
 def _numbers(*values: float, form: str) -> list[str]:
@@ -187,7 +200,7 @@ def csv_text(header: list[str], rows: list[list[Any]]) -> str:
 
 def geojson(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the containment contours as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian."""
-    features = []
+    features, times = [], forecast.data["time"].values
     for one in forecast.contours:
         geometry = cut(one.polygon)
         if geometry.is_empty:
@@ -207,6 +220,7 @@ def geojson(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]
                     "level": one.share,
                     "area_nmi2": one.area / NMI**2,
                     "area_km2": one.area / 1e6,
+                    **counts(forecast.data, int(np.flatnonzero(times == one.time)[0])),
                 },
             }
         )

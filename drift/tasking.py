@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drift.effective import Count
 from drift.sortie import PlanSpec, Sortie, Unit
 
 Array = npt.NDArray[Any]
@@ -57,3 +58,5 @@ class Plan:
     alternatives: tuple[Alternative, ...]
     scenarios: tuple[str, ...]
     idle: tuple[str, ...] = ()  # units that are not sent
+    made_on: Count | None = None  # how many of the particles that it was made on count
+    scored_on: Count | None = None  # and of the case's own, when it begins

@@ -68,17 +68,24 @@ def _figures(values: Real, weight: Real) -> dict[str, float]:
     return figures | {f"{share:.0%}": float(q) for share, q in zip(SHARES, quantiles, strict=True)}
 
 
-def text(rows: dict[str, Any], run: str) -> str:
-    """Return the table as CSV; run: its run_id, in the last column."""
+def text(rows: dict[str, Any], worlds: float, run: str) -> str:
+    """Return the table as CSV; worlds: how many count after the finds. run: its run_id, in the last column."""
     figures = ("mean", *(f"{share:.0%}" for share in SHARES))
     header = [
         "unknown",
         "unit",
         *(f"{when}_{figure}" for when in ("prior", "posterior") for figure in figures),
+        "effective_worlds",
         "run_id",
     ]
     lines = [
-        [name, row["unit"], *(f"{row[when][figure]:.6g}" for when in ("prior", "posterior") for figure in figures), run]
+        [
+            name,
+            row["unit"],
+            *(f"{row[when][figure]:.6g}" for when in ("prior", "posterior") for figure in figures),
+            f"{worlds:.6g}",
+            run,
+        ]
         for name, row in rows.items()
     ]
     return tables.csv_text(header, lines)

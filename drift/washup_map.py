@@ -23,7 +23,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
-from drift import chart, labels, layers, page, tables, units, washup
+from drift import chart, effective, labels, layers, page, tables, units, washup
 from drift.cells import Array
 from drift.chart import INK, Frame
 from drift.layers import Mark
@@ -32,7 +32,7 @@ from geo.segments import Segments
 WORST = 10
 LEAST = 0.01  # probability of any arrival under which a stretch is not drawn, unless hardly any has more
 DECADES = 2.5  # of the expected number on the colour scale
-ROUGH = 50  # effective worlds below which the page says so
+ROW = 0.032  # of the figure, the row of a warning over the maps
 WIDTH, HEIGHT = 13.0, 9.4  # [in]
 MAP = (0.46, 0.405)  # of the figure
 GREY = "#55606b"
@@ -83,8 +83,9 @@ def draw(
     """
     figure, canvas = page.figure(WIDTH, HEIGHT)
     shown = _shown(data, segments)
-    bottom = 0.465
-    here = _extent(segments, shown, marks, MAP[0] * WIDTH / (MAP[1] * HEIGHT))
+    bottom, count = 0.465, _count(data)
+    high = MAP[1] - ROW * count.few
+    here = _extent(segments, shown, marks, MAP[0] * WIDTH / (high * HEIGHT))
     land = chart.land_path(here, polygons, 1000)
     most = float(shown.number.max(initial=0.0)) or 1.0
     numbers = (most / 10**DECADES, most)
@@ -97,7 +98,7 @@ def draw(
         (0.03, shown.number, norm, _dark_is_more()),
         (0.03 + MAP[0] + 0.02, shown.sooner, when, _dark_is_more().reversed()),
     ):
-        ax = figure.add_axes((left, bottom, *MAP))
+        ax = figure.add_axes((left, bottom, MAP[0], high))
         chart.prepare(ax, here)
         chart.draw_land(ax, land)
         chart.graticule(ax, here, labels=(True, left < 0.1))
@@ -135,6 +136,10 @@ def draw(
     if finds:
         told = f"▲ after {len(finds)} find{'s' * (len(finds) > 1)}: numbers are of those not yet found"
         figure.text(0.967, 0.945, told, fontsize=9, color=layers.LAST_KNOWN, ha="right", va="center")
+    if count.few:
+        page.banner(
+            figure, 0.0325, 0.878 - ROW, "left", 10, effective.banner(count, "numbers, ranges and times are rough")
+        )
     if warning:
         told = page.fit(warning, 210)
         figure.text(0.03, 0.879, told, fontsize=7.5, weight="bold", color=layers.LAST_KNOWN, va="center")
@@ -349,10 +354,14 @@ def _basis(data: xr.Dataset) -> str:
     worlds, many = data.sizes["world"], data["effective_worlds"].item()
     each = data["realisations"].item()
     return (
-        f"{worlds:,} worlds, effective {many:,.0f}{', TOO FEW: figures are rough' if many < ROUGH else ''}, of {each} simulated spill{'s' if each > 1 else ''} each   ·   "
+        f"{worlds:,} worlds, effective {many:,.0f}, of {each} simulated spill{'s' if each > 1 else ''} each   ·   "
         f"{data['total'].values[:, -1].sum():,.1f}".removesuffix(".0")
         + " objects lost"
     )
+
+
+def _count(data: xr.Dataset) -> effective.Count:
+    return effective.Count(data["effective_worlds"].item(), data.sizes["world"], "worlds")
 
 
 def _account(data: xr.Dataset) -> str:

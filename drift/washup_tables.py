@@ -41,6 +41,7 @@ def records(data: xr.Dataset) -> Columns:
         "position": [tables.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
         "length_km": _significant(at["length"].values / 1000),
         **_figures(at),
+        "effective_worlds": np.full(len(order), _worlds(data)),
         "ever": _significant(at["ever"].values),
         "ever_se": _significant(at["ever_se"].values),
     }
@@ -61,7 +62,7 @@ def records(data: xr.Dataset) -> Columns:
 def times(data: xr.Dataset, run: str) -> str:
     """Return the stretches at every output time, as CSV, worst first at each; without those where none has ever come."""
     rows: list[list[Any]] = []
-    header = list(_figures(data.isel(time=0)))
+    header, worlds = [*_figures(data.isel(time=0)), "effective_worlds"], _text(_worlds(data))
     for t, when in enumerate(data["time"].values):
         order = washup.worst(data, time=t)
         order = order[data["arrived"].values[t, order] > 0]
@@ -69,7 +70,8 @@ def times(data: xr.Dataset, run: str) -> str:
         names = at["segment"].values, at["name"].values
         moment = [tables.iso(when), units.group(when)]
         rows += [
-            [*moment, *row[:2], *map(_text, row[2:]), run] for row in zip(*names, *_figures(at).values(), strict=True)
+            [*moment, *row[:2], *map(_text, row[2:]), worlds, run]
+            for row in zip(*names, *_figures(at).values(), strict=True)
         ]
     return tables.csv_text(["time", "date_time_group", "segment", "name", *header, "run_id"], rows)
 
@@ -79,14 +81,15 @@ def totals(data: xr.Dataset, run: str) -> str:
     mean, number = (
         [_significant(data[name + end].values) for end in ("", "_se")] for name in ("total", "total_number")
     )
-    figures = [*mean, *number[0], *number[1]]
+    figures, worlds = [*mean, *number[0], *number[1]], _text(_worlds(data))
     rows = [
-        [tables.iso(when), units.group(when), fate, *(_text(values[f, t]) for values in figures), run]
+        [tables.iso(when), units.group(when), fate, *(_text(values[f, t]) for values in figures), worlds, run]
         for t, when in enumerate(data["time"].values)
         for f, fate in enumerate(data["fate"].values)
     ]
     quantiles = [f"number_{share}{end}" for end in ("", "_se") for share in _shares(data)]
-    return tables.csv_text(["time", "date_time_group", "fate", "expected", "expected_se", *quantiles, "run_id"], rows)
+    header = ["time", "date_time_group", "fate", "expected", "expected_se", *quantiles, "effective_worlds", "run_id"]
+    return tables.csv_text(header, rows)
 
 
 def geojson(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:
@@ -116,6 +119,11 @@ def cut(line: Any) -> Iterator[Any]:
         inside = shapely.intersection(line, shapely.box(turn - 180, -90, turn + 180, 90))
         moved = shapely.transform(inside, lambda xy, turn=turn: xy - np.array([turn, 0.0]))
         yield from (part for part in shapely.get_parts(moved) if part.geom_type == "LineString" and not part.is_empty)
+
+
+def _worlds(data: xr.Dataset) -> float:
+    """Return how many worlds count, to six digits: below effective.FEW all figures are rough."""
+    return float(f"{data['effective_worlds'].item():.6g}")
 
 
 def _shares(data: xr.Dataset) -> list[str]:

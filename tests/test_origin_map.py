@@ -143,7 +143,7 @@ def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
 
 def test_few_effective_worlds_are_warned_of(tmp_path, seen):
     origin_map.draw(release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", title="T")
-    assert any(text.startswith("500 worlds, effective 3: too few") for text in words(seen[0]))
+    assert any(text.startswith("ONLY 3 OF 500 WORLDS COUNT: ") for text in words(seen[0]))
 
 
 def test_the_same_release_gives_the_same_bytes(tmp_path):
