@@ -121,7 +121,7 @@ def main() -> None:
             found, error = against(a, b), np.std(turns, axis=0)
             distance, null = energy(a, b, rng)
             print(
-                f"{name:18}{way / 1000:7.1f}{np.hypot(*apart):9.0f} m{apart @ apart / way**2 and np.hypot(*apart) / way:7.2%}{sigma:6.1f}"
+                f"{name:18}{way / 1000:7.1f}{np.hypot(*apart):9.0f} m{np.hypot(*apart) / way:7.2%}{sigma:6.1f}"
                 f"{major / 1000:7.1f}{minor / 1000:6.1f}"
                 + "".join(f"{x:+8.1%} +-{e:6.1%}" for x, e in zip(found[:2], error[:2], strict=True))
                 + f"{found[2]:+7.1f} +-{error[2]:5.1f}{distance:9.1f} ({null:.1f})"
