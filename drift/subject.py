@@ -72,6 +72,8 @@ def scenarios(
     for name in names:
         if names.count(name) > 1:
             raise UserError(f'scenario "{name}": two scenarios have this name; give each its own')
+        if name.strip().casefold() == "all":
+            raise UserError(f'scenario "{name}": tables call all scenarios together by this word; give it another name')
     return tuple(_scenario(table, table.weight / total, start, end, known) for table in tables)
 
 

@@ -72,7 +72,8 @@ def open_source(
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     title = name or os.path.basename(os.fspath(listed[0]).rstrip("/") if listed else "")
     asked = reader.Request(quantity, title, variables or {}, units, times, steady, box, depth, lenient)
-    reading = reader.read(asked, listed)
+    with dataset.readable(listed, quantity):
+        reading = reader.read(asked, listed)
     return Source(
         quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,
         reading.domain,
