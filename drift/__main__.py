@@ -269,11 +269,13 @@ def _info(given: argparse.Namespace) -> None:
     with interrupt.leaving_at_once():  # nothing is written
         from geo import describe
 
+        if given.plot is not None:
+            _check_plot(given.plot)
         understood = describe.understand(given.files)
         told = ["\n".join([*describe.describe(source), *describe.sketch(source)]) for source in understood]
     for text in told:
         terminal.say(text)
-    for source in understood if given.plot else ():
+    for source in understood if given.plot is not None else ():
         plot = given.plot
         if len(understood) > 1:
             plot = plot.with_name(f"{plot.stem}-{source.quantity}{plot.suffix}")
@@ -282,16 +284,38 @@ def _info(given: argparse.Namespace) -> None:
 
 
 def _draw(source: Any, path: Path) -> None:
+    import matplotlib
+
     from drift import maps
     from geo import notation, shore
 
-    if path.suffix.lower() != ".png" or not path.absolute().parent.is_dir():
-        raise UserError(f"--plot {path}: must be a .png file in a folder that exists")
+    _check_plot(path)
     values, grid = source.read(0), source.grid
     when = f", {notation.group(source.times[0])}" if source.times.size else ""
     title = f"{source.quantity} {source.name}{when}"
     land = shore.land("gshhg", grid.box).polygons
-    maps.draw_field(path, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land)
+    half = path.with_name(f".{path.name[:100]}.{os.getpid()}.png")
+    try:
+        with matplotlib.rc_context({"text.parse_math": False}):  # a "$" in a file's name is no formula
+            maps.draw_field(half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land)
+        os.replace(half, os.path.realpath(path))
+    except OSError as error:
+        raise UserError(f"--plot {path}: cannot be written ({error.strerror}); name another file") from error
+    finally:
+        half.unlink(missing_ok=True)
+
+
+def _check_plot(path: Path) -> None:
+    """Raise UserError unless a picture can be written to a path."""
+    folder = path.absolute().parent
+    try:
+        there = os.path.lexists(path) and not (path.is_file() and os.access(path, os.W_OK))
+        if path.suffix.lower() != ".png" or not folder.is_dir() or len(os.fsencode(path.name)) > 255 or there:
+            raise UserError(f"--plot {str(path)[:300]}: must be a .png file in a folder that exists")
+    except (OSError, ValueError) as error:
+        raise UserError(f"--plot {str(path)[:300]!a}: {error}; name another file") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise UserError(f"--plot {path}: cannot write in {folder}; name another file")
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from drift.schema import CaseTable, OutputTable
 from drift.sortie import Contact, PlanSpec, Resampling, Sortie, Unit
 from drift.sources import ForcingSpec, Quantity, SourceTable
 from drift.spill import Spill
+from geo import file
 from geo.box import Box
 from geo.errors import UserError
 
@@ -36,6 +37,7 @@ else:
 MOST_OUTPUTS = 1000
 FILES = ("files", "source", "lakes", "file", "track", "actual")  # keys that name input files
 QUANTITIES: tuple[Quantity, ...] = ("current", "wind", "stokes")
+LARGEST = 16 * 2**20  # [bytes] of a case file: a thousand times those that ship
 
 
 @dataclass(frozen=True)
@@ -177,18 +179,19 @@ def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
 
 def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
     path = Path(name)
-    if path.suffix != ".toml" and path.name == str(name):
-        packaged = resources.files("cases").joinpath(f"{name}.toml")
-        path = path if path.is_file() else Path(str(packaged))
+    if path.suffix != ".toml" and path.name == str(name) and not os.path.lexists(path):
+        path = Path(str(resources.files("cases").joinpath(f"{name}.toml")))
     try:
-        return path, path.read_text(encoding="utf-8-sig")  # Windows' editors begin with a mark
-    except FileNotFoundError:
+        return path, file.contents(path, LARGEST).decode("utf-8-sig")  # Windows' editors begin with a mark
+    except (FileNotFoundError, NotADirectoryError):
         names = ", ".join(name for name, _ in shipped())
         raise UserError(f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases') from None
     except UnicodeDecodeError:
         raise UserError(f'"{name}" is not a case file: it is not text in UTF-8') from None
     except OSError as error:
-        raise UserError(f'cannot read case "{name}": {error.strerror}') from None
+        raise UserError(f'cannot read case "{str(name)[:300]}": {error.strerror}') from None
+    except ValueError as error:  # a name with a zero byte
+        raise UserError(f"cannot read case {str(name)[:300]!a}: {error}") from None
 
 
 def _override(data: dict[str, Any], key: str, value: str) -> None:

@@ -126,8 +126,11 @@ def _kept(draw: Figure) -> Figure:
     """Return a drawing that, where it fails, costs its own picture only: hours of forecast hang on the other files."""
 
     def attempt(path: Path) -> None:
+        import matplotlib
+
         try:
-            draw(path)
+            with matplotlib.rc_context({"text.parse_math": False}):  # a "$" in a name is no formula
+                draw(path)
         except (ArithmeticError, LookupError, StopIteration, TypeError, ValueError) as error:
             path.unlink(missing_ok=True)
             warnings.warn(f"{path.name} could not be drawn ({error}); all other files are complete", stacklevel=2)

@@ -1,6 +1,7 @@
 """The whole flow on one page: case -> environment -> prior -> forecast and filter -> products -> files."""
 
 import contextlib
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -90,7 +91,7 @@ class Stopwatch:
 @turns.in_turn
 def run(
     case: Case,
-    out: Path | None = None,
+    out: str | os.PathLike[str] | None = None,
     *,
     threads: int | None = None,
     backend: str = "cpu",
@@ -101,13 +102,18 @@ def run(
 
     report is told what is being done and how much of it is done. Raises UserError for all that the user can mend.
     """
-    tell = report or (lambda phase, share: None)
+    tell, out = report or (lambda phase, share: None), folder(out)
     where, clock = opened(case, out, threads, backend, overwrite, tell)
     result = forecasted(case, where, clock, tell)
     if out is not None:
         tell("write", 0.0)
         write(result, where, out, clock, overwrite=overwrite)
     return result
+
+
+def folder(out: str | os.PathLike[str] | None) -> Path | None:
+    """Return the folder for results that was named as text or as a path; None for none."""
+    return None if out is None else Path(out)
 
 
 def opened(
@@ -213,7 +219,7 @@ def write(
 @turns.in_turn
 def trace(
     case: Case,
-    out: Path | None = None,
+    out: str | os.PathLike[str] | None = None,
     *,
     threads: int | None = None,
     backend: str = "cpu",
@@ -225,7 +231,7 @@ def trace(
     It proposes where to look: the answer is a forward run weighted by the finds. Raises UserError for all that the user
     can mend.
     """
-    tell = report or (lambda phase, share: None)
+    tell, out = report or (lambda phase, share: None), folder(out)
     if case.spill is None:
         raise UserError(f"{case.path.name}: has no [spill]; an origin is told from the [[find]]s of a spill")
     where, clock = opened(case, out, threads, backend, overwrite, tell)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
+from geo import file
 from geo.errors import UserError
 
 LARGEST = 100 * 2**20  # [bytes]
@@ -38,9 +39,7 @@ def read(path: Path | str) -> Track:
 
 
 def _root(path: Path) -> ET.Element:
-    if path.stat().st_size > LARGEST:
-        raise ValueError(f"is larger than {LARGEST // 2**20} MiB: not one sortie's track")
-    data = path.read_bytes()
+    data = file.contents(path, LARGEST)
     plain = data.replace(b"\0", b"")  # UTF-16 too
     if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
         raise ValueError("has a document type (<!DOCTYPE ..>), which no GPX file needs; save it again without")

@@ -6,6 +6,7 @@ lists the others. Data depend on the forecast alone; the date of creation stands
 
 import json
 import os
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -193,7 +194,7 @@ def particles(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                 {
                     "long_name": "scenario",
                     "flag_values": np.arange(len(names), dtype=np.int32),
-                    "flag_meanings": " ".join("_".join(name.split()) for name in names),
+                    "flag_meanings": " ".join(_flags(names)),
                 },
             ),
             **_events(tracks),
@@ -217,6 +218,19 @@ def particles(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
             ),
         },
     )
+
+
+def _flags(names: Sequence[str]) -> list[str]:
+    """Return names as words of CF's flag_meanings, each another: letters, digits and _-.+@ alone, no blank."""
+    made: list[str] = []
+    for name in names:
+        plain = word = re.sub(r"[^\w.+@-]", "_", "_".join(name.split()))
+        number = 1
+        while word in made:
+            number += 1
+            word = f"{plain}_{number}"
+        made.append(word)
+    return made
 
 
 def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]]:

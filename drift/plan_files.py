@@ -1,5 +1,6 @@
 """A plan as files for navigators and maps: GPX 1.1 routes, KML 2.2, GeoJSON; and as tables to append to the case."""
 
+import html
 import json
 import math
 import xml.etree.ElementTree as ET
@@ -79,7 +80,7 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
         for shape, geometry in _shapes(one).items():
             place = ET.SubElement(folder, "Placemark")
             _leaf(place, "name", name if shape == "area" else f"{name} {shape}")
-            _leaf(place, "description", _told(one))
+            _leaf(place, "description", html.escape(_told(one), quote=False))  # readers show it as HTML
             span = ET.SubElement(place, "TimeSpan")
             _leaf(span, "begin", tables.iso(one.takeoff if shape == "transit" else one.on_scene))
             _leaf(span, "end", tables.iso(one.home if shape == "transit" else one.off_scene))

@@ -5,10 +5,10 @@ evidence of its having failed: the same run that a debrief would make.
 """
 
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ from geo.errors import UserError
 @turns.in_turn
 def plan(
     case: Case,
-    out: Path | None = None,
+    out: str | os.PathLike[str] | None = None,
     *,
     threads: int | None = None,
     backend: str = "cpu",
@@ -40,7 +40,7 @@ def plan(
 
     Raises UserError for all that the user can mend.
     """
-    tell = report or (lambda phase, share: None)
+    tell, out = report or (lambda phase, share: None), flow.folder(out)
     if not case.units:
         raise UserError(
             f"{case.path.name}: has no [[unit]] to plan with: give each its base, search_speed, endurance and sweep_width"

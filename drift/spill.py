@@ -229,6 +229,8 @@ class SpillTable(fields.Table):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f'class "{name}": two classes have this name; give each its own')
+            if name == "se" or name.removesuffix("_se") in set(names) - {name}:  # headings of washup.csv
+                raise ValueError(f'class "{name}": tables call a standard error by this name; give it another')
         if self.worlds < FEWEST_WORLDS:
             raise ValueError(f"worlds {self.worlds}: must be at least {FEWEST_WORLDS}; 2000 is usual")
         if not 0 <= self.lasting <= LONGEST:

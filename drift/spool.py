@@ -1,5 +1,7 @@
 """The particles at all output times, kept in a temporary file: memory holds one time, however many there are."""
 
+import os
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
@@ -13,10 +15,33 @@ from drift.case import Case
 from drift.ensemble import Ensemble
 from drift.forecast import Moment
 from drift.snapshot import Snapshot
+from geo.errors import UserError
 
 Array = npt.NDArray[Any]
 
 BYTES = 13  # a particle and time: two positions, its status, its weight
+
+
+def _check_room(need: int) -> None:
+    """Raise UserError where the temporary folder has less room than that [bytes]."""
+    try:
+        free = shutil.disk_usage(tempfile.gettempdir()).free
+    except OSError as error:
+        raise _refusal(error.strerror or str(error)) from error
+    if need > free:
+        raise _refusal(f"the particles at all output times need {_size(need)}, and it has room for {_size(free)}")
+
+
+def _refusal(reason: str) -> UserError:
+    folder = tempfile.tempdir or os.environ.get("TMPDIR", "")
+    return UserError(
+        f"temporary folder {folder}: {reason}; make room, name another folder in the environment variable TMPDIR, or ask "
+        "for fewer particles or output times"
+    )
+
+
+def _size(count: int) -> str:
+    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
 
 
 class Spool(Sequence[Snapshot]):
@@ -24,16 +49,25 @@ class Spool(Sequence[Snapshot]):
 
     def __init__(self, case: Case, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
         """Take up the moments of a run as they come. Weights are theirs, or those that the ensemble has afterwards."""
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
+        self._need = ensemble.n * BYTES * len(case.outputs)
+        _check_room(self._need)
+        try:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
+        except OSError as error:
+            raise _refusal(error.strerror or str(error)) from error
         self._times = []
         self._weighted: list[bool] = []
         self.ancestors: list[Array | None] = []  # by time: whose offspring the particles are, of the time before
         self._families: list[Array | None] = []  # by time: whose offspring they are, of the beginning
         for moment in moments:
-            for column, kind in ((moment.lon, np.int32), (moment.lat, np.int32), (moment.status, np.uint8)):
-                self._file.write(np.ascontiguousarray(column, kind).data)
             weight = np.zeros(ensemble.n, np.float32) if moment.log_weight is None else moment.log_weight
-            self._file.write(np.ascontiguousarray(weight, np.float32).data)
+            for column, kind in (
+                (moment.lon, np.int32),
+                (moment.lat, np.int32),
+                (moment.status, np.uint8),
+                (weight, np.float32),
+            ):
+                self._keep(np.ascontiguousarray(column, kind))
             self._times.append(case.start + np.timedelta64(case.direction * moment.elapsed, "s"))
             self._weighted.append(moment.log_weight is not None)
             self.ancestors.append(moment.ancestors)
@@ -51,6 +85,15 @@ class Spool(Sequence[Snapshot]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
+
+    def _keep(self, column: Array) -> None:
+        """Append a column to the file; raise UserError where there is no room for it."""
+        try:
+            self._file.write(column.data)
+            self._file.flush()
+        except OSError as error:
+            self._file.raw.close()  # what is left in the buffer would fail once more
+            raise _refusal(f"{error.strerror}; all output times need {_size(self._need)}") from error
 
     def reweigh(self, ensemble: Ensemble) -> None:
         """Take the weights that an ensemble has now."""

@@ -81,6 +81,11 @@ def scenarios(
     names = [table.name for table in tables]
     for name in sorted({name for name in names if names.count(name) > 1}):
         wrong.lines.append(f'scenario "{name}": two scenarios have this name; give each its own')
+    wrong.lines += [
+        f'scenario "{name}": tables call all scenarios together by this word; give it another name'
+        for name in names
+        if name.strip().casefold() == "all"
+    ]
     made = []
     for table in tables:
         with wrong.gathered():

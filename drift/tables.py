@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import io
+import re
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -16,6 +17,8 @@ from drift.cells import Array
 from drift.products import Forecast
 
 NMI = units.NMI
+FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # with what a spreadsheet's formula begins
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def iso(time: np.datetime64 | Array) -> str:
@@ -192,10 +195,24 @@ def _numbers(*values: float, form: str) -> list[str]:
 
 
 def csv_text(header: list[str], rows: list[list[Any]]) -> str:
-    """Return a table as CSV."""
+    """Return a table as CSV that a spreadsheet shows and does not run; every CSV file of ours is made here.
+
+    A text that a spreadsheet would take for a formula gets an apostrophe before it (OWASP, CSV injection), numbers stay
+    numbers, negative ones too, and line breaks inside a cell become spaces: readers split there.
+    """
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([header, *rows])
+    csv.writer(text, lineterminator="\n").writerows([map(_cell, row) for row in (header, *rows)])
     return text.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    """Return a value as it may stand in a cell."""
+    if not isinstance(value, str):
+        return value
+    # Letters that stand for a formula's in full width, and blanks before it, which spreadsheets pass over
+    runs = value.lstrip().startswith(FORMULAS) or value.startswith(("\t", "\r", "\n"))
+    flat = " ".join(value.splitlines())
+    return f"'{flat}" if runs and not NUMBER.fullmatch(value) else flat
 
 
 def geojson(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]:

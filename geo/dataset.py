@@ -8,7 +8,8 @@ import glob
 import hashlib
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 import xarray as xr
@@ -18,6 +19,8 @@ from geo.errors import UserError
 
 WHOLE = 2**28  # [bytes] of a file up to which all of it is hashed; of a larger one, its ends and 256 samples
 SAMPLE = 2**16  # [bytes]
+FAULTS = (OSError, RuntimeError, EOFError, MemoryError, UnicodeError)  # of a damaged file, whoever raises them
+LIBRARIES = {"cftime", "dask", "fsspec", "netCDF4", "numcodecs", "xarray", "zarr"}
 
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
@@ -120,6 +123,35 @@ def _why(path: str, error: Exception) -> str:
     if magic.startswith((b"CDF", b"\x89HDF")):
         return "it is truncated or damaged"
     return _one_line(error) if isinstance(error, PermissionError) else "unknown format"
+
+
+@contextmanager
+def readable(paths: Sequence[str | os.PathLike[str]], quantity: str) -> Iterator[None]:
+    """Turn what the libraries raise over a damaged file, at its opening or later, into one line with its path.
+
+    Headers are read at the opening, attributes and coordinates when they are asked for: each may be what is damaged.
+    """
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:
+        if not isinstance(error, FAULTS) and _raised_in(error) not in LIBRARIES:
+            raise
+        told = ", ".join(f'"{os.fspath(path)}"' for path in paths)
+        reason = f"{type(error).__name__}: {_one_line(error)}"
+        raise UserError(
+            f"{told[:500]}: cannot be read, truncated or damaged ({reason}); set [[{quantity}]] files"
+        ) from error
+
+
+def _raised_in(error: BaseException) -> str:
+    """Return the package in which an error was raised."""
+    trace, name = error.__traceback__, ""
+    while trace is not None:
+        name = str(trace.tb_frame.f_globals.get("__name__", ""))
+        trace = trace.tb_next
+    return name.partition(".")[0]
 
 
 def _one_line(error: Exception) -> str:

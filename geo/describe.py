@@ -44,8 +44,9 @@ def _held(paths: dataset.Paths) -> list[str]:
     """Return the quantities whose variables the files hold."""
     variables: dict[str, Any] = {}
     for path in dataset.expand(paths, "current"):
-        data = dataset.open_one(path, "current")
-        variables |= {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
+        with dataset.readable([path], "current"):
+            data = dataset.open_one(path, "current")
+            variables |= {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
     result = []
     for quantity in quantities.QUANTITIES:
         try:

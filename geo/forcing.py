@@ -78,7 +78,8 @@ def open_source(
     asked = reader.Request(
         quantity, title, variables or {}, units, times, steady, box, depth, lenient, plausible, timeout
     )
-    reading = reader.read(asked, listed)
+    with dataset.readable(listed, quantity):
+        reading = reader.read(asked, listed)
     return Source(
         quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,
         reading.domain,

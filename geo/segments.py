@@ -19,7 +19,7 @@ import numpy.typing as npt
 import shapely
 
 from geo import coast as shoreline
-from geo import sphere
+from geo import file, sphere
 from geo.coast import Coast
 from geo.errors import UserError
 
@@ -315,7 +315,7 @@ def _read(path: Path) -> list[_Feature]:
     """Return the features of a GeoJSON file; raises UserError for all that is not named lines and polygons."""
     needed = "give a GeoJSON file of lines or polygons, each with a name"
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = json.loads(file.contents(path).decode("utf-8-sig"))
     except FileNotFoundError:
         raise UserError(f'segments "{path}": no such file; {needed}') from None
     except OSError as error:
