@@ -71,12 +71,12 @@ def extended(curved: Curved) -> Curved:
 
     def at(dj: int, di: int) -> Array:
         j, i = row + dj, column + di
-        inside = (j >= 0) & (j < ny) & (goes_round | ((i >= 0) & (i < nx)))
+        inside = np.asarray((j >= 0) & (j < ny) & (goes_round | ((i >= 0) & (i < nx))), bool)
         return np.asarray(np.where(inside[:, None], place[np.clip(j, 0, ny - 1), i % nx], np.nan))
 
     guesses = [2 * at(dj, di) - at(2 * dj, 2 * di) for dj, di in AROUND]
     guesses += [at(dj, 0) + at(0, di) - at(dj, di) for dj in (-1, 1) for di in (-1, 1)]
-    there = [np.isfinite(guess).all(axis=1) for guess in guesses]
+    there = [np.asarray(np.isfinite(guess).all(axis=1), bool) for guess in guesses]
     total = sum((np.where(ok[:, None], guess, 0.0) for ok, guess in zip(there, guesses, strict=True)), np.zeros(3))
     near = np.asarray(np.any(np.stack(there), axis=0), bool)
     x, y, z = total[near].T

@@ -95,6 +95,7 @@ class Triangles:
 Layout = Axes | Plane | Curved | Triangles
 
 FEW = 16  # columns: shorter gaps between those that are needed are read as well
+WIDE = 20.0  # [deg of longitude] of a cell, beyond which its edges are followed in full
 UNIFORM = 0.01  # of a cell: jitter of coordinates up to which an axis counts as uniform
 
 
@@ -281,13 +282,22 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
 
 
 def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
-    """Return which cells with corners (..., 4) [deg] meet a box."""
-    shape = lon.shape[:-1]
-    west, width, south, north = extents(lon.reshape(-1, lon.shape[-1]), lat.reshape(-1, lon.shape[-1]))
+    """Return which cells with corners (m, k) [deg] meet a box.
+
+    Edges of cells up to WIDE bulge poleward by at most width^2 / 16, a tenth more for the next order; others are
+    looked at one by one.
+    """
+    turned = (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
+    low = turned.min(axis=1)
+    west, width, south, north = lon[:, 0] + low, turned.max(axis=1) - low, lat.min(axis=1), lat.max(axis=1)
     with np.errstate(invalid="ignore"):
+        bulge = np.degrees(1.1 * np.radians(width) ** 2 / 16)
+        south, north = south - bulge, north + bulge
+        wide = np.nonzero(width > WIDE)[0]
+        west[wide], width[wide], south[wide], north[wide] = extents(lon[wide], lat[wide])
         inside = (north >= box.south) & (south <= box.north) & (north - south < 90.0)
         inside &= (west + width - box.west) % 360.0 <= box.east - box.west + width
-    return np.asarray(inside.reshape(shape))
+    return np.asarray(inside)
 
 
 def _pieces(needed: NDArray[np.bool_], around: bool) -> Index:

@@ -14,6 +14,7 @@ from geo import forcing
 from geo.box import Box
 from geo.forcing import Source
 from geo.grid import sample
+from geo.sphere import RADIUS
 
 Array = Any
 AXIS = np.array([0.42, -0.31, 0.85])  # of the rotation, [m/s] at the surface
@@ -173,3 +174,78 @@ KINDS = {
 def test_tripolar_kinds(kind: str, box: str, tmp_path: Path) -> None:
     source = forcing.open_source("current", orca(tmp_path, **KINDS[kind]), steady=True, box=BOXES[box])
     check(source, BOXES[box], KINDS[kind].get("axes") == "true")
+
+
+def regular(path: Path, *, halo: int, descending: bool, first: float, wave: bool) -> Path:
+    """Longitudes and latitudes in two dimensions, regular in index; wave: rows that are no parallels."""
+    lon, lat = np.meshgrid(first + 2.5 * np.arange(-halo, 144 + halo), np.arange(-70.0, 89.1, 2.5))
+    if wave:
+        lat = lat + 0.5 * np.sin(np.radians(3 * lon)) * np.cos(np.radians(lat)) ** 2
+    order = slice(None, None, -1 if descending else 1)
+    values = truth(lon, lat)
+    lon = (lon - first) % 360.0 + first if halo == 0 else lon % 360.0
+    xr.Dataset(
+        {
+            "uo": (("y", "x"), values[order, :, 0], EAST),
+            "vo": (("y", "x"), values[order, :, 1], NORTH),
+            "lon": (("y", "x"), lon[order], {"units": "degrees_east"}),
+            "lat": (("y", "x"), lat[order], {"units": "degrees_north"}),
+        }
+    ).to_netcdf(path)
+    return path
+
+
+@pytest.mark.parametrize("wave", [False, True], ids=["rectilinear", "curved"])
+@pytest.mark.parametrize("box", [None, Box(172.0, -12.0, 191.0, 9.0), Box(-6.0, 70.0, 7.0, 80.0)], ids=["", "180", "0"])
+@pytest.mark.parametrize(
+    ("halo", "descending", "first"), [(0, False, 0.0), (1, True, 0.0), (2, False, -180.0), (0, True, 74.0)]
+)
+def test_regular_in_index(
+    halo: int, descending: bool, first: float, box: Box | None, wave: bool, tmp_path: Path
+) -> None:
+    path = regular(tmp_path / "a.nc", halo=halo, descending=descending, first=first, wave=wave)
+    source = forcing.open_source("current", path, steady=True, box=box)
+    assert source.grid.seamless == (box is None)
+    lon, lat = wet(box or Box(-180.0, -65.0, 180.0, 80.0), 1000)
+    got = sample(source.grid, source.read(0), lon, lat)
+    assert np.isfinite(got).all()
+    # east and north turn round the pole, which is 10 degrees away or more: in the source's cells and in the tile's
+    turning = 1 + 2 / np.radians(90.0 - np.abs(lat)) ** 2
+    limit = 2 * np.radians(2.5) ** 2 * turning / 8
+    assert (np.linalg.norm(got - truth(lon, lat), axis=-1) < limit).all()
+
+
+def turned(lon: float, lat: float, hours: float) -> Array:
+    """Where the rotation carries a point in some hours: Rodrigues's formula in float64, a unit vector."""
+    here, axis, angle = place(lon, lat), AXIS / np.linalg.norm(AXIS), np.linalg.norm(AXIS) * hours * 3600 / RADIUS
+    along_axis = axis * (axis * here).sum() * (1 - np.cos(angle))
+    return here * np.cos(angle) + np.cross(axis, here) * np.sin(angle) + along_axis
+
+
+@pytest.mark.parametrize(
+    ("name", "lon", "lat"),
+    [("seam", POLE - 0.3, -45.0), ("antimeridian", 179.2, -8.0), ("fold", -40.0, 82.5), ("near the pole", 150.0, 86.6)],
+)
+def test_a_drifter_of_48_hours(name: str, lon: float, lat: float, tmp_path: Path) -> None:
+    """Runge and Kutta's steps of 15 minutes through the tile as particles see it, against the closed form."""
+    box = Box(lon - 12.0, max(lat - 5.0, -89.0), lon + 12.0, min(lat + 5.0, 89.0))
+    box = Box(-180.0, 79.0, 180.0, 89.0) if lat > 80.0 else box
+    source = forcing.open_source("current", orca(tmp_path), steady=True, box=box)
+    values, x, y, step = source.read(0), np.radians(lon), np.radians(lat), 900.0
+
+    def rate(x: float, y: float) -> tuple[float, float]:
+        u, v = sample(source.grid, values, [np.degrees(x)], [np.degrees(y)])[0]
+        return u / (RADIUS * np.cos(y)), v / RADIUS
+
+    for _ in range(192):
+        a = rate(x, y)
+        b = rate(x + a[0] * step / 2, y + a[1] * step / 2)
+        c = rate(x + b[0] * step / 2, y + b[1] * step / 2)
+        d = rate(x + c[0] * step, y + c[1] * step)
+        x, y = (q + step * (a[k] + 2 * b[k] + 2 * c[k] + d[k]) / 6 for k, q in enumerate((x, y)))
+    end, way = turned(lon, lat, 48.0), float(np.linalg.norm(truth(lon, lat))) * 48 * 3600
+    off = float(np.linalg.norm(place(np.degrees(x), np.degrees(y)) - end)) * RADIUS
+    print(f"{name}: {off:.1f} m of {way / 1e3:.1f} km, {off / way:.4%}")
+    grid = source.grid  # what `check` allows, all the way in one direction
+    limit = (STEP**2 + 2 * np.radians(grid.dlon) ** 2 + np.radians(grid.dlat) ** 2) / 8
+    assert off < limit * 48 * 3600
