@@ -24,7 +24,7 @@ MEMORY = 8 * 2**30  # [bytes] that the helper may take
 
 NAMES = ("shortName", "name", "units")  # dear: each is looked up among thousands of definitions
 KEYS = (
-    "stepType", "dataType", "gridType", "uvRelativeToGrid", "typeOfLevel", "level:d", "typeOfFirstFixedSurface:i", "scaleFactorOfFirstFixedSurface:i",
+    "stepType", "dataType", "gridType", "resolutionAndComponentFlags", "typeOfLevel", "level:d", "typeOfFirstFixedSurface:i", "scaleFactorOfFirstFixedSurface:i",
     "scaledValueOfFirstFixedSurface:i", "discipline", "parameterCategory", "parameterNumber", "table2Version",
     "indicatorOfParameter", "validityDate", "validityTime", "dataDate", "dataTime", "number", "perturbationNumber",
     "derivedForecast",

@@ -6,7 +6,7 @@ east and north, or, where the message says that they count along the grid, of x 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -50,6 +50,7 @@ HEIGHT_IN_NAME = {"10": 10.0, "100": 100.0, "200": 200.0}  # 10u is at 10 m, wha
 UNVALUED = {"surface", "meanSea", "oceanSurface"}
 UNITS = {"isobaricInhPa": "hPa", "isobaricInPa": "Pa", "heightAboveGround": "m", "heightAboveSea": "m", "depthBelowSea": "m",
          "pressureFromGroundLayer": "hPa", "depthBelowLand": "m"}  # fmt: skip
+UNROWED = ("sh", "unstructured_grid", "healpix", "triangular_grid")  # types of grid without rows and columns
 COUNTED = ("sigma", "hybrid", "oceanModel", "oceanModelLayer")  # types of level whose value is no length or pressure
 POSITIVE_UP = ("height", "altitude")
 
@@ -59,7 +60,8 @@ class Field:
     """A message and what tells it from others of its file.
 
     name: of its variable, as far as its parameter and kind tell it; role: (quantity, 0 | 1), None of another parameter;
-    kind, level: type of level and the value there, in the units of UNITS; time: seconds since 1970; run: the same.
+    kind, level: type of level and the value there, in the units of UNITS; time: seconds since 1970; run: the same;
+    grid: its type.
     """
 
     message: Message
@@ -71,6 +73,7 @@ class Field:
     run: int
     member: int
     along_grid: bool
+    grid: str
     long_name: str
     units: str
 
@@ -94,49 +97,71 @@ class Points:
 def open_file(path: str) -> xr.Dataset:
     """Return the fields of a GRIB file as a dataset whose values are read when they are wanted."""
     called: dict[bytes, dict[str, Any]] = {}
-    grids: dict[bytes, Points | None] = {}
-    refused: dict[str, str] = {}
-    fields: list[Field] = []
-    for message in messages.cut(path):
-        field = _field(message, called)
-        fields.append(field)
+    fields = [_field(message, called) for message in messages.cut(path)]
     if not fields:
         raise UserError(f'"{path}" holds no GRIB message')
     wanted = [f for f in fields if f.role is not None]
-    for field in wanted or fields[:1]:
+    placed = [f for f in wanted if f.grid not in UNROWED]
+    if wanted and not placed:
+        raise UserError(
+            f'"{path}" holds {wanted[0].name} on a grid of type "{wanted[0].grid}", which has no rows and columns: '
+            f"convert it to a regular one (cdo remapbil, or grid = 0.25/0.25 where it was retrieved)"
+        )
+    orders: dict[bytes, Points] = {}  # by the bytes that define a grid
+    grids: list[Points] = []
+    which: dict[bytes, int] = {}  # the grid that these bytes stand for: the two editions write one in two ways
+    for field in placed:
         shape = field.message.shape
-        if shape not in grids:
-            try:
-                grids[shape] = _points(field.message)
-            except UserError as error:
-                grids[shape] = None
-                refused[field.name] = str(error)
+        if shape not in orders:
+            orders[shape] = _points(field.message)
+            known = [k for k, grid in enumerate(grids) if _alike(grid, orders[shape])]
+            which[shape] = known[0] if known else len(grids)
+            grids += [] if known else [orders[shape]]
     variables: dict[str, xr.Variable] = {}
-    suffixes = _suffixes([s for s, g in grids.items() if g is not None])
-    for shape, suffix in suffixes.items():
-        grid = grids[shape]
-        assert grid is not None
+    for k, grid in enumerate(grids):
         for name, (dims, values, attributes) in grid.coordinates.items():
-            variables[name + suffix] = xr.Variable([d + suffix for d in dims], values, attributes)
+            variables[name + _suffix(k)] = xr.Variable([d + _suffix(k) for d in dims], values, attributes)
         if grid.mapping is not None:
-            variables["projection" + suffix] = xr.Variable((), 0, grid.mapping)
-    groups: dict[tuple[str, bytes], list[Field]] = {}
+            variables["projection" + _suffix(k)] = xr.Variable((), 0, grid.mapping)
+    groups: dict[tuple[str, int | None], list[Field]] = {}
     for field in fields:
-        groups.setdefault((field.name, field.message.shape), []).append(field)
-    for (name, shape), group in groups.items():
-        grid = grids.get(shape)
-        if grid is None:  # nothing that drifts: its name is enough, to say what the file holds
-            if group[0].role is None and name not in variables:
-                variables[name] = xr.Variable(("message",), np.zeros(1), {"long_name": group[0].long_name})
+        groups.setdefault((field.name, which.get(field.message.shape)), []).append(field)
+    for (name, at), group in groups.items():
+        if at is None:  # nothing that drifts: its name is enough, to say what the file holds
+            variables.setdefault(name, xr.Variable(("message",), np.zeros(1), {"long_name": group[0].long_name}))
             continue
-        _add(variables, path, name + suffixes[shape], group, grid, suffixes[shape])
-    if wanted and all(grids.get(f.message.shape) is None for f in wanted):
-        raise UserError(next(iter(refused.values())))
+        several = len([1 for other, k in groups if other == name and k is not None]) > 1
+        if (
+            grids[at].dims[0] == "latitude"
+        ):  # where both are the same, one name, lest another grid's be preferred for it
+            along = any(f.along_grid for f in placed if f.name == name)
+            group = [replace(f, along_grid=along) for f in group]
+        if group[0].role is not None and len({f.along_grid for f in group}) > 1:
+            raise UserError(f'"{path}" gives {name} along the grid in some messages and along east and north in others')
+        _add(variables, path, f"{name}_grid{at + 1}" if several else name, group, orders, grids[at], _suffix(at))
     return xr.Dataset(variables)
 
 
-def _suffixes(shapes: list[bytes]) -> dict[bytes, str]:
-    return {shape: "" if k == 0 else f"_{k + 1}" for k, shape in enumerate(shapes)}
+def _suffix(grid: int) -> str:
+    return f"_{grid + 1}" if grid else ""
+
+
+def _alike(one: Points, other: Points) -> bool:
+    """Whether two grids have the same points, to a hundredth of a cell: edition 1 rounds to a thousandth of a degree."""
+    if one.dims != other.dims or one.shape != other.shape or (one.mapping is None) != (other.mapping is None):
+        return False
+    if one.mapping is not None and other.mapping is not None:
+        kinds = [m["grid_mapping_name"] for m in (one.mapping, other.mapping)]
+        numbers = [{k: v for k, v in m.items() if not isinstance(v, str)} for m in (one.mapping, other.mapping)]
+        if kinds[0] != kinds[1] or numbers[0].keys() != numbers[1].keys():
+            return False
+        if not all(np.allclose(numbers[0][k], numbers[1][k], rtol=1e-6, atol=1e-6) for k in numbers[0]):
+            return False
+    for name, (_, values, _) in one.coordinates.items():
+        apart = other.coordinates[name][1] - values
+        if not np.abs(apart).max() <= 0.01 * np.abs(np.diff(values, axis=-1)).max(initial=0.0):
+            return False
+    return True
 
 
 # --- what a message holds -----------------------------------------------------------------------------------------
@@ -172,10 +197,21 @@ def _field(message: Message, called: dict[bytes, dict[str, Any]]) -> Field:
     long_name = str(keys.get("name", short))
     return Field(
         message, name, kept, kind, level, _seconds(keys.get("validityDate"), keys.get("validityTime"), message), run,
-        int(keys.get("perturbationNumber", keys.get("number", 0)) or 0), bool(keys.get("uvRelativeToGrid", 0)),
+        int(keys.get("perturbationNumber", keys.get("number", 0)) or 0), _along(message, keys), str(keys.get("gridType", "unknown")),
         long_name if long_name != "unknown" or role is None else f"{'uv'[role[1]]} of {role[0]}",
         str(keys.get("units", "unknown")),
     )  # fmt: skip
+
+
+def _along(message: Message, keys: Mapping[str, Any]) -> bool:
+    """Whether vectors count along the grid: bit 5 of the flags (eccodes' uvRelativeToGrid is not there for every grid)."""
+    if "resolutionAndComponentFlags" not in keys and str(keys.get("gridType")) not in (
+        "sh",
+        "unstructured_grid",
+        "healpix",
+    ):
+        raise _damaged(message, f"a grid of type {keys.get('gridType')} does not say along what its vectors count")
+    return bool(int(keys.get("resolutionAndComponentFlags", 0)) & 0x08)
 
 
 def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
@@ -223,12 +259,6 @@ def _points(message: Message) -> Points:
     try:
         keys, lat, lon = decoder.points(messages.whole(message))
     except decoder.DecodeError as error:
-        kind = decoder.keys(message.header).get("gridType", "unknown")
-        if kind in ("sh", "unstructured_grid", "healpix", "space_view", "triangular_grid"):
-            raise UserError(
-                f'"{message.path}" holds fields on a grid of type "{kind}", which has no rows and columns: '
-                f"convert it to a regular one (cdo remapbil, or grid = 0.25/0.25 where it was retrieved)"
-            ) from error
         raise _damaged(message, error) from error
     east, north = (
         {"standard_name": n, "units": f"degrees_{d}"} for n, d in (("longitude", "east"), ("latitude", "north"))
@@ -240,7 +270,8 @@ def _points(message: Message) -> Points:
         raise _damaged(message, f"{lat.size} points on a grid of {nx} x {ny}")
     flags = tuple(bool(keys.get(k, 0)) for k in ("alternativeRowScanning", "jPointsAreConsecutive", "iScansNegatively"))
     ordered = Points(("y", "x"), {}, None, (ny, nx), (), (flags[0], flags[1], flags[2]))
-    lon, lat = _arranged(lon, ordered), _arranged(lat, ordered)
+    placed = replace(ordered, flags=(False, flags[1], flags[2]))  # eccodes turns no row of points, only of values
+    lon, lat = _arranged(lon, placed), _arranged(lat, placed)
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()):
         raise _damaged(message, "points without a longitude and latitude")
     turn = (lon - lon[:1] + 180.0) % 360.0 - 180.0
@@ -371,10 +402,10 @@ def _arranged(values: Array, grid: Points) -> Array:
 class Values(BackendArray):  # xarray asks for its own class
     """The values of a variable: each message is decoded when a part of it is asked for."""
 
-    def __init__(self, held: "NDArray[np.object_]", grid: Points) -> None:
-        """held: messages over the dimensions before the horizontal ones."""
-        self.held, self.grid = held, grid
-        self.shape = held.shape + grid.shape
+    def __init__(self, held: "NDArray[np.object_]", orders: Mapping[bytes, Points], points: tuple[int, int]) -> None:
+        """held: messages over the dimensions before the horizontal ones; orders: of each message's values."""
+        self.held, self.orders, self.points = held, orders, points
+        self.shape = held.shape + points
         self.dtype = np.dtype(np.float64)
 
     def __getitem__(self, key: Any) -> Any:
@@ -385,14 +416,15 @@ class Values(BackendArray):  # xarray asks for its own class
         before, across = key[: self.held.ndim], key[self.held.ndim :]
         chosen = self.held[before]
         if isinstance(chosen, Message):
-            return _read(chosen, self.grid)[across]
-        result = np.empty(chosen.shape + np.empty(self.grid.shape, bool)[across].shape)
+            return np.asarray(_read(chosen, self.orders)[across])
+        result = np.empty(chosen.shape + np.empty(self.points, bool)[across].shape)
         for at in np.ndindex(chosen.shape):
-            result[at] = _read(chosen[at], self.grid)[across]
+            result[at] = _read(chosen[at], self.orders)[across]
         return result
 
 
-def _read(message: Message, grid: Points) -> Array:
+def _read(message: Message, orders: Mapping[bytes, Points]) -> Array:
+    grid = orders[message.shape]
     try:
         values = _decoded(messages.whole(message))
     except decoder.DecodeError as error:
@@ -409,7 +441,13 @@ def _decoded(message: bytes) -> Array:
 
 
 def _add(
-    variables: dict[str, xr.Variable], path: str, name: str, group: list[Field], grid: Points, suffix: str
+    variables: dict[str, xr.Variable],
+    path: str,
+    name: str,
+    group: list[Field],
+    orders: Mapping[bytes, Points],
+    grid: Points,
+    suffix: str,
 ) -> None:
     """Add the variables of one name, type of level and grid."""
     held: dict[tuple[int, float, int], Field] = {}
@@ -440,7 +478,7 @@ def _add(
             for at in np.ndindex(block.shape):
                 block[at] = held[some[at[0]], levels[at[2]], times[at[1]]].message
             own = f"{called}_member{some[0]}" if lone else called
-            _variable(variables, own, group[0], some, times, levels, block, grid, suffix)
+            _variable(variables, own, group[0], some, times, levels, block, orders, grid, suffix)
 
 
 def _time(seconds: int) -> str:
@@ -449,7 +487,7 @@ def _time(seconds: int) -> str:
 
 def _variable(
     variables: dict[str, xr.Variable], name: str, field: Field, members: list[int], times: list[int], levels: list[float],
-    block: "NDArray[np.object_]", grid: Points, suffix: str,
+    block: "NDArray[np.object_]", orders: Mapping[bytes, Points], grid: Points, suffix: str,
 ) -> None:  # fmt: skip
     attributes: dict[str, Any] = {"long_name": field.long_name, "GRIB_typeOfLevel": field.kind}
     if field.units not in ("unknown", "~"):
@@ -479,7 +517,7 @@ def _variable(
     if grid.mapping is not None:
         attributes["grid_mapping"] = "projection" + suffix
     dims += [d + suffix for d in grid.dims]
-    values = indexing.LazilyIndexedArray(Values(held, grid))
+    values = indexing.LazilyIndexedArray(Values(held, orders, grid.shape))
     variables[name] = xr.Variable(dims, values, attributes)
 
 

@@ -199,7 +199,8 @@ def _read(name: str, attributes: Mapping[str, Any], values: Array, quantity: str
         "-",
         "sigma_level",
     )
-    if none and values.size and _counts(values) and not _sigma(name, standard, units):
+    share = _sigma(name, standard, units) and np.abs(values).max(initial=0.0) <= 1.0 + 1e-6
+    if none and values.size and _counts(values) and not share:
         kind = "number"
         if upwards is None:
             upwards = True if FROM_BOTTOM.match(name) else False if FROM_TOP.match(name) else None
@@ -213,7 +214,7 @@ def _read(name: str, attributes: Mapping[str, Any], values: Array, quantity: str
         kind, away = "height", values * length * (-1.0 if down else 1.0)
     elif length is not None:
         kind, away = "depth", np.abs(values) * length
-    elif _sigma(name, standard, units) and np.abs(values).max(initial=0.0) <= 1.0 + 1e-6:
+    elif share:
         kind, away = "sigma", _from_surface(values, quantity, upwards)
     elif none and (DEPTHS.match(name) or standard == "depth") and not (upwards and (values > 0).all()):
         kind, away = ("height", -values) if quantity == "wind" else ("depth", np.abs(values))
