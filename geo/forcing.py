@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from geo import analytic as flows
-from geo import dataset, quantities, reader
+from geo import dataset, memory, quantities, reader
 from geo.box import Box
 from geo.errors import UserError
 from geo.grid import Grid
@@ -48,7 +48,7 @@ class Source:
 
 def open_source(
     quantity: str,
-    paths: dataset.Paths,
+    paths: dataset.Paths | memory.Held,
     *,
     variables: Mapping[str, Any] | None = None,
     units: str | None = None,
@@ -59,7 +59,7 @@ def open_source(
     name: str | None = None,
     lenient: bool = False,
 ) -> Source:
-    """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) as one source.
+    """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) or a dataset in memory as one source.
 
     variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name}, {"axes": "true" |
     "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it overrides what is found.
@@ -69,8 +69,12 @@ def open_source(
     """
     if quantity not in quantities.QUANTITIES:
         raise UserError(f'quantity "{quantity}": allowed are {", ".join(quantities.QUANTITIES)}')
-    listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-    title = name or os.path.basename(os.fspath(listed[0]).rstrip("/") if listed else "")
+    if isinstance(paths, memory.Held):
+        listed: Any = paths
+        title = name or paths.name
+    else:
+        listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+        title = name or os.path.basename(os.fspath(listed[0]).rstrip("/") if listed else "")
     asked = reader.Request(quantity, title, variables or {}, units, times, steady, box, depth, lenient)
     reading = reader.read(asked, listed)
     return Source(
