@@ -3,6 +3,7 @@
 import drift
 case = drift.load("case.toml")      # or the name of a shipped case
 result = drift.run(case)            # or drift.run(case, out=Path("results"))
+drift.run(case, datasets={"roms": data})  # xarray.Datasets for the sources with dataset = "roms"
 result.probability                  # xarray.DataArray (time, lat, lon)
 result.washup                       # of a spill: xarray.Dataset by stretch of coast and time
 drift.results("results")            # paths of a finished run's files, once all are as it wrote them

@@ -1,7 +1,7 @@
 """How a case was understood: all opened and a few particles drawn, nothing run."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,13 +16,15 @@ CHECKED = 10_000  # particles that a check draws
 
 
 @turns.in_turn
-def understood(case: Case) -> dict[str, Any]:
+def understood(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return how a case was understood, having opened all and drawn a few particles; run nothing.
+
+    datasets: the xarray.Datasets that its sources name.
 
     Raises UserError for all that a run would refuse at its start.
     """
     runtime.start()
-    where = environment.open_for(case)
+    where = environment.open_for(case, datasets)
     few = replace(case, particles=min(case.particles, CHECKED))
     if case.spill:
         few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))

@@ -1,7 +1,9 @@
 """What a case drifts in: the box it can reach, the winds and currents there, the coast; opened once, checked once."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,7 @@ from drift.leeway import Drifter
 from drift.scenario import AreaPrior, PositionPrior, Scenario
 from drift.sources import ForcingSpec
 from geo import coast as shoreline
-from geo import forcing, shore, sphere, stream
+from geo import forcing, memory, shore, sphere, stream
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import Source
@@ -39,17 +41,20 @@ class Environment:
     notes: tuple[str, ...]
 
 
-def open_for(case: Case) -> Environment:
-    """Return the environment of a case.
+def open_for(case: Case, datasets: Mapping[str, Any] | None = None) -> Environment:
+    """Return the environment of a case; datasets: the xarray.Datasets that its sources name.
 
     Raises UserError when a file can't be understood, when sources leave part of the run without forcing, or when a
     reported position lies on land.
     """
+    held = _held(case, datasets)
     box = case.domain or reach(case)
     box = replace(box, south=max(box.south, -POLEWARD), north=min(box.north, POLEWARD))
     if (box.east - box.west) * (box.north - box.south) > VAST:
         box = _common(box, utmost(case))
-    opened = {spec.name + spec.quantity: _open(spec, box, case) for spec in (*case.currents, *case.winds, *case.stokes)}
+    opened = {
+        spec.name + spec.quantity: _open(spec, box, case, held) for spec in (*case.currents, *case.winds, *case.stokes)
+    }
     cells: dict[tuple[str, str], int] = {
         (spec.quantity, spec.name): spec.fill for spec in (*case.currents, *case.winds, *case.stokes)
     }
@@ -159,7 +164,26 @@ def _around(case: Case, fastest: float, spreads: float) -> Box:
     return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))
 
 
-def _open(spec: ForcingSpec, box: Box, case: Case) -> Source:
+def _held(case: Case, datasets: Mapping[str, Any] | None) -> dict[str, memory.Held]:
+    """Return the datasets in memory by name; refuse one that is named and not given, or given and not named."""
+    given, place = memory.hold(datasets), case.path.name
+    named = {spec.dataset: spec for spec in (*case.currents, *case.winds, *case.stokes) if spec.dataset is not None}
+    for name, spec in named.items():
+        if name not in given:
+            raise UserError(
+                f'{place}: {spec.quantity} "{spec.name}": dataset = "{name}" is an xarray.Dataset in memory, which only Python '
+                f'can give: drift.run(case, datasets={{"{name}": ...}}); from the command line name files'
+            )
+    for name in given:
+        if name not in named:
+            known = ", ".join(f'"{other}"' for other in named) or "none"
+            raise UserError(
+                f'datasets: "{name}" is given, and no source of {place} has dataset = "{name}"; named: {known}'
+            )
+    return given
+
+
+def _open(spec: ForcingSpec, box: Box, case: Case, held: Mapping[str, memory.Held]) -> Source:
     """Return one source, cropped to the box."""
     if spec.constant is not None:
         return forcing.constant(spec.quantity, *spec.constant, name=spec.name)
@@ -173,7 +197,7 @@ def _open(spec: ForcingSpec, box: Box, case: Case) -> Source:
     try:
         return forcing.open_source(
             spec.quantity,
-            list(spec.files),
+            list(spec.files) if spec.dataset is None else held[spec.dataset],
             variables=spec.variables,
             units=spec.units,
             times={"start": spec.times.start, "interval": spec.times.every} if spec.times else None,
@@ -185,7 +209,10 @@ def _open(spec: ForcingSpec, box: Box, case: Case) -> Source:
             timeout=spec.timeout,
         )
     except UserError as error:
-        raise UserError(f'{spec.quantity} "{spec.name}": {error}') from None
+        told = str(error)
+        if spec.dataset is not None:
+            told = told.replace(f"[[{spec.quantity}]] files", f"[[{spec.quantity}]] dataset")
+        raise UserError(f'{spec.quantity} "{spec.name}": {told}') from None
 
 
 def _told(source: Source, added: frozenset[tuple[str, str]]) -> Source:

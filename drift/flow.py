@@ -3,7 +3,7 @@
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -93,6 +93,7 @@ def run(
     case: Case,
     out: str | os.PathLike[str] | None = None,
     *,
+    datasets: Mapping[str, Any] | None = None,
     threads: int | None = None,
     backend: str = "cpu",
     overwrite: bool = False,
@@ -100,10 +101,11 @@ def run(
 ) -> Result:
     """Forecast a case; with `out`, write the results there, complete or not at all.
 
-    report is told what is being done and how much of it is done. Raises UserError for all that the user can mend.
+    datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is being
+    done and how much of it is done. Raises UserError for all that the user can mend.
     """
     tell, out = report or (lambda phase, share: None), folder(out)
-    where, clock = opened(case, out, threads, backend, overwrite, tell)
+    where, clock = opened(case, datasets, out, threads, backend, overwrite, tell)
     result = forecasted(case, where, clock, tell)
     if out is not None:
         tell("write", 0.0)
@@ -117,7 +119,13 @@ def folder(out: str | os.PathLike[str] | None) -> Path | None:
 
 
 def opened(
-    case: Case, out: Path | None, threads: int | None, backend: str, overwrite: bool, tell: Report
+    case: Case,
+    datasets: Mapping[str, Any] | None,
+    out: Path | None,
+    threads: int | None,
+    backend: str,
+    overwrite: bool,
+    tell: Report,
 ) -> tuple[Environment, Stopwatch]:
     """Return the environment of a case, once it is sure that results can be written and Taichi runs; and the time that took."""
     if out is not None:
@@ -128,7 +136,7 @@ def opened(
         runtime.start(backend, threads)
     tell("read", 0.0)
     with clock.phase("read"):
-        where = environment.open_for(case)
+        where = environment.open_for(case, datasets)
     return where, clock
 
 
@@ -221,6 +229,7 @@ def trace(
     case: Case,
     out: str | os.PathLike[str] | None = None,
     *,
+    datasets: Mapping[str, Any] | None = None,
     threads: int | None = None,
     backend: str = "cpu",
     overwrite: bool = False,
@@ -234,7 +243,7 @@ def trace(
     tell, out = report or (lambda phase, share: None), folder(out)
     if case.spill is None:
         raise UserError(f"{case.path.name}: has no [spill]; an origin is told from the [[find]]s of a spill")
-    where, clock = opened(case, out, threads, backend, overwrite, tell)
+    where, clock = opened(case, datasets, out, threads, backend, overwrite, tell)
     assert where.coast is not None
     with clock.phase("read"):
         segments = evidence.cut(case.spill, where.coast)

@@ -6,7 +6,7 @@ evidence of its having failed: the same run that a debrief would make.
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -31,6 +31,7 @@ def plan(
     case: Case,
     out: str | os.PathLike[str] | None = None,
     *,
+    datasets: Mapping[str, Any] | None = None,
     threads: int | None = None,
     backend: str = "cpu",
     overwrite: bool = False,
@@ -58,7 +59,7 @@ def plan(
             f"{case.path.name}: plan.begin {group(case.plan.begin)} is before the end of {what}, {group(last)}: a plan begins when all is "
             "known; give a later begin in [plan], or leave it out"
         )
-    where, clock = flow.opened(case, out, threads, backend, overwrite, tell)
+    where, clock = flow.opened(case, datasets, out, threads, backend, overwrite, tell)
     made, executed, result = scheme(case, where, clock, tell)
     if out is not None:
         tell("write", 0.0)

@@ -1,4 +1,4 @@
-"""Where a case takes its winds and currents from: files, a constant, a table by time, or a built-in flow.
+"""Where a case takes its winds and currents from: files, a dataset in memory, a constant, a table, or a built-in flow.
 
 Nothing is opened here; geo.forcing does that. A constant or a table is what was reported on scene, so that the first
 hour of a case needs no file. Currents go toward, winds come from; the case file says which with the key it uses.
@@ -48,11 +48,12 @@ class Slices:
 
 @dataclass(frozen=True)
 class ForcingSpec:
-    """One source of a quantity; exactly one of files, constant, table and analytic is given."""
+    """One source of a quantity; exactly one of files, dataset, constant, table and analytic is given."""
 
     name: str
     quantity: Quantity
     files: tuple[str, ...] = ()  # absolute paths of files that exist, or addresses
+    dataset: str | None = None  # the name of an xarray.Dataset that the run is given
     constant: tuple[float, float] | None = None  # true east, north [m/s]
     table: Report | None = None
     analytic: str | None = None
@@ -140,6 +141,7 @@ class SourceTable(fields.Table):
 
     name: fields.Label | None = None
     files: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(_paths)] | None = None
+    dataset: fields.Label | None = None
     constant: Vector | None = None
     table: list[TimedVector] | None = None
     analytic: str | None = None
@@ -165,11 +167,11 @@ class SourceTable(fields.Table):
     @model_validator(mode="after")
     def one_kind(self) -> "SourceTable":
         """Refuse two kinds of source in one table, and keys that belong to another kind."""
-        kind = fields.one_of(self, ("files", "constant", "table", "analytic"))
-        if kind != "files":
+        kind = fields.one_of(self, ("files", "dataset", "constant", "table", "analytic"))
+        if kind not in ("files", "dataset"):
             for key in ("variables", "units", "depth", "steady", "times", "plausible", "timeout"):
                 if key in self.model_fields_set:
-                    raise ValueError(f"{key} belongs to files; this source is {kind}")
+                    raise ValueError(f"{key} belongs to files and to a dataset; this source is {kind}")
         if kind != "analytic" and self.parameters:
             raise ValueError(f"parameters belong to analytic; this source is {kind}")
         if self.files is not None and not self.files:
@@ -193,6 +195,7 @@ class SourceTable(fields.Table):
             name=self.name or f"{quantity} {number}",
             quantity=quantity,
             files=tuple(path for written in self.files or () for path in found(written, folder)),
+            dataset=self.dataset,
             constant=self.constant.components() if self.constant else None,
             table=_report(self.table, start) if self.table is not None else None,
             analytic=self.analytic,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from geo import address, dataset, quantities, reader
+from geo import address, dataset, memory, quantities, reader
 from geo import analytic as flows
 from geo.box import Box
 from geo.errors import UserError
@@ -48,7 +48,7 @@ class Source:
 
 def open_source(
     quantity: str,
-    paths: dataset.Paths,
+    paths: dataset.Paths | memory.Held,
     *,
     variables: Mapping[str, Any] | None = None,
     units: str | None = None,
@@ -61,7 +61,7 @@ def open_source(
     plausible: bool = False,
     timeout: float = address.TIMEOUT,
 ) -> Source:
-    """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) as one source.
+    """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) or a dataset in memory as one source.
 
     variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name}, {"axes": "true" |
     "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it overrides what is found.
@@ -73,12 +73,16 @@ def open_source(
     """
     if quantity not in quantities.QUANTITIES:
         raise UserError(f'quantity "{quantity}": allowed are {", ".join(quantities.QUANTITIES)}')
-    listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-    title = name or os.path.basename(os.fspath(listed[0]).rstrip("/") if listed else "")
+    if isinstance(paths, memory.Held):
+        listed: Any = paths
+        title = name or paths.name
+    else:
+        listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+        title = name or os.path.basename(os.fspath(listed[0]).rstrip("/") if listed else "")
     asked = reader.Request(
         quantity, title, variables or {}, units, times, steady, box, depth, lenient, plausible, timeout
     )
-    with dataset.readable(listed, quantity):
+    with dataset.readable([] if isinstance(paths, memory.Held) else listed, quantity):
         reading = reader.read(asked, listed)
     return Source(
         quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, component, dataset, layout, naming, notation, quantities, sphere, survey, tile
+from geo import clock, component, dataset, layout, memory, naming, notation, quantities, sphere, survey, tile
 from geo.box import Box
 from geo.component import Component
 from geo.errors import UserError
@@ -49,11 +49,13 @@ class Request:
     timeout: float  # of an address [s]
 
 
-def read(request: Request, paths: dataset.Paths) -> Reading:
-    """Open files and return how to read the quantity from them."""
+def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
+    """Open files, or take a dataset in memory, and return how to read the quantity from them."""
     q = request.quantity
-    listed = dataset.expand(paths, q)
-    files = [(path, dataset.open_one(path, q, request.timeout)) for path in listed]
+    if isinstance(paths, memory.Held):
+        files = [(paths.title, memory.as_stored(paths))]
+    else:
+        files = [(path, dataset.open_one(path, q, request.timeout)) for path in dataset.expand(paths, q)]
     notes: list[str] = []
     attributes: dict[str, Mapping[str, Any]] = {}
     for _, data in files:
@@ -88,9 +90,24 @@ def read(request: Request, paths: dataset.Paths) -> Reading:
         lambda i: tile.read(made, i),
         seen.missing,
         tuple(notes) + whole.notes + made.notes + seen.notes,
-        dataset.fingerprint(listed, [d for _, d in files], f"{q} {pair.east} {pair.north} {asked}"),
+        _digest(request, paths, files, pair, first.segments[0][2], f"{q} {pair.east} {pair.north} {asked}"),
         tile.domain(made),
     )
+
+
+def _digest(
+    request: Request,
+    paths: dataset.Paths | memory.Held,
+    files: list[tuple[str, xr.Dataset]],
+    pair: quantities.Pair,
+    time: str | None,
+    extra: str,
+) -> str:
+    """Return a short hash of what is read: of files their bytes, of a dataset in memory its values."""
+    if not isinstance(paths, memory.Held):
+        return dataset.fingerprint([p for p, _ in files], [d for _, d in files], extra)
+    used = {pair.east, pair.north, *map(str, request.variables.values())}
+    return memory.fingerprint(files[0][1], used, time, extra)
 
 
 def _check_chosen(request: Request, files: list[tuple[str, xr.Dataset]]) -> None:

@@ -276,8 +276,12 @@ def test_a_sum_without_a_base_is_refused(
     both: tuple[Path, list[xr.Dataset]], sources: str, named: str, message: str
 ) -> None:
     folder, _ = both
+    chosen = f"currents = {named}" if named else ""
+
+    def load() -> None:
+        text = CASE.format(start="211800ZNOV26", direction="forward", max_lost="0.2", sources=sources)
+        (folder / "refused.toml").write_text(text + WATER.format(number=0, lon=179.2, lat=-17.4) + chosen)
+        drift.load(folder / "refused.toml")
+
     with pytest.raises(UserError, match=message):
-        case_of(folder, sources.replace("residual.nc", str(folder / "residual.nc")) + "")
-        text = (folder / "case.toml").read_text()
-        (folder / "case.toml").write_text(text.replace('name = "water 0"', f'name = "water 0"\ncurrents = {named}'))
-        drift.load(folder / "case.toml")
+        load()
