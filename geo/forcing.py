@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from geo import analytic as flows
 from geo import address, dataset, quantities, reader
+from geo import analytic as flows
 from geo.box import Box
 from geo.errors import UserError
 from geo.grid import Grid
