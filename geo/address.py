@@ -12,9 +12,11 @@ import json
 import math
 import os
 import queue
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import weakref
@@ -28,13 +30,16 @@ from xarray.backends.common import AbstractDataStore
 from xarray.core import indexing
 
 from geo import waiting
-from geo.address_server import LENGTH
+from geo.address_server import FAREWELL, LENGTH
 from geo.errors import UserError
 
 TIMEOUT = 60.0  # [s] without progress
+STARTING = 120.0  # [s] in which a process for an address must have started, on however slow a machine
 PIECE = 2_000_000  # [bytes] of values that one question asks for
 LONGEST_HEADER = 2**26  # [bytes]
-START = "import sys; sys.path[:] = sys.argv[1:]; from geo import address_server; address_server.main()"
+LONGEST_AXIS = 10_000_000  # values of a coordinate
+LARGEST = 2**32  # [bytes] of values that one reading may take
+START = "import sys; sys.path[:] = sys.argv[2:]; from geo import address_server; address_server.main(sys.argv[1])"
 
 _open: "weakref.WeakValueDictionary[str, Line]" = weakref.WeakValueDictionary()
 _opening = threading.Lock()
@@ -111,6 +116,7 @@ class Line:
         self.close()
         self._child = Child()
         try:
+            self._child.ready()
             told, _ = self._ask({"ask": "open", "address": self.address}, timeout)
         except Refused:
             self.close()
@@ -151,8 +157,9 @@ class Child:
             else {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)}
         )
         try:
+            scratch = tempfile.mkdtemp(prefix="drift-address-")
             self.process = subprocess.Popen(
-                [sys.executable, "-c", START, *map(str, sys.path)],
+                [sys.executable, "-c", START, scratch, *map(str, sys.path)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
@@ -166,16 +173,31 @@ class Child:
         threading.Thread(
             target=_take_in, args=(self.process.stdout, self._answers), name="address", daemon=True
         ).start()
-        self._end = weakref.finalize(self, _end, self.process)  # at the latest when the program ends
+        self._busy = threading.Event()
+        self._busy.set()
+        self._end = weakref.finalize(
+            self, _end, self.process, self._busy, scratch
+        )  # at the latest when the program ends
 
     def ask(self, question: dict[str, Any], timeout: float) -> tuple[dict[str, Any], bytes]:
         """Return the answer; raise TimeoutError or, where the process ends without one, EOFError."""
+        self._busy.set()
         text = json.dumps(question).encode()
         assert self.process.stdin is not None
         try:
             self.process.stdin.write(len(text).to_bytes(LENGTH, "big") + text)
         except OSError:
             raise EOFError from None
+        return self._answer(timeout)
+
+    def ready(self) -> None:
+        """Wait until the process has imported what it needs."""
+        try:
+            self._answer(STARTING)
+        except (TimeoutError, EOFError):
+            raise UserError("cannot start a process to read an address: it ended, or did not start in time") from None
+
+    def _answer(self, timeout: float) -> tuple[dict[str, Any], bytes]:
         until = time.monotonic() + timeout
         while True:
             waiting.heed()
@@ -188,6 +210,7 @@ class Child:
                 continue
             if answer is None:
                 raise EOFError
+            self._busy.clear()
             return answer
 
     def end(self) -> None:
@@ -232,13 +255,19 @@ def _read(pipe: Any, count: int, most: int = LENGTH) -> bytes:
     return bytes(content)
 
 
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    process.kill()
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(timeout=1.0)
+def _end(process: "subprocess.Popen[bytes]", busy: threading.Event, scratch: str) -> None:
+    """End a process: by the end of its input if it waits for a question, so that it closes what it holds."""
     if process.stdin is not None:
         with contextlib.suppress(OSError):
             process.stdin.close()
+    if not busy.is_set():
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=FAREWELL)
+    if process.poll() is None:
+        process.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=1.0)
+    shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _check_header(told: dict[str, Any], address: str) -> None:
@@ -250,6 +279,10 @@ def _check_header(told: dict[str, Any], address: str) -> None:
             size < 0 or sizes.setdefault(d, size) != size for d, size in zip(dims, shape, strict=False)
         ):
             raise UserError(f'"{address}" contradicts itself on the dimensions of {name}')
+        if dims == [name] and shape[0] > LONGEST_AXIS:
+            raise UserError(f'"{address}" claims to hold {shape[0]:,} values along {name}: more than {LONGEST_AXIS:,}')
+    if sizes and not any(one["attributes"] for one in (told, *told["variables"].values())):
+        raise UserError(f'"{address}" says nothing of what its values mean: no attributes, or some that cannot be read')
 
 
 def _form(header: dict[str, Any]) -> dict[str, Any]:
@@ -302,6 +335,8 @@ class Values(BackendArray):
             range(*one.indices(size)) if isinstance(one, slice) else range(int(one) % size, int(one) % size + 1)
             for one, size in zip(key, self.shape, strict=True)
         ]
+        if math.prod(len(span) for span in spans) * self.dtype.itemsize > LARGEST:
+            raise UserError(f'"{self.line.address}": {self.name} is too large to be read at once')
         try:
             result = np.empty([len(span) for span in spans], self.dtype)
         except (MemoryError, ValueError):

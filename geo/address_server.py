@@ -10,29 +10,44 @@ import faulthandler
 import json
 import os
 import queue
-import sys
+import shutil
 import threading
+import time
 import warnings
 from typing import Any
 
 LENGTH = 8  # [bytes] of the number before each text, big-endian
 MEMORY = 4 * 2**30  # [bytes] a nonsensical length must not take the machine's memory with it
 DISK = 2**30  # [bytes] of a temporary file, for an answer that has no end
+COOKIES = "HTTP.COOKIEJAR"  # where the netCDF library keeps cookies; by itself it leaves a file in /tmp
+FAREWELL = 0.5  # [s] for closing what is open
 GRACE = 30.0  # [s] beyond the time-out of a question, after which this process ends by itself
 
 
-def main() -> None:
-    """Answer questions until the input ends."""
+def main(scratch: str) -> None:
+    """Answer questions until the input ends, then remove the folder `scratch`."""
     questions: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(questions,), daemon=True).start()
+    threading.Thread(target=_listen, args=(questions, scratch), daemon=True).start()
     answers = os.dup(1)
     os.dup2(2, 1)  # libraries print where nobody reads
     _limit()
     warnings.simplefilter("ignore")
+    import netCDF4  # what takes a second is done before the first question's clock runs
+    import xarray  # noqa: F401
+
+    with contextlib.suppress(Exception):  # before 1.6.4 there is no such function; the library then writes into /tmp
+        if not netCDF4.rc_get(COOKIES):
+            netCDF4.rc_set(COOKIES, os.path.join(scratch, "cookies"))
+    _write(answers, _framed({}))
     nowhere = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
     held: Any = None
     while True:
         question = questions.get()
+        if question["ask"] == "end":
+            if held is not None:
+                held.close()
+            shutil.rmtree(scratch, ignore_errors=True)
+            os._exit(0)
         # A C thread that needs no lock of the interpreter's: it ends calls that hang with that lock held.
         faulthandler.dump_traceback_later(question["timeout"] + GRACE, exit=True, file=nowhere)
         values = None
@@ -42,22 +57,32 @@ def main() -> None:
                 told: dict[str, Any] = header(held)
             else:
                 told, values = _values(held, question)
-        except BaseException as error:  # backends raise all kinds; the other end makes one line of them
+        except BaseException as raised:  # backends raise all kinds; the other end makes one line of them
+            error = raised
+            while error.__cause__ is not None:  # xarray hides a library's error behind advice of its own
+                error = error.__cause__
             told = {"error": " ".join(f"{error}".split())[:500] or type(error).__name__}
         faulthandler.cancel_dump_traceback_later()
-        text = json.dumps(told).encode()
-        _write(answers, len(text).to_bytes(LENGTH, "big") + text)
+        _write(answers, _framed(told))
         if values is not None:
             _write(answers, values)
 
 
-def _listen(questions: "queue.SimpleQueue[dict[str, Any]]") -> None:
+def _listen(questions: "queue.SimpleQueue[dict[str, Any]]", scratch: str) -> None:
     """Pass questions on; end the process when there can be no more."""
     with contextlib.suppress(Exception):
         while True:
             length = int.from_bytes(_read(0, LENGTH), "big")
             questions.put(json.loads(_read(0, length)))
+    questions.put({"ask": "end"})
+    time.sleep(FAREWELL)
+    shutil.rmtree(scratch, ignore_errors=True)
     os._exit(0)
+
+
+def _framed(told: dict[str, Any]) -> bytes:
+    text = json.dumps(told).encode()
+    return len(text).to_bytes(LENGTH, "big") + text
 
 
 def _read(pipe: int, count: int) -> bytes:
@@ -138,7 +163,3 @@ def _values(held: Any, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
         return {"shape": piece.shape, "texts": [str(text) for text in piece.ravel()]}, None
     piece = np.ascontiguousarray(piece)
     return {"shape": piece.shape, "dtype": piece.dtype.str, "bytes": piece.nbytes}, piece.reshape(-1).view(np.uint8)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

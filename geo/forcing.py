@@ -82,7 +82,7 @@ def open_source(
     asked = reader.Request(
         quantity, title, variables or {}, units, times, steady, box, depth, lenient, plausible, timeout
     )
-    with dataset.readable([] if isinstance(paths, memory.Held) else listed, quantity):
+    with dataset.readable([paths.title] if isinstance(paths, memory.Held) else listed, quantity):
         reading = reader.read(asked, listed)
     return Source(
         quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,

@@ -196,9 +196,10 @@ def _attend(connection: socket.socket, answer: Answer) -> None:
         connection.shutdown(socket.SHUT_WR)
 
 
-def sea() -> dict[str, Variable]:
-    """Return a small current, packed in 16 bits, on 4 times, 7 latitudes and 9 longitudes across the antimeridian."""
-    time_h, lat, lon = np.arange(4.0), -41.0 + 0.5 * np.arange(7), 177.5 + 0.75 * np.arange(9)
+def sea(rows: int = 7, columns: int = 9) -> dict[str, Variable]:
+    """Return a current across the antimeridian at 4 times, its u packed in 16 bits; the library fetches small ones whole."""
+    dlat, dlon = 3.5 / rows, 6.75 / columns
+    time_h, lat, lon = np.arange(4.0), -41.0 + dlat * np.arange(rows), 177.5 + dlon * np.arange(columns)
     t, y, x = np.meshgrid(time_h, lat, lon, indexing="ij")
     u = 0.31 + 0.05 * np.sin(0.9 * x) + 0.02 * (y + 38) - 0.03 * t
     v = -0.12 + 0.04 * np.cos(1.3 * y) + 0.01 * (x - 180) + 0.02 * t
@@ -224,3 +225,91 @@ def sea() -> dict[str, Variable]:
             ("time", "lat", "lon"), v.astype(np.float32), {"units": "m s-1", "standard_name": standard("north")}
         ),
     }
+
+
+def mutated(variables: dict[str, Variable], seed: int) -> tuple[str, Answer]:
+    """Return a name and what a server does whose answers are damaged in one of many ways, the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    where = ("dds", "das", "dods", "dods", "any")[rng.integers(5)]
+    how, change = MUTATIONS[rng.integers(len(MUTATIONS))]
+    keys = rng.integers(2**32, size=4)
+
+    def answer(connection: socket.socket, target: str) -> None:
+        whole = good(variables, target)
+        if where in ("any", target.partition("?")[0].rpartition(".")[2]):
+            head, _, body = whole.partition(b"\r\n\r\n")
+            whole = change(head, body, np.random.default_rng(keys))
+        connection.sendall(whole)
+        if how == "left waiting":
+            silent(connection, target)
+
+    return f"{where}: {how}", answer
+
+
+def _spliced(head: bytes, body: bytes, rng: np.random.Generator) -> bytes:
+    """Put a stretch of the answer somewhere else, over what was there."""
+    a, b = sorted(rng.integers(len(body) + 1, size=2).tolist())
+    at = int(rng.integers(len(body) + 1))
+    return http(body[:at] + body[a:b] + body[at + int(rng.integers(b - a + 1)) :])
+
+
+def _flipped(head: bytes, body: bytes, rng: np.random.Generator) -> bytes:
+    content = bytearray(body)
+    for at in rng.integers(max(len(content), 1), size=1 + int(rng.integers(12))):
+        content[at : at + 1] = rng.bytes(1)
+    return http(bytes(content))
+
+
+def _renumbered(head: bytes, body: bytes, rng: np.random.Generator) -> bytes:
+    """Replace one number in the text by one that is far off."""
+    text, mark, values = body.partition(b"\nData:\n")
+    found = list(re.finditer(rb"\d+", text))
+    if found:
+        one = found[int(rng.integers(len(found)))]
+        other = (b"-1", b"0", b"7", b"2147483648", b"99999999999999999999", b"1e400")[int(rng.integers(6))]
+        text = text[: one.start()] + other + text[one.end() :]
+    return http(text + mark + values)
+
+
+def _lengthened(head: bytes, body: bytes, rng: np.random.Generator) -> bytes:
+    """Give an array of the values another length."""
+    text, mark, values = body.partition(b"\nData:\n")
+    return http(text + mark + np.array(rng.integers(2**32, size=2), ">u4").tobytes() + values[8:])
+
+
+def _worded(head: bytes, body: bytes, rng: np.random.Generator) -> bytes:
+    """Replace a word of the grammar by another one, or by its brackets."""
+    words = [
+        b"Float32",
+        b"Int16",
+        b"String",
+        b"Dataset",
+        b"Structure",
+        b"Grid",
+        b"Sequence",
+        b"{",
+        b"}",
+        b"[",
+        b"];",
+        b'"',
+    ]
+    a, b = rng.choice(len(words), 2, replace=False)
+    return http(body.replace(words[a], words[b], 1 + int(rng.integers(3))))
+
+
+MUTATIONS: tuple[tuple[str, Callable[[bytes, bytes, np.random.Generator], bytes]], ...] = (
+    ("cut short", lambda head, body, rng: http(body[: int(rng.integers(len(body) + 1))])),
+    ("shorter than said", lambda head, body, rng: head + b"\r\n\r\n" + body[: int(rng.integers(len(body) + 1))]),
+    ("left waiting", lambda head, body, rng: head + b"\r\n\r\n" + body[: int(rng.integers(len(body) + 1))]),
+    ("bytes changed", _flipped),
+    ("spliced", _spliced),
+    ("numbers changed", _renumbered),
+    ("lengths changed", _lengthened),
+    ("words changed", _worded),
+    ("random bytes", lambda head, body, rng: http(rng.bytes(int(rng.integers(5000))))),
+    ("no HTTP", lambda head, body, rng: rng.bytes(1 + int(rng.integers(500)))),
+    ("a web page", lambda head, body, rng: http(b"<html><body>Please log in</body></html>")),
+    ("an error", lambda head, body, rng: http(b'Error { code = 500; message = "no"; };', "500 Internal Server Error")),
+    ("doubled", lambda head, body, rng: http(body + body)),
+    ("nested", lambda head, body, rng: http(b"Dataset {" * 20_000 + body)),
+)
