@@ -84,7 +84,7 @@ def draw(
     shown = _shown(found)
     high = MAP[3] - ROW * origin.count(found).few
     ax = figure.add_axes((*MAP[:3], high))
-    here = _extent(found, shown, marks, high)
+    here = _extent(found, shown, marks, MAP[2] * WIDTH / (high * HEIGHT))
     chart.prepare(ax, here)
     norm = PowerNorm(0.5, 0, _top(shown))
     corners = here.project(*np.meshgrid(origin.edges(found.lon), origin.edges(found.lat)))
@@ -152,7 +152,7 @@ def _top(shown: _Shown) -> float:
     return float(shown.density[_within(shown.containment, 0.1)].min())
 
 
-def _extent(found: Origin, shown: _Shown, marks: Sequence[Mark], high: float) -> Frame:
+def _extent(found: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) -> Frame:
     """Return the frame of the shaded cells, the finds, and the prior's outline where it is not far off."""
     rows, columns = (np.flatnonzero(_within(shown.containment, layers.SHOWN).any(axis=axis)) for axis in (1, 0))
     lon, lat = origin.edges(found.lon), origin.edges(found.lat)
@@ -163,7 +163,7 @@ def _extent(found: Origin, shown: _Shown, marks: Sequence[Mark], high: float) ->
     wide, high = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
     x += [max(west, x[0] - wide), min(east, x[1] + wide)]
     y += [max(south, y[0] - high), min(north, y[1] + high)]
-    return chart.frame(np.array(x), np.array(y), MAP[2] * WIDTH / (high * HEIGHT), 0.04, least=1000.0)
+    return chart.frame(np.array(x), np.array(y), aspect, 0.04, least=1000.0)
 
 
 def _points(

@@ -73,7 +73,8 @@ def draw(
     figure, canvas = page.figure(*SIZE)
     count = effective.at(forecast.data, i, particles)
     least = count if count.few else min(_stood_on(plan, count), key=lambda one: one.number)
-    high, here = MAP[3] - ROW * least.few, _extent(forecast, plan, i, marks, MAP[3] - ROW * least.few)
+    high = MAP[3] - ROW * least.few
+    here = _extent(forecast, plan, i, marks, high)
     if out := textwrap.wrap(beyond.told(here, at), 110):
         high -= ROW * len(out)
         here = _extent(forecast, plan, i, marks, high)

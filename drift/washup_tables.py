@@ -41,7 +41,6 @@ def records(data: xr.Dataset) -> Columns:
         "position": [tables.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
         "length_km": _significant(at["length"].values / 1000),
         **_figures(at),
-        "effective_worlds": np.full(len(order), _worlds(data)),
         "ever": _significant(at["ever"].values),
         "ever_se": _significant(at["ever_se"].values),
     }
@@ -56,6 +55,7 @@ def records(data: xr.Dataset) -> Columns:
         for j, kind in enumerate(data["kind"].values):
             for end in ("", "_se"):
                 made[f"expected_{kind}{end}"] = _significant(at[f"expected_by_kind{end}"].values[j])
+    made["effective_worlds"] = np.full(len(order), _worlds(data))
     return made
 
 

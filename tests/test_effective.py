@@ -103,7 +103,7 @@ def test_numbers_are_kongs_and_families_count_once():
         (Count(1.4), True, "1 particle counts"),
         (Count(0.0, 5), False, "1 of 5 particles counts"),  # nothing is on the map: it has no areas to doubt
         (Count(50 - 1e-9, 50, "worlds"), False, "50 of 50 worlds count"),
-        (Count(12.7, 2000, "worlds"), True, "12 of 2,000 worlds count"),
+        (Count(12.7, 2000, "worlds"), True, "13 of 2,000 worlds count"),
     ],
 )
 def test_one_threshold_for_particles_and_one_for_worlds(count, few, text):
@@ -139,6 +139,8 @@ def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
         others = [text for text in figure.texts if text is not banner]
         assert not any(box.overlaps(text.get_window_extent(draw)) for text in others)
         assert all(box.y0 >= ax.bbox.y1 - 1 for ax in figure.axes if ax.bbox.x0 < box.x1)
+        chart = figure.axes[0]
+        np.testing.assert_allclose(chart.get_position().bounds, chart.get_position(original=True).bounds, atol=1e-3)
 
 
 def test_files_carry_the_number_and_few_are_warned_of(forecast):
@@ -183,9 +185,9 @@ def test_a_spill_stands_on_its_worlds(tmp_path, words):
     assert made.data["effective_worlds"].item() == pytest.approx(own(share), rel=1e-9)
     assert made.data["effective_particles"].item() > 200
     assert tables.numbers(made)["outputs"][0]["effective_worlds"] == pytest.approx(own(share), rel=1e-9)
-    assert effective.of_run(made.data, n)[0].startswith("only 2 of 100 worlds count at 211830ZNOV26: ")
+    assert effective.of_run(made.data, n)[0].startswith("only 3 of 100 worlds count at 211830ZNOV26: ")
     maps.draw_map(made, tmp_path / "map.png", title="t", particles=n)
-    assert "ONLY 2 OF 100 WORLDS COUNT: the areas are rough" in words
+    assert "ONLY 3 OF 100 WORLDS COUNT: the areas are rough" in words
 
 
 def test_a_part_that_stands_on_few_is_told():
@@ -247,7 +249,7 @@ def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(tmp_path, word
     far = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(*found, *there)[2]
     assert far < 1000  # the mean of 8,000 of 5 km each: 60 m; cells and tenths of a minute come on top
     maps.draw_map(made, tmp_path / "map.png", title="t")
-    assert any(text.startswith(f"{share} of the probability lies outside this frame") for text in words)
+    assert any(f" % of the probability lies outside this frame, to the {point} (around " in text for text in words)
     maps.draw_snapshots(made, tmp_path / "snapshots.png", title="t")
     assert any(text.endswith(f"% outside the frame, {point}") for text in words)
 
@@ -300,11 +302,11 @@ def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     assert not any("ONLY" in text for text in words)
     low = [replace(u, ess_after=7.9) if k == 2 else u for k, u in enumerate(updates.all)]
     evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", title="t", particles=12_000)
-    assert "ONLY 7 OF 12,000 PARTICLES COUNT: shares, evidence and POS are rough" in words
-    assert sum(text.endswith(", 7 particles count") for text in words) == 1
+    assert "ONLY 8 OF 12,000 PARTICLES COUNT: shares, evidence and POS are rough" in words
+    assert sum(text.endswith(", 8 particles count") for text in words) == 1
     told = effective.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))
     named = f'{low[2].kind} "{low[2].name}"'
-    assert told[0].startswith(f"only 7 of 12,000 particles count after {named}: areas and shares after it are rough")
+    assert told[0].startswith(f"only 8 of 12,000 particles count after {named}: areas and shares after it are rough")
 
 
 CASE = """
@@ -342,7 +344,7 @@ def test_copies_do_not_make_a_run_look_sure(tmp_path):
         assert (counted[-2:] <= 3000 * update.distinct + 1e-6).all()  # as many families as have descendants, at most
         assert counted[-1] == pytest.approx(update.ess_after, rel=0.5)
         warning = data.attrs["warning"]
-    many = int(update.ess_after)
+    many = round(update.ess_after)
     told = f'only {many} of 3,000 particles count after contact "radar": areas and shares after it are rough'
     assert warning.startswith(told)
     summary = json.loads(Path(tmp_path / "out" / "summary.json").read_text())
