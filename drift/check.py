@@ -9,6 +9,7 @@ from drift import aftermath, environment, outlook, start, summary, tables, units
 from drift.case import Case
 from drift.spill import Spill
 from drift.units import NMI
+from geo import shore
 from geo.segments import Segments
 from kernels import runtime
 
@@ -21,7 +22,7 @@ def understood(case: Case) -> dict[str, Any]:
     Raises UserError for all that a run would refuse at its start.
     """
     runtime.start()
-    where = environment.open_for(case)
+    where = environment.open_for(case, shore.thinned)
     few = replace(case, particles=min(case.particles, CHECKED))
     if case.spill:
         few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))
