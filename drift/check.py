@@ -9,6 +9,7 @@ from drift import aftermath, environment, outlook, start, summary, tables, turns
 from drift.case import Case
 from drift.spill import Spill
 from drift.units import NMI
+from geo import shore
 from geo.segments import Segments
 from kernels import runtime
 
@@ -24,7 +25,7 @@ def understood(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[st
     Raises UserError for all that a run would refuse at its start.
     """
     runtime.start()
-    where = environment.open_for(case, datasets)
+    where = environment.open_for(case, datasets, shore.thinned)
     few = replace(case, particles=min(case.particles, CHECKED))
     if case.spill:
         few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))

@@ -1,7 +1,7 @@
 """What a case drifts in: the box it can reach, the winds and currents there, the coast; opened once, checked once."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,14 +18,16 @@ from geo import forcing, memory, shore, sphere, stream
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import Source
+from geo.shore import Shore
 
 FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
 STRONGEST_WIND = 25.0  # [m/s]
 COAST_MARGIN = 0.25  # [deg] more than a step
 PIECE = 50_000.0  # [m] how finely a voyage is followed for its box
+NEAR_REPORT = 1.0  # [deg] about a reported position that its place on land or water is told from
 POLEWARD = 89.0  # [deg] beyond, east and north lose their meaning: a particle there has left
 VAST = 4_000.0  # [deg2] a box in which it is worth asking what of it can be reached at all
-UTMOST_CURRENT, UTMOST_STOKES, UTMOST_WIND = 8.0, 3.0, 90.0  # [m/s] faster ones are refused as implausible
+UTMOST_CURRENT, UTMOST_STOKES, UTMOST_WIND = 5.0, 1.0, 50.0  # [m/s] that nothing meets on average over a whole run
 FARTHEST = 7.0  # standard deviations beyond which nothing is drawn
 SPREADS = 5.0  # standard deviations of a prior that lie in its box
 
@@ -41,8 +43,12 @@ class Environment:
     notes: tuple[str, ...]
 
 
-def open_for(case: Case, datasets: Mapping[str, Any] | None = None) -> Environment:
-    """Return the environment of a case; datasets: the xarray.Datasets that its sources name.
+def open_for(
+    case: Case, datasets: Mapping[str, Any] | None = None, seen: Callable[[Shore], Shore] | None = None
+) -> Environment:
+    """Return the environment of a case.
+
+    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a function says.
 
     Raises UserError when a file can't be understood, when sources leave part of the run without forcing, or when a
     reported position lies on land.
@@ -76,6 +82,8 @@ def open_for(case: Case, datasets: Mapping[str, Any] | None = None) -> Environme
     base = tuple(source for source in shown if (source.quantity, source.name) not in added)
     coastal = _shrunk(box, base).grown(COAST_MARGIN / np.cos(np.radians(min(abs(box.north), 80))), COAST_MARGIN)
     land = shore.land(case.coast.source, coastal, case.coast.lakes)
+    whole = land
+    land = seen(whole) if seen and not case.spill else whole
     coast = shoreline.build(land, coastal) if land.polygons.size else None
     if coast is None and case.spill:
         raise UserError(
@@ -84,7 +92,8 @@ def open_for(case: Case, datasets: Mapping[str, Any] | None = None) -> Environme
         )
     if coast is not None:
         for scenario in case.scenarios:
-            _check_water("[spill]" if case.spill else f'scenario "{scenario.name}"', scenario, coast)
+            story = "[spill]" if case.spill else f'scenario "{scenario.name}"'
+            _check_water(story, scenario, coast if land is whole else _about(scenario, whole, coast))
     return Environment(box, tuple(scenarios), shown, coast, land.notes)
 
 
@@ -111,11 +120,12 @@ def reach(case: Case) -> Box:
 
 
 def utmost(case: Case) -> Box:
-    """Return a box that nothing of a case leaves: speeds beyond all that is plausible, and errors beyond chance.
+    """Return a box that nothing of a case leaves: speeds that nowhere last, or as fast as the case says, and errors beyond chance.
 
-    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs.
+    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs. What
+    should leave it all the same has left the domain, and is told so.
     """
-    wind = UTMOST_WIND + FARTHEST * case.wind_error.std
+    wind = _fastest(case.winds, UTMOST_WIND) + FARTHEST * case.wind_error.std
     leeway = max(
         (
             (abs(line.slope) + FARTHEST * line.slope_std) * wind + abs(line.offset) + FARTHEST * line.offset_std
@@ -124,14 +134,21 @@ def utmost(case: Case) -> Box:
         ),
         default=0.0,
     )
-    fastest = (
-        UTMOST_CURRENT + UTMOST_STOKES + 2 * leeway + FARTHEST * case.current_error.std
-    )  # down and across the wind
+    leeway *= math.sqrt(2)  # down and across the wind
+    fastest = _fastest(case.currents, UTMOST_CURRENT) + _fastest(case.stokes, UTMOST_STOKES) + leeway
+    fastest += FARTHEST * case.current_error.std
     if case.spill:
-        fastest += FARTHEST * case.spill.current_bias + 2 * leeway * math.exp(FARTHEST * case.spill.windage_bias)
+        fastest += FARTHEST * case.spill.current_bias + leeway * math.exp(FARTHEST * case.spill.windage_bias)
     span = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
     fastest += FARTHEST * math.sqrt(2 * case.diffusivity / span)
     return _around(case, fastest, FARTHEST)
+
+
+def _fastest(specs: Sequence[ForcingSpec], least: float) -> float:
+    """Return the fastest that is typed in a case [m/s], or what is thought of as fastest if that is more."""
+    typed = [spec.constant for spec in specs if spec.constant is not None]
+    typed += [row for spec in specs if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
+    return max([least, *(math.hypot(east, north) for east, north in typed)])
 
 
 def _around(case: Case, fastest: float, spreads: float) -> Box:
@@ -294,6 +311,19 @@ def _shrunk(box: Box, sources: tuple[Source, ...]) -> Box:
         return box
     start = (box.west + west + 180) % 360 - 180
     return Box(start, south, start + east - west, north)
+
+
+def _about(scenario: Scenario, land: Shore, coast: shoreline.Coast) -> shoreline.Coast:
+    """Return the coast in full about a reported position, where there is one; else the coast that is given."""
+    prior = scenario.prior
+    if not isinstance(prior, PositionPrior):
+        return coast
+    lon, lat = float(np.degrees(prior.lon)), float(np.degrees(prior.lat))
+    west = (lon - NEAR_REPORT + 180) % 360 - 180
+    south, north = max(lat - NEAR_REPORT, -90.0), min(lat + NEAR_REPORT, 90.0)
+    box = Box(west, south, west + 2 * NEAR_REPORT, north)
+    cut = box.grown(COAST_MARGIN, COAST_MARGIN)
+    return shoreline.build(Shore(shore.clip(land.polygons, cut), land.source, box=cut), box)
 
 
 def _check_water(story: str, scenario: Scenario, coast: shoreline.Coast) -> None:

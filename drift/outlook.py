@@ -87,7 +87,11 @@ def ends(case: Case, begin: Start) -> str:
         begin.scene.advance(some, low, high, part)
     weight, status = record.probability(some), some.status.to_numpy()
     share = {kind: float(weight[status == kind].sum()) for kind in Status}
-    told = ", ".join(f"{share[kind]:.0%} {word}" for kind, word in ENDS.items() if share[kind] >= 0.005)
+    told = ", ".join(
+        f"{f'{share[kind]:.0%}' if share[kind] >= 0.005 else 'under 1%'} {word}"
+        for kind, word in ENDS.items()
+        if share[kind] > 0
+    )
     lost = share[Status.OUTSIDE] + share[Status.LEFT]
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)

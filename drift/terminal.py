@@ -46,10 +46,19 @@ def say(text: str) -> None:
 
 
 def facts(title: str, told: dict[str, str]) -> None:
-    """Print a title and facts by name."""
+    """Print a title and facts by name; on a terminal they are folded to its width, in a pipe each is one line."""
     page = table("", "")
     page.show_header = False
-    say(title)
+    for column in page.columns:
+        column.overflow = "fold"  # a long path is folded, not cut
+    if sys.stdout.isatty():
+        from rich.console import Console
+
+        console = Console(highlight=False, markup=False)
+        page.columns[0].max_width = max(console.width // 3, 16)
+        console.print(title, overflow="fold")
+    else:
+        say(title)
     for name, fact in told.items():
         page.add_row(name, fact)
     show(page)

@@ -28,6 +28,9 @@ import shapely
 from geo.box import Box
 from geo.errors import UserError
 
+VAST = 4_000.0  # [deg2] a box of which a look need not show every rock
+ISLET = 0.05  # [deg] extent under which an island is left out of such a look
+THIN, FEWEST = 16, 12  # of its vertices one in so many, but at least about so many
 MARGIN = 0.25  # [deg] kept beyond the rounded box, so that the cut lines lie outside every grid of geo.coast
 
 Polygons = npt.NDArray[Any]  # of shapely.Polygon
@@ -169,6 +172,29 @@ def clip(polygons: Polygons, box: Box) -> Polygons:
     bounds = shapely.bounds(parts)
     at_seam = np.any([(bounds[:, 0] == x) | (bounds[:, 2] == x) for x in seams], axis=0)
     return np.concatenate([parts[~at_seam], _polygonal(np.array([shapely.union_all(parts[at_seam])]))])
+
+
+def thinned(shore: Shore) -> Shore:
+    """Return land to be looked at, not drifted by: of a vast box without islets and with a vertex every few km.
+
+    Its shores lie up to some THIN vertices (of GSHHG: 3 km) off. Land with inner rings, and of a box that is not vast,
+    stays as it is.
+    """
+    box, polygons = shore.box, shore.polygons
+    if box is None or (box.east - box.west) * (box.north - box.south) <= VAST:
+        return shore
+    if not polygons.size or shapely.get_num_interior_rings(polygons).any():
+        return shore
+    west, south, east, north = shapely.bounds(polygons).T
+    rings = shapely.get_exterior_ring(polygons[np.maximum(east - west, north - south) >= ISLET])
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    count = np.bincount(ring, minlength=len(rings))
+    place = np.arange(len(points)) - np.repeat(np.cumsum(count) - count, count)
+    every = np.clip(count // FEWEST, 1, THIN)
+    kept = (place % every[ring] == 0) | (place == count[ring] - 1)
+    made = shapely.polygons(shapely.linearrings(points[kept], indices=ring[kept]))
+    note = "the domain is vast: its coast was looked at without islets and to some 3 km; a run takes it in full"
+    return Shore(made, shore.source, (*shore.notes, note), box)
 
 
 def _rounded(box: Box) -> Box:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from drift import __main__ as cli
+from drift import terminal
 
 
 def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
@@ -131,3 +132,31 @@ def test_reader_that_leaves_early() -> None:
         f"'{sys.executable}' -m drift objects | head -n 1", shell=True, capture_output=True, text=True, check=False
     )
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_facts_fold_at_the_terminals_width_and_are_whole_in_a_pipe(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    """No letter is lost, not even of a path that no line holds; what is folded hangs under its own column."""
+    title = (
+        "Overdue boat, somewhere in the Gulf of Mexico with a title that is rather long indeed for a terminal: ready"
+    )
+    told = {
+        'sortie "HC-144 about the last call, the second of the day"': "23 legs, 221330ZNOV26 to 221553ZNOV26, " * 4,
+        "current sea": "/data/" + "without_any_space/" * 12 + "sea.nc",
+    }
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    terminal.facts(title, told)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    rows = "".join("".join(line.split()) for line in lines)
+    assert rows.startswith("".join(title.split()))
+    edge = next(line.index("23 legs") for line in lines if "23 legs" in line)
+    columns = ("".join(line[at].strip() for line in lines[2:]) for at in (slice(0, edge), slice(edge, None)))
+    for column, texts in zip(columns, (told.keys(), told.values()), strict=True):
+        assert all("".join(text.split()) in "".join(column.split()) for text in texts)
+    monkeypatch.undo()
+    terminal.facts(title, told)
+    assert len(capsys.readouterr().out.strip().splitlines()) == 3

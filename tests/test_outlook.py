@@ -152,12 +152,12 @@ def test_the_work_of_a_step_of_a_second_is_told(tmp_path: Path, capsys: pytest.C
 
 
 def test_a_box_that_nothing_leaves_bounds_a_vast_domain(tmp_path: Path) -> None:
-    """8 m/s of current, 3 of Stokes drift for a day are 8.5 degrees; the case's own domain is the globe."""
+    """10 m/s of current, as typed, for a day are 7.8 degrees; the case's own domain is the globe."""
     write(tmp_path / "sea.nc", np.arange(40))
-    text = CASE.replace('files = "sea.nc"', "constant = { east = 0.2, north = 0.1 }")
+    text = CASE.replace('files = "sea.nc"', "constant = { east = 8, north = 6 }")
     (tmp_path / "trial.toml").write_text(text + "[domain]\nwest = -180\neast = 180\nsouth = -90\nnorth = 90\n")
     box = environment.open_for(case.load(tmp_path / "trial.toml")).box
-    least = np.degrees(11 * 86_400 / 6_371_008.8)
+    least = np.degrees(10 * 86_400 / 6_371_008.8)
     assert box.north - (26 + 1 / 3) > least
     assert (26 + 1 / 3) - box.south > least
     assert box.east - box.west < 30
