@@ -93,6 +93,12 @@ def _names(
     ]
     if pairs:
         return max(pairs)[1:]
+    for key, others, words in (("lon", found[1], "latitudes"), ("lat", found[0], "longitudes")):
+        if key in chosen and others:
+            raise UserError(
+                f'variables.{key} = "{chosen[key]}" does not go with the {words} of "{name}" ({", ".join(others)}): they have '
+                f"other dimensions; set variables.lon and variables.lat"
+            )
     return (max(found[0], default=None), None) if found[0] else (None, max(found[1], default=None))
 
 

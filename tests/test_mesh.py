@@ -81,8 +81,9 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("place", ["node", "face"])
+@pytest.mark.parametrize(
+    ("kind", "place"), [(kind, "face") for kind in KINDS] + [(kind, "node") for kind in ("transposed", "nodes alone")]
+)
 def test_ugrid(kind: str, place: str, tmp_path: Path) -> None:
     path = ugrid(tmp_path / "a.nc", place, **KINDS[kind])
     if kind == "latitude first":
