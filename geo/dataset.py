@@ -74,7 +74,8 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
                 _refuse_truncated(path)
             data = xr.open_dataset(
                 path,
-                engine="zarr" if is_zarr else None,
+                # named, for xarray offers a file that it does not know to every backend that happens to be installed
+                engine="zarr" if is_zarr else None if remote(path) else "netcdf4",
                 decode_times=False,
                 decode_coords=False,
                 decode_timedelta=False,
@@ -85,9 +86,7 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
     except Exception as error:  # backends raise OSError, ValueError, KeyError, RuntimeError and their own
         if remote(path):
             raise UserError(f'cannot open the address "{path}" ({_one_line(error)}); {where}') from error
-        raise UserError(
-            f'"{path}" is not a netCDF or GRIB file that can be read ({_why(path, error)}); {where}'
-        ) from error
+        raise UserError(f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}') from error
     return data
 
 
@@ -122,7 +121,7 @@ def _why(path: str, error: Exception) -> str:
         return "it is empty"
     if magic.startswith((b"CDF", b"\x89HDF")):
         return "it is truncated or damaged"
-    return _one_line(error) if isinstance(error, PermissionError) else "unknown format"
+    return _one_line(error) if isinstance(error, PermissionError) else "unknown format, and no GRIB either"
 
 
 @contextmanager

@@ -419,6 +419,11 @@ def test_bytes_between_messages(tmp_path: Path) -> None:
     heading = b"\r\r\nUXUK98 EGRR 050000\r\r\n"
     path = written(tmp_path / "a.grib", [heading, one, b"\r\n", heading, two, bytes(300)])
     assert worst(forcing.open_source("wind", path, steady=True))[0] < 1e-5
+    late = written(
+        tmp_path / "late.grib", [bytes(9000), one]
+    )  # no other backend of xarray's is asked, cfgrib above all
+    assert "unknown format" in refusal("wind", late, steady=True)
+    assert not list(tmp_path.glob("*.idx"))
     lost = written(tmp_path / "b.grib", [one, b"grib" + two[4:], one])  # a message whose first bytes are damaged
     assert "belong to no message" in refusal("wind", lost, steady=True)
 
