@@ -17,10 +17,6 @@ import time
 import traceback
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parents[1] / "tests"), str(Path(__file__).parents[1])]
-
-import hostile
-
 TIMEOUT = 2.0  # [s] of a source
 LIMIT = 120.0  # [s] without a word from the process that reads, after which it hangs
 ROWS = ("read as if nothing were wrong", "one line", "traceback", "crash", "hang")
@@ -28,6 +24,9 @@ ROWS = ("read as if nothing were wrong", "one line", "traceback", "crash", "hang
 
 def read_all(first: int, last: int, direct: bool) -> None:
     """Read answers of hostile servers and print what came of each."""
+    sys.path[:0] = [str(Path(__file__).parents[1] / "tests"), str(Path(__file__).parents[1])]
+    import hostile
+
     from geo import address, forcing
     from geo.errors import UserError
 
