@@ -1,0 +1,143 @@
+"""What damaged forcing files do to us: one line, the true values, other values, or something else, which must not be.
+
+netCDF-3 and -4 files of regular, packed, projected, staggered and triangular grids, some with checksums (Fletcher-32), and GRIB files of
+both editions, are damaged: bytes changed, cut off, blanked, doubled. Each is opened as `drift info` does and all its slices are read.
+"other values" is what damage does that nothing in the file can show: its digest in summary.json tells. "other values, checksums": 0.
+
+python benchmarks/fuzz_files.py [--netcdf 500] [--grib 200] [--seed 0]
+"""
+
+import argparse
+import random
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).parents[1] / "tests"), str(Path(__file__).parents[1])]
+
+import numpy as np
+import test_grib
+import watched
+import writers
+import xarray as xr
+
+GRIB = 1_000_000  # numbers of the trials of GRIB files begin here
+SUMMED = "other values, checksums"
+watched.NEVER = (*watched.NEVER, SUMMED)
+
+
+def checked(path: Path) -> Path:
+    """Write a netCDF-4 file all of whose variables carry checksums."""
+    with xr.open_dataset(writers.regular(path.with_suffix(".plain")), decode_times=False) as data:
+        data.to_netcdf(path, encoding={str(n): {"fletcher32": True} for n in data.variables if data[n].ndim})
+    return path
+
+
+def classic(path: Path) -> Path:
+    """Write a netCDF-3 file."""
+    with xr.open_dataset(writers.regular(path.with_suffix(".plain")), decode_times=False) as data:
+        data.to_netcdf(path, format="NETCDF3_64BIT")
+    return path
+
+
+def deflated(path: Path) -> Path:
+    """Write a compressed netCDF-4 file."""
+    with xr.open_dataset(writers.regular(path.with_suffix(".plain")), decode_times=False) as data:
+        data.to_netcdf(path, encoding={str(n): {"zlib": True} for n in data.variables if data[n].ndim > 1})
+    return path
+
+
+NETCDF = {
+    "regular": writers.regular, "packed": writers.packed, "projected": writers.projected, "roms": writers.roms,
+    "fvcom": writers.fvcom, "classic": classic, "deflated": deflated, "checksums": checked,
+}  # fmt: skip
+
+
+def grib(path: Path, edition: int) -> Path:
+    """Write 10 m winds along a Lambert grid's axes and on a regular grid, of two times."""
+    parts = test_grib.pair(test_grib.LAMBERT if edition == 2 else test_grib.REGULAR, edition=edition)
+    return test_grib.written(
+        path,
+        parts + test_grib.pair(test_grib.LAMBERT if edition == 2 else test_grib.REGULAR, edition=edition, hour=3.0),
+    )
+
+
+def truth(path: Path) -> list[np.ndarray]:
+    """Return all slices of all that a file holds, as `drift info` would read them."""
+    from geo import describe
+
+    found = []
+    for source in describe.understand([path]):
+        describe.describe(source)
+        found += [source.read(i) for i in range(max(len(source.times), 1))]
+    return found
+
+
+def damaged(content: bytes, rng: random.Random) -> tuple[str, bytes]:
+    """Return what was done to bytes, and what came of them."""
+    data, at = bytearray(content), rng.randrange(len(content))
+    kind = rng.choice(("bytes", "bytes", "head", "cut", "blank", "double", "bits"))
+    if kind == "bytes":
+        for _ in range(rng.choice((1, 3, 30))):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+    elif kind == "head":
+        for _ in range(rng.choice((1, 3))):
+            data[rng.randrange(min(len(data), 4096))] = rng.randrange(256)
+    elif kind == "cut":
+        del data[at:]
+    elif kind == "blank":
+        data[at : at + 512] = bytes(len(data[at : at + 512]))
+    elif kind == "double":
+        data[at:at] = data[at : at + rng.choice((1, 64, 1000))]
+    else:
+        data[at] ^= 1 << rng.randrange(8)
+    return kind, bytes(data)
+
+
+def trials(numbers: list[int]) -> None:
+    """Damage and read files, one a number."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        wholes: dict[str, tuple[bytes, list[np.ndarray]]] = {}
+        for number in numbers:
+            rng = random.Random(number)
+            made = rng.choice(list(NETCDF)) if number < GRIB else rng.choice(("grib1", "grib2"))
+            suffix = ".nc" if number < GRIB else ".grib"
+            if made not in wholes:
+                path = folder / f"{made}{suffix}"
+                path = NETCDF[made](path) if number < GRIB else grib(path, int(made[-1]))
+                wholes[made] = path.read_bytes(), truth(path)
+            content, values = wholes[made]
+            kind, bad = damaged(content, rng)
+            path = folder / f"{number}{suffix}"
+            path.write_bytes(bad)
+
+            def make(path: Path = path, values: list[np.ndarray] = values, made: str = made) -> str:
+                seen = truth(path)
+                same = len(seen) == len(values) and all(
+                    np.array_equal(a, b, equal_nan=True) for a, b in zip(seen, values, strict=True)
+                )
+                return "true values" if same else SUMMED if made == "checksums" else "other values"
+
+            watched.trial(number, f"{made} {kind}", make)
+            path.unlink()
+
+
+def main() -> None:
+    """Run and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--netcdf", type=int, default=500)
+    parser.add_argument("--grib", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0, help="of the first file")
+    parser.add_argument("--trials", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.trials is not None:
+        trials([int(number) for number in given.trials.split(",")])
+        return
+    for title, first, count in (("netCDF", given.seed, given.netcdf), ("GRIB", GRIB + given.seed, given.grib)):
+        print(f"\n{title}")
+        watched.table(watched.run(__file__, range(first, first + count)))
+
+
+if __name__ == "__main__":
+    main()
