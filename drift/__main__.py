@@ -70,6 +70,17 @@ def parser() -> Parser:
     info.add_argument(
         "files", nargs="+", metavar="FILE", help="files of one source: joined in time, u and v may be apart"
     )
+    info.add_argument(
+        "--as", choices=("current", "wind", "stokes"), dest="quantity", help="read the files as this quantity"
+    )
+    info.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        dest="changes",
+        metavar="KEY=VALUE",
+        help="a key of a case's source, like variables.east=ue, units=cm/s, steady=true or depth='5 m'; may be repeated",
+    )
     info.add_argument("--plot", type=Path, metavar="PNG", help="draw a map of the first time")
     return whole
 
@@ -154,15 +165,21 @@ def _dispatch(argv: Sequence[str] | None) -> int:
 def _load(given: argparse.Namespace) -> Any:
     from drift import case
 
+    overrides = _changes(given)
+    if given.seed is not None:
+        overrides["seed"] = str(given.seed)
+    return case.load(given.case, overrides)
+
+
+def _changes(given: argparse.Namespace) -> dict[str, str]:
+    """Return what --set changes, by key."""
     overrides = {}
     for change in given.changes:
         key, equals, value = change.partition("=")
         if not key.strip() or not equals:
             raise UserError(f'--set "{change}" must be KEY=VALUE, like clock.step=600')
         overrides[key.strip()] = value
-    if given.seed is not None:
-        overrides["seed"] = str(given.seed)
-    return case.load(given.case, overrides)
+    return overrides
 
 
 def _run(given: argparse.Namespace) -> None:
@@ -271,7 +288,13 @@ def _info(given: argparse.Namespace) -> None:
 
         if given.plot is not None:
             _check_plot(given.plot)
-        understood = describe.understand(given.files)
+        options: dict[str, Any] = {}
+        if given.changes:
+            from drift import case, sources
+
+            spec = case.source(given.quantity or "current", given.files, _changes(given))
+            options = sources.options(spec)
+        understood = describe.understand(given.files, given.quantity, **options)
         told = ["\n".join([*describe.describe(source), *describe.sketch(source)]) for source in understood]
     for text in told:
         terminal.say(text)

@@ -6,7 +6,7 @@ forcing is found here, all of them at once, a line each. Cases that ship with th
 
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -133,6 +133,25 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
         raise _refusal(path, error.lines) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
+
+
+def source(quantity: Quantity, files: Sequence[str], overrides: Mapping[str, str]) -> ForcingSpec:
+    """Return files as the source that a case with these keys would make of them; overrides: {"variables.east": "ue"}.
+
+    Raises UserError, a line for each mistake.
+    """
+    data: dict[str, Any] = {"files": list(files)}
+    wrong = Mistakes()
+    for key, value in overrides.items():
+        with wrong.gathered():
+            _override(data, key, value)
+    wrong.refuse()
+    try:
+        return SourceTable.model_validate(data).spec(quantity, 1, np.datetime64("1970-01-01", "s"), Path.cwd())
+    except ValidationError as error:
+        raise UserError(*messages.lines(error, data)) from None
+    except ValueError as error:
+        raise UserError(str(error)) from None
 
 
 def _inputs(here: Any, folder: Path, key: str = "") -> Iterator[str]:

@@ -13,6 +13,7 @@ from drift.forcing import QUANTITIES, Sources
 from drift.leeway import Drifter
 from drift.scenario import AreaPrior, PositionPrior, Scenario
 from drift.sources import ForcingSpec
+from drift.sources import options as source_options
 from geo import coast as shoreline
 from geo import forcing, memory, shore, sphere, stream
 from geo.box import Box
@@ -215,15 +216,9 @@ def _open(spec: ForcingSpec, box: Box, case: Case, held: Mapping[str, memory.Hel
         return forcing.open_source(
             spec.quantity,
             list(spec.files) if spec.dataset is None else held[spec.dataset],
-            variables=spec.variables,
-            units=spec.units,
-            times={"start": spec.times.start, "interval": spec.times.every} if spec.times else None,
-            steady=spec.steady,
             box=box,
-            depth=spec.depth,
             name=spec.name,
-            plausible=spec.plausible,
-            timeout=spec.timeout,
+            **source_options(spec),
         )
     except UserError as error:
         told = str(error)

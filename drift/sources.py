@@ -136,6 +136,19 @@ def _base(value: object) -> float:
     return units.quantity(value, "", "number", "0.5 m/s")
 
 
+def options(spec: ForcingSpec) -> dict[str, Any]:
+    """Return how a source's files are to be read, as `geo.forcing.open_source` takes it."""
+    return {
+        "variables": spec.variables,
+        "units": spec.units,
+        "times": {"start": spec.times.start, "interval": spec.times.every} if spec.times else None,
+        "steady": spec.steady,
+        "depth": spec.depth,
+        "plausible": spec.plausible,
+        "timeout": spec.timeout,
+    }
+
+
 class SourceTable(fields.Table):
     """A [[current]], [[wind]] or [[stokes]] table as written."""
 

@@ -52,6 +52,12 @@ def expand(paths: Paths, quantity: str) -> list[str]:
     return found
 
 
+def title(paths: Sequence[str | os.PathLike[str]]) -> str:
+    """Return what messages call files: the name of the first, and how many more there are."""
+    first = os.path.basename(os.fspath(paths[0]).rstrip("/")) if paths else ""
+    return first if len(paths) <= 1 else f"{first} and {len(paths) - 1} more"
+
+
 def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.Dataset:
     """Return one file's dataset with fill values and packing resolved but times as they are stored.
 

@@ -1,5 +1,6 @@
 """What `drift info FILE` prints: how a file was understood, how much is missing, and a small map in characters."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,49 +14,59 @@ ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise, 45 degrees e
 LAND, CALM = "·", "○"
 
 
-def understand(paths: dataset.Paths, **options: Any) -> list[Source]:
-    """Return a source for every quantity that files hold; options as in `forcing.open_source`.
+def understand(paths: dataset.Paths, only: str | None = None, **options: Any) -> list[Source]:
+    """Return a source for every quantity that files hold, each named by the files that hold it.
 
-    Where a quantity is there but cannot be read (no units, say) its error is raised; where there is none at
-    all, the error says what the files hold.
+    only: the one quantity to read them as; options as in `forcing.open_source`. Where a quantity is there but cannot be
+    read (no units, say) its error is raised; where there is none at all, the error says what the files hold.
     """
     found: list[Source] = []
     errors: dict[str, UserError] = {}
     patience = options.get("timeout", address.TIMEOUT)
-    _lines = [dataset.open_one(p, "current", patience) for p in dataset.expand(paths, "current") if dataset.remote(p)]
-    held = _held(paths)  # the process that reads an address lives as long as one of its datasets: it serves all below
+    listed = dataset.expand(paths, only or "current")
+    # The process that reads an address lives as long as one of its datasets: these let one serve all that follows.
+    _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
+    held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
     for quantity in quantities.QUANTITIES:
         if held and quantity not in held:
             continue
         try:
-            found.append(forcing.open_source(quantity, paths, lenient=True, **options))
+            found.append(forcing.open_source(quantity, held.get(quantity, listed), lenient=True, **options))
         except UserError as error:
             errors[quantity] = error
     if not held:
         halves = [e for e in errors.values() if "one component" in str(e)]
         why = (halves or [errors["current"]])[0]
-        raise UserError(f"no current, wind or Stokes drift found: {why}") from why
+        raise UserError(f"no current, wind or Stokes drift found: {why}; or say which it is: --as") from why
     if not found:
         raise next(iter(errors.values()))
     return found
 
 
-def _held(paths: dataset.Paths) -> list[str]:
-    """Return the quantities whose variables the files hold."""
-    variables: dict[str, Any] = {}
-    for path in dataset.expand(paths, "current"):
+def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict[str, list[str]]:
+    """Return for each quantity that is there the files that hold it, and those that hold no quantity, such as grids."""
+    variables: dict[str, dict[str, Any]] = {}
+    for path in listed:
         with dataset.readable([path], "current"):
-            data = dataset.open_one(path, "current")
-            variables |= {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
-    result = []
+            data = dataset.open_one(path, "current", patience)
+            variables[path] = {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
+    everything = {name: attributes for held in variables.values() for name, attributes in held.items()}
+    names: dict[str, set[str]] = {}
     for quantity in quantities.QUANTITIES:
         try:
-            there = quantities.search(quantity, variables) is not None
+            pair = quantities.search(quantity, everything)
         except UserError:
-            there = True  # several of them: opening it says which to choose
-        if there:
-            result.append(quantity)
-    return result
+            names[quantity] = set(everything)  # several of them: opening it says which to choose
+            continue
+        if pair is not None:
+            names[quantity] = {pair.east, pair.north}
+    own = {str(chosen[key]) for key in ("east", "north") if key in chosen}
+    names = {quantity: own or wanted for quantity, wanted in names.items()}
+    idle = [path for path, held in variables.items() if not any(wanted & held.keys() for wanted in names.values())]
+    return {
+        quantity: [path for path in listed if path in idle or wanted & variables[path].keys()]
+        for quantity, wanted in names.items()
+    }
 
 
 def describe(source: Source) -> list[str]:

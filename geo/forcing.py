@@ -75,17 +75,17 @@ def open_source(
         raise UserError(f'quantity "{quantity}": allowed are {", ".join(quantities.QUANTITIES)}')
     if isinstance(paths, memory.Held):
         listed: Any = paths
-        title = name or paths.name
+        title = paths.name
     else:
         listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-        title = name or os.path.basename(os.fspath(listed[0]).rstrip("/") if listed else "")
+        title = dataset.title(listed)
     asked = reader.Request(
         quantity, title, variables or {}, units, times, steady, box, depth, lenient, plausible, timeout
     )
     with dataset.readable([paths.title] if isinstance(paths, memory.Held) else listed, quantity):
         reading = reader.read(asked, listed)
     return Source(
-        quantity, title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,
+        quantity, name or title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,
         reading.domain,
     )  # fmt: skip
 
