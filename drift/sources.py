@@ -118,6 +118,13 @@ def _paths(value: Any) -> Any:
     return (value,) if isinstance(value, str) else value
 
 
+def _indices(value: Any) -> Any:
+    """Return a table of names with its whole numbers, indices along a dimension, as text."""
+    if not isinstance(value, dict):
+        return value
+    return {k: str(v) if isinstance(v, int) and not isinstance(v, bool) else v for k, v in value.items()}
+
+
 def _parameters(value: Any) -> dict[str, float]:
     if not isinstance(value, dict):
         raise ValueError(f"must be a table, not {value!r}")
@@ -159,7 +166,7 @@ class SourceTable(fields.Table):
     table: list[TimedVector] | None = None
     analytic: str | None = None
     parameters: Annotated[dict[str, float], BeforeValidator(_parameters)] = Field(default_factory=dict)
-    variables: dict[str, str] | None = None
+    variables: Annotated[dict[str, str] | None, BeforeValidator(_indices)] = None
     units: str | None = None
     depth: fields.Depth | None = None
     steady: bool = False

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from drift.__main__ import main
 from geo import forcing
 from geo.errors import UserError
 
@@ -173,6 +174,33 @@ def test_in_attributes_alone(quantity: str, attributes: dict[str, Any], word: st
         return
     assert word in refusal(tmp_path / "b.nc", quantity)
     assert east(tmp_path / "b.nc", quantity, variables={"level": "0"}) == pytest.approx(0.1)
+
+
+def test_a_case_names_a_level_by_a_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    saved(tmp_path / "aloft.nc", "wind", "isobaricInhPa", [1000.0, 850.0], {"units": "hPa"})
+    case = """
+        start = "050000ZMAR24"
+        duration = "2 h"
+        [[wind]]
+        files = "aloft.nc"
+        steady = true
+        {variables}
+        [[current]]
+        constant = {{ speed = "0.5 kn", toward = 90 }}
+        [[scenario]]
+        name = "raft"
+        object = "PIW-1"
+        position = {{ at = [4.0, 57.75], error = "1 nmi", time = "050000ZMAR24" }}
+        """
+    path = tmp_path / "trial.toml"
+    path.write_text(case.format(variables=""))
+    assert main(["check", str(path)]) != 0
+    told = capsys.readouterr().err
+    assert "1000, 850 hPa" in told
+    assert "variables.isobaricInhPa" in told
+    path.write_text(case.format(variables="variables = { isobaricInhPa = 1 }"))
+    assert main(["check", str(path)]) == 0
+    assert "index 1 of 2 along isobaricInhPa, as the case says" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_coordinate_of_another_variable_is_not_ours(tmp_path: Path) -> None:
