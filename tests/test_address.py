@@ -228,7 +228,6 @@ def test_a_process_of_an_address_ends_with_ours_even_when_that_is_killed() -> No
     [
         ("check", signal.SIGINT, 130),
         ("info", signal.SIGTERM, 143),
-        ("run", signal.SIGINT, 130),
         ("run", signal.SIGTERM, 143),
     ],
 )
@@ -273,7 +272,7 @@ def test_the_time_out_is_the_case_s(tmp_path: Path) -> None:
             drift.load(case_file(tmp_path, "http://127.0.0.1:9/sea", f"timeout = {wrong}"))
 
 
-@pytest.mark.parametrize("seed", [0, 2, 4])
+@pytest.mark.parametrize("seed", [4, 1936])  # the last one aborts the library, netCDF 4.10.1
 def test_damaged_answers_are_one_line(seed: int) -> None:
     """A slice of benchmarks/fuzz_server.py."""
     _, answer = hostile.mutated(SEA, seed)
