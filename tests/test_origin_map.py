@@ -118,7 +118,7 @@ def test_figures_are_those_of_a_normal_release(tmp_path, seen):
     for share in (10, 50, 90):
         minutes = round(60 * (np.interp(share / 100, reached, np.arange(13)) + 0.5) - 1e-9)
         at = next(text for text in said if text.startswith(f"{share} %: before"))
-        told = int(at[-10:-8]) * 60 + int(at[-8:-6])
+        told = int(at[-12:-10]) * 60 + int(at[-10:-8])
         assert abs(told - minutes) <= 1, (at, minutes)
 
 
