@@ -153,6 +153,10 @@ def _dispatch(argv: Sequence[str] | None) -> int:
 def _load(given: argparse.Namespace) -> Any:
     from drift import case
 
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise UserError(f"the current folder is not there any more ({error.strerror}); go to one that is") from None
     overrides = {}
     for change in given.changes:
         key, equals, value = change.partition("=")

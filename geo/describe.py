@@ -21,7 +21,8 @@ def understand(paths: dataset.Paths, **options: Any) -> list[Source]:
     """
     found: list[Source] = []
     errors: dict[str, UserError] = {}
-    held = _held(paths)
+    with dataset.readable(paths, "current"):
+        held = _held(paths)
     for quantity in quantities.QUANTITIES:
         if held and quantity not in held:
             continue
@@ -40,9 +41,8 @@ def _held(paths: dataset.Paths) -> list[str]:
     """Return the quantities whose variables the files hold."""
     variables: dict[str, Any] = {}
     for path in dataset.expand(paths, "current"):
-        with dataset.readable([path], "current"):
-            data = dataset.open_one(path, "current")
-            variables |= {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
+        data = dataset.open_one(path, "current")
+        variables |= {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
     result = []
     for quantity in quantities.QUANTITIES:
         try:
