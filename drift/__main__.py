@@ -165,6 +165,10 @@ def _dispatch(argv: Sequence[str] | None) -> int:
 def _load(given: argparse.Namespace) -> Any:
     from drift import case
 
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise UserError(f"the current folder is not there any more ({error.strerror}); go to one that is") from None
     overrides = _changes(given)
     if given.seed is not None:
         overrides["seed"] = str(given.seed)

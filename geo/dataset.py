@@ -125,13 +125,15 @@ def _why(path: str, error: Exception) -> str:
         return str(trouble.strerror).lower()
     if not magic:
         return "it is empty"
+    if any("\ud800" <= letter <= "\udfff" for letter in path):
+        return "its name is not text in UTF-8: rename it"
     if magic.startswith((b"CDF", b"\x89HDF")):
         return "it is truncated or damaged"
     return _one_line(error) if isinstance(error, PermissionError) else "unknown format, and no GRIB either"
 
 
 @contextmanager
-def readable(paths: Sequence[str | os.PathLike[str]], quantity: str) -> Iterator[None]:
+def readable(paths: Paths, quantity: str) -> Iterator[None]:
     """Turn what the libraries raise over a damaged file, at its opening or later, into one line with its path.
 
     Headers are read at the opening, attributes and coordinates when they are asked for: each may be what is damaged.
@@ -143,7 +145,8 @@ def readable(paths: Sequence[str | os.PathLike[str]], quantity: str) -> Iterator
     except Exception as error:
         if not isinstance(error, FAULTS) and _raised_in(error) not in LIBRARIES:
             raise
-        told = ", ".join(f'"{os.fspath(path)}"' for path in paths)
+        listed = [paths] if isinstance(paths, str | os.PathLike) else paths
+        told = ", ".join(f'"{os.fspath(path)}"' for path in listed)
         reason = f"{type(error).__name__}: {_one_line(error)}"
         raise UserError(
             f"{told[:500]}: cannot be read, truncated or damaged ({reason}); set [[{quantity}]] files"

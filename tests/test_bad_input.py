@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from drift import publication
 from drift.__main__ import main
 
 CASE = """
@@ -325,18 +326,20 @@ def started(folder: Path, *arguments: str, **more: Any) -> "subprocess.Popen[str
 def test_a_signal_while_files_are_written_leaves_nothing(number: signal.Signals, tmp_path: Path) -> None:
     """Results of before stay as they were; an exception inside HDF5 once left the process waiting for its own lock."""
     (tmp_path / "trial.toml").write_text(STEADY)
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "forecast.nc").write_text("old")
+    with publication.staged(tmp_path / "out") as stage:
+        (stage.new / "forecast.nc").write_text("old")
+        publication.publish(stage, "old")
     run = started(tmp_path, "--overwrite", "--set", "output.every=1200")
-    while run.poll() is None and not list((tmp_path / "out").glob(".out.partial-*/forecast.nc")):
+    while run.poll() is None and not list((tmp_path / "out").glob(".drift-partial-*/new/forecast.nc")):
         time.sleep(0.005)
     run.send_signal(number)
     _, told = run.communicate(timeout=60)
     assert run.returncode == 128 + number
     (line,) = told.strip().splitlines()
     assert line.startswith("drift: ")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["forecast.nc"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["forecast.nc", "manifest.json"]
     assert (tmp_path / "out" / "forecast.nc").read_text() == "old"
+    assert publication.results(tmp_path / "out")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="HOME")
