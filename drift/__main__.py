@@ -110,6 +110,7 @@ def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     terminal.open_streams()
+    warnings.filterwarnings("ignore", category=RuntimeWarning)  # of NumPy: no user's matter; in tests they are errors
     warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # the map then shows a box
     if os.name == "posix" and not os.environ.get("HOME"):  # Taichi aborts at import without one
         home = os.path.expanduser("~")

@@ -108,7 +108,9 @@ def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Arra
             named = pattern.match(str(name)) or str(variable.attrs.get("standard_name", "")) == standard
             if named and variable.ndim == 1 and variable.size >= least and variable.size != cells:
                 candidate = np.asarray(variable.values, np.float64)
-                if np.nanmax(np.abs(candidate)) <= most and np.nanmin(candidate) < np.nanmax(candidate):
+                candidate = np.where(np.isfinite(candidate), candidate, np.nan)
+                known = candidate[np.isfinite(candidate)]
+                if known.size and np.abs(known).max() <= most and known.min() < known.max():
                     values = candidate
                     break
         found.append(values)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from geo import sphere
 from geo.box import Box
+from geo.errors import UserError
 
 Array = NDArray[np.floating[Any]]
 Index = NDArray[np.int64]
@@ -118,17 +119,27 @@ def points(layout: Layout) -> tuple[Array, Array]:
 
 
 def spacing(layout: Layout) -> float:
-    """Return how far apart neighbouring points are [deg of a great circle]: the finer direction's median."""
+    """Return how far apart neighbouring points are [deg of a great circle]: the finer direction's median.
+
+    Raises UserError where no two neighbours have coordinates.
+    """
     if isinstance(layout, Triangles):
         pair = layout.cells[:, [0, 1]], layout.cells[:, [1, 2]], layout.cells[:, [2, 0]]
         a, b = np.concatenate(pair).T
         edges = _apart(layout.lon[a], layout.lat[a], layout.lon[b], layout.lat[b])
-        return float(np.nanpercentile(edges, 10))  # the fine elements near the coast matter, the slivers do not
+        return _quantile(10, edges)  # the fine elements near the coast matter, the slivers do not
     lon, lat = points(layout)
     step = max(1, lon.shape[0] // 500), max(1, lon.shape[1] // 500)  # 250,000 points tell a median
     across = _apart(lon[:: step[0], :-1], lat[:: step[0], :-1], lon[:: step[0], 1:], lat[:: step[0], 1:])
     along = _apart(lon[:-1, :: step[1]], lat[:-1, :: step[1]], lon[1:, :: step[1]], lat[1:, :: step[1]])
-    return float(min(np.nanmedian(across), np.nanmedian(along)))
+    return min(_quantile(50, across), _quantile(50, along))
+
+
+def _quantile(percent: float, distances: Array) -> float:
+    known = distances[np.isfinite(distances)]
+    if not known.size:
+        raise UserError("no two neighbouring points have a longitude and a latitude: there is no grid")
+    return float(np.percentile(known, percent))
 
 
 def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:

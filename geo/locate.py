@@ -10,6 +10,8 @@ from geo import absent, connect, naming, projection, rotation, seam, stagger, ug
 from geo.errors import UserError
 from geo.layout import Array, Axes, Curved, Layout
 
+FINEST = 1e-5  # [deg] a metre: no grid is smaller as a whole
+
 
 def locate(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int = 0
@@ -137,7 +139,8 @@ def _still(data: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
     variable = data[name]
     while variable.ndim > len(dims):
         variable = variable.isel({variable.dims[0]: 0})
-    return np.asarray(variable.values, np.float64)
+    values = np.asarray(variable.values, np.float64)
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
@@ -208,6 +211,8 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
             raise UserError(f'"{axis}" has one value: at least two columns and two rows are needed to interpolate')
         if not np.isfinite(values).all():
             raise UserError(f'"{axis}" has missing values')
+        if 0 < np.ptp(values) < FINEST:
+            raise UserError(f'"{axis}" spans {np.ptp(values):.2g} degrees in all: is it in degrees?')
     rows = np.argsort(lat, kind="stable")
     if (np.diff(lat[rows]) <= 0).any():
         raise UserError(f'"{lat_name}" holds the same latitude twice')
@@ -246,13 +251,15 @@ def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, 
         return None
     if "degree" in str(data[name].attrs.get("units", "")).lower():
         angle = np.radians(angle)
+    angle = np.where(np.isfinite(angle), angle, np.nan)
     angle = np.arctan2(_halved(np.sin(angle), lon.shape), _halved(np.cos(angle), lon.shape))
     seen = rotation.curved_angle(lon, lat)
     for factor, remark in ((1.0, f'"{name}" gives'), (np.pi / 180.0, f'"{name}", in degrees, gives')):
         apart = np.abs((angle * factor - seen + np.pi) % (2 * np.pi) - np.pi)
-        if np.nanmedian(apart) < np.radians(3.0):
+        known = apart[np.isfinite(apart)]
+        if known.size and np.median(known) < np.radians(3.0):
             notes.append(f"{remark} the direction of the grid's x axis")
-            return np.asarray(angle * factor)
+            return np.asarray(np.where(np.isfinite(angle), angle * factor, seen))
     if "angle" in chosen:
         notes.append(f'"{name}" does not fit the points, but the case asks for it')
         return np.asarray(angle)

@@ -50,7 +50,8 @@ def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
     if time_dim is not None:
         fixed[time_dim] = k
     try:
-        yield data[component.name].isel(fixed)
+        with np.errstate(all="ignore"):  # what damage decodes to overflows; it becomes a missing value
+            yield data[component.name].isel(fixed)
     except UserError as error:  # of an address
         raise UserError(f"{error}; set [[{component.quantity}]] files") from error
     except Exception as error:  # HDF5's OSError and RuntimeError, zlib's

@@ -142,7 +142,8 @@ def _directions(
         result = rotation.undone(x, y)
         how = "the grid's own axes"
     turned = np.degrees(np.arctan2(result[..., 1], result[..., 0]))
-    low, high = np.nanpercentile(turned, (5, 95))
+    turned = turned[np.isfinite(turned)]
+    low, high = np.percentile(turned, (5, 95)) if turned.size else (np.nan, np.nan)
     notes.append(
         f"vectors rotated from {how} ({low:.1f} to {high:.1f} degrees from east) to true east and north{assumed}"
     )
