@@ -17,7 +17,7 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drift import case, figures, output, page, plan_files, tables
+from drift import case, figures, output, page, plan_files, spill, tables
 from geo.errors import UserError
 
 RUNS = ["=1+1", "+1+1", "-cmd|' /C calc'!A0", "@SUM(A1)", "\t=1", "\r=1", "  =1", "＝1", "=HYPERLINK(\"http://x\",\"y\")"]  # fmt: skip
@@ -145,3 +145,14 @@ def test_titles_in_netcdf_and_json_come_back(tmp_path: Path) -> None:
     with xr.open_dataset(tmp_path / "out" / "x.nc") as back:
         assert back.attrs["title"] == attributes["title"]
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["title"] == attributes["title"]
+
+
+@pytest.mark.parametrize(("names", "wrong"), [(("drum", "se"), "se"), (("drum", "drum_se"), "drum_se")])
+def test_no_class_takes_the_heading_of_another_column(names: tuple[str, str], wrong: str) -> None:
+    """washup.csv has expected, expected_se, and expected_NAME, expected_NAME_se of each class: one overwrote the other."""
+    table = {"objects": 10, "position": {"at": "27 30N 088 00W", "std": "1 nmi"}}
+    kinds = [{"name": name, "share": 0.5, "object": "PIW-1"} for name in names]
+    with pytest.raises(ValueError, match=f'class "{wrong}": tables call a standard error'):
+        spill.SpillTable.model_validate({**table, "class": kinds})
+    kinds[1]["name"] = "case"
+    assert len(spill.SpillTable.model_validate({**table, "class": kinds}).kinds) == 2

@@ -1,7 +1,9 @@
 """A folder of results is the whole old run's or the whole new one's: stopped at every step, twice over, and side by side."""
 
+import importlib.util
 import json
 import os
+import random
 import subprocess
 import sys
 import textwrap
@@ -424,3 +426,18 @@ def test_what_came_in_the_way_of_putting_back_is_told_and_stays(tmp_path: Path) 
     assert (folder / "map.png").read_text() == "mine"
     (folder / "map.png").unlink()
     assert read(folder) == OLD
+
+
+@posix
+def test_real_kills(tmp_path: Path) -> None:
+    """A slice of benchmarks/kill_overwrite.py: SIGKILL at seeded moments of processes of their own."""
+    path = Path(__file__).parent.parent / "benchmarks" / "kill_overwrite.py"
+    spec = importlib.util.spec_from_file_location("kill_overwrite", path)
+    assert spec is not None
+    assert spec.loader is not None
+    kills = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(kills)
+    found = kills.trial(tmp_path / "out", 6, False, random.Random(4))
+    assert found["old whole"] + found["new whole"] == 6
+    assert found["mixture"] == found["lost"] == 0
+    assert found["the user's things changed"] == found["hidden folders after the next run"] == 0
