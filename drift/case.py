@@ -161,7 +161,7 @@ def _inputs(here: Any, folder: Path, key: str = "") -> Iterator[str]:
             yield from _inputs(value, folder, name)
     elif isinstance(here, list):
         for value in here:
-            yield from _inputs(value, folder, key)
+            yield from _inputs(value, folder, key if key == "files" else "")  # a track in a list is positions
     elif isinstance(here, str) and key in FILES and here not in {"gshhg", "none"}:
         yield from (path for path in sources.found(here, folder) if not sources.ADDRESS.match(path))
 

@@ -8,6 +8,7 @@ that are added to these are filled each by itself, and each must know the place:
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from threading import Event
 from typing import Any
 
@@ -53,6 +54,12 @@ class Term:
     last: int
 
 
+def _heed(closed: Event) -> None:
+    """Leave the wait for a server: the read-ahead thread asks this while it waits. No method: a circle keeps files open."""
+    if closed.is_set():
+        raise waiting.Left
+
+
 class Forcing:
     """Tiles of all scenarios; `ranges[s]` are the first and last tile of current, wind and Stokes drift of scenario s.
 
@@ -61,7 +68,7 @@ class Forcing:
 
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
         self._closed = Event()
-        self._pool = ThreadPoolExecutor(1, "read-ahead", waiting.ask, (self._heed,))
+        self._pool = ThreadPoolExecutor(1, "read-ahead", waiting.ask, (partial(_heed, self._closed),))
         self._slices: list[Slices] = []
         self.ranges: list[tuple[int, ...]] = []
         self.terms: list[dict[str, list[Term]]] = []
@@ -118,11 +125,6 @@ class Forcing:
             self.tiles.place(tile, slices.get(wanted[0]), later=False)
             self.tiles.place(tile, slices.get(wanted[1]), later=True)
         self._held[tile] = wanted
-
-    def _heed(self) -> None:
-        """Leave the wait for a server: the read-ahead thread asks this while it waits."""
-        if self._closed.is_set():
-            raise waiting.Left
 
     def close(self) -> None:
         """Stop reading ahead, without waiting for a server; a file is read to the end of the slice."""

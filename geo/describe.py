@@ -26,7 +26,8 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     listed = dataset.expand(paths, only or "current")
     # The process that reads an address lives as long as one of its datasets: these let one serve all that follows.
     _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
-    held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
+    with dataset.readable(listed, "current"):
+        held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
     for quantity in quantities.QUANTITIES:
         if held and quantity not in held:
             continue
@@ -47,9 +48,8 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
     """Return for each quantity that is there the files that hold it, and those that hold no quantity, such as grids."""
     variables: dict[str, dict[str, Any]] = {}
     for path in listed:
-        with dataset.readable([path], "current"):
-            data = dataset.open_one(path, "current", patience)
-            variables[path] = {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
+        data = dataset.open_one(path, "current", patience)
+        variables[path] = {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
     everything = {name: attributes for held in variables.values() for name, attributes in held.items()}
     names: dict[str, set[str]] = {}
     for quantity in quantities.QUANTITIES:

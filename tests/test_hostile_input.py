@@ -152,8 +152,8 @@ def test_attributes_that_cannot_be_read(error: Exception, tmp_path: Path, monkey
     for read in reads:
         with monkeypatch.context() as patch:
 
-            def opened(path: str, quantity: str, patch: pytest.MonkeyPatch = patch) -> xr.Dataset:
-                data = real(path, quantity)
+            def opened(path: str, quantity: str, *more: float, patch: pytest.MonkeyPatch = patch) -> xr.Dataset:
+                data = real(path, quantity, *more)
                 patch.setattr(xr.Variable, "attrs", property(lambda self: broken))
                 return data
 

@@ -442,7 +442,7 @@ def test_a_find_where_nothing_comes_is_called_odd(find: str, tmp_path: Path) -> 
     assert spill["effective_worlds"] > 59  # it tells no world from another
 
 
-def test_an_odd_find_leaves_no_nan_in_the_files(tmp_path: Path) -> None:
+def test_an_odd_find_leaves_numbers_in_the_files(tmp_path: Path) -> None:
     path = written(tmp_path, FIND + f'stretch = "{EAST}"\n' + TEN)
     assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
     for name in ("summary.json", "washup.csv", "washup_times.csv", "totals.csv", "unknowns.csv", "washup.geojson"):

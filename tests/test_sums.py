@@ -228,11 +228,11 @@ def test_a_place_without_a_term_ends_a_particle_and_the_refusal_names_the_term(
     small = fields[1].isel(lon=slice(0, 27))  # to the middle: east of it there is no tide
     small.to_netcdf(folder / "narrow.nc")
     narrow = TIDE.replace("tide.nc", "narrow.nc")
-    with pytest.raises(UserError, match=r'no current .* A sum has no value where .*: current "tide" 50%') as refused:
+    with pytest.raises(UserError, match=r'50% of the prior .* no current .*"tide" begins .* A sum has no value') as refused:
         check.understood(case_of(folder, RESIDUAL + narrow))
     assert "residual" not in str(refused.value)
     dry = RESIDUAL + "fill = 0\n" + TIDE  # a tide over land is no current: the residual one is missing
-    with pytest.raises(UserError, match=r'where .*: current "residual" 25%'):
+    with pytest.raises(UserError, match=r'25% of the prior .*"residual" has no value there.* A sum has no value'):
         check.understood(case_of(folder, dry, [*STARTS[:3], (-179.2, -16.8)]))
     # toward the edge of the tide's grid, a kilometre away
     edge = float(small.lon[-1])
@@ -256,7 +256,10 @@ def test_each_term_must_last_as_long_as_the_run_and_its_holes_are_told(
     with pytest.raises(UserError, match=r'current "residual" lasts from .* 50% of it is covered.* or add another'):
         drift.run(case_of(folder, RESIDUAL.replace("residual.nc", "first.nc") + TIDE))
     fields[1].isel(time=[*range(30), *range(45, 74)]).to_netcdf(folder / "holed.nc")
-    told = check.understood(case_of(folder, RESIDUAL + TIDE.replace("tide.nc", "holed.nc")))
+    holed = RESIDUAL + TIDE.replace("tide.nc", "holed.nc")
+    with pytest.raises(UserError, match=r"nothing from 220340ZNOV26 to 220900ZNOV26.* add = true"):
+        check.understood(case_of(folder, holed))
+    told = check.understood(case_of(folder, holed, max_lost="1.0"))
     assert "no values between 220340ZNOV26 and 220900ZNOV26" in told["current tide"]
     assert "added to the other sources of [[current]]" in told["current tide"]
     assert "missing" in told["current residual"]
