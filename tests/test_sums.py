@@ -228,7 +228,9 @@ def test_a_place_without_a_term_ends_a_particle_and_the_refusal_names_the_term(
     small = fields[1].isel(lon=slice(0, 27))  # to the middle: east of it there is no tide
     small.to_netcdf(folder / "narrow.nc")
     narrow = TIDE.replace("tide.nc", "narrow.nc")
-    with pytest.raises(UserError, match=r'50% of the prior .* no current .*"tide" begins .* A sum has no value') as refused:
+    with pytest.raises(
+        UserError, match=r'50% of the prior .* no current .*"tide" begins .* A sum has no value'
+    ) as refused:
         check.understood(case_of(folder, RESIDUAL + narrow))
     assert "residual" not in str(refused.value)
     dry = RESIDUAL + "fill = 0\n" + TIDE  # a tide over land is no current: the residual one is missing

@@ -1,0 +1,49 @@
+"""A slice of what benchmarks/fuzz_cases.py and fuzz_files.py do at length: nothing but lines, whatever is damaged."""
+
+import random
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geo.errors import UserError
+
+sys.path[:0] = [str(Path(__file__).parents[1] / "benchmarks")]
+
+import fuzz_cases
+import fuzz_files
+
+
+@pytest.mark.parametrize("first", [20_000, 20_040])
+def test_mutated_cases_are_refused_in_lines_or_understood(first: int, tmp_path: Path) -> None:
+    """Warnings are errors here: none of NumPy's reaches a user either."""
+    told: dict[int, tuple[str, ...]] = {}
+    for number in range(first, first + 25):
+        try:
+            fuzz_cases.tried(fuzz_cases.mutated(number)[1], tmp_path, run=False)
+        except UserError as error:
+            told[number] = error.lines
+    assert 0 < len(told) < 25
+    assert not [n for n, lines in told.items() if any("\n" in line or not line.strip() for line in lines)]
+
+
+@pytest.mark.parametrize("made", ["packed", "roms", "fvcom", "classic", "checksums"])
+def test_damaged_files_are_refused_in_a_line_or_read(made: str, tmp_path: Path) -> None:
+    whole = fuzz_files.NETCDF[made](tmp_path / "whole.nc")
+    values = fuzz_files.truth(whole)
+    told: list[str] = []
+    for number in range(8):
+        kind, content = fuzz_files.damaged(whole.read_bytes(), random.Random(1_000 * len(made) + number))
+        path = tmp_path / f"{number}.nc"
+        path.write_bytes(content)
+        try:
+            seen = fuzz_files.truth(path)
+        except UserError as error:
+            told.append(str(error))
+            continue
+        same = len(seen) == len(values) and all(
+            np.array_equal(a, b, equal_nan=True) for a, b in zip(seen, values, strict=True)
+        )
+        assert same or made != "checksums", (number, kind)
+    assert not [line for line in told if "\n" in line]
