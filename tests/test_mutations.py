@@ -1,18 +1,14 @@
 """A slice of what benchmarks/fuzz_cases.py and fuzz_files.py do at length: nothing but lines, whatever is damaged."""
 
 import random
-import sys
 from pathlib import Path
 
+import fuzz_cases
+import fuzz_files
 import numpy as np
 import pytest
 
 from geo.errors import UserError
-
-sys.path[:0] = [str(Path(__file__).parents[1] / "benchmarks")]
-
-import fuzz_cases
-import fuzz_files
 
 
 @pytest.mark.parametrize("first", [20_000, 20_040])
