@@ -119,15 +119,22 @@ def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Arra
 
 def _delaunay(lon: Array, lat: Array) -> Index:
     """Triangulate in a tangent plane and drop triangles with an edge far longer than its points' others."""
-    from scipy.spatial import Delaunay  # here, not above: a quarter of a second that few files need
+    from scipy.spatial import Delaunay, QhullError  # here, not above: a quarter of a second that few files need
 
+    placed = np.flatnonzero(np.isfinite(lon) & np.isfinite(lat))
+    lon, lat = lon[placed], lat[placed]
     middle = float(np.degrees(np.angle(np.exp(1j * np.radians(lon)).mean())))
     x = (lon - middle + 180.0) % 360.0 - 180.0
     plane = np.stack((x * np.cos(np.radians(np.mean(lat))), lat), axis=1)
-    cells = np.asarray(Delaunay(plane).simplices, np.int64)
+    try:
+        cells = np.asarray(Delaunay(plane).simplices, np.int64)
+    except (QhullError, ValueError) as error:
+        raise UserError(
+            f"{len(placed)} points with a longitude and a latitude span no triangle: there is no grid"
+        ) from error
     edges = np.stack([np.hypot(*(plane[cells[:, a]] - plane[cells[:, b]]).T) for a, b in ((0, 1), (1, 2), (2, 0))], 1)
     shortest = np.full(len(lon), np.inf)
     for k in range(3):
         np.minimum.at(shortest, cells[:, k], edges.min(axis=1))
     local = shortest[cells].max(axis=1)
-    return np.asarray(cells[edges.max(axis=1) <= LONGEST * local])
+    return np.asarray(placed[cells[edges.max(axis=1) <= LONGEST * local]])

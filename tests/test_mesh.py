@@ -185,3 +185,31 @@ def test_errors_of_a_wind_are_no_wind(tmp_path: Path) -> None:
     data.to_netcdf(tmp_path / "b.nc")
     with pytest.raises(UserError, match="no wind in the wind file"):
         forcing.open_source("wind", tmp_path / "b.nc")
+
+
+def test_points_without_a_place_are_left_out_of_a_triangulation(tmp_path: Path) -> None:
+    """No connectivity, and coordinates of which some are missing: the rest is joined; too few are refused in a line."""
+    rng = np.random.default_rng(5)
+    lon, lat = rng.uniform(3.0, 6.0, 300), rng.uniform(59.0, 61.0, 300)
+    u, v = 0.2 + 0.1 * (lon - 4.0) + 0.03 * (lat - 60.0), 0.1 - 0.05 * (lon - 4.0)
+    lon[::17], lat[5::31] = np.nan, np.inf
+
+    def saved(keep: int) -> Path:
+        path = tmp_path / f"{keep}.nc"
+        part = slice(0, keep)
+        xr.Dataset(
+            {"u": ("node", u[part], writers.EAST), "v": ("node", v[part], writers.NORTH)},
+            {"lon": ("node", lon[part]), "lat": ("node", lat[part])},
+        ).to_netcdf(path)
+        return path
+
+    source = forcing.open_source("current", saved(300), steady=True)
+    values = source.read(0)
+    x, y = np.meshgrid(source.grid.lon, source.grid.lat)
+    inside = np.isfinite(values[..., 0]) & (abs(x - 4.5) < 0.8) & (abs(y - 60.0) < 0.5)
+    assert inside.sum() > 100
+    # Linear in longitude, interpolated in tangent planes: edges of half a degree at 60 N bow by h^2 tan(lat) / 8 = 1e-3
+    # degrees, times the slope of 0.1 a degree.
+    np.testing.assert_allclose(values[inside][:, 0], (0.2 + 0.1 * (x - 4.0) + 0.03 * (y - 60.0))[inside], atol=1e-4)
+    with pytest.raises(UserError, match="2 points with a longitude and a latitude span no triangle"):
+        forcing.open_source("current", saved(3), steady=True)
