@@ -28,6 +28,12 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
     with dataset.readable(listed, "current"):
         held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
+    own = [str((options.get("variables") or {}).get(key, "")) for key in ("east", "north")]
+    if not held and any(own):
+        raise UserError(
+            f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are a current, a wind or a Stokes drift; "
+            "say which: --as"
+        )
     for quantity in quantities.QUANTITIES:
         if held and quantity not in held:
             continue
@@ -38,7 +44,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     if not held:
         halves = [e for e in errors.values() if "one component" in str(e)]
         why = (halves or [errors["current"]])[0]
-        raise UserError(f"no current, wind or Stokes drift found: {why}; or say which it is: --as") from why
+        raise UserError(f"no current, wind or Stokes drift found: {why}") from why
     if not found:
         raise next(iter(errors.values()))
     return found

@@ -8,7 +8,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import xarray as xr
 
 from drift import __main__ as cli
 from drift import terminal
@@ -160,3 +162,37 @@ def test_facts_fold_at_the_terminals_width_and_are_whole_in_a_pipe(
     monkeypatch.undo()
     terminal.facts(title, told)
     assert len(capsys.readouterr().out.strip().splitlines()) == 3
+
+
+def test_info_takes_the_keys_of_a_case_and_names_the_right_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lon, lat = np.linspace(3.0, 6.0, 7), np.linspace(59.0, 61.0, 9)
+    x, y = np.meshgrid(lon, lat)
+    for name, east, north, said in (
+        ("sea.nc", "ue", "vn", {"units": "cm s-1"}),
+        ("air.nc", "u10", "v10", {"units": "m s-1"}),
+    ):
+        values = {east: (("lat", "lon"), 20.0 + x, said), north: (("lat", "lon"), 10.0 - y / 10, said)}
+        xr.Dataset(values, {"lon": lon, "lat": lat}).to_netcdf(tmp_path / name)
+    sea, air = str(tmp_path / "sea.nc"), str(tmp_path / "air.nc")
+    chosen = ["--set", "variables.east=ue", "--set", "variables.north=vn", "--set", "steady=true"]
+    status, _, refusal = call(capsys, "info", sea, *chosen)
+    assert status == 2
+    assert "nothing says whether ue and vn are a current, a wind or a Stokes drift; say which: --as" in refusal
+    status, told, _ = call(capsys, "info", sea, *chosen, "--as", "current")
+    assert status == 0
+    assert "current: sea.nc" in told
+    assert f"mean vector {np.mean(20 + x) / 100:+.2f} east, {np.mean(10 - y / 10) / 100:+.2f} north" in told
+    status, _, refusal = call(capsys, "info", sea, *chosen, "--as", "current", "--set", "units=m/s")
+    assert status == 2
+    assert "sea.nc: ue, vn can't be a current: mean 25" in refusal  # by the file's name, not "current 1"
+    status, _, refusal = call(capsys, "info", air, "--set", "steadi=true")
+    assert status == 2
+    assert 'did you mean "steady"' in refusal
+    with xr.open_dataset(tmp_path / "sea.nc") as data:
+        data.rename(ue="water_u", vn="water_v").to_netcdf(tmp_path / "named.nc")
+    status, told, _ = call(capsys, "info", air, str(tmp_path / "named.nc"), "--set", "steady=true")
+    assert status == 0
+    assert "current: named.nc" in told
+    assert "wind: air.nc" in told
