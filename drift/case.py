@@ -144,6 +144,8 @@ def source(quantity: Quantity, files: Sequence[str], overrides: Mapping[str, str
     wrong = Mistakes()
     for key, value in overrides.items():
         with wrong.gathered():
+            if key.partition(".")[0] in ("files", "name", "fill", "add"):
+                raise UserError(f"--set {key}: this key says nothing of how a file is read")
             _override(data, key, value)
     wrong.refuse()
     try:

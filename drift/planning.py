@@ -134,8 +134,8 @@ def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
 
 def _error(bound: float, tracks: Tracks, pos: float, result: Result) -> float:
     """Return the standard error of a bound less a POS: each is a mean over particles of its own."""
-    effective = 1 / float(np.sum(tracks.weight**2)), float(result.summary["effective_sample_size"])
-    return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, pos), effective, strict=True)))
+    counts = 1 / float(np.sum(tracks.weight**2)), float(result.summary["effective_sample_size"])
+    return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, pos), counts, strict=True)))
 
 
 def _told(tell: Report, number: int, rounds: int, share: float) -> None:

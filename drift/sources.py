@@ -19,11 +19,10 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift import fields, units
 from geo.errors import UserError
-from geo.quantities import SPOKEN
+from geo.quantities import FASTEST, SPOKEN
 
 Quantity = Literal["current", "wind", "stokes"]
 
-CEILINGS: Mapping[Quantity, float] = {"current": 8.0, "wind": 90.0, "stokes": 3.0}  # [m/s] of what a case states itself
 SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
 
 ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
@@ -189,9 +188,11 @@ class SourceTable(fields.Table):
         """Refuse two kinds of source in one table, and keys that belong to another kind."""
         kind = fields.one_of(self, ("files", "dataset", "constant", "table", "analytic"))
         if kind not in ("files", "dataset"):
-            for key in ("variables", "units", "depth", "steady", "times", "plausible", "timeout"):
+            for key in ("variables", "units", "depth", "steady", "times", "plausible"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} belongs to files and to a dataset; this source is {kind}")
+        if kind != "files" and "timeout" in self.model_fields_set:
+            raise ValueError(f"timeout belongs to files at an address; this source is {kind}")
         if kind != "analytic" and self.parameters:
             raise ValueError(f"parameters belong to analytic; this source is {kind}")
         if self.files is not None and not self.files:
@@ -206,10 +207,15 @@ class SourceTable(fields.Table):
         number: its place among the sources of its quantity, from 1. folder: what relative paths start from. Raises
         ValueError where a stated speed is more than any such quantity has.
         """
+        if quantity == "wind" and self.depth is not None:
+            raise ValueError(
+                "depth belongs to [[current]] and [[stokes]]; name a wind's level by its index, in variables"
+            )
+        ceiling = FASTEST[quantity]
         for place, speed in self._speeds():
-            if speed > CEILINGS[quantity]:
+            if speed > ceiling:
                 raise ValueError(
-                    f"{place}: {speed:.4g} m/s is too fast for a {SPOKEN[quantity]}; at most {CEILINGS[quantity]:g} m/s"
+                    f"{place}: {speed:.4g} m/s is too fast for a {SPOKEN[quantity]}; at most {ceiling:g} m/s"
                 )
         return ForcingSpec(
             name=self.name or f"{quantity} {number}",

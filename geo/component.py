@@ -34,6 +34,7 @@ class Component:
     mask: NDArray[np.bool_] | None
     unmasked: bool = False  # the case says that zeros are still water
     fills: tuple[float, ...] = ()  # values in the file's own units that mean missing, though it does not say so
+    vouched: bool = False  # the case vouches for its values: no number is missing for what it is
     notes: tuple[str, ...] = field(default=())
 
 

@@ -52,6 +52,13 @@ def expand(paths: Paths, quantity: str) -> list[str]:
     return found
 
 
+def key(path: str, quantity: str) -> str:
+    """Return the key of a case by which what is wrong with a path can be mended."""
+    if remote(path):
+        return f"[[{quantity}]] files or timeout"
+    return f"[[{quantity}]] {'dataset' if path.startswith('dataset ') else 'files'}"
+
+
 def title(paths: Sequence[str | os.PathLike[str]]) -> str:
     """Return what messages call files: the name of the first, and how many more there are."""
     first = os.path.basename(os.fspath(paths[0]).rstrip("/")) if paths else ""
@@ -63,7 +70,7 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
 
     timeout: how long the server of an address may leave a question unanswered [s].
     """
-    where = f"set [[{quantity}]] files"
+    where = f"set {key(path, quantity)}"
     is_zarr = os.path.isdir(path)
     if not remote(path) and not is_zarr and not os.path.isfile(path):  # a pipe would wait for ever
         raise UserError(f'"{path}" is neither a file nor a folder; {where}')

@@ -17,6 +17,10 @@ Attributes = Mapping[str, Any]
 QUANTITIES = ("current", "wind", "stokes")
 SPOKEN = {"current": "current", "wind": "wind", "stokes": "Stokes drift"}
 
+# [m/s] The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the strongest sustained wind was
+# 96 (Patricia, 2015), which no model's grid resolves.
+FASTEST = {"current": 8.0, "wind": 90.0, "stokes": 3.0}
+
 # (east or x, north or y, "true" for east and north | "grid" for the grid's own axes), best first
 STANDARD: dict[str, tuple[tuple[str, str, str], ...]] = {
     "current": (

@@ -72,7 +72,10 @@ def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
     notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
     count = 1 if request.steady else len(first.segments)
     whole = survey.of((first, second), count, request.plausible, request.name)
-    first, second = replace(first, fills=whole.fills[0]), replace(second, fills=whole.fills[1])
+    first, second = (
+        replace(c, fills=fills, vouched=request.plausible)
+        for c, fills in zip((first, second), whole.fills, strict=True)
+    )
     crops = [layout.crop(c.layout, request.box) for c in (first, second)]
     if crops[0] is None or crops[1] is None:
         raise UserError(_apart(request, first.layout))

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from geo import dataset
 from geo.component import Component
 from geo.errors import UserError
 from geo.layout import Array, Index, Layout, Triangles
@@ -52,12 +53,12 @@ def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
     try:
         with np.errstate(all="ignore"):  # what damage decodes to overflows; it becomes a missing value
             yield data[component.name].isel(fixed)
-    except UserError as error:  # of an address
-        raise UserError(f"{error}; set [[{component.quantity}]] files") from error
+    except UserError as error:  # of a library in a process of its own
+        raise UserError(f"{error}; set {dataset.key(path, component.quantity)}") from error
     except Exception as error:  # HDF5's OSError and RuntimeError, zlib's
         raise UserError(
             f"{path}: cannot read slice {k} of {component.name} ({' '.join(str(error).split())[:80]}): "
-            f"truncated or damaged; mend [[{component.quantity}]] files"
+            f"truncated or damaged; mend {dataset.key(path, component.quantity)}"
         ) from error
 
 
@@ -102,7 +103,7 @@ def _clean(values: Array, component: Component) -> tuple[Array, int]:
     with np.errstate(invalid="ignore", over="ignore"):
         size = np.abs(values)
         wrong = size * component.factor > IMPOSSIBLE[component.quantity]
-        if 999.0 * component.factor > SENTINEL_SPEED:
+        if 999.0 * component.factor > SENTINEL_SPEED and not component.vouched:
             wrong |= np.isin(size, SENTINELS)
         wrong |= np.isinf(values)
     count = int(wrong.sum())

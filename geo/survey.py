@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geo import slices
+from geo import quantities, slices
 from geo.component import Component
 from geo.dataset import remote
 from geo.errors import UserError
@@ -26,14 +26,10 @@ GAP = 0.25  # of the range of all other values, from which a number of nines sta
 NINES = tuple(k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1)  # 9.9 to 99999
 SLOW_WIND = 2.0  # [m/s]
 
-# What no real field exceeds [m/s]: the mean, the 99.9th percentile, any value at all. Monthly means of the strongest
-# currents (Gulf Stream, Agulhas) stay under 2.5, tidal races (Saltstraumen) under 11, the significant Stokes drift of
-# hurricanes under 1; the strongest wind on record was 113 in a gust, 96 sustained.
-CEILINGS = {
-    "current": (2.5, 8.0, np.inf),
-    "wind": (np.inf, np.inf, 90.0),
-    "stokes": (np.inf, np.inf, 3.0),
-}
+STRONG_MEAN = (
+    2.5  # [m/s] a current's mean over a file, places and times, is less: western boundary currents fill no file
+)
+PERCENTILE = 99.9  # of a current's speeds that must stay under the fastest: a few points of a race may exceed it
 
 
 @dataclass(frozen=True)
@@ -102,7 +98,7 @@ def undeclared(values: Array, factor: float, quantity: str) -> tuple[float, ...]
     saturate. One apart by a gap must also be a number of nines (99, -999, 99.9), or faster than anything real.
     """
     known = values[np.isfinite(values)]
-    fastest = min(CEILINGS[quantity][1:])
+    fastest = quantities.FASTEST[quantity]
     found: list[float] = []
     for _ in range(4):  # a file may hold two of them, and both signs
         for largest in (True, False):
@@ -162,14 +158,21 @@ def _judged(
     speed = _speeds(components, samples)
     if not speed.size:
         return []
-    mean, high, largest = float(speed.mean()), float(np.percentile(speed, 99.9)), float(speed.max())
-    told = f"mean {mean:.2g}, 99.9th percentile {high:.3g}, largest {largest:.3g} m/s"
-    limits = CEILINGS[quantity]
-    if mean > limits[0] or high > limits[1] or largest > limits[2]:
-        if plausible:
-            return [f"speeds that no {_SPOKEN[quantity]} has ({told}), as the case vouches"]
+    mean, high, largest = float(speed.mean()), float(np.percentile(speed, PERCENTILE)), float(speed.max())
+    told = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
+    spoken, fastest = quantities.SPOKEN[quantity], quantities.FASTEST[quantity]
+    if quantity == "current":
+        good = mean <= STRONG_MEAN and high <= fastest
+        allowed = (
+            f"a current's mean is at most {STRONG_MEAN:g}, its {PERCENTILE:g}th percentile at most {fastest:g} m/s"
+        )
+    else:
+        good, allowed = largest <= fastest, f"a {spoken} is at most {fastest:g} m/s"
+    if not good and plausible:
+        return [f"speeds that no {spoken} has ({told}), as the case vouches"]
+    if not good:
         raise UserError(
-            f"{name}: {components[0].name}, {components[1].name} can't be a {_SPOKEN[quantity]}: {told}; {_ALLOWED[quantity]}. "
+            f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {told}; {allowed}. "
             f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set plausible = true"
         )
     if quantity == "wind" and largest <= SLOW_WIND:
@@ -177,14 +180,6 @@ def _judged(
             f"WARNING: this wind is nowhere over {largest:.2g} m/s at the {len(looked_at)} times looked at: is it a current?"
         ]
     return []
-
-
-_SPOKEN = {"current": "current", "wind": "wind", "stokes": "Stokes drift"}
-_ALLOWED = {
-    "current": "a current's mean is at most 2.5, its 99.9th percentile at most 8 m/s",
-    "wind": "a wind is at most 90 m/s",
-    "stokes": "a Stokes drift is at most 3 m/s",
-}
 
 
 def _speeds(components: tuple[Component, Component], samples: list[Array]) -> NDArray[Any]:
