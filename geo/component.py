@@ -81,6 +81,7 @@ def gather(
     stamps: list[NDArray[np.datetime64]] = []
     for other_path, other in files:
         _same_grid(data, other, path, other_path, name, dims, layout, chosen, quantity)
+        _same_units(data, other, path, other_path, name, units, quantity)
         for dim, index in fixed.items():
             if level.is_vertical(data, dim) and not level.same(data, other, dim, index):
                 raise UserError(
@@ -239,14 +240,34 @@ def _same_grid(
         if dim in dims and other.sizes.get(dim) != data.sizes[dim]:
             trouble = f"{other.sizes.get(dim)} points along {dim} instead of {data.sizes[dim]}"
     if not trouble:
-        for dim in dims:
-            if dim in data.variables and dim in other.variables:
-                a, b = np.asarray(data[dim].values, float), np.asarray(other[dim].values, float)
-                if a.shape != b.shape or not np.allclose(a, b, rtol=1e-6, atol=1e-5, equal_nan=True):
-                    trouble = f"other values along {dim}"
+        placing = [
+            str(n)
+            for n, v in data.variables.items()
+            if (n in dims or naming.LON.match(str(n)) or naming.LAT.match(str(n)))
+            and n in other.variables
+            and v.dims
+            and set(map(str, v.dims)) <= set(dims)
+            and np.issubdtype(v.dtype, np.number)
+        ]
+        for one in placing:
+            a, b = np.asarray(data[one].values, float), np.asarray(other[one].values, float)
+            if a.shape != b.shape or not np.allclose(a, b, rtol=1e-6, atol=1e-5, equal_nan=True):
+                trouble = f'other values of "{one}"'
     if trouble:
         raise UserError(
             f"{other_path} has another grid than {path}: {trouble}; give it as a [[{quantity}]] source of its own"
+        )
+
+
+def _same_units(
+    data: xr.Dataset, other: xr.Dataset, path: str, other_path: str, name: str, stated: str | None, quantity: str
+) -> None:
+    """Refuse files of one source in different units, unless the case states which they are in."""
+    first, second = (str(one[name].attrs.get("units", "")).strip() for one in (data, other))
+    if stated is None and first.lower() != second.lower():
+        raise UserError(
+            f'{other_path}: "{name}" is in "{second}", and in {path} in "{first}"; give it as a [[{quantity}]] source of its '
+            f"own, or state [[{quantity}]] units if all are in the same"
         )
 
 
@@ -286,6 +307,20 @@ def _mask(
             continue
         variable = data[name].squeeze()
         if variable.dims == dims and np.isin(np.unique(np.nan_to_num(variable.values)), (0, 1)).all():
-            notes.append(f'land where "{name}" is 0')
-            return np.asarray(variable.values == 1)
+            water = _water(variable.attrs)
+            wet = np.asarray(variable.values == water)
+            if wet.all() and not named:
+                continue  # it marks nothing: whether land is stored as zero is still to be seen
+            notes.append(f'land where "{name}" is {1 - water}')
+            return wet
     return None
+
+
+def _water(attributes: Mapping[str, Any]) -> int:
+    """Return which of a mask's values, 0 or 1, is water: 1 unless its flags say otherwise."""
+    meanings = str(attributes.get("flag_meanings", "")).lower().split()
+    values = np.ravel(attributes.get("flag_values", range(len(meanings))))
+    for meaning, value in zip(meanings, values, strict=False):
+        if "land" in meaning or meaning in ("dry", "masked"):
+            return 1 - int(value)
+    return 1

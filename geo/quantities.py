@@ -20,6 +20,9 @@ SPOKEN = {"current": "current", "wind": "wind", "stokes": "Stokes drift"}
 # [m/s] The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the strongest sustained wind was
 # 96 (Patricia, 2015), which no model's grid resolves.
 FASTEST = {"current": 8.0, "wind": 90.0, "stokes": 3.0}
+NINES = tuple(
+    k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1
+)  # 9.9 to 99999: fill values
 
 # (east or x, north or y, "true" for east and north | "grid" for the grid's own axes), best first
 STANDARD: dict[str, tuple[tuple[str, str, str], ...]] = {

@@ -7,14 +7,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import dataset
+from geo import dataset, quantities
 from geo.component import Component
 from geo.errors import UserError
 from geo.layout import Array, Index, Layout, Triangles
 
-SENTINELS = (999.0, 9999.0, 99999.0, 999.9, 9999.9, 32767.0, 32768.0)  # fill values that files forget to declare
-SENTINEL_SPEED = 5.0  # [m/s] above which one of these numbers is no speed, whatever its units
-IMPOSSIBLE = {"current": 100.0, "wind": 200.0, "stokes": 100.0}  # [m/s]; the strongest gust on record is 113
+SENTINELS = (*quantities.NINES, 32767.0, 32768.0)  # fill values that files forget to declare
+IMPOSSIBLE = {"current": 20.0, "wind": 120.0, "stokes": 10.0}  # [m/s] a component; the strongest gust on record is 113
 ROUNDING = 1e-9  # [m/s] what rounding leaves of a zero
 
 
@@ -84,13 +83,12 @@ def _block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ..
     return np.concatenate(parts, axis=0)
 
 
-def still(values: Array, component: Component) -> NDArray[np.bool_]:
-    """Return which values, in the file's own units, are zero as far as the file can write zero.
+def still(values: Array, component: Component, i: int) -> NDArray[np.bool_]:
+    """Return which values of slice i, in its file's own units, are zero as far as that file can write zero.
 
     A number packed with an offset need not hit it: the nearest one does.
     """
-    data = component.segments[0][0]
-    packing = data[component.name].encoding
+    packing = component.segments[i][0][component.name].encoding
     exact = not float(packing.get("add_offset", 0.0))
     slack = 0.0 if exact else 0.501 * abs(float(packing.get("scale_factor", 1.0)))
     with np.errstate(invalid="ignore"):
@@ -98,14 +96,15 @@ def still(values: Array, component: Component) -> NDArray[np.bool_]:
 
 
 def _clean(values: Array, component: Component) -> tuple[Array, int]:
-    """Convert to m/s and drop what no speed can be: fill values that the file does not declare."""
+    """Convert to m/s and drop what no speed can be: fill values that the file does not declare, in any slice."""
     values = np.where(np.isin(values, component.fills), np.nan, values)
     with np.errstate(invalid="ignore", over="ignore"):
         size = np.abs(values)
-        wrong = size * component.factor > IMPOSSIBLE[component.quantity]
-        if 999.0 * component.factor > SENTINEL_SPEED and not component.vouched:
-            wrong |= np.isin(size, SENTINELS)
-        wrong |= np.isinf(values)
+        wrong = np.isinf(values)
+        if not component.vouched:
+            wrong |= size * component.factor > IMPOSSIBLE[component.quantity]
+            fast = np.array([x for x in SENTINELS if x * component.factor > quantities.FASTEST[component.quantity]])
+            wrong |= np.isin(size, fast) | np.isin(size, fast.astype(np.float32))
     count = int(wrong.sum())
     values = np.where(wrong, np.nan, values) * component.factor
     return values, count

@@ -23,7 +23,6 @@ DRY = 0.005  # share of exact zeros from which they are land
 RECURS = 3  # times from which an extreme value is a fill value if it is one at all
 VARIED = 10  # different values that the rest must hold before one can stand apart from it
 GAP = 0.25  # of the range of all other values, from which a number of nines stands apart from them
-NINES = tuple(k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1)  # 9.9 to 99999
 SLOW_WIND = 2.0  # [m/s]
 
 STRONG_MEAN = (
@@ -54,7 +53,7 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
     notes: list[str] = []
     fills: list[tuple[float, ...]] = []
     for component, values in zip(components, samples, strict=True):
-        found = () if plausible else undeclared(values, component.factor, component.quantity)
+        found = () if plausible else undeclared(values, component.factor, component.quantity, _packed(component))
         fills.append(found)
         for fill in found:
             share = float(np.mean(values == fill))
@@ -65,7 +64,15 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
             )
         with np.errstate(invalid="ignore", over="ignore"):
             values[np.abs(values) * component.factor > slices.IMPOSSIBLE[component.quantity]] = np.nan
-    shares = _still(components, samples)
+    slow = () if plausible else _shared(samples)
+    for fill in slow:
+        share = float(np.mean(samples[0] == fill))
+        samples = [np.where(values == fill, np.nan, values) for values in samples]
+        notes.append(
+            f"both components hold {fill:g} at {share:.1%} of their points, apart from all other values: taken as a fill "
+            "value that the file does not declare (plausible = true to take it as a value)"
+        )
+    shares = _still(components, samples, looked_at)
     dry = min(shares) > DRY and max(shares) < 1 and _may_be_dry(components, samples)
     if dry:
         notes.append(
@@ -73,7 +80,7 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
             '(variables.mask = "none" to take them as still water)'
         )
     notes += _judged(components, samples, looked_at, plausible, name)
-    return Survey(looked_at, (fills[0], fills[1]), dry, tuple(notes))
+    return Survey(looked_at, (fills[0] + slow, fills[1] + slow), dry, tuple(notes))
 
 
 def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
@@ -91,11 +98,22 @@ def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
     return values
 
 
-def undeclared(values: Array, factor: float, quantity: str) -> tuple[float, ...]:
+def _packed(component: Component) -> tuple[float, ...]:
+    """Return what a packed variable decodes the numbers to that libraries fill with where nothing is declared."""
+    packing = component.segments[0][0][component.name].encoding
+    kind = np.dtype(packing.get("dtype") or np.float64)
+    if kind.kind != "i":
+        return ()
+    limits = np.iinfo(kind)
+    scale, offset = (float(packing.get(key, usual)) for key, usual in (("scale_factor", 1.0), ("add_offset", 0.0)))
+    return tuple(number * scale + offset for number in (limits.min, limits.min + 1, limits.max))
+
+
+def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float, ...] = ()) -> tuple[float, ...]:
     """Return the values that must be fill values: extreme, recurring, and apart from all others by a gap.
 
     values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves nothing: packed fields
-    saturate. One apart by a gap must also be a number of nines (99, -999, 99.9), or faster than anything real.
+    saturate. One apart by a gap must also be faster than anything real, or what a packed number is by default.
     """
     known = values[np.isfinite(values)]
     fastest = quantities.FASTEST[quantity]
@@ -115,18 +133,41 @@ def undeclared(values: Array, factor: float, quantity: str) -> tuple[float, ...]
                 continue
             low, high = float(rest.min()), float(rest.max())
             gap = extreme - high if largest else low - extreme
-            nines = bool(np.isclose(abs(extreme), NINES, rtol=1e-6).any())
-            if gap > (GAP if nines else 1.0) * (high - low) and (nines or abs(extreme) * factor > fastest):
+            fast = abs(extreme) * factor > fastest
+            usual = bool(np.isclose(abs(extreme), quantities.NINES, rtol=1e-6).any()) and fast
+            usual |= any(np.isclose(extreme, one, rtol=1e-5) for one in packed)
+            if gap > (GAP if usual else 1.0) * (high - low) and (usual or fast):
                 found.append(extreme)
                 known = rest
     return tuple(found)
 
 
-def _still(components: tuple[Component, Component], samples: list[Array]) -> tuple[float, float]:
+def _shared(samples: list[Array]) -> tuple[float, ...]:
+    """Return a number of nines that both components hold at the same points, apart from all else: a slow fill value.
+
+    99 cm/s is a speed like others; that both components have exactly it, in many places, and nothing near it, is not.
+    """
+    if samples[0].shape != samples[1].shape:
+        return ()
+    found = []
+    for size in quantities.NINES:
+        for fill in (size, -size):
+            at = np.isclose(samples[0], fill, rtol=1e-6) & np.isclose(samples[1], fill, rtol=1e-6)
+            if at.mean() <= DRY:
+                continue
+            rest = np.concatenate([values[~at & np.isfinite(values)] for values in samples])
+            if rest.size and len(np.unique(rest[:10_000])) >= VARIED and np.abs(rest - fill).min() > GAP * np.ptp(rest):
+                found.append(float(samples[0][at][0]))
+    return tuple(found)
+
+
+def _still(
+    components: tuple[Component, Component], samples: list[Array], looked_at: tuple[int, ...]
+) -> tuple[float, float]:
     """Return the shares of the present points of each component that are exactly zero in all slices."""
     zero = []
     for component, values in zip(components, samples, strict=True):
-        still = slices.still(values, component)
+        still = np.stack([slices.still(one, component, i) for one, i in zip(values, looked_at, strict=True)])
         zero.append(np.all(still | np.isnan(values), axis=0) & np.any(still, axis=0))
     if samples[0].shape == samples[1].shape:
         zero = [zero[0] & zero[1]] * 2  # together: a packed component is often zero by itself

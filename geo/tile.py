@@ -218,7 +218,7 @@ def _dry(tile: Tile, looked_at: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDA
     for i in looked_at:
         values = _components(tile, i)[:2]
         zero = [
-            z * (slices.still(value / c.factor, c) | np.isnan(value))
+            z * (slices.still(value / c.factor, c, i) | np.isnan(value))
             for z, value, c in zip(zero, values, tile.components, strict=True)
         ]
     u, v = (np.asarray(z, bool) for z in zero)
