@@ -21,9 +21,8 @@ Array = npt.NDArray[Any]
 FEW = {"particles": 200.0, "worlds": 50.0}  # fewer than so many, and figures are rough
 SLACK = 1e-6  # of a number: what misses it by rounding reaches it
 PART = 0.05  # share of the probability on the map from which a part of it is told of by itself
-RELEASED = (
-    0.99  # share of what is ever released, from which on a run is warned of: before, its maps say what is missing
-)
+# share of what is ever released, from which on a run is warned of: before, its maps say what is missing
+RELEASED = 0.99
 PARTS = {"adrift": "of those adrift", "ashore": "of those ashore"}
 
 

@@ -28,9 +28,8 @@ class Sources:
     wind: tuple[Source, ...] = ()
     stokes: tuple[Source, ...] = ()
     cells: Mapping[tuple[str, str], int] = field(default_factory=dict)  # by quantity and name
-    added: frozenset[tuple[str, str]] = (
-        frozenset()
-    )  # by quantity and name: no matter of priority, but added to the rest
+    # by quantity and name: no matter of priority, but added to the rest
+    added: frozenset[tuple[str, str]] = frozenset()
 
     def of(self, quantity: str) -> tuple[Source, ...]:
         """Return the sources of a quantity."""

@@ -137,9 +137,8 @@ def draw_snapshots(
     here = layers.extent(forecast, times, marks, (), aspect=1.0)
     land = chart.land_path(here, polygons, 420)
     densities = [layers.density(forecast, i) for i in picks]
-    sure = [
-        i for i in picks if not effective.at(forecast.data, int(i)).few
-    ]  # what few leave must not make the others pale
+    # what few leave must not make the others pale
+    sure = [i for i in picks if not effective.at(forecast.data, int(i)).few]
     top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or picks)
     waiting = "not yet released" if times[-1] < times[0] else "not yet adrift"
     norm, mesh = LogNorm(top / 1000, top), None

@@ -8,17 +8,10 @@ starts anew if it had to be ended, and never outlives this one.
 
 import contextlib
 import itertools
-import json
 import math
 import os
-import queue
-import shutil
-import signal
-import subprocess
-import sys
 import tempfile
 import threading
-import time
 import weakref
 from collections.abc import Iterator
 from typing import Any
@@ -30,16 +23,15 @@ from xarray.backends.common import AbstractDataStore
 from xarray.core import indexing
 
 from geo import waiting
-from geo.address_server import FAREWELL, LENGTH
+from geo.child import Child
 from geo.errors import UserError
 
 TIMEOUT = 60.0  # [s] without progress
 STARTING = 120.0  # [s] in which a process for an address must have started, on however slow a machine
 PIECE = 2_000_000  # [bytes] of values that one question asks for
-LONGEST_HEADER = 2**26  # [bytes]
 LONGEST_AXIS = 10_000_000  # values of a coordinate
 LARGEST = 2**32  # [bytes] of values that one reading may take
-START = "import sys; sys.path[:] = sys.argv[2:]; from geo import address_server; address_server.main(sys.argv[1])"
+START = "from geo import address_server; address_server.main(sys.argv[1])"
 
 _open: "weakref.WeakValueDictionary[str, Line]" = weakref.WeakValueDictionary()
 _opening = threading.Lock()
@@ -70,7 +62,7 @@ class Line:
 
     def header(self, timeout: float) -> dict[str, Any]:
         """Return what the address holds; see `address_server.header`."""
-        with self._turn(timeout):
+        with self._turn():
             self._ready(timeout)
             told: dict[str, Any] = self._header
             return told
@@ -78,7 +70,7 @@ class Line:
     def values(self, name: str, key: tuple[slice, ...], dtype: np.dtype[Any], timeout: float) -> np.ndarray[Any, Any]:
         """Return a piece of a variable; key: slices with positive steps."""
         shape = tuple(len(range(s.start, s.stop, s.step)) for s in key)
-        with self._turn(timeout):
+        with self._turn():
             self._ready(timeout)
             asked = [(s.start, s.stop, s.step) for s in key]
             told, content = self._ask({"ask": "values", "name": name, "key": asked}, timeout)
@@ -95,28 +87,28 @@ class Line:
             child.end()
 
     @contextlib.contextmanager
-    def _turn(self, timeout: float) -> Iterator[None]:
+    def _turn(self) -> Iterator[None]:
         """Wait until no other thread asks; whatever goes wrong inside ends the process, for an answer may still be under way."""
-        while not self._lock.acquire(timeout=waiting.POLL):
-            waiting.heed()
-        try:
-            yield
-        except Refused as error:
-            raise UserError(str(error)) from None
-        except BaseException:
-            self.close()
-            raise
-        finally:
-            self._lock.release()
+        with waiting.turn(self._lock):
+            try:
+                yield
+            except Refused as error:
+                raise UserError(str(error)) from None
+            except BaseException:
+                self.close()
+                raise
 
     def _ready(self, timeout: float) -> None:
         """Have the address open."""
-        if self._child is not None and self._child.process.poll() is None:
+        if self._child is not None and self._child.running():
             return
         self.close()
-        self._child = Child()
+        self._child = _started()
         try:
-            self._child.ready()
+            self._child.answer(STARTING)
+        except (TimeoutError, EOFError):
+            raise UserError("cannot start a process to read an address: it ended, or did not start in time") from None
+        try:
             told, _ = self._ask({"ask": "open", "address": self.address}, timeout)
         except Refused:
             self.close()
@@ -126,7 +118,7 @@ class Line:
             raise UserError(f'"{self.address}" holds other variables than when it was opened; run again')
         self._header = told
 
-    def _ask(self, question: dict[str, Any], timeout: float) -> tuple[dict[str, Any], bytes]:
+    def _ask(self, question: dict[str, Any], timeout: float) -> tuple[dict[str, Any], memoryview]:
         """Return the answer to a question."""
         assert self._child is not None
         try:
@@ -147,127 +139,16 @@ class Refused(Exception):
     """An answer that says what is wrong; the process that gave it is in order."""
 
 
-class Child:
-    """A process that reads one address, and the thread that takes in what it answers."""
-
-    def __init__(self) -> None:
-        apart: dict[str, Any] = (
-            {"start_new_session": True}  # Ctrl-C at a terminal is for this process; it ends the other one
-            if os.name == "posix"
-            else {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)}
-        )
-        try:
-            scratch = tempfile.mkdtemp(prefix="drift-address-")
-            self.process = subprocess.Popen(
-                [sys.executable, "-c", START, scratch, *map(str, sys.path)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                bufsize=0,
-                env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-                **apart,
-            )
-        except OSError as error:
-            raise UserError(f"cannot start a process to read an address ({error.strerror})") from None
-        self._answers: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None] = queue.SimpleQueue()
-        threading.Thread(
-            target=_take_in, args=(self.process.stdout, self._answers), name="address", daemon=True
-        ).start()
-        self._busy = threading.Event()
-        self._busy.set()
-        self._end = weakref.finalize(
-            self, _end, self.process, self._busy, scratch
-        )  # at the latest when the program ends
-
-    def ask(self, question: dict[str, Any], timeout: float) -> tuple[dict[str, Any], bytes]:
-        """Return the answer; raise TimeoutError or, where the process ends without one, EOFError."""
-        self._busy.set()
-        text = json.dumps(question).encode()
-        assert self.process.stdin is not None
-        try:
-            self.process.stdin.write(len(text).to_bytes(LENGTH, "big") + text)
-        except OSError:
-            raise EOFError from None
-        return self._answer(timeout)
-
-    def ready(self) -> None:
-        """Wait until the process has imported what it needs."""
-        try:
-            self._answer(STARTING)
-        except (TimeoutError, EOFError):
-            raise UserError("cannot start a process to read an address: it ended, or did not start in time") from None
-
-    def _answer(self, timeout: float) -> tuple[dict[str, Any], bytes]:
-        until = time.monotonic() + timeout
-        while True:
-            waiting.heed()
-            left = until - time.monotonic()
-            try:
-                answer = self._answers.get(timeout=max(min(waiting.POLL, left), 0.0))
-            except queue.Empty:
-                if left <= 0:
-                    raise TimeoutError from None
-                continue
-            if answer is None:
-                raise EOFError
-            self._busy.clear()
-            return answer
-
-    def end(self) -> None:
-        """End the process, whatever it does."""
-        self._end()
-
-    def fate(self) -> str:
-        """Return how the process ended, in words."""
-        try:
-            status = self.process.wait(timeout=5.0)
-        except subprocess.TimeoutExpired:
-            return "stopped answering"
-        if status >= 0:
-            return f"ended with status {status}"
-        try:
-            return f"crashed ({signal.Signals(-status).name})"
-        except ValueError:
-            return f"crashed (signal {-status})"
-
-
-def _take_in(pipe: Any, answers: "queue.SimpleQueue[tuple[dict[str, Any], bytes] | None]") -> None:
-    """Pass answers on; None when there can be no more."""
+def _started() -> Child:
+    """Return a process that will read one address; its first answer says that it has imported what it needs."""
+    scratch = None
     try:
-        while True:
-            told = json.loads(_read(pipe, int.from_bytes(_read(pipe, LENGTH), "big"), LONGEST_HEADER))
-            answers.put((told, _read(pipe, int(told.get("bytes", 0)), 2 * PIECE)))
-    except Exception:  # the end, or what no answer of ours looks like
-        answers.put(None)
-    finally:
-        pipe.close()
-
-
-def _read(pipe: Any, count: int, most: int = LENGTH) -> bytes:
-    if not 0 <= count <= most:
-        raise ValueError(count)
-    content = bytearray()
-    while len(content) < count:
-        part = pipe.read(count - len(content))
-        if not part:
-            raise EOFError
-        content += part
-    return bytes(content)
-
-
-def _end(process: "subprocess.Popen[bytes]", busy: threading.Event, scratch: str) -> None:
-    """End a process: by the end of its input if it waits for a question, so that it closes what it holds."""
-    if process.stdin is not None:
-        with contextlib.suppress(OSError):
-            process.stdin.close()
-    if not busy.is_set():
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(timeout=FAREWELL)
-    if process.poll() is None:
-        process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(timeout=1.0)
-    shutil.rmtree(scratch, ignore_errors=True)
+        scratch = tempfile.mkdtemp(prefix="drift-address-")
+        return Child(START, scratch, most=2 * PIECE, scratch=scratch)
+    except OSError as error:
+        if scratch is not None:
+            os.rmdir(scratch)
+        raise UserError(f"cannot start a process to read an address ({error.strerror})") from None
 
 
 def _check_header(told: dict[str, Any], address: str) -> None:

@@ -88,7 +88,7 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
             data = xr.open_dataset(
                 path,
                 # named, for xarray offers a file that it does not know to every backend that happens to be installed
-                engine="zarr" if is_zarr else None if remote(path) else "netcdf4",
+                engine="zarr" if is_zarr else "netcdf4",
                 decode_times=False,
                 decode_coords=False,
                 decode_timedelta=False,

@@ -1,26 +1,25 @@
 """ECMWF's eccodes in a process of its own: messages in, keys, points and values out.
 
 On damaged bytes the library may write past its memory, call abort or never return: of 150 damaged files 7 ended the
-process. Here that ends a helper process, and the file is refused in one line. The helper starts with the first message,
-serves all files, is told to end by the end of its input, and never touches a file.
+process. Here that ends another process (see `geo.child`), and the file is refused in one line. It starts with the first
+message, serves all files, and never touches one.
 """
 
-import atexit
-import json
 import os
-import struct
-import subprocess
-import sys
 import threading
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from geo import waiting
+from geo.child import Child, limit, listen, send
+
 LIMIT = 60.0  # [s] for one answer; a field of a million points takes 0.1
 MOST = 100_000_000  # points of a field; more is damage
 MISSING = -1.0e100  # no value of any field
-MEMORY = 8 * 2**30  # [bytes] that the helper may take
+MEMORY = 8 * 2**30  # [bytes] that the process may take
+START = "from geo import decoder; decoder.serve()"
 
 NAMES = ("shortName", "name", "units")  # dear: each is looked up among thousands of definitions
 KEYS = (
@@ -69,122 +68,67 @@ def values(message: bytes) -> Array:
     return np.frombuffer(_ask("values", message)[1], np.float64)
 
 
-# --- this side: one helper for the whole process ------------------------------------------------------------------
-
 _lock = threading.Lock()
-_helper: "tuple[int, subprocess.Popen[bytes]] | None" = None  # (process that started it, helper)
+_child: Child | None = None
 
 
-def _ask(what: str, message: bytes) -> tuple[dict[str, Any], bytes]:
-    with _lock:
-        helper = _running()
-        stuck = threading.Event()
-
-        def give_up() -> None:
-            stuck.set()
-            helper.kill()
-
-        clock = threading.Timer(LIMIT, give_up)
-        clock.daemon = True
-        clock.start()
+def _ask(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
+    """Return what the process tells of a message."""
+    with waiting.turn(_lock):
         try:
-            assert helper.stdin is not None
-            assert helper.stdout is not None
-            helper.stdin.write(struct.pack("<8sQ", what.encode(), len(message)) + message)
-            helper.stdin.flush()
-            head = _exactly(helper.stdout, 16)
-            told, size = struct.unpack("<QQ", head)
-            answer = json.loads(_exactly(helper.stdout, told))
-            data = _exactly(helper.stdout, size)
-        except (OSError, EOFError, ValueError) as error:
-            _end()
-            code = helper.returncode or 0
-            raise DecodeError(
-                f"the GRIB library did not answer within {LIMIT:g} s"
-                if stuck.is_set()
-                else f"the GRIB library crashed on it ({'signal' if code < 0 else 'status'} {abs(code)})"
-            ) from error
-        except BaseException:  # Ctrl-C in the middle of an answer: the rest of it must not meet the next question
+            told, data = _answered(what, message)
+        except BaseException:  # Ctrl-C too: an answer that is still under way must not meet the next question
             _end()
             raise
-        finally:
-            clock.cancel()
-    if "error" in answer:
-        raise DecodeError(str(answer["error"]))
-    return answer, data
+    if "error" in told:
+        raise DecodeError(str(told["error"]))
+    return told, data
 
 
-def _exactly(stream: Any, size: int) -> bytes:
-    data = stream.read(size)
-    if len(data) < size:
-        raise EOFError
-    return bytes(data)
+def _answered(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
+    child = _running()
+    try:
+        return child.ask({"ask": what}, LIMIT, message)
+    except TimeoutError:
+        raise DecodeError(f"the GRIB library did not answer within {LIMIT:g} s") from None
+    except EOFError:
+        raise DecodeError(f"the GRIB library {child.fate()}") from None
 
 
-def _running() -> "subprocess.Popen[bytes]":
-    global _helper
-    if _helper is not None and (_helper[0] != os.getpid() or _helper[1].poll() is not None):
+def _running() -> Child:
+    global _child
+    if _child is None or not _child.running():
         _end()
-    if _helper is None:
-        code = f"import sys; sys.path[:] = {sys.path!r}; from geo import decoder; decoder.serve()"
-        process = subprocess.Popen(
-            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
-        _helper = os.getpid(), process
-        atexit.register(_end)
-    return _helper[1]
+        try:
+            _child = Child(START, most=2 * MOST * 8)
+        except OSError as error:
+            raise DecodeError(f"cannot start a process for the GRIB library ({error.strerror})") from None
+    return _child
 
 
 def _end() -> None:
-    """End the helper, if it is ours and not a parent's that this process was forked from."""
-    global _helper
-    if _helper is None:
-        return
-    owner, process = _helper
-    _helper = None
-    for stream in (process.stdin, process.stdout):
-        try:
-            if stream is not None:
-                stream.close()
-        except OSError:
-            pass
-    if owner == os.getpid():
-        process.kill()
-        process.wait()
-
-
-# --- the other side -----------------------------------------------------------------------------------------------
+    global _child
+    child, _child = _child, None
+    if child is not None:
+        child.end()
 
 
 def serve() -> None:
-    """Answer questions from standard input until it ends: what the helper process runs."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks; it closes our input
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever the library prints is no answer
-    try:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, resource.RLIM_INFINITY))
-    except (ImportError, ValueError, OSError):  # not on this system
-        pass
-    questions = os.fdopen(0, "rb")
-    while len(head := questions.read(16)) == 16:
-        what, size = struct.unpack("<8sQ", head)
-        message = questions.read(size)
+    """Answer questions until the input ends: what the process runs."""
+    questions, answers = listen()
+    limit(RLIMIT_AS=MEMORY)
+    for question, message in questions:
+        data: Any = b""
         try:
-            told, data = _answer(what.rstrip(b"\0").decode(), message)
+            told, data = _answer(question["ask"], bytes(message))
         except MemoryError:
-            told, data = {"error": "it asks for more memory than a field can take"}, b""
+            told = {"error": "it asks for more memory than a field can take"}
         except ImportError as error:
-            told, data = {"error": f"GRIB needs ECMWF's eccodes ({error}): pip install eccodes"}, b""
+            told = {"error": f"GRIB needs ECMWF's eccodes ({error}): pip install eccodes"}
         except Exception as error:  # eccodes raises a class for each of its hundred codes
-            told, data = {"error": " ".join(str(error).split())[:120] or type(error).__name__}, b""
-        text = json.dumps(told).encode()
-        answers.write(struct.pack("<QQ", len(text), len(data)) + text)
-        answers.write(data)
-        answers.flush()
+            told = {"error": " ".join(str(error).split())[:120] or type(error).__name__}
+        send(answers, told, data)
+    os._exit(0)
 
 
 def _answer(what: str, message: bytes) -> tuple[dict[str, Any], bytes]:

@@ -131,9 +131,8 @@ def open_file(path: str) -> xr.Dataset:
             variables.setdefault(name, xr.Variable(("message",), np.zeros(1), {"long_name": group[0].long_name}))
             continue
         several = len([1 for other, k in groups if other == name and k is not None]) > 1
-        if (
-            grids[at].dims[0] == "latitude"
-        ):  # where both are the same, one name, lest another grid's be preferred for it
+        # where both are the same, one name, lest another grid's be preferred for it
+        if grids[at].dims[0] == "latitude":
             along = any(f.along_grid for f in placed if f.name == name)
             group = [replace(f, along_grid=along) for f in group]
         if group[0].role is not None and len({f.along_grid for f in group}) > 1:
@@ -162,9 +161,6 @@ def _alike(one: Points, other: Points) -> bool:
         if not np.abs(apart).max() <= 0.01 * np.abs(np.diff(values, axis=-1)).max(initial=0.0):
             return False
     return True
-
-
-# --- what a message holds -----------------------------------------------------------------------------------------
 
 
 def _field(message: Message, called: dict[bytes, dict[str, Any]]) -> Field:
@@ -249,9 +245,6 @@ def _damaged(message: Message, why: object) -> UserError:
     return UserError(
         f'"{message.path}": message {message.number} of this GRIB file is damaged or not understood ({why})'
     )
-
-
-# --- where its points lie -----------------------------------------------------------------------------------------
 
 
 def _points(message: Message) -> Points:
@@ -382,9 +375,8 @@ def _arranged(values: Array, grid: Points) -> Array:
             place = np.arange(nx) * (count / nx)
             held, i = values[start : start + count], np.floor(place + 1e-9).astype(int)
             share = np.clip(place - i, 0.0, 1.0)
-            right = np.where(
-                share > 0, held[(i + 1) % count], 0.0
-            )  # a missing neighbour of no weight takes nothing away
+            # a missing neighbour of no weight takes nothing away
+            right = np.where(share > 0, held[(i + 1) % count], 0.0)
             result[row] = held[i % count] * (1 - share) + right * share
             start += count
         return result
@@ -394,9 +386,6 @@ def _arranged(values: Array, grid: Points) -> Array:
         result[1::2] = result[1::2, ::-1]
     result = result.T if down_first else result
     return np.ascontiguousarray(result[:, ::-1] if leftwards else result)
-
-
-# --- variables ----------------------------------------------------------------------------------------------------
 
 
 class Values(BackendArray):  # xarray asks for its own class

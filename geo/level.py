@@ -39,14 +39,8 @@ WIND_HEIGHT = 10.0  # [m] the height that leeway is measured against
 HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] from which a wind passes: the logarithmic profile changes by 15 % from 10 to these
 DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
 SIGMA = {"wind": 0.005, "current": 0.1, "stokes": 0.1}  # from the surface; of the atmosphere's, 0.005 is 40 m
-SURFACES = {
-    "surface",
-    "meansea",
-    "oceansurface",
-    "sea",
-    "sea surface",
-    "mean sea level",
-}  # types of level that have no value
+# types of level that have no value
+SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean sea level"}
 WANTED = {
     "wind": "the wind 2 to 20 m above the sea",
     "current": "the current at most 5 m deep, or within 0.1 of the surface in sigma",

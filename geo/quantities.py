@@ -77,13 +77,8 @@ COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("ustokes", "vstokes", "true"), ("u_stokes", "v_stokes", "true"), ("stokes_u", "stokes_v", "true"),
     ),
 }  # fmt: skip
-MODIFIERS = (
-    "_standard_error",
-    "_number_of_observations",
-    "_status_flag",
-    "_quality_flag",
-    "_detection_minimum",
-)  # CF's
+# CF's
+MODIFIERS = ("_standard_error", "_number_of_observations", "_status_flag", "_quality_flag", "_detection_minimum")
 PLAIN = {"u", "v"}  # so plain that only a current may be called this without saying what it is
 
 

@@ -1,10 +1,12 @@
-"""Leaving while one waits: what a thread asks at least every quarter of a second while it waits for a server.
+"""Leaving while one waits for a server, a library or another thread: what a thread then asks every quarter of a second.
 
 A signal's exception can be lost where a destructor runs, and other threads never see it. So a wait asks.
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 POLL = 0.25  # [s] the longest that a wait goes without asking
 
@@ -27,3 +29,14 @@ def heed() -> None:
         check()
     if not threading.main_thread().is_alive():
         raise Left
+
+
+@contextmanager
+def turn(lock: Any) -> Iterator[None]:
+    """Hold a lock of `threading`, after a wait that heeds as others do."""
+    while not lock.acquire(timeout=POLL):
+        heed()
+    try:
+        yield
+    finally:
+        lock.release()

@@ -16,13 +16,13 @@ import numpy as np
 import taichi as ti
 from taichi.lang import impl
 
+from geo import waiting
 from geo.errors import UserError
 
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
 
 _started: dict[str, object] = {}
 _use = threading.RLock()  # held by the thread that uses Taichi
-POLL = 0.5  # [s] how long a wait for another thread's run may keep a signal from being heeded
 CGROUPS = Path("/sys/fs/cgroup")
 
 
@@ -33,12 +33,8 @@ def alone() -> Iterator[None]:
     Taichi's compiler keeps what it compiles at the moment in variables of the process: a second thread that launches
     meanwhile gets errors from the middle of the compiler, or ends the process.
     """
-    while not _use.acquire(timeout=POLL):
-        pass
-    try:
+    with waiting.turn(_use):
         yield
-    finally:
-        _use.release()
 
 
 def cores() -> int:

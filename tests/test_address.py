@@ -18,7 +18,7 @@ import pytest
 import drift
 from drift import forcing as engine
 from geo import address, dataset, forcing, waiting
-from geo.address_server import FAREWELL
+from geo.child import FAREWELL
 from geo.errors import UserError
 
 SEA = hostile.sea()
@@ -163,7 +163,7 @@ def test_a_server_that_never_accepts_is_one_line() -> None:
 
 def test_a_crash_of_the_library_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     crash = "import os, signal; from geo import address_server as s; s._open = lambda a: os.kill(os.getpid(), signal.SIGSEGV);"
-    monkeypatch.setattr(address, "START", f"import sys; sys.path[:] = sys.argv[2:]; {crash} s.main(sys.argv[1])")
+    monkeypatch.setattr(address, "START", f"{crash} s.main(sys.argv[1])")
     with pytest.raises(UserError, match=r"the library that reads it crashed \(SIGSEGV\); set \[\[wind\]\] files"):
         dataset.open_one("http://127.0.0.1:9/sea", "wind", SHORT)
 

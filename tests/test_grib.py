@@ -1,10 +1,14 @@
 """GRIB as forcing, against eccodes' own points and values, and directions from differences of those points."""
 
 import os
+import select
+import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +18,11 @@ import pytest
 import writers
 from pyproj import Geod
 
+from drift import forcing as engine
 from drift.__main__ import main
-from geo import dataset, decoder, forcing, messages
+from geo import dataset, decoder, forcing, messages, waiting
 from geo import grid as grids
+from geo.child import FAREWELL
 from geo.errors import UserError
 
 SPHERE = Geod(a=6371229.0, b=6371229.0)
@@ -456,26 +462,89 @@ def test_damaged_bytes_never_end_the_process(tmp_path: Path) -> None:
 def test_a_library_that_crashes_or_hangs_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path / "a.grib", pair(REGULAR))
     raw = messages.whole(messages.cut(str(path))[0])
-    first = decoder._running()
+    first = decoder._running().process
     first.kill()
     first.wait()
     assert decoder.values(raw).size == 900  # a helper that went away between two questions is started anew
-    assert decoder._running().pid != first.pid
+    assert decoder._running().process.pid != first.pid
 
-    os.kill(decoder._running().pid, 19)  # stopped: it will never answer
+    os.kill(decoder._running().process.pid, 19)  # stopped: it will never answer
     monkeypatch.setattr(decoder, "LIMIT", 0.3)
     with pytest.raises(decoder.DecodeError, match="did not answer within"):
         decoder.values(raw)
     monkeypatch.undo()
 
-    helper = decoder._running()
+    helper = decoder._running().process
     os.kill(helper.pid, 19)
     killer = threading.Timer(0.3, helper.kill)
     killer.start()
-    with pytest.raises(decoder.DecodeError, match="crashed"):
+    with pytest.raises(decoder.DecodeError, match=r"the GRIB library crashed \(SIGKILL\)"):
         decoder.values(raw)
     killer.join()
     assert decoder.values(raw).size == 900
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("size", [100, 2**20])  # the second is more than fits into a pipe
+def test_closing_forcing_does_not_wait_for_a_library_that_hangs(size: int, tmp_path: Path) -> None:
+    raw = pair(REGULAR)[0]
+    stopped = decoder._running()
+    os.kill(stopped.process.pid, signal.SIGSTOP)
+    still = replace(forcing.constant("wind", 7.0, -3.0), read=lambda i: decoder.values(bytes(size)))
+    winds = engine.Forcing([engine.Sources(wind=(still,))], 1)
+    reading = winds._slices[0]._request(0)
+    time.sleep(0.5)
+    assert reading.running()
+    begin = time.monotonic()
+    winds.close()
+    assert time.monotonic() - begin < 2
+    assert isinstance(reading.exception(), waiting.Left)
+    assert stopped.process.returncode == -signal.SIGKILL
+    assert decoder.values(raw).size == 900  # another one is started
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
+def test_a_signal_ends_a_wait_for_a_library_that_hangs(name: str, tmp_path: Path) -> None:
+    """Within two seconds, and the process that hangs soon after ours, even where that is killed."""
+    path = written(tmp_path / "a.grib", pair(REGULAR))
+    os.mkfifo(tmp_path / "held")  # open in the process that hangs, for as long as that lives
+    hanging = f"lambda *_: (os.write(os.open({str(tmp_path / 'held')!r}, os.O_WRONLY), b'asked'), time.sleep(600))"
+    start = f"import os, time; from geo import decoder; decoder._answer = {hanging}; decoder.serve()"
+    code = (
+        "import sys; from drift.__main__ import main; from geo import decoder; "
+        f"decoder.START = {start!r}; sys.exit(main(['info', sys.argv[1]]))"
+    )
+    held = os.open(tmp_path / "held", os.O_RDONLY | os.O_NONBLOCK)
+    ours = subprocess.Popen([sys.executable, "-c", code, str(path)], stderr=subprocess.PIPE, text=True)
+    try:
+        assert select.select([held], [], [], 60)[0]
+        assert os.read(held, 5) == b"asked"
+        ours.send_signal(getattr(signal, name))
+        begin = time.monotonic()
+        _, told = ours.communicate(timeout=30)
+        assert time.monotonic() - begin < 2
+        assert select.select([held], [], [], FAREWELL + 10)[0]
+        assert os.read(held, 1) == b""
+    finally:
+        ours.kill()
+        os.close(held)
+    if name == "SIGINT":
+        assert ours.returncode == 130
+        assert told.strip().splitlines()[-1].startswith("drift: interrupted")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of POSIX")
+def test_limits_hold_under_a_limit_of_the_system() -> None:
+    """A soft limit cannot be more than a finite hard one, which once left the process without any."""
+    code = (
+        "import resource as r; from geo.child import limit; most = 2**40\n"
+        "r.setrlimit(r.RLIMIT_AS, (most, most)); r.setrlimit(r.RLIMIT_FSIZE, (2**20, 2**20))\n"
+        "limit(RLIMIT_AS=2**33, RLIMIT_FSIZE=2**30, RLIMIT_NONE=1)\n"
+        "print([r.getrlimit(n)[0] for n in (r.RLIMIT_AS, r.RLIMIT_FSIZE, r.RLIMIT_CORE)])"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert told.stdout.strip() == str([2**33, 2**20, 0]), told.stderr
 
 
 # --- real files ---------------------------------------------------------------------------------------------------
