@@ -13,9 +13,10 @@ from scipy import ndimage
 from geo import sphere
 from geo.grid import Grid
 
-BAND = (
-    5.0  # [deg] of latitude within which a degree of longitude counts as one length: 4 % off at its edges at 60 degrees
-)
+# [deg] Of latitude, within which a degree of longitude counts as one length: 4 % off at its edges at 60 degrees.
+BAND = 5.0
+# [m] From its nearest wet node, as far as a bay or channel that the source does not resolve still gets a value.
+REACH = 30_000.0
 MASKS = 16  # kept plans: a source's mask is the same for all its slices, unless it dries and floods
 
 Mask = NDArray[np.bool_]

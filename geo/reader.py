@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, component, dataset, layout, memory, naming, notation, quantities, sphere, survey, tile
+from geo import clock, component, dataset, fill, layout, memory, naming, notation, quantities, sphere, survey, tile
 from geo.box import Box
 from geo.component import Component
 from geo.errors import UserError
@@ -76,10 +76,11 @@ def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
         replace(c, fills=fills, vouched=request.plausible)
         for c, fills in zip((first, second), whole.fills, strict=True)
     )
-    crops = [layout.crop(c.layout, request.box) for c in (first, second)]
+    box = _needed(request.box)
+    crops = [layout.crop(c.layout, box) for c in (first, second)]
     if crops[0] is None or crops[1] is None:
         raise UserError(_apart(request, first.layout))
-    made = tile.make((first, second), (crops[0], crops[1]), pair.axes, request.box)
+    made = tile.make((first, second), (crops[0], crops[1]), pair.axes, box)
     seen = tile.examine(made, count, whole)
     if seen.missing == 1.0 and seen.empty:
         inside = " in the case's area" if request.box is not None else ""
@@ -111,6 +112,15 @@ def _digest(
         return dataset.fingerprint([p for p, _ in files], [d for _, d in files], extra)
     used = {pair.east, pair.north, *map(str, request.variables.values())}
     return memory.fingerprint(files[0][1], used, time, extra)
+
+
+def _needed(box: Box | None) -> Box | None:
+    """Return a box with all from which a node inside it may be filled, so that a crop is filled as the whole is."""
+    if box is None:
+        return None
+    margin = float(np.degrees(fill.REACH / sphere.RADIUS))
+    cosine = np.cos(np.radians(min(89.0, max(abs(box.south), abs(box.north)) + margin)))
+    return box.grown(float(margin / cosine), margin)
 
 
 def _check_chosen(request: Request, files: list[tuple[str, xr.Dataset]]) -> None:

@@ -18,8 +18,6 @@ Array = npt.NDArray[Any]
 
 LONGEST_GAP = 3  # times the usual interval: a longer one is a hole in the data, not something to interpolate over
 
-REACH = 30_000.0  # [m] from its nearest wet node a bay or channel that the source does not resolve still gets a value
-
 Times = npt.NDArray[np.datetime64]
 Key = int | float  # an index of a slice, or a time [s] between two
 
@@ -102,4 +100,4 @@ class Slices:
         if not self.cells:
             return values
         bands, inside = filling.bands(grid), self.source.domain
-        return filling.fill(values, self.cells, grid.seamless, reach=REACH, bands=bands, within=inside)
+        return filling.fill(values, self.cells, grid.seamless, reach=filling.REACH, bands=bands, within=inside)
