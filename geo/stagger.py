@@ -61,13 +61,16 @@ def offsets(
         return none[0], none[1]
     own = tuple(map(str, data[lon_name].dims))[-2:]
     along = [0.0, 0.0]
+    if "stagger" in chosen:  # whatever the names say
+        along[1 - side] = stated(name, lon_name, chosen)
+        return along[0], along[1]
     if own != dims and set(own) != set(dims):
         shifts = [_shift(data, d, o) for d, o in zip(dims, own, strict=True)]
         if all(shift is not None for shift in shifts):
             return shifts[0], shifts[1]
     elif place_of(lon_name) != "t" or not _stands(data, name, dims, side):
         return 0.0, 0.0  # the coordinates are its own
-    elif "stagger" not in chosen and (name in NEMO[side] or _nemo(data, dims, side)):
+    elif name in NEMO[side] or _nemo(data, dims, side):
         along[1 - side] = STATED["after"]
         return along[0], along[1]
     along[1 - side] = stated(name, lon_name, chosen)

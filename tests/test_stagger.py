@@ -126,6 +126,15 @@ def test_u_points_are_chosen_before_t_points(tmp_path: Path) -> None:
         assert apart(places(tmp_path / "b.nc", name, side), own_points(side)) < 1e-3
 
 
+def test_what_a_case_states_wins_over_names(tmp_path: Path) -> None:
+    """A cut-out of NEMO that kept the T points under the name that U files have for their own."""
+    data = xr.load_dataset(nemo(tmp_path / "a.nc"), decode_times=False)
+    data.rename(glamt="nav_lon", gphit="nav_lat").to_netcdf(tmp_path / "b.nc")
+    for how, shift in (("after", 0.0), ("before", 1.0), ("none", 0.5)):
+        off = apart(places(tmp_path / "b.nc", "vozocrtx", 0, stagger=how), own_points(0))
+        assert off == pytest.approx(shift * SPACING, rel=0.02, abs=2.0)
+
+
 def test_side_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
     """ROMS's names with u and v as large as rho: half a cell, but which way?"""
     data = xr.load_dataset(nemo(tmp_path / "a.nc", ("u", "v"), "lon_rho lat_rho"), decode_times=False)
