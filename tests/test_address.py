@@ -153,7 +153,7 @@ def test_a_bad_server_is_one_line(kind: str) -> None:
     with hostile.serving(answer) as url, pytest.raises(UserError, match=message) as raised:
         forcing.open_source("current", url, timeout=SHORT)
     assert url in str(raised.value)
-    assert str(raised.value).endswith("set [[current]] files")
+    assert str(raised.value).endswith("set [[current]] files or timeout")
 
 
 def test_a_server_that_never_accepts_is_one_line() -> None:

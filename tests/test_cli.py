@@ -184,9 +184,9 @@ def test_info_takes_the_keys_of_a_case_and_names_the_right_file(
     assert status == 0
     assert "current: sea.nc" in told
     assert f"mean vector {np.mean(20 + x) / 100:+.2f} east, {np.mean(10 - y / 10) / 100:+.2f} north" in told
-    status, _, refusal = call(capsys, "info", sea, *chosen, "--as", "current", "--set", "units=m/s")
+    status, _, refusal = call(capsys, "info", sea, *chosen, "--as", "current", "--set", "units=kn")
     assert status == 2
-    assert "sea.nc: ue, vn can't be a current: mean 25" in refusal  # by the file's name, not "current 1"
+    assert "sea.nc: ue, vn can't be a current: mean 13" in refusal  # by the file's name, not "current 1"
     status, _, refusal = call(capsys, "info", air, "--set", "steadi=true")
     assert status == 2
     assert 'did you mean "steady"' in refusal
