@@ -110,8 +110,14 @@ def _refuse_truncated(path: str) -> None:
     if magic in (b"CDF\x01", b"CDF\x02"):
         from scipy.io import netcdf_file  # here, not above: a sixth of a second that newer files do not need
 
+        class Header(netcdf_file):  # type: ignore[misc]
+            """A file whose reading may fail in the middle: what is half made then has nothing to close."""
+
+            def __del__(self) -> None:
+                pass
+
         try:
-            with netcdf_file(path, mmap=True):
+            with open(path, "rb") as file, Header(file, mmap=True):
                 pass
         except Exception as error:
             raise UserError(f'"{path}" is a truncated or damaged netCDF file') from error
