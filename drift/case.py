@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from drift import contact_input, messages, mistakes, plan_input, sortie_input, sources, subject, units
+from drift import contact_input, messages, mistakes, plan_input, sortie_input, sources, subject, uncertainty, units
 from drift.expect import Expect
 from drift.fit import Run
 from drift.mistakes import Mistakes
@@ -25,6 +25,7 @@ from drift.schema import CaseTable, OutputTable
 from drift.sortie import Contact, PlanSpec, Resampling, Sortie, Unit
 from drift.sources import ForcingSpec, Quantity, SourceTable
 from drift.spill import Spill
+from drift.uncertainty import ForcingError
 from geo import file
 from geo.box import Box
 from geo.errors import UserError
@@ -49,14 +50,6 @@ class Coast:
     half_life: float = 0.0  # [s] of lying ashore before it is afloat again; 0: it lies there for good
     offing: float = 0.0  # [m] off the beach where it is afloat again
     lakes: bool | str = False  # water; or the absolute path of a file of lakes
-
-
-@dataclass(frozen=True)
-class ForcingError:
-    """Ornstein-Uhlenbeck error of each component of a wind or current; a zero std switches it off."""
-
-    std: float  # [m/s]
-    time: float  # [s] decorrelation
 
 
 @dataclass(frozen=True)
@@ -85,6 +78,7 @@ class Case:
     current_error: ForcingError
     wind_error: ForcingError
     diffusivity: float  # [m2/s]
+    diffusivity_by: str  # who says so: drift.uncertainty
     scenarios: tuple[Scenario, ...]  # of a spill: one a class of objects, all with its prior
     spill: Spill | None
     sorties: tuple[Sortie, ...]  # by start
@@ -250,8 +244,6 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         _sources(quantity, tables, start, folder, wrong)
         for quantity, tables in zip(QUANTITIES, (table.current, table.wind, table.stokes), strict=True)
     )
-    uncertain = table.uncertainty
-    off = ForcingError(0.0, 21_600.0)
     spill: Spill | None = None
     scenarios: tuple[Scenario, ...] = ()
     with wrong.gathered():
@@ -266,6 +258,11 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
     outputs = np.empty(0, "datetime64[s]")
     with wrong.gathered():
         outputs = _outputs(table.output, start, end, more)
+    current_error, wind_error = uncertainty.CURRENT, uncertainty.WIND
+    with wrong.gathered():
+        if scenarios:  # those at fault say nothing of what they drift in
+            current_error, wind_error = _errors(table, known, scenarios, contacts)
+        spill = replace(spill, current_bias=current_error.bias) if spill else None
     shore, lakes = table.coast.source, table.coast.lakes
     with wrong.gathered():
         shore = _shore(shore, folder)
@@ -274,6 +271,7 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
     wrong.refuse()
     assert plan is not None
     currents, winds, stokes = known
+    diffusivity = table.uncertainty.diffusivity
     return Case(
         title=table.title or path.stem,
         path=path,
@@ -294,9 +292,10 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         currents=currents,
         winds=winds,
         stokes=stokes,
-        current_error=ForcingError(uncertain.current.std, uncertain.current.time) if uncertain.current else off,
-        wind_error=ForcingError(uncertain.wind.std, uncertain.wind.time) if uncertain.wind else off,
-        diffusivity=uncertain.diffusivity,
+        current_error=current_error,
+        wind_error=wind_error,
+        diffusivity=uncertainty.DIFFUSIVITY if diffusivity is None else diffusivity,
+        diffusivity_by=uncertainty.DEFAULT if diffusivity is None else uncertainty.CASE,
         scenarios=scenarios,
         spill=spill,
         sorties=sorties,
@@ -306,6 +305,26 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         resampling=table.resampling.resampling(),
         expect=table.expect,
     )
+
+
+def _errors(
+    table: CaseTable,
+    known: tuple[tuple[ForcingSpec, ...], ...],
+    scenarios: tuple[Scenario, ...],
+    contacts: tuple[Contact, ...],
+) -> tuple[ForcingError, ForcingError]:
+    """Return the errors of current and wind: as the case says, else by default where they come from gridded files."""
+    currents, winds, _ = known
+    said = table.uncertainty
+    drifters = [s.object for s in scenarios] + [c.drifter for c in contacts if c.drifter is not None]
+    reason = uncertainty.silent(currents, [s.currents for s in scenarios])
+    current = uncertainty.error(said.current, uncertainty.CURRENT, reason, "current")
+    if table.spill:
+        current = uncertainty.in_spill(current, said.current, table.spill.current_bias)
+    reason = uncertainty.silent(winds, [s.winds for s in scenarios])
+    if not any(drifter.uses_wind for drifter in drifters):
+        reason = uncertainty.UNFELT
+    return current, uncertainty.error(said.wind, uncertainty.WIND, reason, "wind")
 
 
 def _search(

@@ -43,6 +43,7 @@ def understood(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[st
         "run": f"{units.group(case.start)} to {units.group(case.end)}, {case.particles:,} particles, step {begin.clock.step} s",
         "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
         **told,
+        "errors": summary.errors(case),
         "coast": f"{where.coast.source}; {summary.behaviour(case)}" if where.coast else "none in the domain",
     }
     found |= {f"coast, note {k}": note for k, note in enumerate(where.notes, 1)}

@@ -25,6 +25,8 @@ REALS = (
     "current_error_north",
     "wind_error_east",
     "wind_error_north",
+    "current_bias_east",
+    "current_bias_north",
 )
 BYTES_PER_PARTICLE = 4 * (len(INTEGERS) + len(REALS))
 
@@ -56,6 +58,8 @@ class Ensemble:
     current_error_north: Device
     wind_error_east: Device
     wind_error_north: Device
+    current_bias_east: Device  # float32 [m/s], error of the current that lasts: its own, or in a spill its world's
+    current_bias_north: Device
 
     @property
     def n(self) -> int:

@@ -114,9 +114,9 @@ def reach(case: Case) -> Box:
         (max(abs(line.slope) for line in (one.down, one.right, one.left)) for one in _objects(case)),
         default=0.0,
     )
-    fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * case.current_error.std
+    fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * (case.current_error.std + case.current_error.bias)
     if case.spill:
-        fastest += 3 * case.spill.current_bias + slope * STRONGEST_WIND * (math.exp(2 * case.spill.windage_bias) - 1)
+        fastest += slope * STRONGEST_WIND * (math.exp(2 * case.spill.windage_bias) - 1)
     return _around(case, fastest, SPREADS)
 
 
@@ -137,9 +137,9 @@ def utmost(case: Case) -> Box:
     )
     leeway *= math.sqrt(2)  # down and across the wind
     fastest = _fastest(case.currents, UTMOST_CURRENT) + _fastest(case.stokes, UTMOST_STOKES) + leeway
-    fastest += FARTHEST * case.current_error.std
+    fastest += FARTHEST * (case.current_error.std + case.current_error.bias)
     if case.spill:
-        fastest += FARTHEST * case.spill.current_bias + leeway * math.exp(FARTHEST * case.spill.windage_bias)
+        fastest += leeway * math.exp(FARTHEST * case.spill.windage_bias)
     span = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
     fastest += FARTHEST * math.sqrt(2 * case.diffusivity / span)
     return _around(case, fastest, FARTHEST)

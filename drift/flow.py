@@ -201,7 +201,7 @@ def write(
         warnings = [*result.summary["warnings"], *(plan_text.rough(plan) if plan is not None else ())]
         if warnings:
             attributes["warning"] = "; ".join(warnings)
-        footer = f"{attributes['source']}, seed {case.seed}, coast {attributes['coast']}"
+        footer = _footer(attributes, f"coast {attributes['coast']}")
         pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan)
         files = [*(aftermath.files(after) if after else ()), *more]
         if updates is not None:
@@ -264,11 +264,18 @@ def trace(
                 ),
             ),
             {"origin": facts, "warnings": warnings, "wall_time_s": clock.seconds},
-            figures.origin(case, where, found, f"{attributes['source']}, seed {case.seed}"),
+            figures.origin(case, where, found, _footer(attributes)),
             attributes=attributes,
             overwrite=overwrite,
         )
     return found
+
+
+def _footer(attributes: Mapping[str, str], *more: str) -> str:
+    """Return the foot of every picture: first the errors, which an area means nothing without."""
+    return ", ".join(
+        [f"Errors: {attributes['uncertainty']}. {attributes['source']}", f"seed {attributes['seed']}", *more]
+    )
 
 
 def _check_lost(case: Case, where: Environment, begin: Start, end: Snapshot) -> None:

@@ -45,7 +45,7 @@ from geo import coast as shoreline
 from geo import sphere
 from geo.errors import UserError
 from geo.segments import Segments
-from kernels import advance, runtime
+from kernels import advance
 from kernels import coast as device_coast
 
 Array = npt.NDArray[Any]
@@ -136,11 +136,8 @@ def backward(
     forcing = Forcing(list(where.scenarios), -1)
     try:
         shore = device_coast.upload(where.coast) if where.coast else None
-        bias = advance.Bias(
-            *(runtime.upload(x.astype(np.float32)) for x in (shared.current_east, shared.current_north))
-        )
         place = advance.Place(
-            start.domain(where), shore, bias=bias if spill.current_bias else None, divergence=True, scheme=case.scheme
+            start.domain(where), shore, bias=spill.current_bias > 0, divergence=True, scheme=case.scheme
         )
         scene = Scene(forcing, tuple(start.physics(case, s) for s in case.scenarios), place)
         clock, _ = start.clock_of(back, where, ensemble, scene)

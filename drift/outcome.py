@@ -31,6 +31,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     for status, share in numbers["account"].items():
         if share > 0:
             facts[status] = _percent(share)
+    facts["errors"] = numbers["uncertainty"]["told"]
     facts |= _warnings(numbers["warnings"])
     facts |= _search(numbers)
     facts |= _lost(numbers)
@@ -113,6 +114,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
     counted = f"{told['effective_worlds']:,.0f} of {told['worlds']:,} count"
     rounds = len(told["effective_worlds_by_round"])
     facts["worlds"] = counted + (f", drawn anew {rounds - 1} times about what the finds leave" if rounds > 1 else "")
+    facts["errors"] = numbers["uncertainty"]["told"]
     facts |= _coast(numbers)
     facts |= _warnings(numbers["warnings"])
     for number, note in enumerate(told["notes"], 1):

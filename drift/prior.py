@@ -167,11 +167,11 @@ def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
 
 
 def draw_errors(case: Case, ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int]) -> None:
-    """Draw the errors of current and wind that each particle starts with."""
-    for which, error in enumerate((case.current_error, case.wind_error)):
-        kind = ("current", "wind")[which]
-        east, north = (getattr(ensemble, f"{kind}_error_{axis}") for axis in ("east", "north"))
-        kernel.draw_error(*slots, east, north, which, *key, error.std)
+    """Draw the errors of current and wind that each particle starts with, and its bias; that of a spill is its world's."""
+    e, bias = ensemble, 0.0 if case.spill else case.current_error.bias
+    kernel.draw_error(*slots, e.current_error_east, e.current_error_north, 0, *key, case.current_error.std)
+    kernel.draw_error(*slots, e.wind_error_east, e.wind_error_north, 1, *key, case.wind_error.std)
+    kernel.draw_error(*slots, e.current_bias_east, e.current_bias_north, 2, *key, bias)
 
 
 def equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:

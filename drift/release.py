@@ -11,7 +11,7 @@ from drift.case import Case
 from drift.ensemble import Ensemble
 from drift.leeway import AIR_IN_WATER
 from drift.spill import FEWEST_PARTICLES, Spill
-from drift.worlds import Worlds
+from drift.worlds import Real, Worlds
 from geo.errors import UserError
 from kernels import noise, runtime
 from kernels import prior as kernel
@@ -62,5 +62,13 @@ def draw(case: Case, spill: Spill, worlds: Worlds, coast: DeviceCoast, seed: int
         prior.draw_errors(case, ensemble, slots, key)
         with np.errstate(divide="ignore"):
             log_weight[slice(*slots)] = np.log(kind.share) - np.log(count * worlds.size)
+    share(ensemble, worlds.current_east, worlds.current_north)
     ensemble.log_weight.from_numpy(log_weight)
     return ensemble
+
+
+def share(ensemble: Ensemble, east: Real, north: Real) -> None:
+    """Give every particle the error of the current that its world has drawn [m/s], shape (worlds,)."""
+    world = ensemble.world.to_numpy()
+    ensemble.current_bias_east.from_numpy(east.astype(np.float32)[world])
+    ensemble.current_bias_north.from_numpy(north.astype(np.float32)[world])

@@ -1,6 +1,6 @@
 """The case file as written: its tables, each key with its type, its default and what it refuses.
 
-Scenarios, objects, sources and expectations have files of their own; here is what holds them together.
+Scenarios, objects, sources, errors and expectations have files of their own; here is what holds them together.
 """
 
 import os
@@ -17,6 +17,7 @@ from drift.scenario import ScenarioTable
 from drift.sortie_input import SortieTable
 from drift.sources import SourceTable
 from drift.spill import FindTable, PatrolTable, SpillTable
+from drift.uncertainty import Uncertainty, UncertaintyTable
 from geo.box import Box
 
 BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 72 on the device, the rest on the host
@@ -100,28 +101,6 @@ class CoastTable(fields.Table):
         return self
 
 
-class CurrentErrorTable(fields.Table):
-    """Standard deviation and decorrelation time of a current's error."""
-
-    std: fields.CurrentError
-    time: fields.Duration
-
-
-class WindErrorTable(fields.Table):
-    """Standard deviation and decorrelation time of a wind's error."""
-
-    std: fields.WindError
-    time: fields.Duration
-
-
-class UncertaintyTable(fields.Table):
-    """The [uncertainty] table as written."""
-
-    current: CurrentErrorTable | None = None
-    wind: WindErrorTable | None = None
-    diffusivity: fields.Diffusivity = 0.0
-
-
 def _particles(value: object) -> int:
     number = fields.count(value)
     if number < 1:
@@ -154,7 +133,7 @@ class CaseTable(fields.Table):
     current: list[SourceTable] = Field(default_factory=list)
     wind: list[SourceTable] = Field(default_factory=list)
     stokes: list[SourceTable] = Field(default_factory=list)
-    uncertainty: UncertaintyTable = UncertaintyTable()
+    uncertainty: Uncertainty = UncertaintyTable()
     scenario: list[ScenarioTable] = Field(default_factory=list)
     spill: SpillTable | None = None
     find: list[FindTable] = Field(default_factory=list)

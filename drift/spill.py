@@ -214,7 +214,7 @@ class SpillTable(fields.Table):
     per_world: fields.Count | None = None
     destroyed: fields.ShareRange = (0.0, 0.0)
     windage_bias: Annotated[fields.Share, Field(le=1)] = 0.2
-    current_bias: fields.CurrentError = 0.0
+    current_bias: fields.CurrentError | None = None  # in place of uncertainty.current.bias
     renewals: Annotated[fields.Count, Field(ge=0, le=20)] = 3
     stretches: StretchTable = StretchTable()
     reporting: ReportingTable = ReportingTable()
@@ -334,7 +334,7 @@ def build(
         per_world=table.particles(),
         destroyed=table.destroyed,
         windage_bias=table.windage_bias,
-        current_bias=table.current_bias,
+        current_bias=table.current_bias or 0.0,  # until the whole case is known: drift.uncertainty
         reporting_bias=table.reporting.bias,
         renewals=table.renewals,
         stretch=table.stretches.length,

@@ -11,20 +11,21 @@ import numpy.typing as npt
 from drift import ensemble as record
 from drift import forecast, prior, release, silence, tables
 from drift import worlds as drawn_worlds
-from drift.case import Case, ForcingError
+from drift.case import Case
 from drift.ensemble import Ensemble
 from drift.environment import Environment
 from drift.forcing import QUANTITIES, Forcing
 from drift.forecast import Clock, Scene, Trial
 from drift.scenario import Scenario
 from drift.spill import Spill
+from drift.uncertainty import ForcingError
 from drift.worlds import Proposal, Worlds
 from geo import coast as shoreline
 from geo import notation, sphere
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import Source
-from kernels import advance, runtime
+from kernels import advance
 from kernels import coast as device_coast
 
 RENEWAL = 2**40  # between the seeds of a spill's rounds
@@ -49,11 +50,11 @@ def prepare(case: Case, where: Environment) -> Start:
     Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
     """
     shore = device_coast.upload(where.coast) if where.coast else None
-    worlds, bias = None, None
+    worlds = None
     if case.spill:
         assert where.coast is not None  # environment.open_for
         worlds = drawn_worlds.draw(case.spill, case.seed, partial(shoreline.is_land, where.coast))
-        ensemble, bias = _released(case, case.spill, worlds, shore, case.seed)
+        ensemble = release.draw(case, case.spill, worlds, shore, case.seed)
         dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
     else:
         drawn = prior.draw(case, shore)
@@ -61,6 +62,7 @@ def prepare(case: Case, where: Environment) -> Start:
     forcing = Forcing(list(where.scenarios), case.direction)
     try:
         sinks = case.spill is not None and any(kind.sinking for kind in case.spill.kinds)
+        bias = case.current_error.bias > 0
         place = advance.Place(domain(where), shore, _beach(case), bias, sinks, scheme=case.scheme)
         scene = Scene(forcing, tuple(physics(case, s) for s in case.scenarios), place)
         clock, trial = clock_of(case, where, ensemble, scene)
@@ -77,20 +79,9 @@ def renew(case: Case, spill: Spill, where: Environment, before: Start, proposal:
     before.scene.forcing.close()
     seed = (case.seed + number * RENEWAL) % 2**63
     worlds = drawn_worlds.draw(spill, seed, partial(shoreline.is_land, where.coast), proposal)
-    ensemble, bias = _released(case, spill, worlds, before.scene.place.coast, seed)
-    forcing = Forcing(list(where.scenarios), case.direction)
-    scene = replace(before.scene, forcing=forcing, place=before.scene.place._replace(bias=bias))
+    ensemble = release.draw(case, spill, worlds, before.scene.place.coast, seed)
+    scene = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))
     return replace(before, ensemble=ensemble, scene=scene, worlds=worlds)
-
-
-def _released(case: Case, spill: Spill, worlds: Worlds, shore: Any, seed: int) -> tuple[Ensemble, advance.Bias | None]:
-    """Return the objects of worlds, and the error of the current that each world shares."""
-    bias = None
-    if spill.current_bias > 0:
-        bias = advance.Bias(
-            *(runtime.upload(x.astype(np.float32)) for x in (worlds.current_east, worlds.current_north))
-        )
-    return release.draw(case, spill, worlds, shore, seed), bias
 
 
 def physics(case: Case, scenario: Scenario) -> advance.Physics:

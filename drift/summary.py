@@ -3,6 +3,7 @@
 from importlib import metadata
 from typing import Any
 
+from drift import uncertainty
 from drift.case import Case
 from drift.ensemble import Account
 from drift.environment import Environment
@@ -25,8 +26,15 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
         "backend": runtime.backend(),
         "forcing": "; ".join(f"{s.quantity} {s.name}: {s.fingerprint}" for s in where.sources),
         "coast": where.coast.source if where.coast else "none",
+        "uncertainty": errors(case),
         "case": case.text,
     }
+
+
+def errors(case: Case) -> str:
+    """Return which errors of current and wind a run has, in a line, and who says so."""
+    wind = case.wind_error if case.winds else None
+    return uncertainty.words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
 
 
 def behaviour(case: Case) -> str:
@@ -72,6 +80,10 @@ def numbers(
             "scheme": case.scheme,
             "coast_behaviour": behaviour(case),
             "backend": runtime.backend(),
+        },
+        "uncertainty": {
+            "told": errors(case),
+            **uncertainty.numbers(case.current_error, case.wind_error, case.diffusivity, case.diffusivity_by),
         },
         "effective_sample_size": account.ess,
         "account": {status.name.lower(): float(by_status[status]) for status in Status},

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy import special
 
 from drift import ensemble as record
-from drift import evidence, prior
+from drift import evidence, prior, release
 from drift.case import Case
 from drift.ensemble import Ensemble
 from drift.leeway import AIR_IN_WATER
@@ -99,6 +99,7 @@ def _equip(case: Case, spill: Spill, shared: Worlds, groups: list[Group], bounds
         for name in record.LEEWAY:
             kernel.scale_windage(*slots, getattr(ensemble, name), ensemble.world, factor)
         prior.draw_errors(case, ensemble, slots, key)
+    release.share(ensemble, shared.current_east, shared.current_north)
     return ensemble
 
 

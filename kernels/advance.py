@@ -182,15 +182,14 @@ def _advance(
     left_slope: Reals,
     left_offset: Reals,
     side: Ints,
-    world: Ints,
     sinks: Ints,
     afloat: Ints,
     current_error_east: Reals,
     current_error_north: Reals,
     wind_error_east: Reals,
     wind_error_north: Reals,
-    bias_east: Reals,
-    bias_north: Reals,
+    current_bias_east: Reals,
+    current_bias_north: Reals,
     nodes: Nodes,
     where: Ints,
     scale: Reals,
@@ -266,8 +265,8 @@ def _advance(
                     current_error_east[i], current_error_north[i] = new[0], new[1]
                     error[0], error[1] = 0.5 * (old[0] + new[0]), 0.5 * (old[1] + new[1])
             if ti.static(features & BIAS):
-                error[0] += bias_east[world[i]]
-                error[1] += bias_north[world[i]]
+                error[0] += current_bias_east[i]
+                error[1] += current_bias_north[i]
             if ti.static(features & (JIBE | ERRORS) and features & WIND):
                 w = noise.words(seed0, seed1, noise.STREAM_WIND, i, step)
                 if ti.static(features & ERRORS):
@@ -404,13 +403,6 @@ class Beach(NamedTuple):
     slides: bool = False
 
 
-class Bias(NamedTuple):
-    """Error of the current that all particles of a world share [m/s], on the device, shape (worlds,)."""
-
-    east: ti.Ndarray
-    north: ti.Ndarray
-
-
 class Step(NamedTuple):
     """One step of the lattice clock."""
 
@@ -435,7 +427,7 @@ class Place(NamedTuple):
     domain: Domain
     coast: DeviceCoast | None = None
     beach: Beach = Beach()
-    bias: Bias | None = None
+    bias: bool = False  # whether particles have an error of the current that lasts
     sinks: bool = False
     divergence: bool = False  # log weights lose the divergence along the track: a backward run's likelihood
     debris: int = (
@@ -457,7 +449,7 @@ def features(ranges: tuple[int, ...], physics: Physics, place: Place) -> int:
         | JIBE * (wind and physics.jibe_rate > 0)
         | COAST * coastal
         | RK4 * (place.scheme == "rk4")
-        | BIAS * (place.bias is not None)
+        | BIAS * place.bias
         | SINK * place.sinks
         | REFLOAT * (coastal and place.beach.stay > 0)
         | SLIDE * (coastal and place.beach.slides)
@@ -483,16 +475,15 @@ def advance(
     A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the forcing or the domain.
     """
     e, (seed0, seed1) = ensemble, noise.key(ensemble.seed)
-    bias = place.bias or Bias(e.log_weight, e.log_weight)  # not compiled in: any array will do
     _advance(
         features(ranges, physics, place),
         velocity,
         *slots,
         *(e.lon, e.lat, e.status, e.release, e.ended, e.edge, e.log_weight),
         *(e.down_slope, e.down_offset, e.right_slope, e.right_offset, e.left_slope, e.left_offset),
-        *(e.side, e.world, e.sinks, e.afloat),
+        *(e.side, e.sinks, e.afloat),
         *(e.current_error_east, e.current_error_north, e.wind_error_east, e.wind_error_north),
-        *bias,
+        *(e.current_bias_east, e.current_bias_north),
         *(tiles.nodes, tiles.where, tiles.scale, i32x6(ranges)),
         *(step.elapsed, step.duration, step.direction, step.number, seed0, seed1),
         *physics,

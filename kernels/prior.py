@@ -262,7 +262,7 @@ def draw_side(first: ti.i32, last: ti.i32, side: Ints, seed0: ti.u32, seed1: ti.
 def draw_error(
     first: ti.i32, last: ti.i32, east: Reals, north: Reals, which: ti.i32, seed0: ti.u32, seed1: ti.u32, std: ti.f32
 ):
-    """Draw errors [m/s] of current (which = 0) or wind (1) from their stationary law, normal with `std` a component."""
+    """Draw errors [m/s] from their law, normal with `std` a component: of current (which = 0), wind (1), bias of the current (2)."""
     for i in range(first, last):
         w = noise.words(seed0, seed1, noise.STREAM_ERROR, i, which)
         n = noise.normals(w[0], w[1])

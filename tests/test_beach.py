@@ -6,7 +6,7 @@ import shapely
 from scipy import stats
 
 from drift import ensemble as record
-from drift import forecast
+from drift import forecast, release
 from drift.forcing import Forcing, Sources
 from drift.forecast import Clock, Scene
 from drift.status import Status
@@ -16,7 +16,6 @@ from geo.box import Box
 from geo.shore import Shore
 from kernels import advance as kernel
 from kernels import coast as device_coast
-from kernels import runtime
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 T0 = 1_795_000_000 // 3600 * 3600
@@ -228,10 +227,10 @@ def test_what_sinks_does_so_at_its_time_and_nowhere_else() -> None:
 def test_a_world_shares_its_bias() -> None:
     def prepare(ensemble) -> None:
         ensemble.world.from_numpy(np.repeat(np.arange(3, dtype=np.int32), 4))
+        release.share(ensemble, east, north)
 
-    east, north = np.float32([0.1, 0.0, -0.2]), np.float32([0.0, 0.3, 0.1])
-    bias = kernel.Bias(runtime.upload(east), runtime.upload(north))
-    _, (end,) = drift_on(None, (0.2, 0.0), 12, (0.0, 0.0), 36_000, 1800, prepare=prepare, bias=bias)
+    east, north = np.array([0.1, 0.0, -0.2]), np.array([0.0, 0.3, 0.1])
+    _, (end,) = drift_on(None, (0.2, 0.0), 12, (0.0, 0.0), 36_000, 1800, prepare=prepare, bias=True)
     for column, mean in ((end.lon, 0.2 + east), (end.lat, north)):
         way = column.reshape(3, 4) * (360 / sphere.TURN) / METRE
         assert way == pytest.approx(np.repeat(mean[:, None] * 36_000, 4, 1), abs=3)

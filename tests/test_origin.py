@@ -11,6 +11,7 @@ from scipy import stats
 from drift import case as cases
 from drift import ensemble as record
 from drift import forecast, origin, tracks_back
+from drift import release as objects
 from drift import worlds as drawn_worlds
 from drift.environment import Environment
 from drift.forcing import Forcing, Sources
@@ -24,7 +25,6 @@ from geo.forcing import Source
 from geo.grid import Grid
 from geo.shore import Shore
 from kernels import advance as kernel
-from kernels import runtime
 
 BOX = Box(-1.4, -1.4, 1.4, 1.4)
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
@@ -184,11 +184,11 @@ def forward(case: cases.Case, source: Source, worlds: int, count: int) -> tuple[
         column.from_numpy(np.repeat(values, count) + sphere.to_binary(shift))
     ensemble.release.from_numpy(np.repeat(release, count).astype(np.int32))
     ensemble.world.from_numpy(np.repeat(np.arange(worlds, dtype=np.int32), count))
-    bias = kernel.Bias(*(runtime.upload(b.astype(np.float32)) for b in (drawn.current_east, drawn.current_north)))
+    objects.share(ensemble, drawn.current_east, drawn.current_north)
     scene = Scene(
         Forcing([Sources(current=(source,))], 1),
         (kernel.Physics(diffusivity=DIFFUSIVITY),),
-        kernel.Place(EVERYWHERE, bias=bias),
+        kernel.Place(EVERYWHERE, bias=True),
     )
     order = sorted(SEEN)
     clock = Clock(T0, order[-1][0], 1, 1800)
