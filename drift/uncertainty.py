@@ -126,12 +126,12 @@ def in_spill(current: ForcingError, table: CurrentErrorTable | None, bias: float
 
 def words(current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str) -> str:
     """Return in a line which errors a run has, and who says so; by: who says the diffusivity. Without a wind: None."""
-    told = [f"current: {_words(current)}", *([f"wind: {_words(wind)}"] if wind is not None else [])]
-    told += [f"diffusivity: {diffusivity:g} m2/s ({by})"] if diffusivity > 0 else []
+    told = [_words("current", current), *([_words("wind", wind)] if wind is not None else [])]
+    told += [f"diffusivity {diffusivity:g} m2/s ({by})"] if diffusivity > 0 else []
     return "; ".join(told)
 
 
-def _words(error: ForcingError) -> str:
+def _words(quantity: str, error: ForcingError) -> str:
     std, time, bias = error.by
     parts = []
     if error.std > 0:
@@ -140,10 +140,10 @@ def _words(error: ForcingError) -> str:
     if error.bias > 0:
         parts.append((f"{error.bias:.4g} m/s that lasts", bias))
     if not parts:
-        return f"no error ({std})"
+        return f"no error of the {quantity} ({std})"
     if len({whose for _, whose in parts}) == 1:
-        return f"{' and '.join(text for text, _ in parts)} ({parts[0][1]})"
-    return " and ".join(f"{text} ({whose})" for text, whose in parts)
+        parts = [(" and ".join(text for text, _ in parts), parts[0][1])]
+    return f"{quantity} {' and '.join(f'{text} ({whose})' for text, whose in parts)}"
 
 
 def numbers(current: ForcingError, wind: ForcingError, diffusivity: float, by: str) -> dict[str, Any]:

@@ -235,7 +235,7 @@ def test_an_onshore_drift_strands_whatever_the_step(tmp_path: Path) -> None:
         tmp_path,
         duration="12 h",
         coast="land.geojson",
-        more="domain = { west = -0.9, east = 0.4, south = 49.4, north = 50.6 }",
+        more='domain = { west = -0.9, east = 0.4, south = 49.4, north = 50.6 }\nuncertainty = "none"',
         current='files = "current.nc"\n[[wind]]\nconstant = { speed = "10 m/s", from = 270 }',
         object='object = { windage = "3 %" }',
         prior='position = { at = [-0.1, 50.0], std = "500 m" }',

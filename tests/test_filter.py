@@ -439,9 +439,9 @@ def test_zones_in_closed_form(tmp_path):
 
 def test_debris_by_joint_normals(tmp_path):
     """Debris found reweights the object by what they share, the release and the errors of the current, and by no more."""
-    std, time, d, when, error = 0.25, 6 * 3600.0, 40.0, 5.0, 1500.0
+    std, time, bias, d, when, error = 0.25, 6 * 3600.0, 0.2, 40.0, 5.0, 1500.0
     text = STILL + NORMAL.format(d=d).replace(
-        "[uncertainty]", '[uncertainty]\ncurrent = { std = "0.25 m/s", time = "6 h" }'
+        "[uncertainty]", '[uncertainty]\ncurrent = { std = "0.25 m/s", time = "6 h", bias = "0.2 m/s" }'
     )
     z = (9000.0, -4000.0)
     lon, lat = sphere.destination(math.radians(-179.99), math.radians(30.0), *z)
@@ -456,7 +456,7 @@ def test_debris_by_joint_normals(tmp_path):
     axes = np.array([[math.sin(turn), math.cos(turn)], [math.cos(turn), -math.sin(turn)]])
     released = axes.T @ np.diag([4000.0**2, 2500.0**2]) @ axes
     # the integral of a stationary Ornstein-Uhlenbeck process (Gillespie 1996, doi:10.1103/PhysRevE.54.2084)
-    forcing = 2 * std**2 * time**2 * (t / time - 1 + math.exp(-t / time)) * np.eye(2)
+    forcing = (2 * std**2 * time**2 * (t / time - 1 + math.exp(-t / time)) + (bias * t) ** 2) * np.eye(2)
     walk = 2 * d * t * np.eye(2)
     shared, own = released + forcing, released + forcing + walk
     gain = shared @ np.linalg.inv(own + error**2 * np.eye(2))

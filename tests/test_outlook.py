@@ -29,6 +29,9 @@ position = { at = "26 20N 088 40W", std = "2 nmi" }
 """
 
 
+SURE = ("--set", "uncertainty=none")
+
+
 def write(path: Path, hours: np.ndarray, west: float = -90.0, east: float = 0.4, north: float = 0.1) -> None:
     """A steady current [m/s] over 4 x 3 degrees from (west, 25), at hours after 20 November, 18 h."""
     lon, lat = west + np.arange(17) * 0.25, 25 + np.arange(13) * 0.25
@@ -137,7 +140,7 @@ def test_what_leaves_is_told_with_its_time(tmp_path: Path, capsys: pytest.Captur
     """At 3 m/s north-east from 26 1/3 N to the last node, 28 N: 185 km less 9 km of the prior's spread in some 16 h."""
     write(tmp_path / "sea.nc", np.arange(40), east=0.5, north=3.0)
     fast = CASE.replace('files = "sea.nc"', 'files = "sea.nc"\nplausible = true')
-    out = told(tmp_path, capsys, fast + "[domain]\nwest = -91\neast = -86\nsouth = 25\nnorth = 30\n")
+    out = told(tmp_path, capsys, fast + "[domain]\nwest = -91\neast = -86\nsouth = 25\nnorth = 30\n", *SURE)
     assert re.search(r"by the end +(99|100)% run out of forcing", out)
     assert "a run would be refused at its end" in out
     hour = int(re.search(r"first is lost about 21(\d\d)\d\dZNOV26", out)[1])  # type: ignore[index]

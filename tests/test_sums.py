@@ -117,6 +117,7 @@ direction = "{direction}"
 particles = 10
 max_lost = {max_lost}
 coast.source = "none"
+uncertainty = "none"
 clock.step = "10 min"
 domain = {{ west = 177.0, east = -177.0, south = -20.0, north = -14.0 }}
 {sources}

@@ -18,12 +18,16 @@ AT = (np.radians(-179.9), np.radians(60.0))
 NOWHERE = (0, 0, 0, 0, 0, 0)
 
 
-def drifted(physics: kernel.Physics, step: int, ranges=NOWHERE, tiles: Tiles | None = None, prepare=None, n: int = N):
-    """Return the ensemble after HOURS, from one point."""
-    ensemble = record.empty(11, (0, n))
+def drifted(
+    physics: kernel.Physics, step: int, ranges=NOWHERE, tiles: Tiles | None = None, prepare=None, n: int = N,
+    bias: float = 0.0, seed: int = 11,
+):  # fmt: skip
+    """Return the ensemble after HOURS, from one point; bias: standard deviation of the current's lasting error [m/s]."""
+    ensemble = record.empty(seed, (0, n))
     for column, angle in ((ensemble.lon, AT[0]), (ensemble.lat, AT[1])):
         column.fill(int(sphere.to_binary(np.degrees(angle))))
-    slots, words = (0, n), key(11)
+    slots, words = (0, n), key(seed)
+    draw.draw_error(*slots, ensemble.current_bias_east, ensemble.current_bias_north, 2, *words, bias)
     draw.draw_error(*slots, ensemble.current_error_east, ensemble.current_error_north, 0, *words, physics.current_std)
     draw.draw_error(*slots, ensemble.wind_error_east, ensemble.wind_error_north, 1, *words, physics.wind_std)
     if prepare:
@@ -31,7 +35,7 @@ def drifted(physics: kernel.Physics, step: int, ranges=NOWHERE, tiles: Tiles | N
     tiles = tiles or Tiles([])
     for k in range(HOURS * 3600 // step):
         clock = kernel.Step(k, k * step, step, 1)
-        kernel.advance(ensemble, slots, tiles, ranges, physics, clock, kernel.Place(EVERYWHERE))
+        kernel.advance(ensemble, slots, tiles, ranges, physics, clock, kernel.Place(EVERYWHERE, bias=bias > 0))
     return ensemble
 
 
@@ -124,14 +128,23 @@ def test_jibing_swaps_the_whole_line_at_its_rate(step: int) -> None:
 def test_no_thread_or_order_of_slots_matters() -> None:
     """The second half of the slots alone moves as it does within the whole: noise hangs on the slot, not on the launch."""
     physics = kernel.Physics(0.2, 21_600.0, diffusivity=10.0)
-    whole = drifted(physics, 3600, n=2000)
+    whole = drifted(physics, 3600, n=2000, bias=0.1)
     halves = record.empty(11, (0, 2000))
     for column, angle in ((halves.lon, AT[0]), (halves.lat, AT[1])):
         column.fill(int(sphere.to_binary(np.degrees(angle))))
     draw.draw_error(0, 2000, halves.current_error_east, halves.current_error_north, 0, *key(11), physics.current_std)
     for slots in ((1000, 2000), (0, 1000)):
+        draw.draw_error(*slots, halves.current_bias_east, halves.current_bias_north, 2, *key(11), 0.1)
         for k in range(HOURS):
             clock = kernel.Step(k, k * 3600, 3600, 1)
-            kernel.advance(halves, slots, Tiles([]), NOWHERE, physics, clock, kernel.Place(EVERYWHERE))
+            kernel.advance(halves, slots, Tiles([]), NOWHERE, physics, clock, kernel.Place(EVERYWHERE, bias=True))
     assert (whole.lon.to_numpy() == halves.lon.to_numpy()).all()
     assert (whole.lat.to_numpy() == halves.lat.to_numpy()).all()
+
+
+def test_another_seed_or_size_of_the_bias_compiles_nothing() -> None:
+    drifted(kernel.Physics(0.2, 21_600.0), 3600, n=100, bias=0.1)
+    kernels = kernel._advance._primal.compiled_kernels, draw.draw_error._primal.compiled_kernels
+    before = [len(compiled) for compiled in kernels]
+    drifted(kernel.Physics(0.2, 21_600.0), 3600, n=100, bias=0.3, seed=2**62 + 3)
+    assert [len(compiled) for compiled in kernels] == before
