@@ -20,7 +20,7 @@ from drift.spill import FindTable, PatrolTable, SpillTable
 from drift.uncertainty import Uncertainty, UncertaintyTable
 from geo.box import Box
 
-BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 72 on the device, the rest on the host
+BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 92 on the device, the rest on the host
 
 
 class OutputTable(fields.Table):
