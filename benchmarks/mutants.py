@@ -26,7 +26,18 @@ except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib
 
 HERE = Path(__file__).resolve().parent
-PARTS = ("drift", "geo", "kernels", "cases", "tests", "benchmarks", "docs", "pyproject.toml", "README.md", "CHANGELOG.md")
+PARTS = (
+    "drift",
+    "geo",
+    "kernels",
+    "cases",
+    "tests",
+    "benchmarks",
+    "docs",
+    "pyproject.toml",
+    "README.md",
+    "CHANGELOG.md",
+)
 LIMIT = 900  # [s] for the tests of one fault
 
 
@@ -35,7 +46,9 @@ def known() -> list[dict[str, Any]]:
     mutants: list[dict[str, Any]] = tomllib.loads((HERE / "mutants.toml").read_text(encoding="utf-8"))["mutant"]
     stale = [m for m in mutants if (HERE.parent / m["file"]).read_text(encoding="utf-8").count(m["find"]) != 1]
     if stale:
-        sys.exit("\n".join(f'stale: {m["file"]}: {m["what"]}: its text does not stand there exactly once' for m in stale))
+        sys.exit(
+            "\n".join(f"stale: {m['file']}: {m['what']}: its text does not stand there exactly once" for m in stale)
+        )
     return mutants
 
 
@@ -106,7 +119,10 @@ def main() -> None:
     verdicts = [results[key][0] for key in keys]
     for key, mutant in zip(keys, mutants, strict=True):
         if results[key][0] != "killed":
-            print(f"{results[key][0]}: {mutant['file']}: {mutant['what']}" + (f" ({mutant['why']})" if "why" in mutant else ""))
+            print(
+                f"{results[key][0]}: {mutant['file']}: {mutant['what']}"
+                + (f" ({mutant['why']})" if "why" in mutant else "")
+            )
     print(f"{len(mutants)} faults: {verdicts.count('killed')} killed, {verdicts.count('survived')} survived, "
           f"{verdicts.count('broken')} broken: {verdicts.count('killed') / max(len(mutants), 1):.0%} killed")  # fmt: skip
 

@@ -27,7 +27,9 @@ position = {{ at = [{lon}, {lat}], std = "3 km" }}
 
 @pytest.mark.parametrize(("lon", "lat"), [(179.2, 63.0), (-12.0, -71.0), (3.0, 2.0)])
 @pytest.mark.parametrize("name", ["water", "PERSON-POWERED-VESSEL-2"])
-def test_the_reach_holds_what_drifts_as_fast_as_it_is_reckoned_with(tmp_path: Path, name: str, lon: float, lat: float) -> None:
+def test_the_reach_holds_what_drifts_as_fast_as_it_is_reckoned_with(
+    tmp_path: Path, name: str, lon: float, lat: float
+) -> None:
     """Currents of 2.5 m/s and winds of 25 m/s through the largest slope: geodesics of that length, all round, end in it.
 
     A box in longitude and latitude holds a cap; on the parallel nearest to the pole it is as wide as there, no wider.

@@ -553,7 +553,9 @@ def test_kahns_weights_are_those_that_were_aimed_at():
     log_weight = np.log(random.gamma(0.4, 1.0, resample.capacity(number))).astype(np.float32)
     log_weight[number:] = -np.inf
     weight = np.exp(log_weight.astype(np.float64))
-    value = np.where(np.arange(weight.size) == int(np.argmax(weight)), 1.0, 0.0)  # its offspring change the number drawn
+    value = np.where(
+        np.arange(weight.size) == int(np.argmax(weight)), 1.0, 0.0
+    )  # its offspring change the number drawn
     found = np.zeros((rounds, 2))
     for k in range(rounds):
         ancestors, made, _ = resample.offspring(log_weight, [(0, weight.size)], [number], "kahn", (5, k))

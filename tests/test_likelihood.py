@@ -39,7 +39,9 @@ def test_a_bearing_is_a_normal_of_the_short_way_round(bearing: float) -> None:
     """Also where bearing and particle lie on both sides of south or of north; nothing nearer or farther than it reaches."""
     lon, lat, azimuth, distance = points()
     std, near, far = np.radians(6.0), 5000.0, 45_000.0
-    contact = Contact("b", TIME, "bearing", sensor=SENSOR, bearing=np.radians(bearing), bearing_std=std, near=near, far=far)
+    contact = Contact(
+        "b", TIME, "bearing", sensor=SENSOR, bearing=np.radians(bearing), bearing_std=std, near=near, far=far
+    )
     apart = np.angle(np.exp(1j * (azimuth - np.radians(bearing))))
     expected = np.where(np.abs(apart) < 6 * std, stats.norm.logpdf(apart, scale=std), -np.inf)
     expected = np.where((distance >= near) & (distance <= far), expected, -np.inf)
@@ -75,7 +77,9 @@ def test_a_fix_is_a_normal_of_its_own_axes() -> None:
     with np.errstate(divide="ignore"):
         matches(told(contact, lon, lat), np.log(density), 1e-2)
         zones = Watch((0.0, 9000.0), (9000.0, 15_000.0), (0.9, 0.4))
-        seen = Contact("z", TIME, "position", fixes=fixes, major=major, minor=minor, orientation=turn, sensor=SENSOR, zones=zones)
+        seen = Contact(
+            "z", TIME, "position", fixes=fixes, major=major, minor=minor, orientation=turn, sensor=SENSOR, zones=zones
+        )
         chance = np.where(distance < 9000, 0.9, np.where(distance < 15_000, 0.4, 0.0))
         matches(told(seen, lon, lat), np.log(density * chance), 1e-2)
 
@@ -84,8 +88,12 @@ def test_an_area_is_a_density_per_square_metre() -> None:
     """1 / area inside, by pyproj's area of the polygon; nothing outside. So its evidence compares with that of a fix."""
     lon, lat, _, _ = points()
     corners = (np.array([179.6, -179.7, -179.8, 179.7]), np.array([-47.4, -47.3, -46.9, -47.0]))
-    contact = Contact("a", TIME, "area", area=Area(tuple(np.where(corners[0] < 0, corners[0] + 360, corners[0])), tuple(corners[1])))
+    contact = Contact(
+        "a", TIME, "area", area=Area(tuple(np.where(corners[0] < 0, corners[0] + 360, corners[0])), tuple(corners[1]))
+    )
     metres = abs(EARTH.polygon_area_perimeter(*corners)[0])
     found = told(contact, lon, lat)
     assert 0.1 < np.isfinite(found).mean() < 0.9
-    assert np.abs(found[np.isfinite(found)] + np.log(metres)).max() < 2e-3  # its sides are great circles there, straight here
+    assert (
+        np.abs(found[np.isfinite(found)] + np.log(metres)).max() < 2e-3
+    )  # its sides are great circles there, straight here

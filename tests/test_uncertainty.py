@@ -114,7 +114,9 @@ def test_a_step_feels_the_mean_of_the_error_at_its_ends(which: str) -> None:
     mean = (before + after) / 2
     wind = np.array([[-7.0], [5.0]])
     way = step * (slope * wind + mean if which == "current" else slope * (wind + mean))
-    bend = (way**2).sum(axis=0) * np.tan(AT[1]) / sphere.RADIUS  # of a way on the sphere off its tangent plane: 4 m at 4 km
+    bend = (
+        (way**2).sum(axis=0) * np.tan(AT[1]) / sphere.RADIUS
+    )  # of a way on the sphere off its tangent plane: 4 m at 4 km
     assert (np.abs(offsets(ensemble) - way) < bend + 0.05).all()  # and rounding: 9 mm of position, 1e-6 of the way
     assert np.abs(after - before).std() * step > 100  # the ends differ by far more than that
 
@@ -171,7 +173,9 @@ def test_debris_jibes_and_walks_on_its_own() -> None:
         tiles = uniform_wind(8.0, 3.0)  # no leeway: it moves by the current's error and its walk
         for k in range(12):
             place = kernel.Place(EVERYWHERE, debris=debris)
-            kernel.advance(ensemble, (0, n), tiles, (0, 0, 0, 1, 0, 0), physics, kernel.Step(k, 3600 * k, 3600, 1), place)
+            kernel.advance(
+                ensemble, (0, n), tiles, (0, 0, 0, 1, 0, 0), physics, kernel.Step(k, 3600 * k, 3600, 1), place
+            )
         found.append(ensemble)
     objects, *others = found
     same = ("current_error_east", "current_error_north", "wind_error_east", "wind_error_north")
@@ -179,10 +183,15 @@ def test_debris_jibes_and_walks_on_its_own() -> None:
         for name in same:
             np.testing.assert_array_equal(getattr(other, name).to_numpy(), getattr(objects, name).to_numpy())
     sides = np.array([ensemble.side.to_numpy() for ensemble in found], np.float64)
-    mean = np.exp(-2 * rate * 12 * 3600)  # of a side that began as +1; of the product of two that jibe apart, its square
+    mean = np.exp(
+        -2 * rate * 12 * 3600
+    )  # of a side that began as +1; of the product of two that jibe apart, its square
     for a, b in ((0, 1), (0, 2), (1, 2)):
         assert abs((sides[a] * sides[b]).mean() - mean**2) < 4.5 / np.sqrt(n)
-        way = [np.array(sphere.offset(0.0, 0.0, *(c.to_numpy() * sphere.UNIT for c in (e.lon, e.lat)))) for e in (found[a], found[b])]
+        way = [
+            np.array(sphere.offset(0.0, 0.0, *(c.to_numpy() * sphere.UNIT for c in (e.lon, e.lat))))
+            for e in (found[a], found[b])
+        ]
         apart = way[0] - way[1]  # what they share drops out, two walks of variance 2 D t are left
         assert np.abs(apart.var(axis=1) / (4 * 25.0 * 12 * 3600) - 1).max() < 4.5 * np.sqrt(2 / n) + 1e-3
 

@@ -98,7 +98,9 @@ def test_an_area_of_releases_is_uniform_on_the_sphere(tmp_path: Path) -> None:
     drawn = worlds.draw(case.spill, 7, at_sea)
     lat = sphere.to_degrees(drawn.lat)
     fine = np.linspace(56, 72, 40_001)
-    density = ((15 - 4 * (fine - 56) / 16) - 2 * (fine - 56) / 16) * np.cos(np.radians(fine))  # 15 degrees wide below, 9 above
+    density = ((15 - 4 * (fine - 56) / 16) - 2 * (fine - 56) / 16) * np.cos(
+        np.radians(fine)
+    )  # 15 degrees wide below, 9 above
     law = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
     assert stats.kstest(lat, lambda at: np.interp(at, fine, law / law[-1])).pvalue > 1e-4
 
@@ -109,7 +111,9 @@ def test_worlds_drawn_anew_weigh_as_their_prior(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     k = worlds.draw(case.spill, 1, at_sea, count=50).latent.shape[1]
     factor = 0.5 * random.standard_normal((k, k))
-    proposal = Proposal(0.7 * random.standard_normal((3, k)), np.array([0.5, 0.3, 0.2]), factor @ factor.T + 0.4 * np.eye(k))
+    proposal = Proposal(
+        0.7 * random.standard_normal((3, k)), np.array([0.5, 0.3, 0.2]), factor @ factor.T + 0.4 * np.eye(k)
+    )
     drawn = worlds.draw(case.spill, 9, at_sea, proposal)
     weight = np.exp(drawn.log_weight)
     assert weight.std() > 0.3
