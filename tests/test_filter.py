@@ -12,8 +12,8 @@ import pytest
 from scipy import stats
 
 from drift import case as cases
-from drift import ensemble as record
 from drift import debris, forecast, leeway, paths, resample, start
+from drift import ensemble as record
 from drift.environment import open_for
 from drift.search import Search
 from drift.sortie import Area, Contact, Fix, Law, Legs, Resampling, Sortie, Watch
