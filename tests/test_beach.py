@@ -89,6 +89,29 @@ def test_arrivals_with_diffusion_follow_the_inverse_gaussian_law(step: int) -> N
     assert not shoreline.is_land(shore, ensemble.lon.to_numpy(), ensemble.lat.to_numpy()).any()
 
 
+@pytest.mark.parametrize(("away", "speed"), [(800.0, 0.2), (150.0, -0.02), (1500.0, 0.4)])
+def test_one_step_lands_by_the_inverse_gaussian_law(away: float, speed: float) -> None:
+    """Whether the shore is met within a single step of an hour, and when: near its begin, near its end, or by going over it.
+
+    Brownian motion with drift u meets a line at distance a by time t with the distribution of an inverse Gaussian time; where the
+    drift leads away, with that of its mirror times exp(2 a u / sigma^2).
+    """
+    n, dt, diffusivity = 100_000, 3600, 3.0  # a step's walk of 147 m
+    shore = land(shapely.Polygon([(0, -1.4), (1.4, -1.4), (1.4, 1.4), (0, 1.4)]))
+    ensemble, _ = drift_on(
+        shore, (speed, 0.0), n, (-away * METRE, 0.1), dt, dt, physics=kernel.Physics(diffusivity=diffusivity)
+    )
+    ashore = ensemble.status.to_numpy() == Status.ASHORE
+    sigma2 = 2 * diffusivity
+    shape, mean = away**2 / sigma2, away / abs(speed)
+    law = stats.invgauss(mean / shape, scale=shape)
+    share = law.cdf(dt) * (1.0 if speed > 0 else np.exp(2 * away * speed / sigma2))
+    assert 0.02 < share < 0.98
+    assert abs(ashore.mean() - share) < 4.5 * np.sqrt(share * (1 - share) / n)
+    when = ensemble.ended.to_numpy()[ashore] + 0.5  # whole seconds, cut
+    assert stats.kstest(when, lambda t: law.cdf(t) / law.cdf(dt)).statistic < 1.95 / np.sqrt(when.size) + 0.5 * 2 / dt
+
+
 def test_arrivals_do_not_depend_on_where_the_edges_of_a_straight_shore_end() -> None:
     """Noise being keyed by slot and step, one long edge and hundreds of short ones stop the same particles."""
     ends = []
