@@ -289,7 +289,28 @@ def test_a_step_longer_than_the_forcing_interval_is_refused(tmp_path: Path) -> N
 
 def test_the_spread_at_an_output_inside_a_step() -> None:
     """2 D t at any t, not only on the lattice; 20,000 draws: 1 % standard error, 5 % allowed."""
-    ensemble = ensemble_at(0.0, 0.0, [0] * 20_000)
+    lon, lat = -179.99, 61.0
+    ensemble = ensemble_at(lon, lat, [0] * 20_000)
     place = world(forcing.constant("current", 0.0, 0.0), physics=kernel.Physics(diffusivity=100.0))
     (early,) = forecast.run(ensemble, place, Clock(T0, 3600, 1, 3600), np.array([600]))
-    assert (early.lon * sphere.UNIT * sphere.RADIUS).var() == pytest.approx(2 * 100 * 600, rel=0.05)
+    way = np.array(sphere.offset(*np.radians([lon, lat]), early.lon * sphere.UNIT, early.lat * sphere.UNIT))
+    assert way.var(axis=1) == pytest.approx(2 * 100 * 600, rel=0.05)
+    assert abs(np.corrcoef(way)[0, 1]) < 4.5 / np.sqrt(20_000)
+
+
+def test_the_lattice_holds_the_times_of_all_sources(tmp_path: Path) -> None:
+    """A current on full hours and a wind at half past: steps of 30 minutes, so that neither bends inside one."""
+    rows = {
+        start: ", ".join(
+            f'{{ time = "{np.datetime64("2026-11-20T23:00") + np.timedelta64(start + 60 * h, "m")}Z", speed = "{3 + h % 2} {unit}", {word} = 70 }}' for h in range(9)
+        )
+        for start, unit, word in ((0, "kn", "toward"), (30, "m/s", "from"))
+    }
+    case = case_of(
+        tmp_path,
+        duration="6 h",
+        current=f"table = [{rows[0]}]\n[[wind]]\ntable = [{rows[30]}]",
+        more='clock = { tolerance = "2000 m" }',
+        object='object = "LIFE-RAFT-DB-10"',
+    )
+    assert drift.run(case).summary["run"]["step_s"] == 1800

@@ -1,10 +1,13 @@
 """What the shore does: landings under diffusion, sliding, refloating; sinking, shared bias, divergence. Closed forms."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
 from scipy import stats
 
+import drift
 from drift import ensemble as record
 from drift import forecast, release
 from drift.forcing import Forcing, Sources
@@ -83,6 +86,29 @@ def test_arrivals_with_diffusion_follow_the_inverse_gaussian_law(step: int) -> N
     print(step, apart, times.mean() - mean)
     assert apart < 1.95 / np.sqrt(n)  # Kolmogorov's 0.1 % point
     assert not shoreline.is_land(shore, ensemble.lon.to_numpy(), ensemble.lat.to_numpy()).any()
+
+
+@pytest.mark.parametrize(("away", "speed"), [(800.0, 0.2), (150.0, -0.02), (1500.0, 0.4)])
+def test_one_step_lands_by_the_inverse_gaussian_law(away: float, speed: float) -> None:
+    """Whether the shore is met within a single step of an hour, and when: near its begin, near its end, or by going over it.
+
+    Brownian motion with drift u meets a line at distance a by time t with the distribution of an inverse Gaussian time; where the
+    drift leads away, with that of its mirror times exp(2 a u / sigma^2).
+    """
+    n, dt, diffusivity = 100_000, 3600, 3.0  # a step's walk of 147 m
+    shore = land(shapely.Polygon([(0, -1.4), (1.4, -1.4), (1.4, 1.4), (0, 1.4)]))
+    ensemble, _ = drift_on(
+        shore, (speed, 0.0), n, (-away * METRE, 0.1), dt, dt, physics=kernel.Physics(diffusivity=diffusivity)
+    )
+    ashore = ensemble.status.to_numpy() == Status.ASHORE
+    sigma2 = 2 * diffusivity
+    shape, mean = away**2 / sigma2, away / abs(speed)
+    law = stats.invgauss(mean / shape, scale=shape)
+    share = law.cdf(dt) * (1.0 if speed > 0 else np.exp(2 * away * speed / sigma2))
+    assert 0.02 < share < 0.98
+    assert abs(ashore.mean() - share) < 4.5 * np.sqrt(share * (1 - share) / n)
+    when = ensemble.ended.to_numpy()[ashore] + 0.5  # whole seconds, cut
+    assert stats.kstest(when, lambda t: law.cdf(t) / law.cdf(dt)).statistic < 1.95 / np.sqrt(when.size) + 0.5 * 2 / dt
 
 
 def test_arrivals_do_not_depend_on_where_the_edges_of_a_straight_shore_end() -> None:
@@ -264,3 +290,36 @@ def test_both_banks_of_a_narrow_channel_are_met_as_they_should(step: int) -> Non
     assert (ensemble.status.to_numpy() == Status.ASHORE).all()
     assert np.abs(lat).max() < half + 0.01 * METRE
     assert (lat > 0).mean() == pytest.approx(0.75, abs=4.5 * np.sqrt(0.1875 / n) + 0.01)  # pieces of 150 m
+
+
+def test_a_half_life_is_the_time_after_which_half_is_afloat(tmp_path: Path) -> None:
+    """From the case's words to what lies ashore: an even hazard whose half-life they state, so of mean half-life / ln 2."""
+    n, half, hours = 20_000, 4.0, 10.0
+    text = f"""
+start = "2026-11-21T00:00Z"
+duration = "{hours:g} h"
+particles = {n}
+output.every = "2 h"
+clock.step = "15 min"
+coast = {{ source = "land.geojson", behaviour = "refloat", half_life = "{half:g} h" }}
+[[current]]
+table = [{", ".join(f'{{ time = "+{h} h", speed = "1 m/s", toward = {90 if h < 2 else 270} }}' for h in range(12))}]
+[[scenario]]
+name = "s"
+object = "water"
+position = {{ at = [-0.01, 0.1], std = "0 m" }}
+"""
+    (tmp_path / "land.geojson").write_text(
+        '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", '
+        '"coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}'
+    )
+    (tmp_path / "case.toml").write_text(text)
+    probability = drift.run(drift.load(tmp_path / "case.toml")).forecast.data["status_probability"]
+    ashore = [float(probability[k, Status.ASHORE]) for k in range(probability.sizes["time"])]
+    landed = (
+        0.01 / METRE / 3600
+    )  # [h] at 1 m/s; the current leads off from 1.5 h on, and then all go whose wait is over
+    for k in (1, 3, 5):
+        exact = 0.5 ** ((2.0 * k - landed) / half)
+        step = exact * np.log(2) / half * 0.25  # a wait ends with a step of a quarter of an hour
+        assert abs(ashore[k] - exact) < 4.5 * np.sqrt(exact * (1 - exact) / n) + step

@@ -12,8 +12,8 @@ import pytest
 from scipy import stats
 
 from drift import case as cases
+from drift import debris, forecast, leeway, paths, resample, start
 from drift import ensemble as record
-from drift import forecast, paths, resample, start
 from drift.environment import open_for
 from drift.search import Search
 from drift.sortie import Area, Contact, Fix, Law, Legs, Resampling, Sortie, Watch
@@ -397,6 +397,22 @@ def test_share_of_time_inside(tmp_path):
         assert search.updates.all[0].poc[-1] == pytest.approx(max(0.5, expected), rel=1e-5)
 
 
+@pytest.mark.parametrize("kind", ["inverse_cube", "definite_range", "m_beta", "random"])
+def test_a_search_that_was_cut_short(tmp_path, kind):
+    """Of a swept pattern a part of the area was swept in full: that part of b(C), not b of that part; random search has its effort."""
+    ring, part, coverage = Area((179.0, 181.0, 181.0, 179.0), (59.9, 59.9, 60.1, 60.1)), 0.7, 0.9
+    law = Law(kind, 0.8) if kind == "m_beta" else Law(kind)
+    sortie = Sortie("s", "", hours(0), hours(1), law, (1.0,), area=ring, coverage=(coverage,), completed=part)
+    search, _, _ = run(load(tmp_path, STILL + SQUARE, sorties=(sortie,)))
+    expected = {
+        "inverse_cube": part * math.erf(math.sqrt(math.pi) / 2 * coverage),
+        "definite_range": part * coverage,
+        "m_beta": part * (1 - 0.2 * (1 - 0.8 * (coverage / 0.8 - 1))),
+        "random": 1 - math.exp(-part * coverage),
+    }[kind]
+    assert search.updates.all[0].pos[-1] == pytest.approx(expected, rel=1e-5)
+
+
 def test_a_sortie_that_does_nothing_changes_no_bit(tmp_path):
     """With a sortie far away, or of sweep width 0, every column is the same to the bit."""
     text = FLOW.replace("[[scenario]]", '[uncertainty]\ndiffusivity = "20 m2/s"\n[[scenario]]')
@@ -409,11 +425,15 @@ def test_a_sortie_that_does_nothing_changes_no_bit(tmp_path):
             np.testing.assert_array_equal(getattr(bare, name).to_numpy(), getattr(ensemble, name).to_numpy())
 
 
-def test_zones_in_closed_form(tmp_path):
-    """A watch with a convergence zone: an object in it all the time is missed with 1 - POD, one that crosses it by its share."""
+@pytest.mark.parametrize("completed", [1.0, 0.35])
+def test_zones_in_closed_form(tmp_path, completed):
+    """A watch with a convergence zone: an object in it all the time is missed with 1 - POD, one that crosses it by its share.
+
+    Of a watch that was kept for a part of its time the hazard is that part.
+    """
     watch = Watch((0.0, 20_000.0), (5000.0, 24_000.0), (0.5, 0.8))
     still = Legs((seconds(0.5), seconds(2.5)), (180.0, 180.0), (60.0, 60.0), (True,))
-    sortie = Sortie("buoy", "", hours(0.5), hours(2.5), Law(), (1.0,), legs=still, watch=watch)
+    sortie = Sortie("buoy", "", hours(0.5), hours(2.5), Law(), (1.0,), legs=still, watch=watch, completed=completed)
     text = (
         FLOW.replace("179.9", "179.4").replace("59.95", "59.75").replace("60.05", "60.25").replace('until = "+1 h"', "")
     )
@@ -432,9 +452,9 @@ def test_zones_in_closed_form(tmp_path):
         hazard += np.where(r < 5000, -math.log(0.5), 0) + np.where((r >= 20_000) & (r < 24_000), -math.log(0.2), 0)
     found = np.log(np.full(ensemble.n, 1 / 400)) - ensemble.log_weight.to_numpy()
     np.testing.assert_allclose(
-        found, hazard / 2000, atol=4 * 1.61 / 2000 + 1e-3
+        found, completed * hazard / 2000, atol=4 * 1.61 / 2000 + 1e-3
     )  # an edge is told to one time of 2,000
-    assert np.ptp(found) > 1
+    assert np.ptp(found) > completed
 
 
 def test_debris_by_joint_normals(tmp_path):
@@ -524,6 +544,52 @@ def test_resampling_is_unbiased():
     total = counts.sum(axis=1)  # Kahn's number floats, its spread at most sqrt(N) / 2
     assert abs(total.mean() - number) < 4.5 * total.std() / math.sqrt(rounds)
     assert 1 < total.std() < 0.5 * math.sqrt(number)
+
+
+def test_kahns_weights_are_those_that_were_aimed_at():
+    """Each offspring weighs sum(w) / N, N the number aimed at: by the number drawn, their expected sum would be off."""
+    random = np.random.default_rng(12)
+    number, rounds = 60, 6000
+    log_weight = np.log(random.gamma(0.4, 1.0, resample.capacity(number))).astype(np.float32)
+    log_weight[number:] = -np.inf
+    weight = np.exp(log_weight.astype(np.float64))
+    value = np.where(
+        np.arange(weight.size) == int(np.argmax(weight)), 1.0, 0.0
+    )  # its offspring change the number drawn
+    found = np.zeros((rounds, 2))
+    for k in range(rounds):
+        ancestors, made, _ = resample.offspring(log_weight, [(0, weight.size)], [number], "kahn", (5, k))
+        new = np.exp(made.astype(np.float64))
+        assert new[new > 0] == pytest.approx(weight.sum() / number, rel=1e-6)
+        found[k] = new.sum(), (new * value[ancestors]).sum()
+    exact = np.array([weight.sum(), (weight * value).sum()])
+    assert np.all(np.abs(found.mean(axis=0) - exact) < 4.5 * found.std(axis=0) / math.sqrt(rounds))
+    assert found[:, 0].std() > 0  # the number drawn floats, and the sum of the weights with it
+
+
+def test_debris_has_coefficients_of_its_own(tmp_path):
+    """It shares its object's release and errors to the bit; leeway coefficients and sides, even of one class, are independent."""
+    text = STILL + NORMAL.format(d=10).replace('object = "water"', 'object = "LIFE-RAFT-DB-10"')
+    text += '[[wind]]\nconstant = { speed = "9 m/s", from = 250 }\n'
+    n = 50_000
+    bare = load(tmp_path, text, particles=n, current_error=cases.ForcingError(0.3, 40_000.0))
+    seen = tuple(
+        Contact(name, hours(2), "position", fixes=(Fix(-179.9, 30.1),), major=5000.0, minor=5000.0, drifter=drifter)
+        for name, drifter in (("twin", bare.scenarios[0].object), ("oar", leeway.find("PIW-1")))
+    )
+    case = dataclasses.replace(bare, contacts=seen)
+    runtime.start()
+    begin = start.prepare(case, open_for(case))
+    found = debris.of_contacts(case, [(7200, contact) for contact in seen], begin.scene)
+    begin.scene.forcing.close()
+    whole = [begin.ensemble, *(one.ensemble for one in found.values())]
+    assert len(whole) == 3
+    for name in ("lon", "lat", "release", "current_error_east", "current_error_north"):
+        columns = [getattr(ensemble, name).to_numpy() for ensemble in whole]
+        assert all(np.array_equal(columns[0], column) for column in columns[1:])
+    for name in ("down_slope", "right_slope", "left_slope", "side"):
+        columns = np.array([getattr(ensemble, name).to_numpy() for ensemble in whole], np.float64)
+        assert np.abs(np.corrcoef(columns) - np.eye(3)).max() < 4.5 / math.sqrt(n)
 
 
 def test_offspring_separate_and_remember(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import integrate, stats
+from scipy import integrate, special, stats
 
 from drift import borrow, exposure, finds, realise
 from drift.exposure import Patrol, Reporting
@@ -343,3 +343,20 @@ def test_strength_is_borrowed_where_worlds_agree_and_not_where_they_differ() -> 
         law = np.log(borrow.rates(count, count, n, borrow.likeness(z)))
         exact = np.log((1 / width + count) / (1 / width / mean + 1) / n)
         assert np.sqrt(np.mean((law - exact) ** 2)) < 0.12  # six coefficients of 2000 worlds, and a grid of widths
+
+
+def test_shares_are_drawn_together_as_far_as_their_noise_goes() -> None:
+    """Beta-binomial worlds: Bayes with the prior that they were drawn from, known here, is met; noise is not taken for truth."""
+    rng = np.random.default_rng(9)
+    worlds, n = 3000, 120
+    z = rng.standard_normal((worlds, 2))
+    mean = special.expit(-1.2 + 0.5 * z[:, 0] - 0.4 * z[:, 1])
+    for size in (1e6, 15.0):  # of the prior, in particles: no differences of their own, and large ones
+        truth = rng.beta(mean * size, (1 - mean) * size)
+        found = rng.binomial(n, truth) / n
+        share = borrow.share(found, found * (1 - found), n, borrow.likeness(z))
+        exact = (mean * size + found * n) / (size + n)
+        noise = np.sqrt(np.mean(truth * (1 - truth)) / n)
+        assert (
+            np.sqrt(np.mean((share - exact) ** 2)) < 0.15 * noise
+        )  # three coefficients of 3000 worlds, a credibility to 5 %

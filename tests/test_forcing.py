@@ -415,6 +415,15 @@ def test_calendars_and_rounding(tmp_path: Path) -> None:
     assert any("noleap" in note for note in source.notes)
     with pytest.raises(UserError, match=r"360_day.*do not exist.*times"):
         forcing.open_source("current", timed(tmp_path / "c.nc", [28.0, 29.0, 30.0], "days since 2023-02-01", "360_day"))
+    # Half a second and more goes up, also where a day's fraction is cut by float64.
+    source = forcing.open_source("current", timed(tmp_path / "e.nc", [0.6, 10.4, 3599.7], "seconds since 2024-03-05"))
+    assert (source.times == np.array(["2024-03-05T00:00:01", "2024-03-05T00:00:10", "2024-03-05T01:00:00"], Z)).all()
+    # Single precision: days since 1950 are told to 169 s, so that whole hours come back however they were cut.
+    late = np.array(["2024-03-05T01", "2024-03-05T02", "2024-03-05T05", "2024-03-06T13"], Z)
+    cut = ((late - np.datetime64("1950-01-01")) / np.timedelta64(1, "D")).astype(np.float32)
+    assert np.ptp((cut * 86_400.0) % 3600) > 300  # below and above their hours
+    source = forcing.open_source("current", timed(tmp_path / "f.nc", cut, "days since 1950-01-01"))
+    assert (source.times == late).all()
     days = ((writers.TIMES - np.datetime64("1858-11-17")) / np.timedelta64(1, "D")).astype(np.float32)
     source = forcing.open_source("current", timed(tmp_path / "d.nc", days, "days since 1858-11-17"))
     assert (source.times == writers.TIMES.astype(Z)).all()

@@ -14,6 +14,7 @@ from geo import forcing, sphere
 from geo.forcing import Source
 from geo.grid import Grid
 from kernels import advance as kernel
+from kernels.sample import Tiles
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 T0 = 1_795_000_000 // 3600 * 3600  # [s since 1970] a full hour in November 2026
@@ -134,6 +135,31 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
     found = place.forcing.tiles.at(first_tile, last_tile, lon, lat, 0.0)
     assert found[:3, :2] == pytest.approx(np.array([[1, 0], [0, 3], [1, 0]]), abs=1e-6)
     assert found[:, 2].tolist() == [1, 1, 1, 0]
+
+
+@pytest.mark.parametrize("silent", ["current", "stokes", "wind"])
+def test_what_one_quantity_does_not_know_is_not_zero(silent: str) -> None:
+    """Where current, Stokes drift or wind has no value a particle ends, though the others have theirs; elsewhere all add up."""
+    grid = Grid(-30.0, 30.0, 1.0, 1.0, 5, 4)
+    speeds = {"current": (0.3, -0.2), "stokes": (0.1, 0.25), "wind": (8.0, 5.0)}
+    tiles = Tiles([grid] * 3)
+    for row, (name, speed) in enumerate(speeds.items()):
+        values = np.zeros((4, 5, 2), np.float32) + np.array(speed, np.float32)
+        if name == silent:
+            values[:, 3:] = np.nan
+        for later in (False, True):
+            tiles.place(row, values, later=later)
+    tiles.blend([(0.0, 0.0)] * 3)
+    ensemble = ensemble_at(-29.5, 31.5, [0, 0])
+    ensemble.lon.from_numpy(sphere.to_binary([-29.5, -26.5]))
+    ensemble.down_slope.fill(0.03)
+    ranges = (0, 1, 2, 3, 1, 2)  # of currents, winds, Stokes drift
+    kernel.advance(ensemble, (0, 2), tiles, ranges, STILL, kernel.Step(0, 0, 1800, 1), kernel.Place(EVERYWHERE))
+    assert list(ensemble.status.to_numpy()) == [Status.ADRIFT, Status.OUTSIDE]
+    lon, lat = (column.to_numpy()[0] * sphere.UNIT for column in (ensemble.lon, ensemble.lat))
+    way = np.array(sphere.offset(*np.radians([-29.5, 31.5]), lon, lat))
+    expected = 1800 * (np.array(speeds["current"]) + np.array(speeds["stokes"]) + 0.03 * np.array(speeds["wind"]))
+    assert np.abs(way - expected).max() < 0.2  # 1.2 km at 31 N: way^2 tan(lat) / R
 
 
 def test_rival_forcing_is_a_matter_of_the_scenario() -> None:

@@ -213,3 +213,72 @@ def test_points_without_a_place_are_left_out_of_a_triangulation(tmp_path: Path) 
     np.testing.assert_allclose(values[inside][:, 0], (0.2 + 0.1 * (x - 4.0) + 0.03 * (y - 60.0))[inside], atol=1e-4)
     with pytest.raises(UserError, match="2 points with a longitude and a latitude span no triangle"):
         forcing.open_source("current", saved(3), steady=True)
+
+
+def linear(lon: Any, lat: Any) -> tuple[Any, Any]:
+    """A current [m/s] that is linear in degrees, longitudes taken from 180."""
+    x = np.asarray(lon) % 360.0 - 180.0
+    return 0.3 + 0.2 * x - 0.1 * (np.asarray(lat) - 40.0), -0.1 + 0.15 * x + 0.25 * (np.asarray(lat) - 40.0)
+
+
+def polygons(path: Path, *, centred: bool, corners: int, start_index: bool = True) -> Path:
+    """Cells of four or six corners over the antimeridian at 40 N, with values at nodes or at centres that the file does not give."""
+    columns, rows = 25, 17
+    x, y = np.meshgrid(180.0 + 0.08 * (np.arange(columns) - 12), 40.0 + 0.07 * (np.arange(rows) - 8))
+    y = y + 0.004 * np.sin(7 * x)  # cells lie askew
+    number = np.arange(x.size).reshape(x.shape)
+    wide = corners // 2 - 1  # a cell takes so many steps along its row
+    low, high = number[:-1], number[1:]
+    cells = np.stack(
+        [np.concatenate([low[j, i : i + wide + 1], high[j, i : i + wide + 1][::-1]])
+         for j in range(rows - 1) for i in range(0, columns - wide, wide)]
+    )  # fmt: skip
+    lon, lat = (x.ravel() + 180.0) % 360.0 - 180.0, y.ravel()
+    at = (x.ravel()[cells].mean(axis=1), lat[cells].mean(axis=1)) if centred else (lon, lat)
+    u, v = linear(*at)
+    where = "cell" if centred else "node"
+    topology = {"cf_role": "mesh_topology", "topology_dimension": 2, "node_coordinates": "lon lat"}
+    topology |= {"face_node_connectivity": "nodes", "face_dimension": "cell"}
+    more = {"mesh": "mesh", "location": "face" if centred else "node"}
+    xr.Dataset(
+        {
+            "mesh": ((), 0, topology),
+            "nodes": (("cell", "corner"), cells + 1, {"start_index": 1} if start_index else {}),
+            "u": (where, u, writers.EAST | more),
+            "v": (where, v, writers.NORTH | more),
+        },
+        {"lon": ("node", lon, EAST), "lat": ("node", lat, NORTH)},
+    ).to_netcdf(path)
+    return path
+
+
+@pytest.mark.parametrize("corners", [4, 6])
+@pytest.mark.parametrize("centred", [False, True])
+def test_polygons_over_the_antimeridian_are_covered_whole(corners: int, centred: bool, tmp_path: Path) -> None:
+    """A linear field comes back everywhere inside; polygons cut into the wrong triangles leave holes, or overlap."""
+    path = polygons(tmp_path / "a.nc", centred=centred, corners=corners, start_index=corners == 4)
+    source = forcing.open_source("current", path, steady=True)
+    rng = np.random.default_rng(2)
+    lon, lat = 180.0 + rng.uniform(-0.6, 0.6, 3000), 40.0 + rng.uniform(-0.35, 0.35, 3000)
+    got = sample(source.grid, source.read(0), lon, lat)
+    assert np.isfinite(got).all()
+    # Edges of 0.16 degrees at 40 N bow by h^2 tan(lat) / 8 = 5e-5 degrees; centres of a row of nodes lie 1e-5 off their mean.
+    assert np.abs(got - np.stack(linear(lon, lat), -1)).max() < (5e-4 if not centred else 3e-3)
+
+
+def test_points_round_a_bay_are_not_joined_across_it(tmp_path: Path) -> None:
+    """Without connectivity the triangulation of a horseshoe of points has long edges over the land inside: nothing is there."""
+    rng = np.random.default_rng(4)
+    lon, lat = 0.05 * np.arange(60)[:, None] + 3.0, 0.04 * np.arange(50)[None] + 58.0
+    lon, lat = (np.broadcast_to(v, (60, 50)).ravel() for v in (lon, lat))
+    land = (np.abs(lon - 4.5) < 0.7) & (lat > 58.5)
+    lon, lat = (v[~land] + 0.006 * rng.standard_normal((~land).sum()) for v in (lon, lat))
+    xr.Dataset(
+        {"u": ("node", 0.2 + 0.1 * (lon - 4.0), writers.EAST), "v": ("node", 0.1 + 0.05 * (lat - 59.0), writers.NORTH)},
+        {"lon": ("node", lon), "lat": ("node", lat)},
+    ).to_netcdf(tmp_path / "a.nc")
+    source = forcing.open_source("current", tmp_path / "a.nc", steady=True)
+    x, y = rng.uniform(4.0, 5.0, 500), rng.uniform(58.7, 59.8, 500)  # 0.2 degrees from its shore
+    assert np.isnan(sample(source.grid, source.read(0), x, y)).all()
+    x, y = rng.uniform(3.1, 3.6, 500), rng.uniform(58.1, 59.8, 500)
+    assert np.isfinite(sample(source.grid, source.read(0), x, y)).all()

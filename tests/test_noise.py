@@ -77,6 +77,13 @@ def test_seeds_streams_and_steps_are_independent(other: dict[str, int]) -> None:
     assert abs(np.corrcoef(a, b)[0, 1]) < 4.5 / np.sqrt(n)
 
 
+def test_every_use_has_a_stream_of_its_own() -> None:
+    """Two uses of one stream would draw the same numbers; classes of debris count on from the last one."""
+    streams = {name: number for name, number in vars(noise).items() if name.startswith("STREAM_")}
+    assert len(set(streams.values())) == len(streams) > 8
+    assert max(streams, key=lambda name: streams[name]) == "STREAM_DEBRIS"
+
+
 def test_normals_are_box_and_muller_of_their_uniforms() -> None:
     """Against NumPy in float64: r = sqrt(-2 log u), angle 2 pi v; within 6e-7 of r, all quadrants."""
     n = 100_000

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import shapely
+from scipy import stats
 
 from drift import ensemble as record
 from drift import prior
-from drift.case import Case
+from drift.case import Case, ForcingError
 from drift.leeway import Drifter, Line
 from drift.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
 from drift.sortie import Resampling
@@ -15,6 +16,8 @@ from geo import sphere
 from geo.box import Box
 from geo.shore import Shore
 from kernels import coast as device_coast
+from kernels import noise, runtime
+from kernels import prior as kernel
 
 N = 100_000
 START = np.datetime64("2026-11-21T18:30:00", "s")
@@ -164,3 +167,23 @@ def test_a_prior_partly_on_land_is_conditioned_on_water() -> None:
     east, north = sphere.offset(np.radians(-88), np.radians(27.5), lon, lat)
     assert abs(np.abs(east).mean() / (4000 * np.sqrt(2 / np.pi)) - 1) < 4.5 * 0.756 / np.sqrt(N)
     assert abs(north.std() / 4000 - 1) < 4.5 / np.sqrt(2 * N)
+
+
+def test_the_errors_that_particles_start_with_are_independent_normals() -> None:
+    """East and north, of current and of wind: four numbers of their own, each with its standard deviation."""
+    case = Bare(scenario(position(-88, 27)))
+    for name, error in (("current_error", ForcingError(0.3, 3600.0)), ("wind_error", ForcingError(1.7, 7200.0))):
+        object.__setattr__(case, name, error)
+    ensemble = columns(case)[0]
+    names = [f"{kind}_error_{axis}" for kind in ("current", "wind") for axis in ("east", "north")]
+    drawn = np.array([getattr(ensemble, name).to_numpy() for name in names], np.float64)
+    assert np.abs(drawn.std(axis=1) / [0.3, 0.3, 1.7, 1.7] - 1).max() < 4.5 / np.sqrt(2 * N)
+    assert np.abs(np.corrcoef(drawn) - np.eye(4)).max() < 4.5 / np.sqrt(N)
+
+
+def test_immersion_is_uniform_and_its_slope_balances_drag() -> None:
+    """Of equal drag coefficients (Daniel et al. 2002): slope^2 = ratio^2 (1 - I) / I, so I = 1 / (1 + (slope / ratio)^2)."""
+    slope = runtime.empty(N)
+    kernel.draw_immersion(0, N, slope, *noise.key(5), 0.35, 0.85, 0.034)
+    immersion = 1 / (1 + (slope.to_numpy().astype(float) / 0.034) ** 2)
+    assert stats.kstest(immersion, "uniform", args=(0.35, 0.5)).pvalue > 1e-4
