@@ -12,11 +12,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 import xarray as xr
 from scipy import ndimage
 
-from drift import areas, cells, dataset, density
+from drift import areas, cells, containment, dataset, density
 from drift.cells import Array, Cells, Deposit, IsLand
 from drift.shares import SHARES
 from drift.snapshot import Snapshot, mapped
@@ -52,6 +53,10 @@ class Forecast:
     def probability(self) -> xr.DataArray:
         """Probability that the object is in a cell, adrift or ashore (time, lat, lon)."""
         return self.data["probability"]
+
+    def containment_at(self, time: np.datetime64, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
+        """Return the smallest share of the probability whose area holds each of some points [deg], (n,): see drift.containment."""
+        return containment.at(self.data, time, lon, lat)
 
     @property
     def shares(self) -> tuple[float, ...]:
