@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from drift import contact_input, messages, mistakes, plan_input, sortie_input, sources, subject, units
+from drift.cells import Cells
 from drift.expect import Expect
 from drift.fit import Run
 from drift.mistakes import Mistakes
@@ -76,6 +77,7 @@ class Case:
     outputs: NDArray[np.datetime64]  # in order of the run, start and end included
     trajectories: int
     areas: tuple[float, ...]  # shares of the probability whose areas are told, ascending
+    grid: Cells | None  # of all outputs; None: cells follow the particles
     step: int | None  # [s], positive also in a backward run; None: choose it
     scheme: Literal["rk2", "rk4"]
     tolerance: float  # [m] a day
@@ -335,6 +337,7 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         outputs=outputs,
         trajectories=table.output.trajectories,
         areas=table.output.fractions(),
+        grid=table.output.grid.cells() if table.output.grid else None,
         step=table.clock.step,
         scheme=table.clock.scheme,
         tolerance=table.clock.tolerance,

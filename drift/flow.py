@@ -18,6 +18,7 @@ from drift import (
     evidence,
     figures,
     forecast,
+    off_grid,
     origin,
     output,
     plan_text,
@@ -172,11 +173,11 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
             names = [scenario.name for scenario in case.scenarios]
             is_land = partial(shoreline.is_land, where.coast) if where.coast else None
             made = products.build(
-                snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas
+                snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
             )
             tracks = _trajectories(case, begin.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
-    numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates)
+    numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates) + off_grid.warnings(made.data)
     if after is not None:
         numbers |= aftermath.numbers(after)
         few = effective.Count(after.posterior.effective, what="worlds").few  # the maps' worlds are the same

@@ -130,6 +130,14 @@ def missing(at: Any) -> str:
     return f"{percent(sum(off.values()))} of the probability is not on the map: {parts}; areas are shares of the rest"
 
 
+def unshaded(at: Any) -> str:
+    """Return a warning of the probability that lies outside a grid of the user's own; empty if that is at most TELLING."""
+    off = float(at["off_grid"]) if "off_grid" in at else 0.0
+    if not off > TELLING:
+        return ""
+    return f"{percent(off)} of the probability lies outside output.grid and is not shaded; areas count it"
+
+
 def basis(forecast: Forecast, time: int, particles: int | None) -> str:
     """Return in words when the forecast starts and how many particles it stands on."""
     times = forecast.data["time"].values

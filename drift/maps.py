@@ -59,7 +59,7 @@ def draw_map(
     seen = [contact for contact in contacts if contact.time <= now]
     places = search_layers.places(seen, begun)
     count = effective.at(forecast.data, time, particles)
-    said = [text for text in (labels.missing(at), *effective.parts(forecast.data, time)) if text]
+    said = [text for text in (labels.missing(at), labels.unshaded(at), *effective.parts(forecast.data, time)) if text]
 
     def framed(above: list[str]) -> tuple[float, Frame, list[str]]:
         """Return the map's height [of the page] under a banner and rows of text, its frame, and what that leaves out."""

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from drift import fields, shares, units
 from drift.contact_input import ContactTable
 from drift.expect import Expect
+from drift.grid_input import GridTable
 from drift.plan_input import PlanTable, ResamplingTable, UnitTable
 from drift.scenario import ScenarioTable
 from drift.sortie_input import SortieTable
@@ -28,6 +29,7 @@ class OutputTable(fields.Table):
     every: fields.Duration | None = None
     times: list[fields.Time] | None = None
     trajectories: fields.Count = 200
+    grid: GridTable | None = None
     areas: Annotated[tuple[float, ...], BeforeValidator(shares.percents)] = tuple(
         100 * share for share in shares.SHARES
     )
