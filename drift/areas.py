@@ -10,9 +10,9 @@ import shapely
 
 from drift import density
 from drift.cells import Array, Cells
+from drift.shares import SHARES
 from geo import sphere
 
-SHARES = (0.5, 0.75, 0.95)  # the containment areas that are reported
 MANY = 20_000  # effective particles from which one half alone tells which bandwidth is best
 
 
@@ -35,11 +35,12 @@ class Area:
 
     probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
     containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
-    areas: [m2] of the SHARES; held_out: share of unseen particles inside them; thresholds: logarithms of their least
+    areas: [m2] of the shares; held_out: share of unseen particles inside them; thresholds: logarithms of their least
     densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen.
     """
 
     cells: Cells
+    shares: tuple[float, ...]
     probability: Array
     containment: Array
     areas: Array
@@ -49,28 +50,41 @@ class Area:
     calibration: density.Calibration
 
 
-def _map(mass: Array, squares: Array, m: float, media: Sequence[density.Medium]) -> Array:
+More = tuple[Array, ...] | None  # density.wider
+
+
+def _map(mass: Array, squares: Array, m: float, media: Sequence[density.Medium], more: More = None) -> Array:
     """Return the smooth map of all media together, shape (nlat, nlon), from (media, nlat, nlon)."""
     parts = [
-        density.spread(mass[i], density.histogram(mass[i], squares[i], media[i]), m, media[i])
+        density.spread(mass[i], density.histogram(mass[i], squares[i], media[i], more), m, media[i])
         for i in range(len(media))
         if mass[i].any()
     ]
     return np.asarray(sum(parts[1:], parts[0]))
 
 
-def _choose(halves: list[tuple[Array, Array]], media: Sequence[density.Medium], start: float) -> float:
+def _choose(
+    halves: list[tuple[Array, Array]], media: Sequence[density.Medium], start: float, more: More
+) -> tuple[float, More]:
     """Return the number of particles per kernel under which each half best foretells the other.
 
     Climbs a ladder of factors 2 from `start`. A rung finer than that must beat the coarser one by two standard errors of the
-    paired difference: sharp edges alone are no reason to speckle all the rest.
+    paired difference: sharp edges alone are no reason to speckle all the rest. Then kernels are made wider where the map is
+    dense, by `more`, unless that foretells worse by as much: along a thin filament say. Returned as None where it does.
     """
     effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
     pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
-    guides = [
-        [density.histogram(mass[i], squares[i], media[i]) if mass[i].any() else None for i in range(len(media))]
-        for mass, squares in halves
-    ]
+
+    def guided(more: More) -> list[list[density.Histogram | None]]:
+        return [
+            [
+                density.histogram(mass[i], squares[i], media[i], more) if mass[i].any() else None
+                for i in range(len(media))
+            ]
+            for mass, squares in halves
+        ]
+
+    plain = guided(None)
     weights, where = [], []
     for _, other in pairs:
         seen = halves[other][0].sum(axis=0).ravel()
@@ -78,7 +92,7 @@ def _choose(halves: list[tuple[Array, Array]], media: Sequence[density.Medium], 
         weights.append(seen[where[-1]])
     weight = np.concatenate(weights)
 
-    def score(step: int) -> Array:
+    def score(step: int, guides: list[list[density.Histogram | None]] = plain) -> Array:
         logs = []
         for (half, _), there in zip(pairs, where, strict=True):
             mass = halves[half][0]
@@ -102,18 +116,20 @@ def _choose(halves: list[tuple[Array, Array]], media: Sequence[density.Medium], 
         best, score_best = best + 1, score_next
     while -3 < best <= 0 and gain(score_next := score(best - 1), score_best) > 2:
         best, score_best = best - 1, score_next
-    return start * 2.0**best
+    return start * 2.0**best, more if gain(score(best, guided(more)), score_best) > -2 else None
 
 
 def _calibrated(
-    mass: Array, squares: Array, unseen: Array, area: Array, m: float, media: Sequence[density.Medium]
+    mass: Array, squares: Array, unseen: Array, area: Array, m: float, media: Sequence[density.Medium], more: More
 ) -> Array:
     """Return the calibration at density.KNOTS of a map by deposits (media, nlat, nlon) that it has not seen."""
-    return density.calibrate(_map(mass, squares, m, media), area, unseen.sum(axis=0)).share
+    return density.calibrate(_map(mass, squares, m, media, more), area, unseen.sum(axis=0)).share
 
 
-def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> Area:
-    """Return the map of one snapshot.
+def build(
+    cells: Cells, deposits: Deposits, media: Sequence[density.Medium], shares: tuple[float, ...] = SHARES
+) -> Area:
+    """Return the map of one snapshot, with the areas that hold some shares of it.
 
     The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3). Then each group in turn calibrates a map of
     the other three, smoothed by the same bandwidth; `held_out` checks each group with the calibration of the others.
@@ -123,14 +139,23 @@ def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> 
     mass, squares = deposits.mass.sum(axis=0), deposits.squares.sum(axis=0)
     effective = groups.sum() ** 2 / squares.sum()
     m = density.PER_KERNEL * effective ** (2 / 3)
-    calibration, held = density.Calibration(density.KNOTS), np.full(len(SHARES), np.nan)
+    more: More = density.wider(_map(mass, squares, density.WIDER * m, media), area)
+    calibration, held = density.Calibration(density.KNOTS), np.full(len(shares), np.nan)
     if groups.min() > 0:
         halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
-        m = 2 * _choose(halves, media, max(m / 2, 2.0))  # the same bandwidth: particles per kernel go with their number
+        # The same bandwidth: particles per kernel go with their number.
+        m, more = _choose(halves, media, max(m / 2, 2.0), more)
+        m *= 2
         folds = np.stack(
             [
                 _calibrated(
-                    mass - deposits.mass[i], squares - deposits.squares[i], deposits.mass[i], area, 0.75 * m, media
+                    mass - deposits.mass[i],
+                    squares - deposits.squares[i],
+                    deposits.mass[i],
+                    area,
+                    0.75 * m,
+                    media,
+                    more,
                 )
                 for i in range(4)
             ]
@@ -139,11 +164,11 @@ def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> 
         weights = groups * (1 - np.eye(4))
         others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
         checks = [
-            density.Calibration(fold).held(other.level(np.array(SHARES)))
+            density.Calibration(fold).held(other.level(np.array(shares)))
             for fold, other in zip(folds, others, strict=True)
         ]
         held = np.average(checks, axis=0, weights=groups)
-    guides = [density.histogram(mass[i], squares[i], media[i]) for i in range(len(media))]
+    guides = [density.histogram(mass[i], squares[i], media[i], more) for i in range(len(media))]
     probability = np.stack(
         [
             np.stack([density.spread(one[i], guides[i], m, media[i]) for i in range(len(media))])
@@ -152,8 +177,9 @@ def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> 
     )
     total = probability.sum(axis=(0, 1))
     contained, levels, sizes, heights = containment(total, area, calibration)
-    thresholds = np.interp(SHARES, levels[1:], np.log(heights))
-    return Area(cells, probability, contained, np.interp(SHARES, levels, sizes), held, m, thresholds, calibration)
+    thresholds = np.interp(shares, levels[1:], np.log(heights))
+    sizes = np.interp(shares, levels, sizes)
+    return Area(cells, shares, probability, contained, sizes, held, m, thresholds, calibration)
 
 
 def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
@@ -179,7 +205,7 @@ def contour(one: Area, share: float) -> shapely.MultiPolygon:
     The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
     cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge.
     """
-    which = SHARES.index(share)
+    which = one.shares.index(share)
     threshold, wanted = float(one.thresholds[which]), float(one.areas[which])
     height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
     # what lies far below the threshold, and empty cells, count as e^-4 of it: the line stays near the cells that matter

@@ -18,29 +18,40 @@ CALIBRATED = "calibrated so that the share of held-out particles inside equals t
 
 
 def build(
-    snapshots: Sequence[Snapshot], scenarios: Sequence[str], grid: Cells, maps: Sequence[areas.Area | None]
+    snapshots: Sequence[Snapshot],
+    scenarios: Sequence[str],
+    grid: Cells,
+    maps: Sequence[areas.Area | None],
+    shares: Sequence[float],
+    bandwidths: Sequence[float | None] | None = None,
 ) -> xr.Dataset:
-    """Return the forecast as a dataset; times without any probability on the map have zeros and NaN."""
+    """Return the forecast as a dataset; times without any probability on the map have zeros and NaN.
+
+    bandwidths: [binary angle unit] that suit the densest particles of each snapshot, on a grid that does not follow them.
+    """
     area = grid.area()
     shape = (len(snapshots), *grid.shape)
     by_scenario = np.zeros((len(snapshots), len(scenarios), *grid.shape), np.float32)
     probability, ashore, contained = (np.zeros(shape, np.float32) for _ in range(3))
     contained[:] = np.nan
+    off = np.full(len(snapshots), np.nan)
     for i, one in enumerate(maps):
         if one is None:
             continue
-        part, where = _coarsened(one, grid)
+        part, own = _coarsened(one, grid)
+        where, there = _shared(own, grid)
         total = part.sum(axis=(0, 1))
-        by_scenario[(i, slice(None), *where)] = part.sum(axis=1)
-        probability[(i, *where)] = total
-        ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))  # nothing where nobody is ashore
+        by_scenario[(i, slice(None), *where)] = part.sum(axis=1)[(slice(None), *there)]
+        probability[(i, *where)] = total[there]
+        ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))[there]  # nothing where nobody is ashore
         contained[i] = 1.0
-        contained[(i, *where)] = _containment(one, total, area[where[0]])
+        contained[(i, *where)] = _containment(one, total, own.area())[there]
+        off[i] = 1 - total[there].sum() / total.sum()
     statuses = np.array([np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots])
     weights = np.array([np.bincount(s.scenario, s.probability, minlength=len(scenarios)) for s in snapshots])
     mean = [means(one, len(scenarios)) for one in snapshots]
-    sizes = np.array([one.areas if one else np.full(len(areas.SHARES), np.nan) for one in maps])
-    held = np.array([one.held_out if one else np.full(len(areas.SHARES), np.nan) for one in maps])
+    sizes = np.array([one.areas if one else np.full(len(shares), np.nan) for one in maps])
+    held = np.array([one.held_out if one else np.full(len(shares), np.nan) for one in maps])
     here = ("time", "lat", "lon")
     counted = [_counted(one, len(scenarios)) for one in snapshots]
     data: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
@@ -132,6 +143,7 @@ def build(
             {"long_name": "effective particles in a smoothing kernel", "units": "1"},
         ),
         **_tracks(mean, grid),
+        **_fit(off, maps, bandwidths),
     }
     coords = {
         "time": ("time", np.array([s.time for s in snapshots], "datetime64[ns]"), _axis("time", "T", "time, UTC")),
@@ -151,7 +163,7 @@ def build(
             np.array([s.name.lower() for s in Status], object),
             {"long_name": "what became of the object"},
         ),
-        "share": ("share", np.array(areas.SHARES), {"long_name": "share of the probability on the map", "units": "1"}),
+        "share": ("share", np.array(shares), {"long_name": "share of the probability on the map", "units": "1"}),
     }
     return xr.Dataset(data, coords)
 
@@ -193,15 +205,44 @@ def _worlds(counted: Sequence[_Counted]) -> dict[str, tuple[tuple[str, ...], Any
     return {"effective_worlds": (("time",), np.array([c.worlds for c in counted]), attributes)}
 
 
-def _coarsened(one: areas.Area, grid: Cells) -> tuple[Array, tuple[slice, slice]]:
-    """Return the map summed into the common cells, and which of them: rows and columns."""
+def _fit(off: Array, maps: Sequence[areas.Area | None], bandwidths: Sequence[float | None] | None) -> dict[str, Any]:
+    """Return how a given grid fits as variables; none where it follows the particles."""
+    if bandwidths is None:
+        return {}
+    wide = [
+        np.nan if one is None or bandwidth is None else bandwidth / one.cells.height
+        for one, bandwidth in zip(maps, bandwidths, strict=True)
+    ]
+    words = "share of the probability adrift or ashore that lies outside the grid; areas and containment count it"
+    kernel = "bandwidth that suits the densest particles, in cells on which the map was smoothed"
+    return {
+        "off_grid": (("time",), off, {"long_name": words, "units": "1"}),
+        "cells_per_kernel": (("time",), np.array(wide), {"long_name": kernel, "units": "1"}),
+    }
+
+
+def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the rows and columns that cells have in common with a grid, counted on the grid, and counted on the cells."""
+    on_grid, on_cells = [], []
+    for start, count, size in (
+        ((own.lat0 - grid.lat0) // grid.height, own.nlat, grid.nlat),
+        ((own.lon0 - grid.lon0) // grid.width, own.nlon, grid.nlon),
+    ):
+        low, high = max(start, 0), min(start + count, size)
+        high = max(low, high)
+        on_grid.append(slice(low, high))
+        on_cells.append(slice(low - start, high - start))
+    return (on_grid[0], on_grid[1]), (on_cells[0], on_cells[1])
+
+
+def _coarsened(one: areas.Area, grid: Cells) -> tuple[Array, Cells]:
+    """Return the map summed into cells of the common size, and these."""
     k = grid.width // one.cells.width
     nlat, nlon = one.cells.nlat // k, one.cells.nlon // k
     part = one.probability
     if k > 1:
         part = part.reshape(*part.shape[:2], nlat, k, nlon, k).sum(axis=(3, 5))
-    x, y = (one.cells.lon0 - grid.lon0) // grid.width, (one.cells.lat0 - grid.lat0) // grid.height
-    return part, (slice(y, y + nlat), slice(x, x + nlon))
+    return part, Cells(one.cells.lon0, one.cells.lat0, grid.width, grid.height, nlon, nlat)
 
 
 def _containment(one: areas.Area, total: Array, area: Array) -> Array:

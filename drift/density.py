@@ -6,6 +6,8 @@ doi:10.1214/aos/1176345986: bandwidth as density to the power -1/2), on a pyrami
 below: mass climbs until its neighbourhood is populous enough, is smoothed there by one cell and comes down again
 by linear interpolation. So dense cores stay sharp while thin tails are smoothed, and a map costs a few passes.
 
+- Where the map is dense, kernels hold up to WIDER times as many: there the density is nearly level, so that noise is what
+  orders the cells, and a wider kernel costs little. How many follows the cell's rank in a first, wide map.
 - `m` is chosen by the log likelihood of held-out particles, both halves in turn; the search starts where bandwidth
   goes as n^(-1/6).
 - Mass stays off masked cells (land): each source's kernel is normalised over the cells allowed, so nothing is lost.
@@ -25,6 +27,7 @@ from scipy import ndimage, spatial
 Array = npt.NDArray[Any]
 
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
+WIDER = 4.0  # times as many particles are in the kernels of the densest cells as in those of the thinnest
 PER_KERNEL = 0.07  # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
 
 
@@ -105,14 +108,34 @@ class Histogram:
     number: tuple[Array, ...]  # kernel's effective number of particles at each level
 
 
-def histogram(mass: Array, squares: Array, where: Medium) -> Histogram:
-    """Return the pyramids of deposited weights w and of w^2, each (nlat, nlon)."""
+def wider(first: Array, area: Array) -> tuple[Array, ...]:
+    """Return how many times as many particles kernels hold in each cell, at each level of the pyramid, by a first map.
+
+    WIDER to the power 1 - s, where s is the share of the first map (nlat, nlon) that is denser than the cell.
+    """
+    order = ranked(first / area[:, None])
+    inside = np.cumsum(first.ravel()[order])
+    denser = np.ones(first.size)
+    denser[order] = inside / inside[-1]
+    levels = [WIDER ** (1 - denser.reshape(first.shape))]
+    while min(levels[-1].shape) >= 16:
+        padded = np.pad(levels[-1], [(0, size % 2) for size in levels[-1].shape], mode="edge")
+        levels.append((padded[0::2, 0::2] + padded[1::2, 0::2] + padded[0::2, 1::2] + padded[1::2, 1::2]) / 4)
+    return tuple(levels)
+
+
+def histogram(mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None) -> Histogram:
+    """Return the pyramids of deposited weights w and of w^2, each (nlat, nlon); more: see `wider`, as they are without it.
+
+    The effective number is that over `more`: so many times as many are then in a kernel.
+    """
     masses, second = [mass], squares
     numbers = []
     for level in range(len(where.reach)):
         variance = 1.5 - 0.5 / 4**level  # of the kernel, in this level's cells: Gauss plus down and up
         there = second > 0
-        numbers.append(variance * np.where(there, masses[-1] ** 2 / np.where(there, second, 1), 0.0))
+        number = variance * np.where(there, masses[-1] ** 2 / np.where(there, second, 1), 0.0)
+        numbers.append(number if more is None else number / more[level])
         if level + 1 < len(where.reach):
             masses.append(_coarser(masses[-1]))
             second = _coarser(second)

@@ -18,6 +18,7 @@ from drift import (
     evidence,
     figures,
     forecast,
+    off_grid,
     origin,
     output,
     plan_text,
@@ -158,7 +159,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
                     begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch, search
                 )
                 snapshots = stack.enter_context(Spool(case, begin.ensemble, moments))
-            _check_lost(case, where, begin, snapshots[-1])
+            check_lost(case, where, begin, snapshots[-1])
             return Drifted(begin, snapshots, landings, search.updates if search else None)
 
         done, after = drifted(begin), None
@@ -171,10 +172,12 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         with clock.phase("products"):
             names = [scenario.name for scenario in case.scenarios]
             is_land = partial(shoreline.is_land, where.coast) if where.coast else None
-            made = products.build(snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit)
+            made = products.build(
+                snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
+            )
             tracks = _trajectories(case, begin.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
-    numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates)
+    numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates) + off_grid.warnings(made.data)
     if after is not None:
         numbers |= aftermath.numbers(after)
         few = effective.Count(after.posterior.effective, what="worlds").few  # the maps' worlds are the same
@@ -278,7 +281,7 @@ def _footer(attributes: Mapping[str, str], *more: str) -> str:
     )
 
 
-def _check_lost(case: Case, where: Environment, begin: Start, end: Snapshot) -> None:
+def check_lost(case: Case, where: Environment, begin: Start, end: Snapshot) -> None:
     """Refuse a run that lost more than the case allows."""
     by_status = record.account(begin.ensemble, end.status).by_status.sum(axis=0)
     lost = {status: float(by_status[status]) for status in LOST}

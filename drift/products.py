@@ -12,21 +12,26 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 import xarray as xr
 from scipy import ndimage
 
-from drift import areas, cells, dataset, density
+from drift import areas, cells, containment, dataset, density
 from drift.cells import Array, Cells, Deposit, IsLand
+from drift.grid_input import QUANTUM
+from drift.shares import SHARES
 from drift.snapshot import Snapshot, mapped
 from drift.status import Status
 from geo import sphere
+from geo.errors import UserError
 
 __all__ = ["Contour", "Forecast", "Snapshot", "build"]
 
 AT_ONCE = 2  # maps that are made at the same time: each holds some 50 MB meanwhile
 ACROSS = 360  # cells across the forecast's grid at most
 ACROSS_ONE = 840  # and across the finer one of a single snapshot
+MOST_ONE = 1_500_000  # cells of a snapshot on a given grid
 METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridian
 
 
@@ -52,6 +57,20 @@ class Forecast:
         """Probability that the object is in a cell, adrift or ashore (time, lat, lon)."""
         return self.data["probability"]
 
+    def containment_at(self, time: np.datetime64, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
+        """Return the smallest share of the probability whose area holds each of some points [deg], (n,): see drift.containment."""
+        return containment.at(self.data, time, lon, lat)
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """The shares whose areas it tells, ascending."""
+        return tuple(float(share) for share in self.data["share"].values)
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """The smallest and the largest of them: what a small map has room for."""
+        return tuple(dict.fromkeys((self.shares[0], self.shares[-1])))
+
 
 @dataclass(frozen=True)
 class _Cloud:
@@ -71,17 +90,21 @@ def build(
     scenarios: Sequence[str],
     is_land: IsLand | None = None,
     deposit: Deposit = cells.deposit,
+    shares: tuple[float, ...] = SHARES,
+    grid: Cells | None = None,
 ) -> Forecast:
     """Return the products of an ensemble's snapshots.
 
     scenarios: names, in order of their numbers.
     is_land: int32 binary angles (lon, lat), each (n,) -> bool (n,); particles' own cells always count as reachable.
     deposit: (lon, lat, weight, cells) -> int64 (nlat, nlon), as `cells.deposit`.
+    shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are made on cells
+    that divide its cells, as far as there is anything: areas and containment count what lies outside it.
     """
     centre = _reference(snapshots)
     clouds = [_cloud(one, centre) for one in snapshots]
-    windows, grid = _windows(clouds, centre)
-    land = _Land(is_land, grid)
+    windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
+    land = _Land(is_land, common)
     maps: list[areas.Area | None] = []
     with ThreadPoolExecutor(AT_ONCE) as pool:  # the device deposits one time while the host smooths those before it
         pending: deque[tuple[int, Future[areas.Area]]] = deque()
@@ -89,17 +112,18 @@ def build(
             maps.append(None)
             if cloud is not None and window is not None:
                 made = _deposits(one, cloud, window, len(scenarios), deposit)
-                pending.append((k, pool.submit(_map, window, made, land.on(window))))
+                pending.append((k, pool.submit(_map, window, made, land.on(window), shares)))
             while len(pending) > (AT_ONCE if k + 1 < len(snapshots) else 0):
                 done, future = pending.popleft()
                 maps[done] = future.result()
+    bandwidths = None if grid is None else [None if cloud is None else cloud.spacing for cloud in clouds]
     contours = tuple(
         Contour(one.time, share, float(size), areas.contour(made, share))
         for one, made in zip(snapshots, maps, strict=True)
         if made is not None
-        for share, size in zip(areas.SHARES, made.areas, strict=True)
+        for share, size in zip(shares, made.areas, strict=True)
     )
-    return Forecast(dataset.build(snapshots, scenarios, grid, maps), contours)
+    return Forecast(dataset.build(snapshots, scenarios, common, maps, shares, bandwidths), contours)
 
 
 def _reference(snapshots: Sequence[Snapshot]) -> int:
@@ -180,6 +204,41 @@ def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells |
     return windows, grid
 
 
+def _fixed(clouds: Sequence[_Cloud | None], centre: int, grid: Cells) -> list[Cells | None]:
+    """Return each snapshot's own cells, which divide those of a given grid by powers of two, on its turn of longitude."""
+    middle = grid.lon0 + grid.nlon * grid.width // 2
+    offset = (centre - middle + sphere.TURN // 2) % sphere.TURN - sphere.TURN // 2 + middle - grid.lon0
+    halvings = (QUANTUM & -QUANTUM).bit_length() - 1
+    shrink = grid.height / grid.width
+    windows: list[Cells | None] = []
+    for cloud in clouds:
+        if cloud is None:
+            windows.append(None)
+            continue
+        fine = max(cloud.spacing / 2.5, 0.2 * METRE)
+        spans = []
+        for low, high, cell in (
+            (offset + cloud.west, offset + cloud.east, grid.width),
+            (cloud.south - grid.lat0, cloud.north - grid.lat0, grid.height),
+        ):
+            margin = 15 * fine * cell / grid.height + 0.04 * (high - low)
+            spans.append((int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1))
+        (x0, x1), (y0, y1) = spans
+        y0, y1 = max(y0, -((2**30 + grid.lat0) // grid.height)), min(y1, (2**30 - grid.lat0) // grid.height)
+        if (x1 - x0) * (y1 - y0) > MOST_ONE:
+            across = max((x1 - x0) * grid.width * shrink, (y1 - y0) * grid.height) / METRE
+            raise UserError(
+                f"output.grid: the particles are {across / 1000:,.0f} km across, {x1 - x0:,} x {y1 - y0:,} of its cells; at most "
+                f"{MOST_ONE:,} can be smoothed: make spacing {np.sqrt((x1 - x0) * (y1 - y0) / MOST_ONE):.1f} times as large"
+            )
+        k = 0
+        while grid.height / 2**k > 1.4 * fine and k < halvings and max(x1 - x0, y1 - y0) * 2 ** (k + 1) <= ACROSS_ONE:
+            k += 1
+        corner = grid.lon0 + x0 * grid.width, grid.lat0 + y0 * grid.height
+        windows.append(Cells(*corner, grid.width, grid.height, x1 - x0, y1 - y0).finer(k))
+    return windows
+
+
 def _multiple(size: float, quantum: int) -> int:
     return max(round(size / quantum), 1) * quantum
 
@@ -200,8 +259,9 @@ class _Land:
         """Return land (nlat, nlon) on a window of the common cells or finer; None if there is none."""
         if self.common is None:
             return None
-        if window.width == self.grid.width:
-            x, y = (window.lon0 - self.grid.lon0) // window.width, (window.lat0 - self.grid.lat0) // window.height
+        x, y = (window.lon0 - self.grid.lon0) // window.width, (window.lat0 - self.grid.lat0) // window.height
+        within = x >= 0 and y >= 0 and x + window.nlon <= self.grid.nlon and y + window.nlat <= self.grid.nlat
+        if window.width == self.grid.width and within:
             land = self.common[y : y + window.nlat, x : x + window.nlon]
         else:
             land = self._look(window)
@@ -222,9 +282,9 @@ def group(n: int) -> Array:
     return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
 
 
-def _map(window: Cells, made: areas.Deposits, land: Array | None) -> areas.Area:
+def _map(window: Cells, made: areas.Deposits, land: Array | None, shares: tuple[float, ...]) -> areas.Area:
     """Return the map of one snapshot on its own cells."""
-    return areas.build(window, made, _media(made.mass.sum(axis=0), land))
+    return areas.build(window, made, _media(made.mass.sum(axis=0), land), shares)
 
 
 def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
