@@ -5,6 +5,8 @@ case = drift.load("case.toml")      # or the name of a shipped case
 result = drift.run(case)            # or drift.run(case, out=Path("results"))
 drift.run(case, datasets={"roms": data})  # xarray.Datasets for the sources with dataset = "roms"
 result.probability                  # xarray.DataArray (time, lat, lon)
+cases = [drift.vary(case, {"seed": k}) for k in range(100)]
+for one in drift.run_many(cases): ...  # many forecasts, forcing and coast opened once: see drift.many
 result.washup                       # of a spill: xarray.Dataset by stretch of coast and time
 drift.results("results")            # paths of a finished run's files, once all are as it wrote them
 drift.trace(case)                   # of a spill: where it may have come from, backward from its finds
@@ -15,15 +17,18 @@ from typing import Any
 
 # Public names and where they live; found on first use, so that `drift --help` does not wait for Taichi.
 _HOMES = {
+    "Brief": "drift.many",
     "Case": "drift.case",
     "Result": "drift.flow",
     "UserError": "geo.errors",
     "load": "drift.case",
     "results": "drift.publication",
     "run": "drift.flow",
+    "run_many": "drift.many",
     "trace": "drift.flow",
+    "vary": "drift.case",
 }
-__all__ = ["Case", "Result", "UserError", "load", "results", "run", "trace"]
+__all__ = ["Brief", "Case", "Result", "UserError", "load", "results", "run", "run_many", "trace", "vary"]
 
 
 def __dir__() -> list[str]:

@@ -7,7 +7,8 @@ forcing is found here, all of them at once, a line each. Cases that ship with th
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
@@ -94,6 +95,7 @@ class Case:
     resampling: Resampling
     expect: Expect
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
+    tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included
 
 
 def shipped() -> list[tuple[str, str]]:
@@ -123,10 +125,42 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
         with wrong.gathered():
             _override(data, key, value)
         text += f"\n# --set {key}={value}"
+    return _validated(data, path, text, wrong)
+
+
+def vary(case: Case, changes: Mapping[str, Any]) -> Case:
+    """Return a case with some places of its file changed, validated as a file is.
+
+    changes: {"start": np.datetime64("2026-11-21T18:30"), "scenario.0.position.at": [4.33, 60.17], "seed": 7}: places as in
+    `load`, with the values that TOML would have there, lists, tables and times of NumPy among them; None takes a key away.
+    What the case states in relation to its start, such as a release "+2 h", goes along with it.
+    Raises one UserError for whatever is wrong with it, a line for each mistake.
+    """
+    data, text, wrong = deepcopy(dict(case.tables)), case.text, Mistakes()
+    for key, value in changes.items():
+        with wrong.gathered():
+            _put(data, key, _plain(value))
+        text += f"\n# --set {key}={_plain(value)}"
+    return _validated(data, case.path, text, wrong)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as TOML would give it: NumPy's times as text, its numbers and arrays as Python's own."""
+    if isinstance(value, np.datetime64):
+        return f"{value.astype('datetime64[s]')}Z"
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> Case:
+    """Return the case of a file's tables; raise all that is wrong with it, `wrong` included."""
     try:
         wrong.refuse()
         case = _build(CaseTable.model_validate(data), path, text)
-        return replace(case, inputs=tuple(dict.fromkeys(_inputs(data, path.absolute().parent))))
+        return replace(case, inputs=tuple(dict.fromkeys(_inputs(data, path.absolute().parent))), tables=data)
     except ValidationError as error:
         raise _refusal(path, (*messages.lines(error, data), *_sources_without(data, path))) from None
     except UserError as error:
@@ -216,7 +250,7 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
 
 
 def _override(data: dict[str, Any], key: str, value: str) -> None:
-    """Set one place of the tables as read; numbers in the key count list items from 0."""
+    """Set one place of the tables as read to a TOML value."""
     if not f"{key}{value}".isascii() and any("\ud800" <= letter <= "\udfff" for letter in f"{key}{value}"):
         raise UserError(f"--set {key!a}={value!a} is not text in UTF-8")
     try:
@@ -224,11 +258,18 @@ def _override(data: dict[str, Any], key: str, value: str) -> None:
         new = parsed["value"] if len(parsed) == 1 else value
     except (ValueError, RecursionError):
         new = value  # so that --set clock.step="10 min" needs no second pair of quotes
+    _put(data, key, new)
+
+
+def _put(data: dict[str, Any], key: str, new: Any) -> None:
+    """Set one place of the tables as read, or take it away where the new value is None; numbers in the key count list items from 0."""
     *above, last = key.split(".")
     here: Any = data
     for part in above:
         here = here.setdefault(part, {}) if isinstance(here, dict) else here[_index(here, part, key)]
-    if isinstance(here, dict):
+    if isinstance(here, dict) and new is None:
+        here.pop(last, None)
+    elif isinstance(here, dict):
         here[last] = new
     else:
         here[_index(here, last, key)] = new

@@ -158,7 +158,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
                     begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch, search
                 )
                 snapshots = stack.enter_context(Spool(case, begin.ensemble, moments))
-            _check_lost(case, where, begin, snapshots[-1])
+            check_lost(case, where, begin, snapshots[-1])
             return Drifted(begin, snapshots, landings, search.updates if search else None)
 
         done, after = drifted(begin), None
@@ -271,7 +271,7 @@ def trace(
     return found
 
 
-def _check_lost(case: Case, where: Environment, begin: Start, end: Snapshot) -> None:
+def check_lost(case: Case, where: Environment, begin: Start, end: Snapshot) -> None:
     """Refuse a run that lost more than the case allows."""
     by_status = record.account(begin.ensemble, end.status).by_status.sum(axis=0)
     lost = {status: float(by_status[status]) for status in LOST}

@@ -1,0 +1,131 @@
+"""Many forecasts in one process, one after another: from many starts and places, with many seeds, errors or objects.
+
+What the cases have in common is made once: their files are opened, surveyed and decoded once, their coast is built once. A
+forecast of many is the forecast that `drift.run` makes of its case alone, bit for bit, whoever else is among them and
+in whatever order. Forecasts come one by one, so that ten thousand need no more memory than one; one that is refused says
+why, and the next goes on.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from drift import environment, flow, forecast, prior, products, snapshot, start
+from drift.case import Case
+from drift.environment import Environment
+from drift.products import Forecast
+from drift.search import Search
+from drift.spool import Spool
+from geo import coast as shoreline
+from geo import sphere
+from geo.errors import UserError
+from kernels import deposit, runtime
+
+Array = npt.NDArray[Any]
+Report = Callable[[str, float], None]
+Maps = bool | Literal["last"]
+
+NOTHING = np.empty((0, 0))
+
+
+@dataclass(frozen=True)
+class Brief:
+    """A forecast in brief: its particles at each output, and its maps where they were asked for.
+
+    Arrays are of shape (outputs, particles). Of one that was refused they are empty, and `error` says why.
+    """
+
+    case: Case
+    times: npt.NDArray[np.datetime64]  # of the outputs, UTC, shape (outputs,)
+    lon: Array  # [deg] -180 to 180
+    lat: Array
+    status: Array  # uint8, drift.status.Status: 0 is adrift, 1 ashore
+    probability: Array  # adds up to 1 over the particles, of all statuses
+    mean: Array  # (outputs, 2) lon, lat [deg] of the mean of those adrift or ashore; NaN where there are none
+    step: int = 0  # [s]
+    forecast: Forecast | None = None  # maps: of all outputs, or of the last
+    error: UserError | None = None
+
+
+def run_many(
+    cases: Sequence[Case],
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    maps: Maps = False,
+    report: Report | None = None,
+) -> Iterator[Brief]:
+    """Give the forecasts of cases, in their order, each as soon as it is made.
+
+    cases: of `drift.load` and `drift.vary`; they need have nothing in common. datasets: the xarray.Datasets that any of them
+    names. maps: False for particles alone, "last" for the map of each forecast's last output, True for all its maps, as
+    `drift.run` makes them. report is told what is being done and how many forecasts are done, as a share.
+    A case that cannot be forecast gives a Brief with `error`, a UserError, and the others go on. Spills have no forecast in
+    brief: theirs is such an error. Raises UserError where no case can run, for the backend say.
+    """
+    if maps not in (False, True, "last"):
+        raise UserError(f'maps = {maps!r}: give False, "last" or True')
+    with runtime.alone():
+        runtime.start(backend, threads)
+    return _each(tuple(cases), datasets or {}, maps, report or (lambda phase, share: None))
+
+
+def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: Report) -> Iterator[Brief]:
+    for number, case in enumerate(cases):
+        with runtime.alone():  # not while the caller has its turn
+            try:
+                made = _forecast(case, environment.open_for(case, _named(case, datasets)), maps)
+            except UserError as error:
+                made = _refused(case, error)
+        tell("forecasts", (number + 1) / len(cases))
+        yield made
+
+
+def _named(case: Case, datasets: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the datasets that a case names."""
+    names = {spec.dataset for spec in (*case.currents, *case.winds, *case.stokes)}
+    return {name: data for name, data in datasets.items() if name in names}
+
+
+def _refused(case: Case, error: UserError) -> Brief:
+    return Brief(case, case.outputs[:0], *(NOTHING,) * 4, np.empty((0, 2)), error=error)
+
+
+def _forecast(case: Case, where: Environment, maps: Maps) -> Brief:
+    """Return the forecast of one case in its environment."""
+    if case.spill:
+        raise UserError(
+            f"{case.path.name}: has a [spill]; many forecasts at once are of [[scenario]] tables: drift.run"
+        )
+    begin = start.prepare(case, where)
+    try:
+        search = Search(case, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
+        outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
+        moments = forecast.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
+        with Spool(case, begin.ensemble, moments) as snapshots:
+            flow.check_lost(case, where, begin, snapshots[-1])
+            seen = list(snapshots)
+    finally:
+        begin.scene.forcing.close()
+    made = None
+    if maps:
+        is_land = partial(shoreline.is_land, where.coast) if where.coast else None
+        names = [scenario.name for scenario in case.scenarios]
+        wanted = seen if maps is True else seen[-1:]
+        made = products.build(wanted, scenarios=names, is_land=is_land, deposit=deposit.deposit)
+    return Brief(
+        case,
+        np.array([one.time for one in seen]),
+        np.stack([one.lon for one in seen]) * (360.0 / sphere.TURN),
+        np.stack([one.lat for one in seen]) * (360.0 / sphere.TURN),
+        np.stack([one.status for one in seen]).astype(np.uint8),
+        np.stack([one.probability for one in seen]),
+        np.array([snapshot.means(one, len(case.scenarios)).all for one in seen]),
+        begin.clock.step,
+        made,
+    )
