@@ -150,7 +150,7 @@ def likelihood(law: Law, tracks: Tracks) -> Likelihood:
 def _regressed(scaled: Array, log_variance: Array) -> Likelihood:
     """Return the likelihood of standardised forecast errors (drifters, fixes, 2, 1 + unknowns), the data first."""
     data, design = scaled[..., 0], scaled[..., 1:]
-    flat = design.reshape(-1, design.shape[-1])
+    flat = design.reshape(data.size, design.shape[-1])
     normal = flat.T @ flat
     covariance = np.linalg.pinv(normal)
     mean = covariance @ (flat.T @ data.ravel())

@@ -1,0 +1,119 @@
+"""How forecasts of drifters did, in words and figures for a terminal, a table and a picture's title."""
+
+import math
+
+import numpy as np
+
+from drift import verification
+from drift.clusters import Estimate
+from drift.units import NMI
+from drift.verification import Verification
+
+Facts = dict[str, str]
+
+
+def verdict(share: float, held: Estimate) -> str:
+    """Return whether areas that should hold a share are too small, too large, or as stated, within two standard errors."""
+    if not math.isfinite(held.error):
+        return "too few forecasts to tell"
+    if held.mean < share - 2 * held.error:
+        return "too small"
+    return "too large" if held.mean > share + 2 * held.error else "as stated, within two standard errors"
+
+
+def sentence(made: Verification, lead: int, share: float) -> str:
+    """Return how often the area of a share held the drifter at a lead, and what that means."""
+    held = made.held(lead, share)
+    return (
+        f"after {made.leads[lead]:g} h the {share:.0%} area held {percent(held)} of {held.count} positions: "
+        f"{verdict(share, held)}"
+    )
+
+
+def percent(held: Estimate) -> str:
+    """Return a share with its standard error, 84 % +- 4."""
+    error = f" ± {100 * held.error:.0f}" if math.isfinite(held.error) else ""
+    return f"{100 * held.mean:.0f} %{error}"
+
+
+def headline(made: Verification) -> str:
+    """Return the sentence on the 90 % area at the end."""
+    told = sentence(made, len(made.leads) - 1, 0.9)
+    return told[0].upper() + told[1:]
+
+
+def facts(made: Verification) -> Facts:
+    """Return all that a terminal is told, by name."""
+    skill = made.mean(made.skill)
+    told = {
+        "forecasts": f"{made.skill.size} of {made.hours[-1]:g} h, of {len(made.names)} drifter{'s' if len(made.names) > 1 else ''} "
+        f"on {np.unique(made.start // verification.DAY).size} days",
+        "errors": errors(made),
+    }
+    if few := doubt(made):
+        told["standard errors"] = few
+    told["skill"] = (
+        f"{skill.mean:.2f} ± {skill.error:.2f}, median {np.median(made.skill):.2f} (Liu and Weisberg; 1 is perfect, 0 as far "
+        "off as the drifter's own way)"
+    )
+    for lead, hours in enumerate(made.leads):
+        column = int(np.searchsorted(made.hours, hours))
+        apart, waiting = (made.mean(values[:, column]) for values in (made.apart, made.waiting))
+        told[f"after {hours:g} h, apart"] = (
+            f"{apart.mean / NMI:.1f} ± {apart.error / NMI:.1f} nmi, median {np.median(made.apart[:, column]) / NMI:.1f}; staying put "
+            f"{waiting.mean / NMI:.1f} ± {waiting.error / NMI:.1f}; root mean square {_rms(made.apart[:, column]) / NMI:.1f}, "
+            f"of the particles {_rms(made.spread[:, column]) / NMI:.1f}"
+        )
+        told[f"after {hours:g} h, held"] = ", ".join(
+            f"{share:.0%} area {percent(made.held(lead, share))}" for share in verification.SHARES
+        )
+    for name, ranks, words in (
+        ("along", made.along, ("slower", "faster")),
+        ("across", made.across, ("to the right", "to the left")),
+    ):
+        # a rank across counts to the right of the forecast drift; below a half: the drifter lies to the left of most particles
+        mean = made.mean(ranks[:, -1])
+        told[f"rank {name} the drift"] = f"{mean.mean:.2f} ± {mean.error:.2f} on average, 0.50 if unbiased{_lean(mean, words)}"
+    lost = float(made.lost.mean())
+    if lost > 0.005:
+        told["lost"] = f"{lost:.0%} of the probability left the forcing or the domain; areas are shares of the rest"
+    told |= {f"note {k}": note for k, note in enumerate(made.notes, 1)}
+    told["in short"] = headline(made)
+    return told
+
+
+def _lean(mean: Estimate, words: tuple[str, str]) -> str:
+    if not abs(mean.mean - 0.5) > 2 * mean.error:
+        return ""
+    return f": drifters go {words[0] if mean.mean < 0.5 else words[1]} of the forecasts" if "right" in words[0] else (
+        f": drifters go {words[0] if mean.mean < 0.5 else words[1]} than forecast"
+    )
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def errors(made: Verification) -> str:
+    """Return the errors that the forecasts were made with."""
+    case = made.case
+    parts = []
+    for name, error in (("current", case.current_error), ("wind", case.wind_error)):
+        if error.std > 0:
+            bias = getattr(error, "bias", 0.0)
+            told = f", bias {bias:.3g} m/s" if bias else ""
+            parts.append(f"{name} {error.std:.3g} m/s, {error.time / 3600:.3g} h{told}")
+    if case.diffusivity > 0:
+        parts.append(f"diffusivity {case.diffusivity:.3g} m2/s")
+    return f"{'; '.join(parts) or 'none'}; start {made.error:.0f} m (50 %); object {case.scenarios[0].object.name}"
+
+
+def doubt(made: Verification) -> str:
+    """Return what the standard errors rest on where that is little; "" where it is enough."""
+    drifters, days = len(made.names), int(np.unique(made.block).size)
+    if drifters == 1:
+        few = ", and few of these: rough" if days < 10 else ""
+        return f"clustered by the {days} days of the one drifter{few}; other drifters may do otherwise"
+    if min(drifters, days) < 10:
+        return f"clustered by {drifters} drifters and {days} days: few, so rough"
+    return ""
