@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -44,23 +44,34 @@ class Environment:
     notes: tuple[str, ...]
 
 
+class Common(Protocol):
+    """What a case has in common with others, opened and built for all of them: see drift.waters.Waters."""
+
+    def source(self, spec: ForcingSpec, box: Box) -> Source:
+        """Return the part of a source of files, or of a dataset in memory, that `geo.forcing.open_source` gives for a box."""
+
+    def coast(self, case: Case, box: Box) -> tuple[Shore, shoreline.Coast | None] | None:
+        """Return the land and a coast that is the same within a box as one built for it; None where there is none to share."""
+
+
 def open_for(
-    case: Case, datasets: Mapping[str, Any] | None = None, seen: Callable[[Shore], Shore] | None = None
+    case: Case,
+    datasets: Mapping[str, Any] | None = None,
+    seen: Callable[[Shore], Shore] | None = None,
+    common: Common | None = None,
 ) -> Environment:
     """Return the environment of a case.
 
-    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a function says.
+    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a function says;
+    common: what is shared with other cases.
 
     Raises UserError when a file can't be understood, when sources leave part of the run without forcing, or when a
     reported position lies on land.
     """
-    held = _held(case, datasets)
-    box = case.domain or reach(case)
-    box = replace(box, south=max(box.south, -POLEWARD), north=min(box.north, POLEWARD))
-    if (box.east - box.west) * (box.north - box.south) > VAST:
-        box = _common(box, utmost(case))
+    held, box = hold(case, datasets), bounds(case)
     opened = {
-        spec.name + spec.quantity: _open(spec, box, case, held) for spec in (*case.currents, *case.winds, *case.stokes)
+        spec.name + spec.quantity: _open(spec, box, case, held, common)
+        for spec in (*case.currents, *case.winds, *case.stokes)
     }
     cells: dict[tuple[str, str], int] = {
         (spec.quantity, spec.name): spec.fill for spec in (*case.currents, *case.winds, *case.stokes)
@@ -82,10 +93,14 @@ def open_for(
     # A last step may lead out of the box: the coast reaches a little further.
     base = tuple(source for source in shown if (source.quantity, source.name) not in added)
     coastal = _shrunk(box, base).grown(COAST_MARGIN / np.cos(np.radians(min(abs(box.north), 80))), COAST_MARGIN)
-    land = shore.land(case.coast.source, coastal, case.coast.lakes)
-    whole = land
-    land = seen(whole) if seen and not case.spill else whole
-    coast = shoreline.build(land, coastal) if land.polygons.size else None
+    shared = common.coast(case, coastal) if common else None
+    if shared:
+        whole, coast = shared
+        land = whole
+    else:
+        whole = shore.land(case.coast.source, coastal, case.coast.lakes)
+        land = seen(whole) if seen and not case.spill else whole
+        coast = shoreline.build(land, coastal) if land.polygons.size else None
     if coast is None and case.spill:
         raise UserError(
             f"[spill]: there is no coast in its domain, {box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
@@ -96,6 +111,15 @@ def open_for(
             story = "[spill]" if case.spill else f'scenario "{scenario.name}"'
             _check_water(story, scenario, coast if land is whole else _about(scenario, whole, coast))
     return Environment(box, tuple(scenarios), shown, coast, land.notes)
+
+
+def bounds(case: Case) -> Box:
+    """Return the box outside which a particle of a case has left."""
+    box = case.domain or reach(case)
+    box = replace(box, south=max(box.south, -POLEWARD), north=min(box.north, POLEWARD))
+    if (box.east - box.west) * (box.north - box.south) > VAST:
+        box = _common(box, utmost(case))
+    return box
 
 
 def _objects(case: Case) -> list[Drifter]:
@@ -117,7 +141,7 @@ def reach(case: Case) -> Box:
     fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * case.current_error.std
     if case.spill:
         fastest += 3 * case.spill.current_bias + slope * STRONGEST_WIND * (math.exp(2 * case.spill.windage_bias) - 1)
-    return _around(case, fastest, SPREADS)
+    return around(case, fastest, SPREADS)
 
 
 def utmost(case: Case) -> Box:
@@ -142,7 +166,7 @@ def utmost(case: Case) -> Box:
         fastest += FARTHEST * case.spill.current_bias + leeway * math.exp(FARTHEST * case.spill.windage_bias)
     span = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
     fastest += FARTHEST * math.sqrt(2 * case.diffusivity / span)
-    return _around(case, fastest, FARTHEST)
+    return around(case, fastest, FARTHEST)
 
 
 def _fastest(specs: Sequence[ForcingSpec], least: float) -> float:
@@ -152,7 +176,7 @@ def _fastest(specs: Sequence[ForcingSpec], least: float) -> float:
     return max([least, *(math.hypot(east, north) for east, north in typed)])
 
 
-def _around(case: Case, fastest: float, spreads: float) -> Box:
+def around(case: Case, fastest: float, spreads: float) -> Box:
     """Return the box of all priors, so many standard deviations wide, and of what drifts from them at a speed [m/s]."""
     lon: list[np.ndarray] = []
     lat: list[np.ndarray] = []
@@ -182,7 +206,7 @@ def _around(case: Case, fastest: float, spreads: float) -> Box:
     return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))
 
 
-def _held(case: Case, datasets: Mapping[str, Any] | None) -> dict[str, memory.Held]:
+def hold(case: Case, datasets: Mapping[str, Any] | None) -> dict[str, memory.Held]:
     """Return the datasets in memory by name; refuse one that is named and not given, or given and not named."""
     given, place = memory.hold(datasets), case.path.name
     named = {spec.dataset: spec for spec in (*case.currents, *case.winds, *case.stokes) if spec.dataset is not None}
@@ -201,7 +225,7 @@ def _held(case: Case, datasets: Mapping[str, Any] | None) -> dict[str, memory.He
     return given
 
 
-def _open(spec: ForcingSpec, box: Box, case: Case, held: Mapping[str, memory.Held]) -> Source:
+def _open(spec: ForcingSpec, box: Box, case: Case, held: Mapping[str, memory.Held], common: Common | None) -> Source:
     """Return one source, cropped to the box."""
     if spec.constant is not None:
         return forcing.constant(spec.quantity, *spec.constant, name=spec.name)
@@ -213,6 +237,8 @@ def _open(spec: ForcingSpec, box: Box, case: Case, held: Mapping[str, memory.Hel
         flow = forcing.analytic(spec.quantity, spec.analytic, box, first, last, **spec.parameters)
         return replace(flow, name=spec.name)
     try:
+        if common:
+            return common.source(spec, box)
         return forcing.open_source(
             spec.quantity,
             list(spec.files) if spec.dataset is None else held[spec.dataset],

@@ -100,6 +100,7 @@ class Forcing:
             self.ranges.append(tuple(ranges))
         self.tiles = Tiles([s.source.grid for s in self._slices], ends)
         self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
+        self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see forecast.Scene
 
     def set(self, low: int, high: int) -> None:
         """Make the tiles say what the forcing is over the step [low, high] [s since 1970]."""
@@ -128,4 +129,5 @@ class Forcing:
     def close(self) -> None:
         """Stop reading ahead, without waiting for a server; a file is read to the end of the slice."""
         self._closed.set()
+        self.movers.clear()
         self._pool.shutdown(wait=True, cancel_futures=True)

@@ -68,8 +68,21 @@ class Scene:
     def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step) -> None:
         """Move all slots over one step, in place."""
         self.forcing.set(low, high)
-        for slots, ranges, physics in zip(ensemble.scenarios, self.forcing.ranges, self.physics, strict=True):
-            kernel.advance(ensemble, slots, self.forcing.tiles, ranges, physics, step, self.place)
+        for move in self._movers(ensemble, step.direction):
+            move(step)
+
+    def _movers(self, ensemble: Ensemble, direction: int) -> tuple[kernel.Move, ...]:
+        """Return what moves each scenario of an ensemble; made once, and kept with the forcing as long as that is open."""
+        key = id(self), id(ensemble), direction
+        if key not in self.forcing.movers:
+            each = zip(ensemble.scenarios, self.forcing.ranges, self.physics, strict=True)
+            made = tuple(
+                kernel.mover(ensemble, slots, self.forcing.tiles, ranges, physics, self.place, direction)
+                for slots, ranges, physics in each
+            )
+            self.forcing.movers[key] = (self, ensemble), made  # a name of what is no more could be given again
+        moves: tuple[kernel.Move, ...] = self.forcing.movers[key][1]
+        return moves
 
     def without_noise(self) -> "Scene":
         """Return the same scene in which nothing is left to chance, and what comes ashore stays there."""

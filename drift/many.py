@@ -14,12 +14,12 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from drift import environment, flow, forecast, prior, products, snapshot, start
+from drift import flow, forecast, prior, products, snapshot, start
 from drift.case import Case
-from drift.environment import Environment
 from drift.products import Forecast
 from drift.search import Search
 from drift.spool import Spool
+from drift.waters import Waters, divide
 from geo import coast as shoreline
 from geo import sphere
 from geo.errors import UserError
@@ -76,10 +76,11 @@ def run_many(
 
 
 def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: Report) -> Iterator[Brief]:
+    shared = divide(cases, datasets)[::-1]  # each is let go of with its last case
     for number, case in enumerate(cases):
         with runtime.alone():  # not while the caller has its turn
             try:
-                made = _forecast(case, environment.open_for(case, _named(case, datasets)), maps)
+                made = _forecast(case, _named(case, datasets), shared.pop(), maps)
             except UserError as error:
                 made = _refused(case, error)
         tell("forecasts", (number + 1) / len(cases))
@@ -96,13 +97,14 @@ def _refused(case: Case, error: UserError) -> Brief:
     return Brief(case, case.outputs[:0], *(NOTHING,) * 4, np.empty((0, 2)), error=error)
 
 
-def _forecast(case: Case, where: Environment, maps: Maps) -> Brief:
-    """Return the forecast of one case in its environment."""
+def _forecast(case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Maps) -> Brief:
+    """Return the forecast of one case in its waters."""
     if case.spill:
         raise UserError(
-            f"{case.path.name}: has a [spill]; many forecasts at once are of [[scenario]] tables: drift.run"
+            f"{case.path.name}: has a [spill], which drift.run forecasts; run_many is for [[scenario]] tables"
         )
-    begin = start.prepare(case, where)
+    where = waters.open_for(case, datasets)
+    begin = start.prepare(case, where, waters.shore(where.coast))
     try:
         search = Search(case, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
         outputs = np.array([prior.elapsed(case, t) for t in case.outputs])

@@ -43,12 +43,13 @@ class Start:
     worlds: Worlds | None = None  # of a spill
 
 
-def prepare(case: Case, where: Environment) -> Start:
+def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | None = None) -> Start:
     """Return the start of a case's run; close `scene.forcing` after it.
 
+    shore: the coast, where it lies on the device already.
     Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
     """
-    shore = device_coast.upload(where.coast) if where.coast else None
+    shore = device_coast.upload(where.coast) if where.coast and not shore else shore
     worlds, bias = None, None
     if case.spill:
         assert where.coast is not None  # environment.open_for

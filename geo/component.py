@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from geo import clock, level, locate, naming, notation, quantities, speed, ugrid
 from geo.errors import UserError
+from geo.kept import Kept
 from geo.layout import Layout
 
 HORIZONTAL = ("two", "component", "components", "uv")  # dimensions that hold both components (SCHISM's hvel)
@@ -35,6 +36,7 @@ class Component:
     unmasked: bool = False  # the case says that zeros are still water
     fills: tuple[float, ...] = ()  # values in the file's own units that mean missing, though it does not say so
     vouched: bool = False  # the case vouches for its values: no number is missing for what it is
+    kept: Kept | None = None  # slices that stay in memory
     notes: tuple[str, ...] = field(default=())
 
 

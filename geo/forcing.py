@@ -71,22 +71,62 @@ def open_source(
     vouches for its values: no speed is refused, no value taken as an undeclared fill value for standing apart.
     timeout: how long the server of an address may leave a question unanswered [s].
     """
+    asked, listed = _request(quantity, paths, variables, units, times, steady, box, depth, lenient, plausible, timeout)
+    with dataset.readable(_titles(listed), quantity):
+        reading = reader.read(asked, listed)
+    return _source(asked, name, reading)
+
+
+def open_shared(
+    quantity: str,
+    paths: dataset.Paths | memory.Held,
+    *,
+    variables: Mapping[str, Any] | None = None,
+    units: str | None = None,
+    times: Any = None,
+    steady: bool = False,
+    depth: float | None = None,
+    plausible: bool = False,
+    timeout: float = address.TIMEOUT,
+) -> reader.Opened:
+    """Open files as `open_source` does, for several cases: `keep` and `cut` give each its part."""
+    asked, listed = _request(quantity, paths, variables, units, times, steady, None, depth, False, plausible, timeout)
+    with dataset.readable(_titles(listed), quantity):
+        return reader.open_all(asked, listed)
+
+
+def keep(opened: reader.Opened, box: Box) -> reader.Opened:
+    """Return an opened source whose slices stay in memory over a box, once they are read."""
+    return reader.keep(opened, box)
+
+
+def cut(opened: reader.Opened, box: Box, name: str | None = None) -> Source:
+    """Return the part of an opened source that `open_source` would give for a box; without a fingerprint."""
+    with dataset.readable(_titles(opened.paths), opened.request.quantity):
+        return _source(opened.request, name, reader.cut(opened, box))
+
+
+def _request(
+    quantity: str, paths: dataset.Paths | memory.Held, variables: Mapping[str, Any] | None, *how: Any
+) -> tuple[reader.Request, Any]:
+    """Return a request, and what it is made of."""
     if quantity not in quantities.QUANTITIES:
         raise UserError(f'quantity "{quantity}": allowed are {", ".join(quantities.QUANTITIES)}')
     if isinstance(paths, memory.Held):
-        listed: Any = paths
-        title = paths.name
-    else:
-        listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-        title = dataset.title(listed)
-    asked = reader.Request(
-        quantity, title, variables or {}, units, times, steady, box, depth, lenient, plausible, timeout
-    )
-    with dataset.readable([paths.title] if isinstance(paths, memory.Held) else listed, quantity):
-        reading = reader.read(asked, listed)
+        return reader.Request(quantity, paths.name, variables or {}, *how), paths
+    listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    return reader.Request(quantity, dataset.title(listed), variables or {}, *how), listed
+
+
+def _titles(paths: Any) -> Any:
+    """Return what messages call the files, or the dataset in memory."""
+    return [paths.title] if isinstance(paths, memory.Held) else paths
+
+
+def _source(asked: reader.Request, name: str | None, reading: reader.Reading) -> Source:
     return Source(
-        quantity, name or title, reading.grid, reading.times, reading.read, reading.missing, reading.notes, reading.fingerprint,
-        reading.domain,
+        asked.quantity, name or asked.name, reading.grid, reading.times, reading.read, reading.missing, reading.notes,
+        reading.fingerprint, reading.domain,
     )  # fmt: skip
 
 

@@ -9,11 +9,26 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from geo import clock, component, dataset, fill, layout, memory, naming, notation, quantities, sphere, survey, tile
+from geo import (
+    clock,
+    component,
+    dataset,
+    fill,
+    layout,
+    memory,
+    naming,
+    notation,
+    quantities,
+    slices,
+    sphere,
+    survey,
+    tile,
+)
 from geo.box import Box
 from geo.component import Component
 from geo.errors import UserError
 from geo.grid import Grid
+from geo.kept import Kept
 from geo.layout import Array, Layout
 
 Values = NDArray[np.float32]
@@ -49,8 +64,34 @@ class Request:
     timeout: float  # of an address [s]
 
 
+@dataclass(frozen=True)
+class Opened:
+    """Files, or a dataset in memory, of which all is known that does not depend on the part that a case needs."""
+
+    request: Request
+    paths: dataset.Paths | memory.Held
+    files: list[tuple[str, xr.Dataset]]
+    pair: quantities.Pair
+    components: tuple[Component, Component]
+    times: clock.Times
+    count: int  # slices
+    whole: survey.Survey
+    notes: tuple[str, ...]
+
+
 def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
     """Open files, or take a dataset in memory, and return how to read the quantity from them."""
+    opened = open_all(request, paths)
+    reading = cut(opened, request.box)
+    q, pair = request.quantity, opened.pair
+    asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
+    time = opened.components[0].segments[0][2]
+    digest = _digest(request, paths, opened.files, pair, time, f"{q} {pair.east} {pair.north} {asked}")
+    return replace(reading, fingerprint=digest)
+
+
+def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
+    """Open files, or take a dataset in memory, find the quantity and survey it as a whole."""
     q = request.quantity
     if isinstance(paths, memory.Held):
         files = [(paths.title, memory.as_stored(paths))]
@@ -76,27 +117,41 @@ def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
         replace(c, fills=fills, vouched=request.plausible)
         for c, fills in zip((first, second), whole.fills, strict=True)
     )
-    box = _needed(request.box)
-    crops = [layout.crop(c.layout, box) for c in (first, second)]
+    return Opened(request, paths, files, pair, (first, second), times, count, whole, tuple(notes))
+
+
+def cut(opened: Opened, box: Box | None) -> Reading:
+    """Return how to read the part of a source that a case needs; its fingerprint is left empty."""
+    request, (first, second), whole = replace(opened.request, box=box), opened.components, opened.whole
+    wanted = _needed(box)
+    crops = [layout.crop(c.layout, wanted) for c in (first, second)]
     if crops[0] is None or crops[1] is None:
         raise UserError(_apart(request, first.layout))
-    made = tile.make((first, second), (crops[0], crops[1]), pair.axes, box)
-    seen = tile.examine(made, count, whole)
+    made = tile.make((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
+    seen = tile.examine(made, opened.count, whole)
     if seen.missing == 1.0 and seen.empty:
-        inside = " in the case's area" if request.box is not None else ""
+        inside = " in the case's area" if box is not None else ""
         odd = f" ({seen.strange} are no possible speed: are the units right?)" if seen.strange else ""
-        raise UserError(f"{request.name}: every value is missing{inside}{odd}; set [[{q}]] files")
+        raise UserError(f"{request.name}: every value is missing{inside}{odd}; set [[{request.quantity}]] files")
     made = seen.tile
-    asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
     return Reading(
         made.grid,
-        times,
+        opened.times,
         lambda i: tile.read(made, i),
         seen.missing,
-        tuple(notes) + whole.notes + made.notes + seen.notes,
-        _digest(request, paths, files, pair, first.segments[0][2], f"{q} {pair.east} {pair.north} {asked}"),
+        opened.notes + whole.notes + made.notes + seen.notes,
+        "",
         tile.domain(made),
     )
+
+
+def keep(opened: Opened, box: Box) -> Opened:
+    """Return a source whose slices, once read, stay in memory over a box: parts of it that lie inside are cut from there."""
+    kept = []
+    for one in opened.components:
+        crop = layout.crop(one.layout, _needed(box))
+        kept.append(one if crop is None else replace(one, kept=Kept(slices.window(crop))))
+    return replace(opened, components=(kept[0], kept[1]))
 
 
 def _digest(

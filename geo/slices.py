@@ -27,7 +27,16 @@ def window(layout: Layout) -> tuple[Index, ...]:
 
 def read(component: Component, layout: Layout, i: int) -> tuple[Array, int]:
     """Return slice i [m/s] over a (cropped) layout, NaN missing, and how many undeclared fill values it held."""
-    index = window(layout)
+    index, kept = window(layout), component.kept
+    part = None if kept is None else kept.part(index)
+    if kept is None or part is None:
+        return _read(component, index, i)
+    values, strange = kept.slice(i, lambda: _read(component, kept.index, i))
+    return values[np.ix_(*part)], strange
+
+
+def _read(component: Component, index: tuple[Index, ...], i: int) -> tuple[Array, int]:
+    """Return slice i [m/s] at the file's indices along its horizontal dimensions."""
     with _reading(component, i) as variable:
         values = _block(variable, component.dims, index)
     if component.mask is not None:

@@ -5,6 +5,7 @@ values at begin and end are interpolated first, so that a step always sees one s
 partly before the first or after the last node, that node's values hold for the rest of this one step.
 """
 
+from bisect import bisect_left, bisect_right
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -55,25 +56,27 @@ class Slices:
         self.source, self.cells, self.ahead, self._pool = source, cells, ahead, pool
         self.seconds = source.times.astype("datetime64[s]").astype(np.int64)
         self._steps = np.diff(self.seconds)
+        self._nodes: list[int] = self.seconds.tolist()  # a search of few in Python is faster than in NumPy
         self._usual = float(np.median(self._steps)) if self._steps.size else 0.0
         self._reading: dict[int, Future[Array]] = {}
 
     def bracket(self, low: int, high: int) -> Bracket | None:
         """Return the bracket of the step [low, high] [s since 1970], or None where the source has nothing."""
-        if not self.seconds.size:
+        nodes = self._nodes
+        if not nodes:
             return Bracket(0, 0, 0.0, 0.0)
-        if high <= self.seconds[0] or low >= self.seconds[-1] or self.seconds.size < 2:
+        if high <= nodes[0] or low >= nodes[-1] or len(nodes) < 2:
             return None
-        if low < self.seconds[0] or high > self.seconds[-1]:
+        if low < nodes[0] or high > nodes[-1]:
             return Bracket(float(low), float(high), 0.0, 1.0)
-        i = min(int(np.searchsorted(self.seconds, low, "right")) - 1, self.seconds.size - 2)
-        j = max(int(np.searchsorted(self.seconds, high, "left")), i + 1)
+        i = min(bisect_right(nodes, low) - 1, len(nodes) - 2)
+        j = max(bisect_left(nodes, high), i + 1)
         if self._steps[i:j].max() > LONGEST_GAP * self._usual:
             return None
         if j > i + 1:
             return Bracket(float(low), float(high), 0.0, 1.0)
         span = float(self._steps[i])
-        return Bracket(i, j, (low - self.seconds[i]) / span, (high - self.seconds[i]) / span)
+        return Bracket(i, j, (low - nodes[i]) / span, (high - nodes[i]) / span)
 
     def get(self, key: Key) -> Array:
         """Return the slice of a key, shape (nlat, nlon, 2) [m/s], and have the next one read meanwhile."""

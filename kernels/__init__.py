@@ -1,6 +1,7 @@
 """Every Taichi kernel, in the order in which data passes them.
 
 runtime  start a backend; host arrays <-> device arrays
+launch   a kernel with its arguments set once
 noise    counter-based random numbers: f(seed, stream, slot, step)
 sphere   the exponential map on binary angles
 prior    draw initial positions in water

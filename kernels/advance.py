@@ -5,11 +5,12 @@ adds a random walk; and ends at its first crossing of the shore, or goes on alon
 float32 on differences from the position at its begin. Writing of the increment is one rounding of at most 5 mm.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import noise, shore, sphere
+from kernels import launch, noise, shore, sphere
 from kernels.coast import Bytes, DeviceCoast, Frame, Ints, Reals, first_crossing, is_clear, open_sea
 from kernels.sample import Nodes, Tiles, sample
 
@@ -420,6 +421,9 @@ class Step(NamedTuple):
     direction: int  # +1 forward in time, -1 backward
 
 
+Move = Callable[[Step], None]
+
+
 class Domain(NamedTuple):
     """The box outside which a particle has left the case [binary angle]."""
 
@@ -476,15 +480,29 @@ def advance(
     place: Place,
     velocity: Any = drift,
 ) -> None:
-    """Move the slots [first, last) of an ensemble over one lattice step, in place.
+    """Move the slots [first, last) of an ensemble over one lattice step, in place: see `mover`."""
+    mover(ensemble, slots, tiles, ranges, physics, place, step.direction, velocity)(step)
 
-    ensemble: a drift.ensemble.Ensemble. ranges: first and last tile of currents, winds and Stokes drift. velocity: a
-    function of the outline of `drift`, so that the order of the scheme can be measured on an analytic flow.
+
+def mover(
+    ensemble: Any,
+    slots: tuple[int, int],
+    tiles: Tiles,
+    ranges: tuple[int, ...],
+    physics: Physics,
+    place: Place,
+    direction: int,
+    velocity: Any = drift,
+) -> Move:
+    """Return a function that moves the slots [first, last) of an ensemble over one lattice step, in place.
+
+    ensemble: a drift.ensemble.Ensemble. ranges: first and last tile of currents, winds and Stokes drift. direction: of all
+    its steps. velocity: a function of the outline of `drift`, so that the order of the scheme can be measured on an analytic flow.
     A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the forcing or the domain.
     """
     e, (seed0, seed1) = ensemble, noise.key(ensemble.seed)
     bias = place.bias or Bias(e.log_weight, e.log_weight)  # not compiled in: any array will do
-    _advance(
+    args = (
         features(ranges, physics, place),
         velocity,
         *slots,
@@ -494,9 +512,11 @@ def advance(
         *(e.current_error_east, e.current_error_north, e.wind_error_east, e.wind_error_north),
         *bias,
         *(tiles.nodes, tiles.where, tiles.scale, i32x6(ranges)),
-        *(step.elapsed, step.duration, step.direction, step.number, seed0, seed1),
+        *(0, 1, direction, 0, seed0, seed1),
         *physics,
         *(place.beach.stay, place.beach.offing, place.debris),
         *place.domain,
         *(place.coast or open_sea()),
     )
+    move = launch.bind(_advance, args, ("elapsed", "duration", "step"))
+    return lambda step: move(step.elapsed, step.duration, step.number)

@@ -14,7 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import taichi as ti
+from taichi._lib import core
 from taichi.lang import impl
+from taichi.lang.enums import Layout
 
 from geo import waiting
 from geo.errors import UserError
@@ -116,9 +118,40 @@ def backend() -> str:
     return str(_started.get("backend", "none"))
 
 
+class Column(ti.ScalarNdarray):
+    """A device array of scalars, which a CPU reads and writes where it lies: Taichi launches a kernel for each copy.
+
+    Made without the trace of the caller that Taichi's own keeps for its messages: that takes most of the time it takes to
+    make one.
+    """
+
+    def __init__(self, dtype, n: int) -> None:
+        ti.Ndarray.__init__(self)
+        self.dtype = self.element_type = dtype
+        program = impl.get_runtime().prog
+        self.arr = program.create_ndarray(dtype, (n,), layout=Layout.NULL, zero_fill=True, dbg_info=core.DebugInfo(""))
+        self.shape = (n,)
+
+    def to_numpy(self) -> np.ndarray:
+        """Return a copy on the host."""
+        return super().to_numpy() if _started.get("backend") != "cpu" else self._memory().copy()
+
+    def from_numpy(self, arr: np.ndarray) -> None:
+        """Take up the values of a host array of the same shape and type."""
+        if _started.get("backend") != "cpu" or arr.dtype != _NUMPY[self.dtype] or arr.shape != self.shape:
+            super().from_numpy(arr)  # which also says what is wrong with it
+        else:
+            self._memory()[:] = arr
+
+    def _memory(self) -> np.ndarray:
+        kind = np.ctypeslib.as_ctypes_type(_NUMPY[self.dtype])
+        place = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(self.arr)
+        return np.ctypeslib.as_array((kind * self.shape[0]).from_address(place))
+
+
 def empty(n: int, dtype=ti.f32) -> ti.Ndarray:
     """Return a zeroed device array of n scalars."""
-    return ti.ndarray(dtype, shape=(max(n, 1),))
+    return Column(dtype, max(n, 1))
 
 
 def empty_nodes(n: int) -> ti.Ndarray:
@@ -138,6 +171,7 @@ _DTYPES = {
     np.dtype(np.int64): ti.i64,
     np.dtype(np.float64): ti.f64,
 }
+_NUMPY = {kind: dtype for dtype, kind in _DTYPES.items()}
 
 
 def upload(values: np.ndarray) -> ti.Ndarray:

@@ -1,0 +1,71 @@
+"""A kernel with its arguments set once, to be launched again and again: Taichi looks at all of them anew at every launch, which
+takes longer than a step of some thousand particles.
+
+It leans on what Taichi 1.7.4 does inside (kernel_impl.Kernel.launch_kernel); elsewhere than on a CPU it launches as Taichi does.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from taichi.lang import impl
+from taichi.lang.matrix import MatrixType
+from taichi.lang.util import cook_dtype
+from taichi.types import ndarray_type, primitive_types
+from taichi.types.annotations import template
+from taichi.types.utils import is_signed
+
+from kernels import runtime
+
+Launch = Callable[..., None]
+
+
+def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
+    """Return a function that launches a kernel with these arguments, but for whole numbers named in `changing`, which it takes.
+
+    Arrays are `ti.Ndarray`s, and stay alive as long as the function does.
+    """
+    primal = kernel._primal
+    names = [argument.name for argument in primal.arguments]
+    if runtime.backend() != "cpu":
+        places = [names.index(name) for name in changing]
+        own = list(args)
+
+        def launch(*values: int) -> None:
+            for place, value in zip(places, values, strict=True):
+                own[place] = value
+            kernel(*own)
+
+        return launch
+    compiled = primal.compiled_kernels[primal.ensure_compiled(*args)]
+    program = impl.get_runtime().prog
+    context = compiled.make_launch_context()
+    real = [(a, v) for a, v in zip(primal.arguments, args, strict=True) if not isinstance(a.annotation, template)]
+    arrays = []
+    for place, (argument, value) in enumerate(real):
+        if isinstance(argument.annotation, ndarray_type.NdarrayType):
+            arrays.append(((place,), value.arr))
+        else:
+            _set(context, place, argument.annotation, value)
+    slots = [(next(k for k, (a, _) in enumerate(real) if a.name == name),) for name in changing]
+    code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
+
+    def launch_bound(*values: int, kept: tuple = args) -> None:
+        for slot, array in arrays:  # each time: a launch turns them into addresses
+            context.set_arg_ndarray(slot, array)
+        for slot, value in zip(slots, values, strict=True):
+            context.set_arg_int(slot, value)
+        program.launch_kernel(code, context)
+
+    return launch_bound
+
+
+def _set(context: Any, place: int, kind: Any, value: Any) -> None:
+    """Set one argument of a launch that is no array."""
+    if isinstance(kind, MatrixType):
+        kind.set_kernel_struct_args(kind(*(value[k] for k in range(kind.n))), context, (place,))
+    elif id(kind) in primitive_types.real_type_ids:
+        context.set_arg_float((place,), float(value))
+    elif is_signed(cook_dtype(kind)):
+        context.set_arg_int((place,), int(value))
+    else:
+        context.set_arg_uint((place,), int(value))

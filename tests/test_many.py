@@ -1,0 +1,190 @@
+"""Many forecasts in one process: each is the one that a run of its case alone makes, to the bit, and none hurts another."""
+
+import json
+import resource
+from pathlib import Path
+
+import numpy as np
+import pytest
+import writers
+
+import drift
+from drift.status import Status
+from geo import sphere
+from geo.errors import UserError
+
+CASE = """
+start = "2024-03-05T00:20Z"
+duration = "5 h"
+particles = 300
+seed = 5
+max_lost = 1.0
+output.every = "4 h"
+output.trajectories = 300
+coast = {{ source = "{coast}" }}
+current = [{{ files = "{current}", fill = 2 }}]
+wind = [{{ table = [{{ time = "+0 h", speed = "9 m/s", from = 213 }}, {{ time = "+30 h", speed = "4 m/s", from = 155 }}] }}]
+uncertainty.current = {{ std = "0.12 m/s", time = "5 h" }}
+uncertainty.wind = {{ std = "1.3 m/s", time = "7 h" }}
+uncertainty.diffusivity = "12 m2/s"
+[[scenario]]
+name = "raft"
+object = "LIFE-RAFT-DB-11"
+position = {{ at = [{lon}, {lat}], error = "2 nmi", until = "+40 min" }}
+[[scenario]]
+name = "debris"
+object = "water"
+weight = 0.4
+position = {{ at = [{lon}, {lat}], std = ["3 km", "1 km"], orientation = 30 }}
+"""
+
+
+def middle() -> tuple[float, float]:
+    """The middle of the fields that `writers` makes [deg]."""
+    return sum(writers.LON) / 2, sum(writers.LAT) / 2
+
+
+def islands(path: Path) -> str:
+    """Write a ragged shore of short edges down-wind of the middle of the fields, and an islet."""
+    lon, lat = middle()
+    turn = np.linspace(0, 2 * np.pi, 90, endpoint=False)
+    rings = []
+    for x, y, size in ((lon + 0.14, lat + 0.11, 0.09), (lon - 0.12, lat + 0.02, 0.02)):
+        ragged = size * (1 + 0.2 * np.sin(7 * turn) + 0.1 * np.cos(13 * turn))
+        ring = np.stack([x + 1.5 * ragged * np.cos(turn), y + ragged * np.sin(turn)], 1).tolist()
+        rings.append([[*ring, ring[0]]])
+    path.write_text(json.dumps({"type": "MultiPolygon", "coordinates": rings}))
+    return str(path)
+
+
+def case(folder: Path, current: Path | str, coast: str = "none") -> drift.Case:
+    lon, lat = middle()
+    path = folder / "base.toml"
+    path.write_text(CASE.format(current=current, coast=coast, lon=lon, lat=lat))
+    return drift.load(path)
+
+
+def varied(base: drift.Case) -> list[drift.Case]:
+    """Cases that differ in start, place, seed, errors, object, outputs and length."""
+    lon, lat = middle()
+    return [
+        base,
+        drift.vary(base, {"scenario.0.position.at": [lon + 0.03, lat - 0.02], "seed": 8}),
+        drift.vary(base, {"start": base.start + np.timedelta64(5000, "s"), "duration": "3 h"}),
+        drift.vary(base, {"uncertainty.current": {"std": 0.3, "time": "11 h"}, "scenario.0.object": "PIW-1"}),
+        drift.vary(base, {"uncertainty": {}, "scenario.1.position.std": ["6 km", "2 km"], "clock.step": "20 min"}),
+        drift.vary(
+            base, {"seed": 2**62 + 1, "output.every": None, "output.times": ["+50 min", "+4 h"], "particles": 290}
+        ),
+    ]
+
+
+def same(one: drift.Brief, alone: drift.Result) -> None:
+    """Hold a forecast of many against a run's own tracks, of all its particles."""
+    tracks = alone.trajectories
+    assert one.error is None
+    assert tracks.slot.size == one.lon.shape[1]
+    assert one.times.tolist() == tracks.time.tolist()
+    for mine, theirs in ((one.lon, tracks.lon), (one.lat, tracks.lat)):
+        assert (mine * (sphere.TURN / 360) == theirs.T).all()
+    assert (one.status == tracks.status.T).all()
+    assert (one.probability == tracks.weight.T).all()
+    assert one.step == alone.summary["run"]["step_s"]
+
+
+GRIDS = {"regular": writers.regular, "staggered": writers.roms, "triangles": writers.fvcom}
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_each_of_many_is_the_run_of_its_case_alone_to_the_bit(tmp_path: Path, grid: str) -> None:
+    cases = varied(case(tmp_path, GRIDS[grid](tmp_path / "current.nc")))
+    for one, own in zip(drift.run_many(cases), cases, strict=True):
+        assert one.case is own
+        same(one, drift.run(own))
+
+
+def test_stranded_particles_too(tmp_path: Path) -> None:
+    base = case(tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    cases = varied(base)
+    made = list(drift.run_many(cases))
+    assert min(np.mean(one.status[-1] == Status.ASHORE) for one in made) > 0.02  # otherwise nothing is tested
+    for one, own in zip(made, cases, strict=True):
+        same(one, drift.run(own))
+
+
+def bits(one: drift.Brief) -> list[bytes]:
+    """All that a forecast of many holds, as bytes."""
+    return [np.asarray(a).tobytes() for a in (one.times, one.lon, one.lat, one.status, one.probability, one.mean)]
+
+
+def test_neither_order_nor_company_matters(tmp_path: Path) -> None:
+    lon, lat = middle()
+    base = case(tmp_path, writers.projected(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    far = drift.vary(
+        base, {"scenario.0.position.at": [lon - 1.2, lat - 0.6], "scenario.1.position.at": [lon + 1.1, lat]}
+    )
+    cases = [*varied(base), far]
+    forth, back = list(drift.run_many(cases)), list(drift.run_many(cases[::-1]))[::-1]
+    assert [bits(one) for one in forth] == [bits(one) for one in back]
+    assert bits(next(drift.run_many([cases[3]]))) == bits(forth[3])
+
+
+def test_one_that_is_refused_says_so_and_the_others_go_on(tmp_path: Path) -> None:
+    lon, lat = middle()
+    base = case(tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    base = drift.vary(base, {"max_lost": 0.2})
+    outside = drift.vary(base, {"scenario.0.position.at": [lon + 40, lat], "scenario.1.position.at": [lon + 40, lat]})
+    on_land = drift.vary(base, {"scenario.0.position.at": [lon + 0.14, lat + 0.11]})
+    too_late = drift.vary(base, {"start": base.start + np.timedelta64(40, "h")})
+    no_file = drift.vary(base, {"current": [{"dataset": "roms"}]})
+    wrong = {1: outside, 2: on_land, 3: too_late, 4: no_file}
+    told: list[float] = []
+    made = list(drift.run_many([base, *wrong.values(), base], report=lambda phase, share: told.append(share)))
+    assert told == [k / 6 for k in range(1, 7)]
+    assert bits(made[0]) == bits(made[5])
+    for k, own in wrong.items():
+        with pytest.raises(UserError) as refused:
+            drift.run(own)
+        assert str(made[k].error) == str(refused.value)
+        assert made[k].case is own
+        assert made[k].lon.size == 0
+
+
+def test_what_is_asked_for_wrongly_is_told_at_once() -> None:
+    with pytest.raises(UserError, match="maps"):
+        drift.run_many([], maps="first")  # type: ignore[arg-type]
+    with pytest.raises(UserError, match="backend"):
+        drift.run_many([], backend="abacus")
+    spill = next(drift.run_many([drift.load("gulf_containers")]))
+    assert "[spill]" in str(spill.error)
+
+
+def test_maps_are_those_of_a_run(tmp_path: Path) -> None:
+    base = case(tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    alone = drift.run(base).forecast
+    (all_of_them,), (last,), (none,) = (list(drift.run_many([base], maps=maps)) for maps in (True, "last", False))
+    assert none.forecast is None
+    assert all_of_them.forecast is not None
+    assert all_of_them.forecast.data.identical(alone.data)
+    assert last.forecast is not None
+    assert last.forecast.data.time.values.tolist() == alone.data.time.values[-1:].tolist()
+    mapped = last.forecast.data.status_probability.sel(status=["adrift", "ashore"]).sum()
+    assert float(last.forecast.probability.sum()) == pytest.approx(float(mapped), abs=1e-5)  # float32 cells
+    at_end = [float(alone.data[f"mean_{axis}"][-1]) for axis in ("lon", "lat")]
+    assert none.mean[-1] == pytest.approx(at_end, abs=1e-9)
+
+
+def test_memory_does_not_grow_with_the_number_of_forecasts(tmp_path: Path) -> None:
+    base = drift.vary(case(tmp_path, writers.regular(tmp_path / "current.nc")), {"particles": 3000})
+    lon, lat = middle()
+    cases = [
+        drift.vary(base, {"seed": k, "scenario.0.position.at": [lon + 0.03 * (k % 8), lat], "clock.step": "30 min"})
+        for k in range(110)
+    ]
+    peaks = []
+    for number, one in enumerate(drift.run_many(cases)):
+        assert one.error is None
+        if number in (29, 109):
+            peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    # Each forecast has 24 columns of 3000 numbers of 4 bytes on the device: eighty that were never freed would be 22 MiB.
+    assert peaks[1] - peaks[0] < 10 * 1024
