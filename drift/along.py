@@ -6,14 +6,15 @@ rest of its way: what is left over is the model's own error in place and time, t
 for. What is compared with the drifter's way is current and Stokes drift; the wind's way comes with it, as a regressor.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from drift import environment, error_law
 from drift import case as cases
+from drift import environment, error_law
 from drift.case import Case
 from drift.drifters import Array, Track, breaks
 from drift.error_law import Tracks
@@ -89,7 +90,8 @@ def compared(
             elif quantity in asked:
                 _, weight, owner = points[k]
                 parts[quantity] = np.stack(
-                    [np.bincount(owner, weight * said[quantity][k][:, side], track.time.size) for side in (0, 1)], axis=1
+                    [np.bincount(owner, weight * said[quantity][k][:, side], track.time.size) for side in (0, 1)],
+                    axis=1,
                 )
         none = np.zeros((track.time.size, 2))
         model = parts.get("current", none) + parts.get("stokes", none)
@@ -101,7 +103,9 @@ def compared(
         made = np.concatenate([np.zeros((1, 2)), np.stack([east, north], axis=1)])
         still = fresh[:, None]
         wind = np.where(still, 0.0, parts["wind"]) if "wind" in parts else None
-        ways.append(Ways(track.name, track.time, step, fresh, np.where(still, 0.0, made), np.where(still, 0.0, model), wind))
+        ways.append(
+            Ways(track.name, track.time, step, fresh, np.where(still, 0.0, made), np.where(still, 0.0, model), wind)
+        )
     notes = []
     if long:
         notes.append(f"{long:,} ways between fixes left out that take more than {gap / 3600:g} h, or are leaps")
@@ -179,7 +183,10 @@ def _said(
         ends = [*begins[1:], time.size]
         for moment, begin, end in zip(moments.astype(int), begins, ends, strict=True):
             these = order[begin:end]
-            for low, fraction in ((moment, 0.0), (moment - 1, 1.0)):  # a source's last moment ends a step, its first begins one
+            for low, fraction in (
+                (moment, 0.0),
+                (moment - 1, 1.0),
+            ):  # a source's last moment ends a step, its first begins one
                 forcing.set(int(low), int(low) + 1)
                 for number, quantity in enumerate(QUANTITIES):
                     if quantity in asked:
@@ -191,7 +198,7 @@ def _said(
                     break
     finally:
         forcing.close()
-    return {quantity: [values[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True)] for quantity, values in said.items()}
+    return {quantity: [values[a:b] for a, b in itertools.pairwise(bounds)] for quantity, values in said.items()}
 
 
 def over(case: Case, tracks: Sequence[Track]) -> Case:

@@ -73,16 +73,19 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
         raise ValueError("holds no table: a header and at least one row are needed")
     mark = max(",;\t", key=lines[0].count)
     header, *rows = list(csv.reader(lines, delimiter=mark, skipinitialspace=True))
-    where = {what: _column(header, what) for what in NAMES}
-    for what in ("time", "lon", "lat"):
-        if where[what] is None:
-            raise ValueError(f"no column of {what}; its columns are {', '.join(header)[:200]}; one must be called {', '.join(NAMES[what][:4])}")  # fmt: skip
+    who = _column(header, "id")
+    found = {what: _column(header, what) for what in ("time", "lon", "lat")}
+    where = {what: index for what, index in found.items() if index is not None}
+    if lacking := next((what for what in found if what not in where), None):
+        raise ValueError(
+            f"no column of {lacking}; its columns are {', '.join(header)[:200]}; one must be called "
+            f"{', '.join(NAMES[lacking][:4])}"
+        )
     names = [name.strip() for name in header]
     if missing := [name for name in wanted if name not in names]:
         raise ValueError(f'--columns: no column "{missing[0]}"; its columns are {", ".join(names)[:300]}')
-    width = max(index for index in (*where.values(), *(names.index(n) for n in wanted)) if index is not None) + 1
+    width = max(index for index in (*where.values(), *(names.index(n) for n in wanted), who) if index is not None) + 1
     rows = [row for row in rows if len(row) >= width]
-    assert where["time"] is not None and where["lon"] is not None and where["lat"] is not None
     lat = _numbers(row[where["lat"]] for row in rows)
     if rows and not np.isfinite(lat[0]) and not _is_time(rows[0][where["time"]]):  # a second header row, with units
         rows, lat = rows[1:], lat[1:]
@@ -92,15 +95,17 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     stamps = [row[where["time"]].strip() for row in rows]
     if _plain(header[where["time"]]) == "date" and clock is not None:
         stamps = [f"{stamp} {row[clock].strip()}" for stamp, row in zip(stamps, rows, strict=True)]
-    elif clock is not None and (day := next((i for i, n in enumerate(header) if _plain(n) == "date"), None)) is not None:
+    elif (
+        clock is not None and (day := next((i for i, n in enumerate(header) if _plain(n) == "date"), None)) is not None
+    ):
         stamps = [f"{row[day].strip()} {row[clock].strip()}" for row in rows]
     time = _times(stamps)
     lon = _numbers(row[where["lon"]] for row in rows)
     extra = {name: _numbers(row[names.index(name)] for row in rows) for name in wanted}
     one = Track(path.stem, time, lon, lat, extra)
-    if where["id"] is None:
+    if who is None:
         return (one,)
-    return _apart(one, np.array([row[where["id"]].strip() for row in rows]))
+    return _apart(one, np.array([row[who].strip() for row in rows]))
 
 
 def _apart(whole: Track, name: Array) -> tuple[Track, ...]:
@@ -161,7 +166,9 @@ def _moment(text: str) -> float:
         moment = np.datetime64(bare.strip().replace(" ", "T", 1), "us")
         return float(moment.astype(np.int64)) / 1e6 + shift
     if AMBIGUOUS.match(bare):
-        raise ValueError(f'time "{text}" can be read in two ways (day or month first); write it like 2021-03-03T18:00:00Z')
+        raise ValueError(
+            f'time "{text}" can be read in two ways (day or month first); write it like 2021-03-03T18:00:00Z'
+        )
     for form in OTHER_FORMS:
         try:
             made = datetime.strptime(bare, form)
@@ -187,7 +194,9 @@ def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
 def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     found = {what: _variable(data, what) for what in ("time", "lon", "lat")}
     if missing := [name for name in wanted if name not in data.variables]:
-        raise ValueError(f'--columns: no variable "{missing[0]}"; there are {", ".join(map(str, data.variables))[:300]}')
+        raise ValueError(
+            f'--columns: no variable "{missing[0]}"; there are {", ".join(map(str, data.variables))[:300]}'
+        )
     lon = data[found["lon"]]
     names = _names(data)
     sizes = next((v for v in data.variables.values() if "sample_dimension" in v.attrs), None)
@@ -203,7 +212,9 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         if sizes is not None:
             rows = np.repeat(np.arange(sizes.size), sizes.values.astype(int))
             if rows.size != lon.size:
-                raise ValueError(f"its tracks have {rows.size:,} fixes by their lengths, and {lon.size:,} by their positions")
+                raise ValueError(
+                    f"its tracks have {rows.size:,} fixes by their lengths, and {lon.size:,} by their positions"
+                )
         elif index is not None:
             rows = index.values.astype(int)
         elif names is not None and names.size == lon.size:
@@ -211,9 +222,8 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         else:
             return (whole if names is None or names.size != 1 else Track(str(names.ravel()[0]), whole.time, whole.lon, whole.lat, whole.columns),)  # fmt: skip
     elif lon.ndim == 2:
-        if names is not None and names.size == lon.shape[1] != lon.shape[0]:
-            columns = {what: c.transpose(*c.dims[::-1]) for what, c in columns.items()}
-        elif "obs" in lon.dims[:1] or (found["time"] in lon.dims and lon.dims[0] == found["time"]):
+        many_first = names is not None and names.size == lon.shape[1] != lon.shape[0]
+        if many_first or lon.dims[0] in ("obs", found["time"]):  # the tracks stand side by side
             columns = {what: c.transpose(*c.dims[::-1]) for what, c in columns.items()}
         shape = columns["lon"].shape
         flat = {
@@ -225,7 +235,9 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         flat = {what: column[~padded] for what, column in flat.items()}
         whole = Track(path.stem, flat["time"], flat["lon"], flat["lat"], {n: flat[n] for n in wanted})
     else:
-        raise ValueError(f"positions have {lon.ndim} dimensions; tracks have one (one after another) or two (trajectory, obs)")
+        raise ValueError(
+            f"positions have {lon.ndim} dimensions; tracks have one (one after another) or two (trajectory, obs)"
+        )
     if names is None or names.size <= rows.max(initial=-1):
         label = np.array([f"{path.stem} {k + 1}" for k in range(int(rows.max(initial=0)) + 1)])
     else:

@@ -91,7 +91,7 @@ def spread(law: Law, step: npt.ArrayLike) -> Array:
     """Return the variance [m2] of a component of the error made over steps [s], its begin and end as uncertain as fixes."""
     step = np.asarray(step, np.float64)
     a = step / law.time
-    series = a**2 * (1 - a * (1 / 3 - a / 12))
+    series = a**2 * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a / 120)))
     walk = 2 * law.std**2 * law.time**2 * np.where(a < SMALL, series, a + np.expm1(-a))
     return np.asarray(law.bias**2 * step**2 + walk + 2 * law.diffusivity * step + 2 * law.noise**2)
 
@@ -127,12 +127,12 @@ def likelihood(law: Law, tracks: Tracks) -> Likelihood:
     cov = np.zeros((drifters, 3, 3))
     cov[:, 1, 1], cov[:, 2, 2] = law.std**2, law.bias**2
     innovations, variance = np.empty_like(given), np.empty((fixes, drifters))
-    fresh, seen = tracks.fresh.T, (tracks.there & ~tracks.fresh).T
-    begins = fresh.any(axis=1)
+    fresh, seen = tracks.fresh.T, np.asarray(tracks.there & ~tracks.fresh).T
+    begins = set(np.flatnonzero(fresh.any(axis=1)).tolist())
     for k in range(fixes):
         state = move[k] @ state
         cov = move[k] @ cov @ turned[k] + noise[k]
-        if begins[k]:  # a position is known from its fix alone, whatever was before a gap: velocity and bias are kept
+        if k in begins:  # a position is known from its fix alone, whatever was before a gap: velocity and bias are kept
             new = fresh[k]
             state[new, 0] = given[k][new]
             cov[new, 0, :] = cov[new, :, 0] = 0.0
@@ -155,7 +155,11 @@ def _regressed(scaled: Array, log_variance: Array) -> Likelihood:
     covariance = np.linalg.pinv(normal)
     mean = covariance @ (flat.T @ data.ravel())
     left = data - design @ mean
-    terms = left**2 + np.nan_to_num(log_variance)[..., None] + np.where(np.isnan(log_variance), 0, np.log(2 * np.pi))[..., None]
+    terms = (
+        left**2
+        + np.nan_to_num(log_variance)[..., None]
+        + np.where(np.isnan(log_variance), 0, np.log(2 * np.pi))[..., None]
+    )
     own = -0.5 * terms.sum(axis=(1, 2))
     sign, determinant = np.linalg.slogdet(normal) if mean.size else (1.0, 0.0)
     restricted = 0.5 * (mean.size * np.log(2 * np.pi) - determinant) if sign > 0 else -np.inf

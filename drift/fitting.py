@@ -35,7 +35,7 @@ BOUNDS = {  # of each parameter, SI: far outside all that has been published
     "noise": (0.1, 2e4),
 }
 ENOUGH = 10  # drifters from which on the spread between them is believed
-VAGUE = 1.0  # standard error of a logarithm from which on a parameter counts as not told
+VAGUE = 0.7  # standard error of a logarithm from which on a parameter counts as not told
 STEP = 0.05  # of a logarithm, for derivatives
 LIMIT = 0.5 * float(stats.chi2.ppf(0.90, 1))  # of log likelihood below the best: 95 % on one side
 LAGS = np.array([1.0, 3.0, 6.0, 12.0, 24.0, 48.0])  # [h]
@@ -150,7 +150,9 @@ def of(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out:
     held = None
     if held_out:
         halves = hold_out.split(ways)
-        half, _ = likeliest(along.residuals(halves.fitted, wind), [n for n in free if n != "bias" or len(halves.fitted) > 1])
+        half, _ = likeliest(
+            along.residuals(halves.fitted, wind), [n for n in free if n != "bias" or len(halves.fitted) > 1]
+        )
         best = error_law.likelihood(half, along.residuals(halves.fitted, wind))
         held = hold_out.tested(half, best, halves, wind)
     return Fit(
@@ -190,7 +192,7 @@ def likeliest(tracks: Tracks, free: Sequence[str], begin: Law | None = None, fix
     points = [np.clip(point, low, high) for point in points]
     best = optimize.minimize(
         cost, points[int(np.argmin([cost(point) for point in points]))], method="L-BFGS-B",
-        bounds=list(zip(low, high, strict=True)), options={"ftol": 1e-10, "gtol": 1e-3, "maxiter": 200},
+        bounds=list(zip(low, high, strict=True)), options={"ftol": 1e-9, "gtol": 1e-2, "maxiter": 200},
     )  # fmt: skip
     found = law(best.x)
     return found, error_law.likelihood(found, tracks)
@@ -262,7 +264,7 @@ def _limit(law: Law, tracks: Tracks, free: Sequence[str], name: str, best: float
     while reach < high:
         reach = min(reach + 1.5, high)
         if fallen(reach) > 0:
-            return math.exp(optimize.brentq(fallen, low, reach, xtol=0.05) if fallen(low) < 0 else low)
+            return math.exp(optimize.brentq(fallen, low, reach, xtol=0.1) if fallen(low) < 0 else low)
         low = reach
     return math.inf
 
@@ -297,7 +299,9 @@ def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Arr
         left = np.array(products) - covariance * count
         many = int((count > 0).sum())
         error = math.sqrt((left**2).sum() * many / max(many - 1, 1)) / count.sum() if many > 1 else math.nan
-        rows.append([lag / 3600, covariance / variance, error / variance, float(error_law.correlation(law, lag, span)) / own])
+        rows.append(
+            [lag / 3600, covariance / variance, error / variance, float(error_law.correlation(law, lag, span)) / own]
+        )
     return np.array(rows).reshape(-1, 4)
 
 

@@ -27,7 +27,9 @@ Report = Callable[[str, float], None]
 EVERY, HOURS = 12 * 3600.0, 24 * 3600.0  # [s] between starts, and of a forecast
 ERROR = 100.0  # [m] radius that holds half of the fixes' errors
 PARTICLES = 4000
-POINT = 3 * 3600.0  # [s] between the times at which distances are told: a fix's error is little of the way made meanwhile
+POINT = (
+    3 * 3600.0
+)  # [s] between the times at which distances are told: a fix's error is little of the way made meanwhile
 LEADS = (6, 12, 24, 48, 72, 96, 120)  # [h] at which areas are asked, besides the end
 SHARES = (0.5, 0.75, 0.9, 0.95)
 BINS = 10  # of a rank histogram
@@ -109,7 +111,9 @@ def verify(
     notes = list(believed.notes)
     starts, silent = _starts(believed.tracks, every, hours * 3600, gap, fastest)
     if silent:
-        notes.append(f"{silent} starts left out: the drifter is silent for more than {gap / 3600:g} h, or leaps, before the end")
+        notes.append(
+            f"{silent} starts left out: the drifter is silent for more than {gap / 3600:g} h, or leaps, before the end"
+        )
     if not starts:
         raise UserError(
             f"--drifters: no drifter can be followed for {hours:g} h without a gap of more than {gap / 3600:g} h "
@@ -120,7 +124,15 @@ def verify(
         _case(case, believed.tracks[who], start, after, error, particles, wanted, number)
         for number, (who, start) in enumerate(starts)
     )
-    result = _scored(case, believed.tracks, starts, after, error, notes, partial(_run, list(made), datasets, threads, backend, report))
+    result = _scored(
+        case,
+        believed.tracks,
+        starts,
+        after,
+        error,
+        notes,
+        partial(_run, list(made), datasets, threads, backend, report),
+    )
     if target is not None:
         (report or (lambda phase, share: None))("write", 0.0)
         verification_files.write(result, target, overwrite=overwrite)
@@ -217,7 +229,9 @@ def _reported(track: Track, start: int, length: float, quantity: str, columns: M
             when = f"{np.datetime64(second, 's')}Z"
             rows[second] = {"time": when, "east": float(east[k]), "north": float(north[k])}
     if len(rows) < 2:
-        raise UserError(f'drifter "{track.name}": columns of {quantity} have no values about {np.datetime64(start, "s")}Z')
+        raise UserError(
+            f'drifter "{track.name}": columns of {quantity} have no values about {np.datetime64(start, "s")}Z'
+        )
     return {"name": "along the track", "table": list(rows.values())}
 
 
@@ -236,10 +250,13 @@ def _scored(
     rows: list[dict[str, Any]] = []
     refused: list[str] = []
     for (who, start), made in zip(starts, run(), strict=True):
+        when = f"{tracks[who].name} {np.datetime64(start, 's')}Z"
         if made.error is not None:
-            refused.append(f"{tracks[who].name} {np.datetime64(start, 's')}Z: {made.error.lines[0]}")
-            continue
-        rows.append({"who": who, "start": start, **_one(made, tracks[who], start, after, which)})
+            refused.append(f"{when}: {made.error.lines[0]}")
+        elif not (made.probability * (made.status <= Status.ASHORE)).sum(axis=1).min() > 0:
+            refused.append(f"{when}: all of its probability left the forcing or the domain")
+        else:
+            rows.append({"who": who, "start": start, **_one(made, tracks[who], start, after, which)})
     if not rows:
         raise UserError(f"--drifters: all {len(refused)} forecasts were refused; the first: {refused[0]}")
     if refused:
@@ -262,7 +279,22 @@ def _scored(
         leads=leads,
         error=error,
         notes=tuple(notes),
-        **{k: column[k] for k in ("lon", "lat", "apart", "waiting", "way", "spread", "containment", "along", "across", "skill", "lost")},
+        **{
+            k: column[k]
+            for k in (
+                "lon",
+                "lat",
+                "apart",
+                "waiting",
+                "way",
+                "spread",
+                "containment",
+                "along",
+                "across",
+                "skill",
+                "lost",
+            )
+        },
     )
 
 
@@ -277,13 +309,11 @@ def _one(made: many.Brief, track: Track, start: int, after: Array, which: Array)
     mean = np.radians(made.mean[offset:])
     apart = sphere.distance(mean[:, 0], mean[:, 1], path[0, 1:], path[1, 1:])
     waiting = sphere.distance(path[0, 0], path[1, 0], path[0, 1:], path[1, 1:])
-    spread, ranks = np.full(after.size, np.nan), np.full((3, which.size), np.nan)
+    spread, ranks = np.empty(after.size), np.empty((3, which.size))
     for k in range(after.size):
         row = k + offset
         there = made.status[row] <= Status.ASHORE
         weight = made.probability[row][there]
-        if not weight.sum() > 0:
-            continue
         x, y = scores.about(lon[k], lat[k], made.lon[row][there], made.lat[row][there])
         middle = np.average(x, weights=weight), np.average(y, weights=weight)
         spread[k] = np.sqrt(np.average((x - middle[0]) ** 2 + (y - middle[1]) ** 2, weights=weight))

@@ -11,9 +11,16 @@ from drift.verification import Verification
 
 Facts = dict[str, str]
 
+MOST_LOST = 0.05  # share of the probability beyond which areas of the rest are not judged
 
-def verdict(share: float, held: Estimate) -> str:
-    """Return whether areas that should hold a share are too small, too large, or as stated, within two standard errors."""
+
+def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
+    """Return whether areas that should hold a share are too small, too large, or as stated, within two standard errors.
+
+    lost: share of the probability that is on no map: where it is, nobody knows, and areas of the rest cannot be judged.
+    """
+    if lost > MOST_LOST:
+        return f"not to be judged, as {lost:.0%} of the probability left the forcing; add a source beyond its edges"
     if not math.isfinite(held.error):
         return "too few forecasts to tell"
     if held.mean < share - 2 * held.error:
@@ -25,15 +32,19 @@ def sentence(made: Verification, lead: int, share: float) -> str:
     """Return how often the area of a share held the drifter at a lead, and what that means."""
     held = made.held(lead, share)
     return (
-        f"after {made.leads[lead]:g} h the {share:.0%} area held {percent(held)} of {held.count} positions: "
-        f"{verdict(share, held)}"
+        f"after {made.leads[lead]:g} h the {100 * share:.0f} % area held {percent(held)} of {held.count} positions: "
+        f"{verdict(share, held, float(made.lost.mean()))}"
     )
 
 
 def percent(held: Estimate) -> str:
     """Return a share with its standard error, 84 % +- 4."""
-    error = f" ± {100 * held.error:.0f}" if math.isfinite(held.error) else ""
-    return f"{100 * held.mean:.0f} %{error}"
+    return f"{100 * held.mean:.0f} %{_more(100 * held.error, 0)}"
+
+
+def _more(error: float, digits: int, scale: float = 1.0) -> str:
+    """Return a standard error as it follows its mean; "" where there is none."""
+    return f" ± {error / scale:.{digits}f}" if math.isfinite(error) else ""
 
 
 def headline(made: Verification) -> str:
@@ -53,41 +64,34 @@ def facts(made: Verification) -> Facts:
     if few := doubt(made):
         told["standard errors"] = few
     told["skill"] = (
-        f"{skill.mean:.2f} ± {skill.error:.2f}, median {np.median(made.skill):.2f} (Liu and Weisberg; 1 is perfect, 0 as far "
+        f"{skill.mean:.2f}{_more(skill.error, 2)}, median {np.median(made.skill):.2f} (Liu and Weisberg; 1 is perfect, 0 as far "
         "off as the drifter's own way)"
     )
     for lead, hours in enumerate(made.leads):
         column = int(np.searchsorted(made.hours, hours))
         apart, waiting = (made.mean(values[:, column]) for values in (made.apart, made.waiting))
         told[f"after {hours:g} h, apart"] = (
-            f"{apart.mean / NMI:.1f} ± {apart.error / NMI:.1f} nmi, median {np.median(made.apart[:, column]) / NMI:.1f}; staying put "
-            f"{waiting.mean / NMI:.1f} ± {waiting.error / NMI:.1f}; root mean square {_rms(made.apart[:, column]) / NMI:.1f}, "
+            f"{apart.mean / NMI:.1f}{_more(apart.error, 1, NMI)} nmi, median {np.median(made.apart[:, column]) / NMI:.1f}; staying put "
+            f"{waiting.mean / NMI:.1f}{_more(waiting.error, 1, NMI)}; root mean square {_rms(made.apart[:, column]) / NMI:.1f}, "
             f"of the particles {_rms(made.spread[:, column]) / NMI:.1f}"
         )
         told[f"after {hours:g} h, held"] = ", ".join(
-            f"{share:.0%} area {percent(made.held(lead, share))}" for share in verification.SHARES
+            f"{100 * share:.0f} % area {percent(made.held(lead, share))}" for share in verification.SHARES
         )
-    for name, ranks, words in (
-        ("along", made.along, ("slower", "faster")),
-        ("across", made.across, ("to the right", "to the left")),
+    for name, ranks, below, above in (
+        ("along", made.along, "go slower than forecast", "go faster than forecast"),
+        ("across", made.across, "go to the left of the forecasts", "go to the right of the forecasts"),
     ):
-        # a rank across counts to the right of the forecast drift; below a half: the drifter lies to the left of most particles
         mean = made.mean(ranks[:, -1])
-        told[f"rank {name} the drift"] = f"{mean.mean:.2f} ± {mean.error:.2f} on average, 0.50 if unbiased{_lean(mean, words)}"
+        leans = abs(mean.mean - 0.5) > 2 * mean.error
+        lean = f": drifters {below if mean.mean < 0.5 else above}" if leans else ""
+        told[f"rank {name} the drift"] = f"{mean.mean:.2f}{_more(mean.error, 2)} on average, 0.50 if unbiased{lean}"
     lost = float(made.lost.mean())
     if lost > 0.005:
         told["lost"] = f"{lost:.0%} of the probability left the forcing or the domain; areas are shares of the rest"
     told |= {f"note {k}": note for k, note in enumerate(made.notes, 1)}
     told["in short"] = headline(made)
     return told
-
-
-def _lean(mean: Estimate, words: tuple[str, str]) -> str:
-    if not abs(mean.mean - 0.5) > 2 * mean.error:
-        return ""
-    return f": drifters go {words[0] if mean.mean < 0.5 else words[1]} of the forecasts" if "right" in words[0] else (
-        f": drifters go {words[0] if mean.mean < 0.5 else words[1]} than forecast"
-    )
 
 
 def _rms(values: np.ndarray) -> float:
@@ -113,7 +117,11 @@ def doubt(made: Verification) -> str:
     drifters, days = len(made.names), int(np.unique(made.block).size)
     if drifters == 1:
         few = ", and few of these: rough" if days < 10 else ""
-        return f"clustered by the {days} days of the one drifter{few}; other drifters may do otherwise"
+        return (
+            f"clustered by the {days} days of the one drifter{few}; other drifters may do otherwise"
+            if days > 1
+            else "none: all forecasts are of one drifter on one day"
+        )
     if min(drifters, days) < 10:
         return f"clustered by {drifters} drifters and {days} days: few, so rough"
     return ""
