@@ -10,9 +10,9 @@ import shapely
 
 from drift import density
 from drift.cells import Array, Cells
+from drift.shares import SHARES
 from geo import sphere
 
-SHARES = (0.5, 0.75, 0.95)  # the containment areas that are reported
 MANY = 20_000  # effective particles from which one half alone tells which bandwidth is best
 
 
@@ -35,11 +35,12 @@ class Area:
 
     probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
     containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
-    areas: [m2] of the SHARES; held_out: share of unseen particles inside them; thresholds: logarithms of their least
+    areas: [m2] of the shares; held_out: share of unseen particles inside them; thresholds: logarithms of their least
     densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen.
     """
 
     cells: Cells
+    shares: tuple[float, ...]
     probability: Array
     containment: Array
     areas: Array
@@ -112,8 +113,10 @@ def _calibrated(
     return density.calibrate(_map(mass, squares, m, media), area, unseen.sum(axis=0)).share
 
 
-def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> Area:
-    """Return the map of one snapshot.
+def build(
+    cells: Cells, deposits: Deposits, media: Sequence[density.Medium], shares: tuple[float, ...] = SHARES
+) -> Area:
+    """Return the map of one snapshot, with the areas that hold some shares of it.
 
     The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3). Then each group in turn calibrates a map of
     the other three, smoothed by the same bandwidth; `held_out` checks each group with the calibration of the others.
@@ -123,7 +126,7 @@ def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> 
     mass, squares = deposits.mass.sum(axis=0), deposits.squares.sum(axis=0)
     effective = groups.sum() ** 2 / squares.sum()
     m = density.PER_KERNEL * effective ** (2 / 3)
-    calibration, held = density.Calibration(density.KNOTS), np.full(len(SHARES), np.nan)
+    calibration, held = density.Calibration(density.KNOTS), np.full(len(shares), np.nan)
     if groups.min() > 0:
         halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
         m = 2 * _choose(halves, media, max(m / 2, 2.0))  # the same bandwidth: particles per kernel go with their number
@@ -139,7 +142,7 @@ def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> 
         weights = groups * (1 - np.eye(4))
         others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
         checks = [
-            density.Calibration(fold).held(other.level(np.array(SHARES)))
+            density.Calibration(fold).held(other.level(np.array(shares)))
             for fold, other in zip(folds, others, strict=True)
         ]
         held = np.average(checks, axis=0, weights=groups)
@@ -152,8 +155,9 @@ def build(cells: Cells, deposits: Deposits, media: Sequence[density.Medium]) -> 
     )
     total = probability.sum(axis=(0, 1))
     contained, levels, sizes, heights = containment(total, area, calibration)
-    thresholds = np.interp(SHARES, levels[1:], np.log(heights))
-    return Area(cells, probability, contained, np.interp(SHARES, levels, sizes), held, m, thresholds, calibration)
+    thresholds = np.interp(shares, levels[1:], np.log(heights))
+    sizes = np.interp(shares, levels, sizes)
+    return Area(cells, shares, probability, contained, sizes, held, m, thresholds, calibration)
 
 
 def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
@@ -179,7 +183,7 @@ def contour(one: Area, share: float) -> shapely.MultiPolygon:
     The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
     cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge.
     """
-    which = SHARES.index(share)
+    which = one.shares.index(share)
     threshold, wanted = float(one.thresholds[which]), float(one.areas[which])
     height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
     # what lies far below the threshold, and empty cells, count as e^-4 of it: the line stays near the cells that matter

@@ -75,6 +75,7 @@ class Case:
     max_lost: float
     outputs: NDArray[np.datetime64]  # in order of the run, start and end included
     trajectories: int
+    areas: tuple[float, ...]  # shares of the probability whose areas are told, ascending
     step: int | None  # [s], positive also in a backward run; None: choose it
     scheme: Literal["rk2", "rk4"]
     tolerance: float  # [m] a day
@@ -312,6 +313,12 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         shore = _shore(shore, folder)
     with wrong.gathered():
         lakes = sources.one_file(lakes, folder, "coast.lakes") if isinstance(lakes, str) else lakes
+    made = ", ".join(f"{one:g}" for one in table.output.areas)
+    wrong.lines += [
+        f"expect: no {percent:g} % area is made, only {made} %; add {percent:g} to output.areas"
+        for percent in table.expect.by_percent()
+        if percent not in table.output.areas
+    ]
     wrong.refuse()
     assert plan is not None
     currents, winds, stokes = known
@@ -327,6 +334,7 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         max_lost=table.max_lost,
         outputs=outputs,
         trajectories=table.output.trajectories,
+        areas=table.output.fractions(),
         step=table.clock.step,
         scheme=table.clock.scheme,
         tolerance=table.clock.tolerance,

@@ -18,7 +18,11 @@ CALIBRATED = "calibrated so that the share of held-out particles inside equals t
 
 
 def build(
-    snapshots: Sequence[Snapshot], scenarios: Sequence[str], grid: Cells, maps: Sequence[areas.Area | None]
+    snapshots: Sequence[Snapshot],
+    scenarios: Sequence[str],
+    grid: Cells,
+    maps: Sequence[areas.Area | None],
+    shares: Sequence[float],
 ) -> xr.Dataset:
     """Return the forecast as a dataset; times without any probability on the map have zeros and NaN."""
     area = grid.area()
@@ -39,8 +43,8 @@ def build(
     statuses = np.array([np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots])
     weights = np.array([np.bincount(s.scenario, s.probability, minlength=len(scenarios)) for s in snapshots])
     mean = [means(one, len(scenarios)) for one in snapshots]
-    sizes = np.array([one.areas if one else np.full(len(areas.SHARES), np.nan) for one in maps])
-    held = np.array([one.held_out if one else np.full(len(areas.SHARES), np.nan) for one in maps])
+    sizes = np.array([one.areas if one else np.full(len(shares), np.nan) for one in maps])
+    held = np.array([one.held_out if one else np.full(len(shares), np.nan) for one in maps])
     here = ("time", "lat", "lon")
     counted = [_counted(one, len(scenarios)) for one in snapshots]
     data: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
@@ -151,7 +155,7 @@ def build(
             np.array([s.name.lower() for s in Status], object),
             {"long_name": "what became of the object"},
         ),
-        "share": ("share", np.array(areas.SHARES), {"long_name": "share of the probability on the map", "units": "1"}),
+        "share": ("share", np.array(shares), {"long_name": "share of the probability on the map", "units": "1"}),
     }
     return xr.Dataset(data, coords)
 

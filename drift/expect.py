@@ -1,9 +1,10 @@
 """What a case expects of its own forecast: the [expect] table, held against the numbers of a run."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, Field
 
 from drift import fields, units
 from geo import sphere
@@ -19,6 +20,16 @@ class PlaceWithin(fields.Table):
     distance: fields.Length
 
 
+def _percent(value: object) -> float:
+    try:
+        return float(str(value))
+    except ValueError:
+        raise ValueError(f"{value!r} is no percentage, like 90") from None
+
+
+Percent = Annotated[float, BeforeValidator(_percent)]
+
+
 class Expect(fields.Table):
     """Ranges at the end of the run: shares by what became of the object, containment areas, the mean position."""
 
@@ -28,16 +39,25 @@ class Expect(fields.Table):
     left: fields.ShareRange | None = None
     area_50: fields.AreaRange | None = None  # [m2]
     area_95: fields.AreaRange | None = None
+    areas: dict[Percent, fields.AreaRange] = Field(default_factory=dict)  # of any shares of output.areas [%]
     mean_position_within: PlaceWithin | None = None
+
+    def by_percent(self) -> dict[float, tuple[float, float]]:
+        """Return the ranges of areas [m2] by the percentage that they hold."""
+        named = {50.0: self.area_50, 95.0: self.area_95}
+        return {percent: span for percent, span in named.items() if span is not None} | self.areas
 
 
 def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
     """Return what a forecast's last output (see tables.numbers) misses, a line each; empty when all is as expected."""
     missed = []
     found = {name: end["probability"][name] for name in ("adrift", "ashore", "outside", "left")}
-    found |= {f"area_{share}": _square_metres(end["area_nmi2"][f"{share}%"]) for share in (50, 95)}
+    spans = {name: getattr(expected, name) for name in found}
+    for percent, span in expected.by_percent().items():
+        found[f"area_{percent:g}"] = _square_metres(end["area_nmi2"][f"{percent:g}%"])
+        spans[f"area_{percent:g}"] = span
     for name, value in found.items():
-        span = getattr(expected, name)
+        span = spans[name]
         if span is not None and not span[0] <= value <= span[1] + ROUNDING:
             missed.append(f"{name}: {value:.4g}, expected {span[0]:.4g} to {span[1]:.4g}")
     place = expected.mean_position_within

@@ -171,7 +171,9 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         with clock.phase("products"):
             names = [scenario.name for scenario in case.scenarios]
             is_land = partial(shoreline.is_land, where.coast) if where.coast else None
-            made = products.build(snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit)
+            made = products.build(
+                snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas
+            )
             tracks = _trajectories(case, begin.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
     numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.transforms import Bbox
 
-from drift import tables, units
+from drift import shares, tables, units
 from drift.cells import Array
 from drift.products import Forecast
 
@@ -141,10 +141,11 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
     return f"{when}   ·   {particles:,} particles, effective {many:,.0f}"
 
 
-def span(times: Sequence[Any]) -> str:
+def span(times: Sequence[Any], ends: Sequence[float]) -> str:
     """Return in words which times are drawn, and what the numbers over each panel are."""
     to = "back to" if times[-1] < times[0] else "to"
-    return f"{units.group(times[0])} {to} {units.group(times[-1])}, UTC; areas that hold 50 and 95 % (lines), in nmi²"
+    held = " and ".join(shares.percent(share) for share in ends)
+    return f"{units.group(times[0])} {to} {units.group(times[-1])}, UTC; areas that hold {held} % (lines), in nmi²"
 
 
 def scale(top: float) -> tuple[float, str]:

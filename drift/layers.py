@@ -20,11 +20,9 @@ from drift.cells import Array
 from drift.chart import Frame
 from drift.products import Contour, Forecast
 
-LINES: dict[float, dict[str, Any]] = {
-    0.5: {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"},
-    0.75: {"color": "#0b4f8a", "linewidth": 1.5, "linestyle": (0, (6, 2))},
-    0.95: {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))},
-}
+INNERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"}
+BETWEEN: tuple[Any, ...] = ((0, (6, 2)), (0, (6, 2, 1.5, 2)), (0, (10, 3)), (0, (4, 1.5, 1.5, 1.5, 1.5, 1.5)))
+OUTERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))}
 ROUGH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#55606b", "hatch": "////", "linewidth": 0.0, "alpha": 0.55}
 LARGER = 1.6  # by how much a frame may grow to show a place that is far off
 TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", "#c62828"
@@ -212,9 +210,21 @@ def rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str,
     )
 
 
-def line(share: float, few: bool = False) -> dict[str, Any]:
+def lines(shares: Sequence[float]) -> dict[float, dict[str, Any]]:
+    """Return the style of each area's outline, by its share, ascending: solid within, dotted without."""
+    styles = [INNERMOST, *({**INNERMOST, "linewidth": 1.5, "linestyle": one} for one in BETWEEN)]
+    return dict(zip(shares, [*styles[: len(shares) - 1], OUTERMOST] if len(shares) > 1 else styles, strict=False))
+
+
+def line(share: float, forecast: Forecast, few: bool = False) -> dict[str, Any]:
     """Return the style of an area's outline; where few particles count it is thin and grey, for it is no edge."""
-    return unsure(LINES[share]) if few else LINES[share]
+    style = lines(forecast.shares)[share]
+    return unsure(style) if few else style
+
+
+def areas_of(forecast: Forecast, time: Any, shares: Sequence[float]) -> list[Contour]:
+    """Return the outlines of some shares at a time."""
+    return [one for one in forecast.contours if one.time == time and one.share in shares]
 
 
 def unsure(style: dict[str, Any]) -> dict[str, Any]:

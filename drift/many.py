@@ -119,7 +119,7 @@ def _forecast(case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Map
         is_land = partial(shoreline.is_land, where.coast) if where.coast else None
         names = [scenario.name for scenario in case.scenarios]
         wanted = seen if maps is True else seen[-1:]
-        made = products.build(wanted, scenarios=names, is_land=is_land, deposit=deposit.deposit)
+        made = products.build(wanted, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas)
     return Brief(
         case,
         np.array([one.time for one in seen]),

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift import beyond, chart, effective, labels, layers, page, search_layers, tables, units
+from drift import beyond, chart, effective, labels, layers, page, search_layers, shares, tables, units
 from drift.cells import Array
 from drift.chart import INK, Frame
 from drift.layers import Line, Mark
@@ -83,7 +83,7 @@ def draw_map(
     if count.few:
         layers.rough(ax, here, layers.widest(outlines))
     for outline in outlines:
-        layers.rings(ax, here, outline.polygon, layers.line(outline.share, count.few))
+        layers.rings(ax, here, outline.polygon, layers.line(outline.share, forecast, count.few))
     for sortie in begun:
         search_layers.sortie(ax, here, sortie, now, light=True)
     for contact in seen:
@@ -155,11 +155,11 @@ def draw_snapshots(
         below = k + columns >= len(picks)
         chart.graticule(ax, here, lines=3, size=7, labels=(below, column == 0))
         stands_on = effective.at(forecast.data, int(i), particles)
-        outlines = [c for c in forecast.contours if c.time == at["time"].values and c.share in (0.5, 0.95)]
+        outlines = layers.areas_of(forecast, at["time"].values, forecast.ends)
         if stands_on.few:
             layers.rough(ax, here, layers.widest(outlines))
         for outline in outlines:
-            style = layers.line(outline.share, stands_on.few)
+            style = layers.line(outline.share, forecast, stands_on.few)
             layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
         layers.ashore_marks(ax, here, forecast, int(i), scale=0.5)
         for mark in marks:
@@ -192,7 +192,7 @@ def draw_snapshots(
     figure.text(
         side / width,
         1 - 0.62 / height,
-        page.fit(_joined(labels.span(times), particles), width * 15),
+        page.fit(_joined(labels.span(times, forecast.ends), particles), width * 15),
         fontsize=8,
         color=INK,
     )
@@ -267,9 +267,10 @@ def _joined(text: str, particles: int | None) -> str:
 
 def _sizes(at: Any, waiting: str) -> str:
     """Return what stands over a panel: the areas, or why there are none."""
-    areas = dict(zip(at["share"].values, at["containment_area"].values / tables.NMI**2, strict=True))
-    if np.isfinite(areas[0.5]):
-        return f"50 %: {labels.number(areas[0.5])}   95 %: {labels.number(areas[0.95])} nmi²"
+    areas = list(zip(at["share"].values, at["containment_area"].values / tables.NMI**2, strict=True))
+    if np.isfinite(areas[0][1]):
+        ends = dict.fromkeys((areas[0], areas[-1]))
+        return "   ".join(f"{shares.percent(share)} %: {labels.number(area)}" for share, area in ends) + " nmi²"
     return waiting if labels.statuses(at)["pending"] > 0 else "nothing left on the map"
 
 
@@ -298,8 +299,8 @@ def _rows(
     rows: list[tuple[Any, str]] = []
     for one in outlines:
         size = labels.number(one.area / tables.NMI**2)
-        words = f"{100 * one.share:.0f} % area: {'rough, ' if few else ''}{size} nmi²"
-        rows.append((Line2D([], [], **layers.line(one.share, few)), words))
+        words = f"{shares.percent(one.share)} % area: {'rough, ' if few else ''}{size} nmi²"
+        rows.append((Line2D([], [], **layers.line(one.share, forecast, few)), words))
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))
     style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}

@@ -30,7 +30,7 @@ CAVEAT = (
     "Backward: proposes where to look; objects not found are left out. The answer is a forward run with this release as "
     "its prior, weighted by all finds."
 )
-LINES = {0.5: layers.LINES[0.5], 0.9: layers.LINES[0.95]}
+LINES = layers.lines((0.5, 0.9))
 PRIOR: dict[str, Any] = {"color": layers.PRIOR_COLOURS[0], "linewidth": 1.6, "linestyle": layers.PRIOR_DASHES[0]}
 ALLOWED = 0.01  # of the prior's largest density: under that its cells hold too few draws for a line
 FLOOR = float(np.exp(-4.0))  # of a line's density: less counts as that, so that lines stay near the cells that matter

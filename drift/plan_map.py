@@ -25,6 +25,7 @@ from drift import (
     plan_text,
     search_layers,
     search_shapes,
+    shares,
     subareas,
     tables,
     units,
@@ -86,11 +87,11 @@ def draw(
     land = chart.land_path(here, polygons, 1000)
     chart.draw_land(ax, land)
     chart.graticule(ax, here)
-    outlines = [c for c in forecast.contours if c.time == now and c.share in (0.5, 0.95)]
+    outlines = layers.areas_of(forecast, now, forecast.ends)
     if count.few:
         layers.rough(ax, here, layers.widest(outlines))
     for outline in outlines:
-        style = layers.line(outline.share, count.few)
+        style = layers.line(outline.share, forecast, count.few)
         layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
     ashore = layers.ashore_marks(ax, here, forecast, i)
     _plan(ax, canvas, here, forecast, plan, i, marks)
@@ -107,7 +108,7 @@ def draw(
     for k, text in enumerate(out, 1 + least.few):
         red: dict[str, Any] = {"weight": "bold", "color": layers.LAST_KNOWN}
         figure.text(0.055, 0.875 - ROW * k, text, fontsize=9, **red)
-    _legend(figure, plan, outlines, len(marks), ashore, land is not None, count.few)
+    _legend(figure, plan, forecast, outlines, len(marks), ashore, land is not None, count.few)
     _panel(figure, plan)
     _bar(figure, mesh)
     if footer:
@@ -257,7 +258,14 @@ def _some(who: list[str]) -> str:
 
 
 def _legend(
-    figure: Figure, plan: Plan, outlines: Sequence[Any], marks: int, ashore: float, land: bool, few: bool
+    figure: Figure,
+    plan: Plan,
+    forecast: Forecast,
+    outlines: Sequence[Any],
+    marks: int,
+    ashore: float,
+    land: bool,
+    few: bool,
 ) -> None:
     rows: list[tuple[Any, str]] = [
         (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0}), "Sub-area"),
@@ -269,10 +277,10 @@ def _legend(
     if any(one.round > 1 for one in plan.taskings):
         rows.insert(1, (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0, "linestyle": LATER}), "Later round"))
     for outline in outlines:
-        style = layers.line(outline.share, few)
+        style = layers.line(outline.share, forecast, few)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
         size = f"{'rough, ' if few else ''}{labels.number(outline.area / NMI**2)}"
-        rows.append((symbol, f"{100 * outline.share:.0f} % area: {size} nmi²"))
+        rows.append((symbol, f"{shares.percent(outline.share)} % area: {size} nmi²"))
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: few particles"))
     if marks:

@@ -18,6 +18,7 @@ from scipy import ndimage
 
 from drift import areas, cells, dataset, density
 from drift.cells import Array, Cells, Deposit, IsLand
+from drift.shares import SHARES
 from drift.snapshot import Snapshot, mapped
 from drift.status import Status
 from geo import sphere
@@ -52,6 +53,16 @@ class Forecast:
         """Probability that the object is in a cell, adrift or ashore (time, lat, lon)."""
         return self.data["probability"]
 
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """The shares whose areas it tells, ascending."""
+        return tuple(float(share) for share in self.data["share"].values)
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """The smallest and the largest of them: what a small map has room for."""
+        return tuple(dict.fromkeys((self.shares[0], self.shares[-1])))
+
 
 @dataclass(frozen=True)
 class _Cloud:
@@ -71,12 +82,14 @@ def build(
     scenarios: Sequence[str],
     is_land: IsLand | None = None,
     deposit: Deposit = cells.deposit,
+    shares: tuple[float, ...] = SHARES,
 ) -> Forecast:
     """Return the products of an ensemble's snapshots.
 
     scenarios: names, in order of their numbers.
     is_land: int32 binary angles (lon, lat), each (n,) -> bool (n,); particles' own cells always count as reachable.
     deposit: (lon, lat, weight, cells) -> int64 (nlat, nlon), as `cells.deposit`.
+    shares: whose areas are asked for, ascending.
     """
     centre = _reference(snapshots)
     clouds = [_cloud(one, centre) for one in snapshots]
@@ -89,7 +102,7 @@ def build(
             maps.append(None)
             if cloud is not None and window is not None:
                 made = _deposits(one, cloud, window, len(scenarios), deposit)
-                pending.append((k, pool.submit(_map, window, made, land.on(window))))
+                pending.append((k, pool.submit(_map, window, made, land.on(window), shares)))
             while len(pending) > (AT_ONCE if k + 1 < len(snapshots) else 0):
                 done, future = pending.popleft()
                 maps[done] = future.result()
@@ -97,9 +110,9 @@ def build(
         Contour(one.time, share, float(size), areas.contour(made, share))
         for one, made in zip(snapshots, maps, strict=True)
         if made is not None
-        for share, size in zip(areas.SHARES, made.areas, strict=True)
+        for share, size in zip(shares, made.areas, strict=True)
     )
-    return Forecast(dataset.build(snapshots, scenarios, grid, maps), contours)
+    return Forecast(dataset.build(snapshots, scenarios, grid, maps, shares), contours)
 
 
 def _reference(snapshots: Sequence[Snapshot]) -> int:
@@ -222,9 +235,9 @@ def group(n: int) -> Array:
     return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
 
 
-def _map(window: Cells, made: areas.Deposits, land: Array | None) -> areas.Area:
+def _map(window: Cells, made: areas.Deposits, land: Array | None, shares: tuple[float, ...]) -> areas.Area:
     """Return the map of one snapshot on its own cells."""
-    return areas.build(window, made, _media(made.mass.sum(axis=0), land))
+    return areas.build(window, made, _media(made.mass.sum(axis=0), land), shares)
 
 
 def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from drift import fields, units
+from drift import fields, shares, units
 from drift.contact_input import ContactTable
 from drift.expect import Expect
 from drift.plan_input import PlanTable, ResamplingTable, UnitTable
@@ -28,6 +28,9 @@ class OutputTable(fields.Table):
     every: fields.Duration | None = None
     times: list[fields.Time] | None = None
     trajectories: fields.Count = 200
+    areas: Annotated[tuple[float, ...], BeforeValidator(shares.percents)] = tuple(
+        100 * share for share in shares.SHARES
+    )
 
     @model_validator(mode="after")
     def one_way(self) -> "OutputTable":
@@ -37,6 +40,10 @@ class OutputTable(fields.Table):
         if self.trajectories < 0:
             raise ValueError(f"trajectories {self.trajectories} must be at least 0")
         return self
+
+    def fractions(self) -> tuple[float, ...]:
+        """Return the shares whose areas are asked for."""
+        return tuple(percent / 100 for percent in self.areas)
 
 
 def _step(value: object) -> int | None:

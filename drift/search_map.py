@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.path import Path as Outline
 
-from drift import beyond, chart, effective, labels, layers, search_layers, units
+from drift import beyond, chart, effective, labels, layers, search_layers, shares, units
 from drift import page as paper  # `page` is the number of one
 from drift.chart import INK, Frame
 from drift.layers import Mark
@@ -111,7 +111,7 @@ def draw(
     if out:
         y, red = 1 - (0.93 + 0.3 * least.few) / size[1], layers.LAST_KNOWN
         figure.text(LEFT / size[0], y, paper.fit(out, size[0] * 12), fontsize=9, weight="bold", color=red)
-    _key(figure, size, search_layers.key(some, list(chain(*seen)), 0.9), bool(marks))
+    _key(figure, size, forecast, search_layers.key(some, list(chain(*seen)), 0.9), bool(marks))
     _bar(figure, size, mesh)
     paper.save(canvas, path, title, attributes, dpi=130)
 
@@ -157,17 +157,17 @@ def _map(
     land: Outline | None,
     count: effective.Count,
 ) -> Any:
-    """Draw the probability at an output with the areas that hold 50 and 95 %; return the shading."""
+    """Draw the probability at an output with its smallest and its largest area; return the shading."""
     chart.prepare(ax, here)
     at = forecast.data.isel(time=i)
     shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, here, forecast, shown, norm)
     chart.draw_land(ax, land)
-    outlines = [c for c in forecast.contours if c.time == at["time"].values and c.share in (0.5, 0.95)]
+    outlines = layers.areas_of(forecast, at["time"].values, forecast.ends)
     if count.few:
         layers.rough(ax, here, layers.widest(outlines))
     for outline in outlines:
-        style = layers.line(outline.share, count.few)
+        style = layers.line(outline.share, forecast, count.few)
         layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.6 * style["linewidth"]})
     if notes := layers.beside(here, at, count):
         words: dict[str, Any] = {"fontsize": 7.5, "weight": "bold", "color": layers.LAST_KNOWN, "zorder": 16}
@@ -246,12 +246,14 @@ def _words(figure: Figure, size: tuple[float, float], title: str, told: str, foo
         figure.text(left, 0.12 / size[1], paper.fit(footer, size[0] * 17), fontsize=7, color=GREY)
 
 
-def _key(figure: Figure, size: tuple[float, float], rows: list[tuple[Any, str]], marked: bool) -> None:
+def _key(
+    figure: Figure, size: tuple[float, float], forecast: Forecast, rows: list[tuple[Any, str]], marked: bool
+) -> None:
     """Write under the maps what the lines and symbols are."""
-    for share in (0.5, 0.95):
-        style = layers.LINES[share]
+    for share in forecast.ends:
+        style = layers.line(share, forecast)
         symbol = Line2D([], [], **{**style, "linewidth": 0.6 * style["linewidth"]})
-        rows.append((symbol, f"{100 * share:.0f} % area"))
+        rows.append((symbol, f"{shares.percent(share)} % area"))
     if marked:
         style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.4}
         ring = Line2D([], [], marker="o", markersize=6, markerfacecolor="white", **style)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drift import units
+from drift import shares, units
 from drift.cells import Array
 from drift.products import Forecast
 
@@ -87,7 +87,7 @@ def numbers(forecast: Forecast) -> dict[str, Any]:
 
 def _output(forecast: Forecast, i: int) -> dict[str, Any]:
     data, at = forecast.data, forecast.data.isel(time=i)
-    shares = [f"{share:.0%}" for share in at["share"].values]
+    held = [f"{shares.percent(share)}%" for share in at["share"].values]
     areas = at["containment_area"].values
     status = [str(s) for s in at["status"].values]
     return {
@@ -95,9 +95,9 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
         "date_time_group": units.group(at["time"].values[()]),
         "mean": _place(at["mean_lon"].item(), at["mean_lat"].item()),
         "datum": _place(at["datum_lon"].item(), at["datum_lat"].item()),
-        "area_nmi2": dict(zip(shares, areas / NMI**2, strict=True)),
-        "area_km2": dict(zip(shares, areas / 1e6, strict=True)),
-        "held_out": dict(zip(shares, at["held_out"].values, strict=True)),
+        "area_nmi2": dict(zip(held, areas / NMI**2, strict=True)),
+        "area_km2": dict(zip(held, areas / 1e6, strict=True)),
+        "held_out": dict(zip(held, at["held_out"].values, strict=True)),
         "probability": dict(zip(status, at["status_probability"].values, strict=True)),
         **counts(data, i),
         "effective_by_status": dict(zip(status, at["status_effective"].values, strict=True)),
@@ -127,7 +127,7 @@ def _place(lon: float, lat: float) -> dict[str, Any] | None:
 def track(forecast: Forecast, run: str) -> str:
     """Return the mean track with areas and account by time, as CSV; run: its run_id, in the last column."""
     data = forecast.data
-    shares = [f"{share * 100:.0f}" for share in data["share"].values]
+    held = [shares.percent(share) for share in data["share"].values]
     status = [str(s) for s in data["status"].values]
     rows = []
     for i in range(data.sizes["time"]):
@@ -158,7 +158,7 @@ def track(forecast: Forecast, run: str) -> str:
             "datum_lon",
             "datum_lat",
             "datum_position",
-            *(f"area_{share}_nmi2" for share in shares),
+            *(f"area_{share}_nmi2" for share in held),
             *(f"probability_{s}" for s in status),
             *counts(data, 0),
             "run_id",

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import shapely
 
-from drift import areas, cells, density, products
+from drift import cells, density, products, shares
 from drift.status import Status
 from geo import sphere
 
 LON, LAT = -87.3, 28.1  # [deg] where the test clouds lie
-SHARES = np.array(areas.SHARES)
+SHARES = np.array(shares.SHARES)
 TIME = np.datetime64("2026-11-21T18:30:00")
 
 
@@ -172,7 +172,7 @@ def test_areas_hold_their_share_of_new_particles(cloud, n):
     made = products.build([snapshot(*cloud(n, rng))], scenarios=["only"])
     np.testing.assert_allclose(made.data["held_out"].values[0], SHARES, atol=3 * 0.5 / np.sqrt(n / 2))
     fresh = cloud(200_000, rng)
-    for share in areas.SHARES:
+    for share in shares.SHARES:
         error = inside(made, share, *fresh) - share
         assert -0.015 < error < 0.025, (share, error)
 
@@ -183,7 +183,7 @@ def test_few_particles_err_on_the_wide_side(cloud):
     held = []
     for _ in range(8):
         made = products.build([snapshot(*cloud(100, rng))], scenarios=["only"])
-        held.append([inside(made, share, *cloud(20_000, rng)) for share in areas.SHARES])
+        held.append([inside(made, share, *cloud(20_000, rng)) for share in shares.SHARES])
     assert (np.mean(held, axis=0) > SHARES - [0.05, 0.05, 0.03]).all()
 
 
