@@ -73,18 +73,18 @@ class Likelihood:
     pull: Array
 
 
-def _steps(law: Law, step: Array) -> tuple[Array, Array, Array, Array]:
+def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array, Array]:
     """Return by step [s]: phi, variance of the integral, its covariance with the end, variance of the end.
 
-    Of an Ornstein-Uhlenbeck velocity v over a step, given v at its begin: v = phi v0 + e, integral = T (1 - phi) v0 + i.
-    The moments of (i, e) are those of Uhlenbeck and Ornstein 1930 (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
+    Of an Ornstein-Uhlenbeck velocity v over a step, given v at its begin: v = phi v0 + e, integral = T (1 - phi) v0 + i,
+    T the decorrelation time, `memory`. The moments of (i, e) are those of Uhlenbeck and Ornstein 1930
+    (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
     """
-    a = step / law.time
+    a = step / memory
     lost = -np.expm1(-a)
     series = a**3 * (2 / 3 - a * (1 / 2 - a * (7 / 30 - a / 12)))
     integral = np.where(a < SMALL, series, 2 * a - 2 * lost - lost**2)
-    variance = law.std**2
-    return 1 - lost, variance * law.time**2 * integral, variance * law.time * lost**2, -variance * np.expm1(-2 * a)
+    return 1 - lost, std**2 * memory**2 * integral, std**2 * memory * lost**2, -(std**2) * np.expm1(-2 * a)
 
 
 def spread(law: Law, step: npt.ArrayLike) -> Array:
@@ -108,26 +108,37 @@ def correlation(law: Law, lag: npt.ArrayLike, span: float) -> Array:
 
 def likelihood(law: Law, tracks: Tracks) -> Likelihood:
     """Return how likely tracks are under a law (Kalman 1960; Durbin and Koopman 2012, section 4.3)."""
+    return likelihoods([law], tracks)[0]
+
+
+def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
+    """Return how likely tracks are under each of several laws, all filtered side by side: hardly dearer than one."""
     drifters, fixes = tracks.step.shape
     unknowns = tracks.regressors.shape[-1]
-    phi, walk, cross, renewed = _steps(law, tracks.step)
-    move = np.zeros((fixes, drifters, 3, 3))  # of (position, velocity, bias) errors over a step
+    many = len(laws)
+    std, memory, bias, walking, fixing = (
+        np.repeat([getattr(law, name) for law in laws], drifters)[:, None] for name in NAMES
+    )
+    step = np.tile(tracks.step, (many, 1))
+    phi, walk, cross, renewed = _steps(std, memory, step)
+    move = np.zeros((fixes, many * drifters, 3, 3))  # of (position, velocity, bias) errors over a step
     noise = np.zeros_like(move)
-    gain_of_velocity = law.time * (1 - phi.T)
     move[..., 0, 0] = move[..., 2, 2] = 1
-    move[..., 0, 1], move[..., 0, 2], move[..., 1, 1] = gain_of_velocity, tracks.step.T, phi.T
-    noise[..., 0, 0] = walk.T + 2 * law.diffusivity * tracks.step.T
+    move[..., 0, 1], move[..., 0, 2], move[..., 1, 1] = (memory * (1 - phi)).T, step.T, phi.T
+    noise[..., 0, 0] = (walk + 2 * walking * step).T
     noise[..., 0, 1] = noise[..., 1, 0] = cross.T
     noise[..., 1, 1] = renewed.T
     turned = np.swapaxes(move, -1, -2)
     columns = np.concatenate([tracks.data[..., None], tracks.regressors], axis=-1).reshape(drifters, fixes, -1)
-    given = np.ascontiguousarray(columns.transpose(1, 0, 2))
+    given = np.tile(columns.transpose(1, 0, 2), (1, many, 1))
 
-    state = np.zeros((drifters, 3, given.shape[2]))
-    cov = np.zeros((drifters, 3, 3))
-    cov[:, 1, 1], cov[:, 2, 2] = law.std**2, law.bias**2
-    innovations, variance = np.empty_like(given), np.empty((fixes, drifters))
-    fresh, seen = tracks.fresh.T, np.asarray(tracks.there & ~tracks.fresh).T
+    state = np.zeros((many * drifters, 3, given.shape[2]))
+    cov = np.zeros((many * drifters, 3, 3))
+    cov[:, 1, 1], cov[:, 2, 2] = std[:, 0] ** 2, bias[:, 0] ** 2
+    fix = fixing[:, 0] ** 2
+    innovations, variance = np.empty_like(given), np.empty((fixes, many * drifters))
+    fresh = np.tile(tracks.fresh, (many, 1)).T
+    seen = np.tile(tracks.there & ~tracks.fresh, (many, 1)).T
     begins = set(np.flatnonzero(fresh.any(axis=1)).tolist())
     for k in range(fixes):
         state = move[k] @ state
@@ -136,15 +147,19 @@ def likelihood(law: Law, tracks: Tracks) -> Likelihood:
             new = fresh[k]
             state[new, 0] = given[k][new]
             cov[new, 0, :] = cov[new, :, 0] = 0.0
-            cov[new, 0, 0] = law.noise**2
-        variance[k] = cov[:, 0, 0] + law.noise**2
+            cov[new, 0, 0] = fix[new]
+        variance[k] = cov[:, 0, 0] + fix
         innovations[k] = given[k] - state[:, 0]
         gain = np.where(seen[k], 1 / np.maximum(variance[k], 1e-300), 0.0)[:, None] * cov[:, 0]
         state = state + gain[:, :, None] * innovations[k][:, None, :]
         cov = cov - gain[:, :, None] * cov[:, 0][:, None, :]
-    scaled = innovations / np.sqrt(np.maximum(variance, 1e-300))[..., None]
-    scaled = np.where(seen[..., None], scaled, 0.0).transpose(1, 0, 2).reshape(drifters, fixes, 2, 1 + unknowns)
-    return _regressed(scaled, np.where(seen, np.log(np.maximum(variance, 1e-300)), np.nan).T)
+    variance = np.maximum(variance, 1e-300)
+    scaled = np.where(seen[..., None], innovations / np.sqrt(variance)[..., None], 0.0).transpose(1, 0, 2)
+    logs = np.where(seen, np.log(variance), np.nan).T
+    return [
+        _regressed(scaled[these].reshape(drifters, fixes, 2, 1 + unknowns), logs[these])
+        for these in (slice(k * drifters, (k + 1) * drifters) for k in range(many))
+    ]
 
 
 def _regressed(scaled: Array, log_variance: Array) -> Likelihood:

@@ -36,7 +36,8 @@ BOUNDS = {  # of each parameter, SI: far outside all that has been published
 }
 ENOUGH = 10  # drifters from which on the spread between them is believed
 VAGUE = 0.7  # standard error of a logarithm from which on a parameter counts as not told
-STEP = 0.05  # of a logarithm, for derivatives
+STEP = 0.05  # of a logarithm, for second derivatives
+SLOPE = 1e-5  # for first ones
 LIMIT = 0.5 * float(stats.chi2.ppf(0.90, 1))  # of log likelihood below the best: 95 % on one side
 LAGS = np.array([1.0, 3.0, 6.0, 12.0, 24.0, 48.0])  # [h]
 
@@ -182,17 +183,21 @@ def likeliest(tracks: Tracks, free: Sequence[str], begin: Law | None = None, fix
         values = dict.fromkeys(NAMES, 0.0) | dict(zip(asked, np.exp(point).tolist(), strict=True)) | fixed
         return Law(**values)
 
-    def cost(point: Array) -> float:
-        return -error_law.likelihood(law(point), tracks).log
+    def cost(point: Array) -> tuple[float, Array]:
+        """Minus the log likelihood, and its slope by differences."""
+        aside = [law(point), *(law(point + SLOPE * side) for side in np.eye(point.size))]
+        here, *near = (-one.log for one in error_law.likelihoods(aside, tracks))
+        return here, (np.array(near) - here) / SLOPE
 
+    starts = [begin] if begin else _starts(tracks)
     points = [
-        np.log([max(getattr(start, name), BOUNDS[name][0] * 1.1) for name in asked])
-        for start in ([begin] if begin else _starts(tracks))
+        np.clip(np.log([max(getattr(start, name), BOUNDS[name][0] * 1.1) for name in asked]), low, high)
+        for start in starts
     ]
-    points = [np.clip(point, low, high) for point in points]
+    first = int(np.argmax([one.log for one in error_law.likelihoods([law(p) for p in points], tracks)]))
     best = optimize.minimize(
-        cost, points[int(np.argmin([cost(point) for point in points]))], method="L-BFGS-B",
-        bounds=list(zip(low, high, strict=True)), options={"ftol": 1e-9, "gtol": 1e-2, "maxiter": 200},
+        cost, points[first], jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        options={"ftol": 1e-9, "gtol": 1e-2, "maxiter": 200},
     )  # fmt: skip
     found = law(best.x)
     return found, error_law.likelihood(found, tracks)
@@ -214,20 +219,20 @@ def _errors(law: Law, tracks: Tracks, free: Sequence[str]) -> tuple[dict[str, fl
     """Return standard errors of the parameters' logarithms as printed and by curvature, and whether the first are clustered."""
     inside = [n for n in free if BOUNDS[n][0] * 1.05 < getattr(law, n) < BOUNDS[n][1] / 1.05]
 
-    def at(moves: Mapping[str, float]) -> error_law.Likelihood:
-        moved = {name: getattr(law, name) * math.exp(STEP * times) for name, times in moves.items()}
-        return error_law.likelihood(replace(law, **moved), tracks)
+    def moved(*steps: tuple[str, float]) -> Law:
+        return replace(law, **{name: getattr(law, name) * math.exp(STEP * times) for name, times in steps})
 
     size = len(inside)
-    up, down = ([at({name: side}) for name in inside] for side in (1.0, -1.0))
-    middle = at({})
-    curve = np.zeros((size, size))
-    for i in range(size):
-        curve[i, i] = (up[i].log + down[i].log - 2 * middle.log) / STEP**2
-        for j in range(i):
-            both = at({inside[i]: 1.0, inside[j]: 1.0}).log + at({inside[i]: -1.0, inside[j]: -1.0}).log
-            cross = both - up[i].log - down[i].log - up[j].log - down[j].log + 2 * middle.log
-            curve[i, j] = curve[j, i] = cross / (2 * STEP**2)
+    pairs = [(i, j) for i in range(size) for j in range(i)]
+    laws = [law, *(moved((name, 1.0)) for name in inside), *(moved((name, -1.0)) for name in inside)]
+    laws += [moved((inside[i], side), (inside[j], side)) for side in (1.0, -1.0) for i, j in pairs]
+    middle, *rest = error_law.likelihoods(laws, tracks)
+    up, down, both = rest[:size], rest[size : 2 * size], rest[2 * size :]
+    curve = np.diag([(a.log + b.log - 2 * middle.log) / STEP**2 for a, b in zip(up, down, strict=True)])
+    for number, (i, j) in enumerate(pairs):
+        corners = both[number].log + both[number + len(pairs)].log + 2 * middle.log
+        cross = corners - up[i].log - down[i].log - up[j].log - down[j].log
+        curve[i, j] = curve[j, i] = cross / (2 * STEP**2)
     value, vector = np.linalg.eigh(-curve)
     inverse = (vector / np.maximum(value, 1e-6)) @ vector.T  # a flat direction is an error beyond all bounds
     curvature = dict.fromkeys(free, math.inf) | dict(zip(inside, np.sqrt(np.diag(inverse)).tolist(), strict=True))

@@ -7,6 +7,7 @@ from drift.fitting import Fit, Parameter
 
 Facts = dict[str, str]
 
+MISFIT = 0.25  # of a correlation, beyond which it is told that it is not that of the law
 WORDS = {
     "std": ("current error, standard deviation", "m/s", 1.0),
     "time": ("current error, decorrelation time", "h", 3600.0),
@@ -38,6 +39,11 @@ def facts(fit: Fit) -> Facts:
     for lag, data, error, law in fit.correlation:
         within = f" ± {error:.2f}" if math.isfinite(error) else ""
         told[f"correlation of errors after {lag:g} h"] = f"{data:.2f}{within}, of the fitted law {law:.2f}"
+    if strange := [f"{lag:g}" for lag, data, _, law in fit.correlation if abs(data - law) > MISFIT]:
+        told["the law does not fit"] = (
+            f"errors {', '.join(strange)} h apart are correlated otherwise than by any decay: tides or inertial motion, which a "
+            "model is to bring; areas are then too small or too large at such times"
+        )
     if fit.held is not None:
         held = fit.held
         told["held out"] = (

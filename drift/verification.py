@@ -31,7 +31,7 @@ POINT = (
     3 * 3600.0
 )  # [s] between the times at which distances are told: a fix's error is little of the way made meanwhile
 LEADS = (6, 12, 24, 48, 72, 96, 120)  # [h] at which areas are asked, besides the end
-SHARES = (0.5, 0.75, 0.9, 0.95)
+HEADLINE = 0.9  # share of the area that is judged in one sentence, whatever other areas the case states
 BINS = 10  # of a rank histogram
 DAY = 86_400.0
 
@@ -65,6 +65,11 @@ class Verification:
     lost: Array  # (n,) share of the probability that is on no map at the end
     error: float  # [m] of the starts
     notes: tuple[str, ...]
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Shares of the areas that are judged: those that the case states, and the headline's."""
+        return tuple(sorted({*self.case.areas, HEADLINE}))
 
     def mean(self, values: Array, *, share: bool = False) -> Estimate:
         """Return the mean of values by forecast, shape (n,), with its clustered standard error."""

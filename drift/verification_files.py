@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift import manifest, output, summary, tables, verification, verification_text
+from drift import manifest, output, summary, tables, verification_text
 from drift.output import Product
 from drift.verification import Verification
 from kernels import runtime
@@ -61,7 +61,7 @@ def numbers(made: Verification) -> dict[str, Any]:
         "leads": [
             {
                 "hours": float(hours),
-                "held": {f"{share:.0%}": estimate(made.held(lead, share)) for share in verification.SHARES},
+                "held": {f"{share:.0%}": estimate(made.held(lead, share)) for share in made.shares},
                 "separation_m": {**estimate(made.mean(made.apart[:, k])), "median": float(np.median(made.apart[:, k]))},
                 "persistence_m": estimate(made.mean(made.waiting[:, k])),
                 "rank_along": estimate(made.mean(made.along[:, lead])),

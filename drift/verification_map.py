@@ -1,5 +1,6 @@
 """The picture of a verification: distances by time, the share that areas held, and the drifters' ranks."""
 
+import itertools
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -86,9 +87,9 @@ def _distances(axes: Axes, made: Verification) -> None:
 def _held(axes: Axes, made: Verification) -> None:
     """Draw the share of positions that each area held, by lead, beside what it should hold."""
     place = np.arange(made.leads.size, dtype=float)
-    for k, (share, (colour, mark)) in enumerate(zip(verification.SHARES, MARKS, strict=True)):
+    for k, (share, (colour, mark)) in enumerate(zip(made.shares, itertools.cycle(MARKS), strict=False)):
         found = [made.held(lead, share) for lead in range(made.leads.size)]
-        shift = 0.12 * (k - 1.5)
+        shift = 0.5 * ((k + 0.5) / len(made.shares) - 0.5)
         axes.axhline(share, color=colour, linewidth=0.9, linestyle=(0, (6, 2)))
         axes.errorbar(
             place + shift, [one.mean for one in found],

@@ -49,7 +49,7 @@ def _more(error: float, digits: int, scale: float = 1.0) -> str:
 
 def headline(made: Verification) -> str:
     """Return the sentence on the 90 % area at the end."""
-    told = sentence(made, len(made.leads) - 1, 0.9)
+    told = sentence(made, len(made.leads) - 1, verification.HEADLINE)
     return told[0].upper() + told[1:]
 
 
@@ -76,7 +76,7 @@ def facts(made: Verification) -> Facts:
             f"of the particles {_rms(made.spread[:, column]) / NMI:.1f}"
         )
         told[f"after {hours:g} h, held"] = ", ".join(
-            f"{100 * share:.0f} % area {percent(made.held(lead, share))}" for share in verification.SHARES
+            f"{100 * share:.0f} % area {percent(made.held(lead, share))}" for share in made.shares
         )
     for name, ranks, below, above in (
         ("along", made.along, "go slower than forecast", "go faster than forecast"),
