@@ -108,13 +108,13 @@ def compared(
         )
     notes = []
     if long:
-        notes.append(f"{long:,} ways between fixes left out that take more than {gap / 3600:g} h, or are leaps")
+        notes.append(f"{long:,} ways between fixes left out that take more than {gap / 3600:.3g} h, or are leaps")
     if silent:
         notes.append(f"{silent:,} ways between fixes left out along which the forcing has no value")
     kept = tuple(way for way in ways if not way.fresh.all())
     if not kept:
         raise UserError(
-            f"--drifters: no way between two fixes at most {gap / 3600:g} h apart lies where {case.path.name} has forcing"
+            f"--drifters: no way between two fixes at most {gap / 3600:.3g} h apart lies where {case.path.name} has forcing"
             f"{f' ({notes[-1]})' if notes else ''}; check the times and the place of its sources, or give --columns"
         )
     return Compared(kept, tuple(notes))

@@ -49,7 +49,7 @@ def read(path: str | os.PathLike[str], columns: Sequence[str] = ()) -> tuple[Tra
         return _csv(path, columns)
     except OSError as error:
         raise UserError(f'--drifters "{path}": cannot be read: {error.strerror or error}') from None
-    except ValueError as error:
+    except (ValueError, csv.Error) as error:
         raise UserError(f'--drifters "{path}": {" ".join(str(error).split())[:300]}') from None
 
 
@@ -85,7 +85,7 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     if missing := [name for name in wanted if name not in names]:
         raise ValueError(f'--columns: no column "{missing[0]}"; its columns are {", ".join(names)[:300]}')
     width = max(index for index in (*where.values(), *(names.index(n) for n in wanted), who) if index is not None) + 1
-    rows = [row for row in rows if len(row) >= width]
+    rows = [[*row, *[""] * (width - len(row))] for row in rows]  # what a short row lacks is no position
     lat = _numbers(row[where["lat"]] for row in rows)
     if rows and not np.isfinite(lat[0]) and not _is_time(rows[0][where["time"]]):  # a second header row, with units
         rows, lat = rows[1:], lat[1:]

@@ -34,11 +34,13 @@ BOUNDS = {  # of each parameter, SI: far outside all that has been published
     "diffusivity": (1e-4, 1e4),
     "noise": (0.1, 2e4),
 }
+FEWEST = 12  # ways between fixes that a fit needs
 ENOUGH = 10  # drifters from which on the spread between them is believed
 VAGUE = 0.7  # standard error of a logarithm from which on a parameter counts as not told
 STEP = 0.05  # of a logarithm, for second derivatives
 SLOPE = 1e-5  # for first ones
 LIMIT = 0.5 * float(stats.chi2.ppf(0.90, 1))  # of log likelihood below the best: 95 % on one side
+ONE_WIND = "windage is not told: in a wind that is always the same, or none, it cannot be told from the mean error"
 LAGS = np.array([1.0, 3.0, 6.0, 12.0, 24.0, 48.0])  # [h]
 
 
@@ -130,10 +132,12 @@ def read(files: str | os.PathLike[str] | Sequence[Track], columns: Mapping[str, 
 def of(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out: bool = False) -> Fit:
     """Return the fit of ways."""
     tracks = along.residuals(ways, wind)
-    if tracks.increments < 2 * len(NAMES) + 2:
+    if tracks.increments < FEWEST:
         raise UserError(
-            f"--drifters: {tracks.increments} ways between fixes are too few to fit {len(NAMES)} parameters; give more drifters"
+            f"--drifters: {tracks.increments} ways between fixes are too few to fit {len(NAMES)} parameters to; give {FEWEST} or more"
         )
+    if wind and not _apart(tracks):
+        return of(ways, False, (*notes, ONE_WIND), held_out=held_out)
     names = tuple(way.name for way in ways)
     free = [name for name in NAMES if name != "bias" or len(names) > 1]
     law, found = likeliest(tracks, free)
@@ -151,6 +155,10 @@ def of(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out:
     held = None
     if held_out:
         halves = hold_out.split(ways)
+        if min(along.residuals(half, wind).increments for half in (halves.fitted, halves.held)) < FEWEST:
+            raise UserError(
+                f"--hold-out: {halves.how} are fewer than {FEWEST} ways between fixes; leave it out, or give more"
+            )
         half, _ = likeliest(
             along.residuals(halves.fitted, wind), [n for n in free if n != "bias" or len(halves.fitted) > 1]
         )
@@ -171,6 +179,15 @@ def of(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out:
         held,
         tuple(notes),
     )
+
+
+def _apart(tracks: Tracks) -> bool:
+    """Return whether windage and mean error can be told apart: in one and the same wind all the time they are one."""
+    made = error_law.likelihood(_starts(tracks)[0], tracks)
+    scale = np.sqrt(np.diag(made.covariance))
+    if not (scale > 0).all():
+        return False
+    return bool(np.linalg.cond(made.covariance / np.outer(scale, scale)) < 1e6)
 
 
 def likeliest(tracks: Tracks, free: Sequence[str], begin: Law | None = None, fixed: Mapping[str, float] | None = None) -> tuple[Law, error_law.Likelihood]:  # fmt: skip

@@ -91,9 +91,15 @@ def toml(fit: Fit) -> str:
             + (f": below {walk.limit:.2g} m2/s" if math.isfinite(walk.limit) else "")
         )
     if any(abs(mean) > 2 * error for mean, error in zip(fit.mean, fit.mean_error, strict=True)):
+        told = fit.parameters["bias"].told
+        left = (
+            f'state bias = "{fit.law.bias:.3f} m/s"'
+            if told
+            else "state what is left of the bias, which these data do not tell"
+        )
         lines += [
             "",
-            f"# The model's mean error is in the bias. To take it out, state bias = {fit.law.bias:.3f} m/s and add this source:",
+            f"# The model's mean error is in the bias. To take it out, {left}, and add this source:",
             f'# [[current]]\n# name = "mean error of the model"\n# constant = {{ east = {fit.mean[0]:.3f}, north = {fit.mean[1]:.3f} }}\n# add = true',
         ]
     if math.isfinite(fit.windage) and fit.windage > 0:

@@ -117,41 +117,38 @@ def verify(
     starts, silent = _starts(believed.tracks, every, hours * 3600, gap, fastest)
     if silent:
         notes.append(
-            f"{silent} starts left out: the drifter is silent for more than {gap / 3600:g} h, or leaps, before the end"
+            f"{silent} starts left out: the drifter is silent for more than {gap / 3600:.3g} h, or leaps, before the end"
         )
     if not starts:
         raise UserError(
-            f"--drifters: no drifter can be followed for {hours:g} h without a gap of more than {gap / 3600:g} h "
+            f"--drifters: no drifter can be followed for {hours:g} h without a gap of more than {gap / 3600:.3g} h "
             f"({'; '.join(notes) or 'their tracks are shorter'}); give fewer --hours, or a longer --max-gap"
         )
     after = _times(hours)
-    made = (
-        _case(case, believed.tracks[who], start, after, error, particles, wanted, number)
-        for number, (who, start) in enumerate(starts)
-    )
+    made, known, silent = [], [], 0
+    for number, (who, start) in enumerate(starts):
+        one = _case(case, believed.tracks[who], start, after, error, particles, wanted, number)
+        silent += one is None
+        if one is not None:
+            made.append(one)
+            known.append((who, start))
+    if silent:
+        notes.append(f"{silent} starts left out: the columns named have no value at the drifter")
+    if not made:
+        raise UserError("--columns: the columns named have no value at any drifter")
     result = _scored(
         case,
         believed.tracks,
-        starts,
+        known,
         after,
         error,
         notes,
-        partial(_run, list(made), datasets, threads, backend, report),
+        partial(many.run_many, made, datasets=datasets, threads=threads, backend=backend, report=report),
     )
     if target is not None:
         (report or (lambda phase, share: None))("write", 0.0)
         verification_files.write(result, target, overwrite=overwrite)
     return result
-
-
-def _run(
-    cases: list[Case],
-    datasets: Mapping[str, Any] | None,
-    threads: int | None,
-    backend: str,
-    report: Report | None,
-) -> Iterator[many.Brief]:
-    return many.run_many(cases, datasets=datasets, threads=threads, backend=backend, report=report)
 
 
 def _check(every: float, hours: float, error: float, gap: float, particles: int) -> None:
@@ -200,8 +197,11 @@ def _case(
     particles: int,
     columns: Mapping[str, str],
     number: int,
-) -> Case:
-    """Return the case of one forecast: the base's sources, errors, coast and object, from where the drifter was."""
+) -> Case | None:
+    """Return the case of one forecast: the base's sources, errors, coast and object, from where the drifter was.
+
+    None where columns are to say what it drifts in, and have nothing there.
+    """
     lon, lat = track.at(start)
     table = {k: v for k, v in along.scenario(base).items() if k not in ("area", "trackline", "weight", "survival")}
     table["position"] = {"at": [float(lon), float(lat)], "error": error}
@@ -217,13 +217,18 @@ def _case(
     }
     for quantity in ("current", "wind", "stokes"):
         if f"{quantity}_east" in columns:
-            changes[quantity] = [_reported(track, start, after[-1] * 3600, quantity, columns)]
+            rows = _reported(track, start, after[-1] * 3600, quantity, columns)
+            if len(rows) < 2:
+                return None
+            changes[quantity] = [{"name": "along the track", "table": rows}]
             table.pop(f"{quantity}s" if quantity != "stokes" else quantity, None)
     return case.vary(base, {**changes, "scenario": [table]})
 
 
-def _reported(track: Track, start: int, length: float, quantity: str, columns: Mapping[str, str]) -> dict[str, Any]:
-    """Return a source of a case: a quantity from columns of a track, by time, over a forecast and a fix beyond its ends."""
+def _reported(
+    track: Track, start: int, length: float, quantity: str, columns: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    """Return a table of a case: a quantity from columns of a track, by time, over a forecast and a fix beyond its ends."""
     first = max(int(np.searchsorted(track.time, start, "right")) - 1, 0)
     last = min(int(np.searchsorted(track.time, start + length, "left")), track.time.size - 1)
     east, north = (track.columns[columns[f"{quantity}_{side}"]] for side in ("east", "north"))
@@ -233,11 +238,7 @@ def _reported(track: Track, start: int, length: float, quantity: str, columns: M
             second = int(np.floor(track.time[k])) if k == first else int(np.ceil(track.time[k]))
             when = f"{np.datetime64(second, 's')}Z"
             rows[second] = {"time": when, "east": float(east[k]), "north": float(north[k])}
-    if len(rows) < 2:
-        raise UserError(
-            f'drifter "{track.name}": columns of {quantity} have no values about {np.datetime64(start, "s")}Z'
-        )
-    return {"name": "along the track", "table": list(rows.values())}
+    return list(rows.values())
 
 
 def _scored(

@@ -1,6 +1,7 @@
 """Fitting errors to drifters: the likelihood against a dense normal law, the parameters against drifters simulated here."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -8,9 +9,14 @@ import xarray as xr
 from scipy import stats
 
 import drift
-from drift import along, clusters, error_law, fitting, hold_out
+from drift import __main__, along, clusters, error_law, fitting, hold_out, units
 from drift.drifters import Track
 from drift.error_law import Law
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 TRUE = Law(std=0.23, time=4.3 * 3600, bias=0.19, diffusivity=9.0, noise=130.0)
 WINDAGE, MEAN = 0.017, (0.06, -0.035)
@@ -298,3 +304,54 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
         # the tangent plane of the fix before turns by half the convergence of meridians
         turn = np.radians(lon[k] - lon[k - 1]) / 2 * np.sin(middle)
         assert way.made[k] == pytest.approx(made_good, abs=1.1 * abs(turn) * np.hypot(*made_good) + 0.05)
+
+
+def test_a_wind_that_is_always_the_same_tells_no_windage():
+    tracks = simulated(np.random.default_rng(15), 2, 0.8)
+    same = [
+        Track(t.name, t.time, t.lon, t.lat, {**t.columns, "a": 0 * t.time + 5.0, "b": 0 * t.time - 3.0}) for t in tracks
+    ]
+    fit = fitting.of(ways(same), True)
+    assert math.isnan(fit.windage)
+    assert fitting.ONE_WIND in fit.notes
+    assert np.isfinite(fit.mean_error).all()
+
+
+def test_the_command_prints_an_uncertainty_to_paste(tmp_path, capsys):
+    rows = ["buoy;time;lat;lon;u;v;a;b"]
+    for track in simulated(np.random.default_rng(40), 3, 0.9, Law(0.2, 3 * 3600.0, 0.2, 30.0, 90.0)):
+        columns = (track.lat, track.lon, *(track.columns[name] for name in "uvab"))
+        rows += [f"{track.name};{np.datetime64(round(t * 1000), 'ms')}Z;{';'.join(map(repr, map(float, row)))}"
+                 for t, row in zip(track.time, zip(*columns, strict=True), strict=True)]  # fmt: skip
+    (tmp_path / "buoys.csv").write_text("\n".join(rows))
+    (tmp_path / "case.toml").write_text(
+        'start = "2021-03-01T00:00Z"\nduration = "6 h"\ncurrent = [{ constant = { east = 0, north = 0 } }]\n'
+        '[[scenario]]\nname = "b"\nobject = "water"\nposition = { at = [-6, 47], error = "1 nmi" }\n'
+    )
+    given = ["fit-errors", str(tmp_path / "case.toml"), "--drifters", str(tmp_path / "buoys.csv")]
+    columns = "current_east=u,current_north=v,wind_east=a,wind_north=b"
+    assert __main__.main([*given, "--columns", columns]) == 0
+    said = capsys.readouterr().out
+    made = drift.fit_errors(drift.load(tmp_path / "case.toml"), tmp_path / "buoys.csv", columns=COLUMNS)
+    table = said[said.index("[uncertainty]") :]
+    pasted = tomllib.loads(table)["uncertainty"]
+    assert units.quantity(pasted["current"]["std"], "m/s", "", "") == pytest.approx(made.law.std, abs=5e-4)
+    assert units.quantity(pasted["current"]["time"], "s", "", "") == pytest.approx(made.law.time, abs=180)
+    assert units.quantity(pasted["current"]["bias"], "m/s", "", "") == pytest.approx(made.standing_bias, abs=5e-4)
+    assert units.quantity(pasted["diffusivity"], "m^2/s", "", "") == pytest.approx(
+        made.law.diffusivity, rel=0.05, abs=0.05
+    )
+    assert f'object = {{ windage = "{100 * made.windage:.2f} %" }}' in table
+    # the mean's square, less its error's, joins the square of the bias: what a drifter's bias is where the mean is left in
+    square = made.law.bias**2 + (np.square(made.mean).sum() - np.square(made.mean_error).sum()) / 2
+    assert made.standing_bias == pytest.approx(math.sqrt(max(square, made.law.bias**2)))
+    del pasted["current"]["bias"]  # of searches: where the case knows that key
+    drift.vary(drift.load(tmp_path / "case.toml"), {"uncertainty": pasted})
+    for wrong, words in (
+        (["--max-gap", "9 min"], "no way between two fixes"),
+        (["--max-gap", "-1 h"], "--max-gap"),
+        (["--columns", "current_east=q,current_north=v"], 'no column "q"'),
+        (["--max-speed", "3 h"], "--max-speed"),
+    ):
+        assert __main__.main([*given, *wrong]) == 2
+        assert words in capsys.readouterr().err
