@@ -9,6 +9,8 @@ cases = [drift.vary(case, {"seed": k}) for k in range(100)]
 for one in drift.run_many(cases): ...  # many forecasts, forcing and coast opened once: see drift.many
 result.washup                       # of a spill: xarray.Dataset by stretch of coast and time
 drift.results("results")            # paths of a finished run's files, once all are as it wrote them
+drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters, and how they went: see drift.verification
+drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.fitting
 drift.trace(case)                   # of a spill: where it may have come from, backward from its finds
 """
 
@@ -21,14 +23,29 @@ _HOMES = {
     "Case": "drift.case",
     "Result": "drift.flow",
     "UserError": "geo.errors",
+    "fit_errors": "drift.fitting",
     "load": "drift.case",
     "results": "drift.publication",
     "run": "drift.flow",
     "run_many": "drift.many",
     "trace": "drift.flow",
     "vary": "drift.case",
+    "verify": "drift.verification",
 }
-__all__ = ["Brief", "Case", "Result", "UserError", "load", "results", "run", "run_many", "trace", "vary"]
+__all__ = [
+    "Brief",
+    "Case",
+    "Result",
+    "UserError",
+    "fit_errors",
+    "load",
+    "results",
+    "run",
+    "run_many",
+    "trace",
+    "vary",
+    "verify",
+]
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,4 @@
-"""The command line `drift`: run, plan or check a case, list cases and objects, say how a forcing file was understood.
+"""The command line `drift`: run, plan, verify or check a case, fit its errors, list cases and objects, say how a forcing file was understood.
 
 Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing heavy is imported before
 the command that needs it, so that help and lists come at once.
@@ -58,6 +58,29 @@ def parser() -> Parser:
     _add_case(origin)
     _add_results(origin, "NAME-origin")
 
+    verify = commands.add_parser("verify", help="forecast real drifters from many starts and say how that went")
+    _add_case(verify)
+    _add_drifters(verify)
+    verify.add_argument("--every", default="12 h", metavar="TIME", help="time between starts (default: 12 h)")
+    verify.add_argument("--hours", type=float, default=24, metavar="N", help="length of a forecast (default: 24)")
+    verify.add_argument(
+        "--error",
+        default="100 m",
+        metavar="LENGTH",
+        help="radius that holds half of the fixes' errors (default: 100 m)",
+    )
+    verify.add_argument("--particles", type=int, default=4000, metavar="N", help="in each forecast (default: 4000)")
+    _add_results(verify, "NAME-verify")
+
+    fit = commands.add_parser("fit-errors", help="fit a case's [uncertainty] to the tracks of real drifters")
+    _add_case(fit)
+    _add_drifters(fit)
+    fit.add_argument(
+        "--hold-out",
+        action="store_true",
+        help="also fit half of the drifters and say how well that suits the other half",
+    )
+
     check = commands.add_parser("check", help="validate a case and its forcing without running")
     _add_case(check)
 
@@ -96,6 +119,24 @@ def _add_case(command: argparse.ArgumentParser) -> None:
         help="change one place of the case, like clock.step='10 min'; lists count from 0; may be repeated",
     )
     command.add_argument("--seed", type=int, metavar="N", help="another seed than the case's")
+
+
+def _add_drifters(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--drifters", required=True, metavar="FILE", help="tracks of real drifters: CSV, or netCDF with CF trajectories"
+    )
+    command.add_argument(
+        "--columns",
+        default="",
+        metavar="KEY=COLUMN,..",
+        help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and wind_, stokes_ alike",
+    )
+    command.add_argument(
+        "--max-gap", default="3 h", metavar="TIME", help="longest time between fixes that is spanned (default: 3 h)"
+    )
+    command.add_argument(
+        "--max-speed", default="3 m/s", metavar="SPEED", help="fixes that need more are not believed (default: 3 m/s)"
+    )
 
 
 def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
@@ -154,6 +195,8 @@ def _dispatch(argv: Sequence[str] | None) -> int:
         "run": _run,
         "plan": _plan,
         "origin": _origin,
+        "verify": _verify,
+        "fit-errors": _fit_errors,
         "check": _check,
         "cases": _cases,
         "objects": _objects,
@@ -215,6 +258,57 @@ def _origin(given: argparse.Namespace) -> None:
         found = flow.trace(case, out, **options)
     terminal.facts(case.title, outcome.origin(origin.summary(found), origin.warnings(found)))
     terminal.say(f"Results in {out}")
+
+
+def _verify(given: argparse.Namespace) -> None:
+    drifters = _drifters(given)
+    drifters |= {
+        "every": _quantity(given.every, "s", "--every", "12 h"),
+        "error": _quantity(given.error, "m", "--error", "100 m"),
+        "hours": given.hours,
+        "particles": given.particles,
+    }
+    with _started(given, "verify") as (case, out, options):
+        from drift import verification, verification_text
+
+        made = verification.verify(case, given.drifters, out, **drifters, **options)
+    terminal.facts(case.title, verification_text.facts(made))
+    terminal.say(f"Results in {out}")
+
+
+def _fit_errors(given: argparse.Namespace) -> None:
+    drifters = _drifters(given)
+    with interrupt.leaving_at_once():  # nothing is written
+        case = _load(given)
+        from drift import fitting, fitting_text
+
+        made = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
+    terminal.facts(f"{case.title}: errors that suit the drifters", fitting_text.facts(made))
+    terminal.say(f"\n{fitting_text.toml(made)}")
+
+
+def _drifters(given: argparse.Namespace) -> dict[str, Any]:
+    """Return how a file of drifters is to be read."""
+    from drift import drifter_files
+
+    return {
+        "columns": drifter_files.mapped(given.columns),
+        "gap": _quantity(given.max_gap, "s", "--max-gap", "3 h"),
+        "fastest": _quantity(given.max_speed, "m/s", "--max-speed", "3 m/s"),
+    }
+
+
+def _quantity(text: str, unit: str, option: str, example: str) -> float:
+    """Return what an option says in SI; raise UserError unless it is above zero."""
+    from drift import units
+
+    try:
+        number = units.quantity(text, unit, "quantity", example)
+    except ValueError as error:
+        raise UserError(f"{option}: {error}") from None
+    if not number > 0:
+        raise UserError(f'{option} "{text}" must be above 0')
+    return number
 
 
 @contextmanager

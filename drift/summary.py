@@ -52,7 +52,7 @@ def behaviour(case: Case) -> str:
     return "strand: what reaches the shore stays there for good"
 
 
-def _input(path: str) -> dict[str, Any]:
+def input_file(path: str) -> dict[str, Any]:
     """Return what an input file was: its path, size and digest, so that a damaged or exchanged one can be told."""
     try:
         return {"path": path, "bytes": digest.size(path), "digest": digest.of(path)}
@@ -101,7 +101,7 @@ def numbers(
             }
             for s in where.sources
         ],
-        "inputs": [_input(path) for path in case.inputs],
+        "inputs": [input_file(path) for path in case.inputs],
         "coast": {"source": where.coast.source if where.coast else "none", "notes": list(where.notes)},
         "wall_time_s": seconds,
     }
