@@ -9,6 +9,8 @@ import numpy as np
 
 from drift.cells import Array
 
+UNSEEN = 4.0  # worlds that may have been missed: the square of the two standard errors that are to hold
+ALIKE = 25.0  # worlds on either side, in order of how often a group is hit, that tell how much one of them brings
 SLACK = 1e-9  # of a share: a cumulative sum that misses it by rounding reaches it
 ONE = 2**52  # share 1 in fixed point: sums are exact, and differences too where they wrap
 
@@ -36,6 +38,35 @@ def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Arr
     many = 1 / squares
     factor = many / (many - 1) if many > 1 + SLACK else np.nan
     return found, np.sqrt(spread * factor)
+
+
+def unseen(hits: Array, square: Array, many: float) -> Array:
+    """Return what worlds that were not seen leave open of a mean, a standard error to add in squares, (groups, k).
+
+    hits: weight of the worlds that are not 0, (groups, k). square: weighted sum of their squared values. many: effective
+    worlds.
+
+    The spread over worlds cannot know of those that did not come: 3 of 2,000 seen may be 8 in truth, and those 5 may bring
+    a hundred objects each where the 3 brought one. Of a Poisson number k of hits the error sqrt(k + 4) lies within two
+    of itself of the truth at least as often as a normal one (at k = 0 two of it are the upper bound of Wilson's score
+    interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have brought is taken as the root mean
+    square over the worlds that hit any of the groups hit about as rarely, at least ALIKE of them on either side where there
+    are so many: groups that are rare for like reasons are taken as alike.
+    """
+    order = np.argsort(hits, axis=0, kind="stable")
+    h, q = np.take_along_axis(hits, order, 0), np.take_along_axis(square, order, 0)
+    reached, moment = (np.concatenate([np.zeros((1, h.shape[1])), np.cumsum(x, axis=0)]) for x in (h, q))
+    middle = (reached[1:] + reached[:-1]) / 2
+    reach = ALIKE / many
+    found = np.empty_like(h)
+    for j in range(h.shape[1]):
+        low = np.searchsorted(reached[:, j], middle[:, j] - reach, side="right") - 1
+        high = np.searchsorted(reached[:, j], middle[:, j] + reach)
+        low, high = low.clip(0), high.clip(max=len(h))
+        weight = reached[high, j] - reached[low, j]
+        size = np.divide(moment[high, j] - moment[low, j], weight, out=np.zeros(len(h)), where=weight > 0)
+        found[order[:, j], j] = np.sqrt(UNSEEN * size.clip(0)) / (many + UNSEEN)
+    return found
 
 
 def quantiles(
@@ -76,8 +107,8 @@ def quantiles(
 def least_error(share: Array, many: float) -> Array:
     """Return the least standard error that a share seen in `many` effective worlds can have, any shape.
 
-    A share of 0 or 1 is not certain: one more world of each kind is added (Agresti and Coull 1998,
-    doi:10.1080/00031305.1998.10480550, here with one of each instead of two).
+    A share of 0 or 1 is not certain: UNSEEN worlds of each kind are added, twice as many as by Agresti and Coull (1998,
+    doi:10.1080/00031305.1998.10480550), who move the share itself too: two errors then hold as they say of rare ones.
     """
-    known = (np.asarray(share) * many + 1) / (many + 2)
-    return np.asarray(np.sqrt(known * (1 - known) / (many + 2)))
+    known = (np.asarray(share) * many + UNSEEN) / (many + 2 * UNSEEN)
+    return np.asarray(np.sqrt(known * (1 - known) / (many + 2 * UNSEEN)))

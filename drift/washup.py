@@ -43,6 +43,7 @@ def build(
     rows = _rows(fates, realisations, weight, outputs)
     parts = [_stretches(rows, piece, fates, realisations, weight, outputs, len(kinds)) for piece in _pieces(rows)]
     found = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]} if parts else {}
+    found |= _unseen(found, weight)
     found |= _account(fates, realisations, weight, outputs)
     touched = rows.segment[rows.first]
     return washup_dataset.build(found, segments, touched, weight, len(realisations), outputs, start, kinds)
@@ -216,11 +217,15 @@ def _stretches(
     }
     for name, values in sums.items():
         middle, error = estimate.mean(values * share, w, start, squares)
+        if name != "probability":
+            found |= _hits(name, values * share, w, start)
         if name == "probability":
             error = np.maximum(error, estimate.least_error(middle, 1 / squares))
         found |= {name: middle.T, f"{name}_se": error.T}
     if by_kind is not None:
         each = [estimate.mean(values * share, w, start, squares) for values in by_kind]
+        some = [_hits("expected_by_kind", values * share, w, start) for values in by_kind]
+        found |= {name: np.array([one[name] for one in some]) for name in some[0]}
         found |= {
             "expected_by_kind": np.array([middle.T for middle, _ in each]),
             "expected_by_kind_se": np.array([error.T for _, error in each]),
@@ -228,6 +233,24 @@ def _stretches(
     else:
         found |= {"expected_by_kind": found["expected"][None], "expected_by_kind_se": found["expected_se"][None]}
     return found | _when(firsts, w * share, stretch, start, squares)
+
+
+def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Array]:
+    """Return the weight of the worlds whose values (rows, T) are not 0, and their squares' sum, each (T, stretches)."""
+    hits, square = (np.add.reduceat(weight[:, None] * x, start).T for x in (value > 0, np.square(value)))
+    return {f"{name}_hits": hits, f"{name}_square": square}
+
+
+def _unseen(found: dict[str, Array], weight: Array) -> dict[str, Array]:
+    """Return standard errors of expected numbers with what worlds that were not seen leave open; takes _hits out."""
+    many, made = estimate.effective(weight), {}
+    for name in [name.removesuffix("_hits") for name in found if name.endswith("_hits")]:
+        hits, square = (found.pop(f"{name}_{end}") for end in ("hits", "square"))
+        table = hits.reshape(-1, hits.shape[-1]).T, square.reshape(-1, hits.shape[-1]).T
+        made[f"{name}_se"] = np.hypot(found[f"{name}_se"], estimate.unseen(*table, many).T.reshape(hits.shape))
+    if made and "expected_by_kind_se" not in made:
+        made["expected_by_kind_se"] = made["expected_se"][None]
+    return made
 
 
 def _arrivals(row: Array, arrival: Array, amount: Array) -> tuple[Array, Array, Array]:
