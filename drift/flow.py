@@ -27,8 +27,11 @@ from drift import (
     silence,
     start,
     summary,
+    suspend,
+    suspend_text,
     tables,
     turns,
+    weights,
 )
 from drift import ensemble as record
 from drift.aftermath import Aftermath, Drifted
@@ -39,6 +42,7 @@ from drift.products import Forecast
 from drift.search import Search
 from drift.snapshot import Snapshot
 from drift.spool import Spool
+from drift.standing import Standing, standing
 from drift.start import Start
 from drift.status import Status
 from drift.tasking import Plan
@@ -62,6 +66,7 @@ class Result:
     summary: dict[str, Any]
     aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
     updates: Updates | None = None  # what sorties and contacts did
+    begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
 
     @property
     def probability(self) -> Any:
@@ -146,6 +151,11 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         begin = start.prepare(case, where)
         stretches = aftermath.stretches(case, case.spill, where, begin) if case.spill else None
     outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
+    begun = None
+    if not case.spill and (case.sorties or any(scenario.survival for scenario in case.scenarios)):
+        one, log_weight = begin.ensemble, begin.ensemble.log_weight.to_numpy()
+        ess = weights.ess(log_weight)
+        begun = standing(case.start, weights.relative(log_weight), one.release.to_numpy(), one.scenarios, None, ess)
     with contextlib.ExitStack() as stack:
 
         def drifted(begin: Start) -> Drifted:
@@ -181,7 +191,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         numbers["warnings"] = [*aftermath.warnings(after), *([] if few else numbers["warnings"])]
     if done.updates is not None:
         numbers |= {"search": search_tables.numbers(done.updates)}
-    return Result(case, made, tracks, numbers, after, done.updates)
+    return Result(case, made, tracks, numbers, after, done.updates, begun)
 
 
 def write(
@@ -202,8 +212,15 @@ def write(
         if warnings:
             attributes["warning"] = "; ".join(warnings)
         footer = f"{attributes['source']}, seed {case.seed}, coast {attributes['coast']}"
-        pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan)
+        told = suspension(result, plan)
+        pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan, told)
         files = [*(aftermath.files(after) if after else ()), *more]
+        numbers = result.summary
+        if told is not None:
+            synthetic, gone = figures.synthetic(case), result.forecast.data
+            words = partial(suspend_text.text, told, case.title, synthetic=synthetic, lost=suspend.off_map(gone))
+            files.append(output.Product("suspend.txt", lambda stamped: words(stamped["run_id"])))
+            numbers = {**numbers, "suspension": suspend.numbers(told)}
         if updates is not None:
             files += [
                 output.Product("sorties.csv", lambda stamped: search_tables.csv(updates, stamped["run_id"])),
@@ -216,12 +233,20 @@ def write(
             out,
             result.forecast,
             result.trajectories,
-            result.summary,
+            numbers,
             pictures,
             attributes=attributes,
             more=files,
             overwrite=overwrite,
         )
+
+
+def suspension(result: Result, plan: Plan | None = None) -> suspend.Suspension | None:
+    """Return what a decision to suspend rests on; None where there are neither sorties nor survival times. plan: not yet flown."""
+    case, begun = result.case, result.begun
+    if begun is None or case.direction < 0:
+        return None
+    return suspend.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, plan)
 
 
 @turns.in_turn
