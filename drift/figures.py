@@ -85,8 +85,13 @@ def figures(
     }
     if after is not None:
         rest = {name: value for name, value in common.items() if name != "particles"}
-        found = [layers.Mark(*aftermath.position(after, find), find.name) for find in after.posterior.known.finds]
-        rest |= {"finds": found, "warning": aftermath.warning(after)}
+        numbered = enumerate(after.posterior.known.finds, 1)
+        found = [layers.Mark(*aftermath.position(after, find), f"{k}") for k, find in numbered]
+        walked = [
+            washup_map.Patrolled(told["name"], told["time"], told["detection"], told["segments"])
+            for told in aftermath.patrols(after.spill, after.segments)
+        ]
+        rest |= {"finds": found, "patrols": walked, "warning": aftermath.warning(after)}
         drawn["washup.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     if updates is not None:
         bare = {name: common[name] for name in ("title", "particles", "footer", "attributes", "synthetic")}
