@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from drift import aftermath, summary, tables, units
+from drift import aftermath, patrolling, summary, tables, units
 from drift.aftermath import Aftermath
 from drift.case import Case
 from drift.environment import Environment
 from drift.origin import Origin
+from drift.patrolling import PatrolPlan
 from drift.products import Forecast
 from drift.scenario import AreaPrior, PositionPrior
 from drift.suspend import Suspension
@@ -32,6 +33,7 @@ def figures(
     updates: Updates | None = None,
     plan: Plan | None = None,
     told: Suspension | None = None,
+    planned: PatrolPlan | None = None,
 ) -> dict[str, Figure]:
     """Return, by file name, what draws each picture to a path."""
     from drift import (  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
@@ -93,6 +95,15 @@ def figures(
         ]
         rest |= {"finds": found, "patrols": walked, "warning": aftermath.warning(after)}
         drawn["washup.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
+        if planned is not None:
+            rest["patrols"] = [
+                washup_map.Patrolled(
+                    slot.team.name, slot.when, slot.team.detection, [visit.segment for visit in visits]
+                )
+                for slot, visits in patrolling.by_patrol(planned)
+            ]
+            rest |= {"title": f"Planned patrols: {case.title}", "patrolled": "planned patrol"}
+            drawn["patrols.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     if updates is not None:
         bare = {name: common[name] for name in ("title", "particles", "footer", "attributes", "synthetic")}
         drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, **bare))

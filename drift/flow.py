@@ -20,6 +20,8 @@ from drift import (
     forecast,
     origin,
     output,
+    patrol_files,
+    patrolling,
     plan_text,
     prior,
     products,
@@ -38,6 +40,7 @@ from drift.aftermath import Aftermath, Drifted
 from drift.case import Case
 from drift.environment import Environment
 from drift.landings import Landings
+from drift.patrolling import PatrolPlan
 from drift.products import Forecast
 from drift.search import Search
 from drift.snapshot import Snapshot
@@ -202,9 +205,10 @@ def write(
     *,
     more: Sequence[output.Product] = (),
     plan: Plan | None = None,
+    patrols: PatrolPlan | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write all that a forecast hands out, complete or not at all; more: further products; plan: drawn with it."""
+    """Write all that a forecast hands out, complete or not at all; more: further products; plan, patrols: drawn with it."""
     case, after, updates = result.case, result.aftermath, result.updates
     with clock.phase("write"):
         attributes = summary.attributes(case, where)
@@ -213,9 +217,11 @@ def write(
             attributes["warning"] = "; ".join(warnings)
         footer = f"{attributes['source']}, seed {case.seed}, coast {attributes['coast']}"
         told = suspension(result, plan)
-        pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan, told)
+        pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan, told, patrols)
         files = [*(aftermath.files(after) if after else ()), *more]
-        numbers = result.summary
+        numbers = (
+            result.summary if patrols is None else {**result.summary, "patrol_plan": patrol_files.numbers(patrols)}
+        )
         if told is not None:
             synthetic, gone = figures.synthetic(case), result.forecast.data
             words = partial(suspend_text.text, told, case.title, synthetic=synthetic, lost=suspend.off_map(gone))
@@ -247,6 +253,47 @@ def suspension(result: Result, plan: Plan | None = None) -> suspend.Suspension |
     if begun is None or case.direction < 0:
         return None
     return suspend.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, plan)
+
+
+@turns.in_turn
+def patrol(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> tuple[PatrolPlan, Result]:
+    """Plan the next patrols of a spill; with `out`, write them and the forecast, complete or not at all.
+
+    Raises UserError for all that the user can mend.
+    """
+    tell, out = report or (lambda phase, share: None), folder(out)
+    if case.spill is None or not case.spill.teams:
+        raise UserError(
+            f"{case.path.name}: has no [[patrol_unit]] to plan with: give each its length a day, detection and first patrol"
+        )
+    where, clock = opened(case, datasets, out, threads, backend, overwrite, tell)
+    assert where.coast is not None
+    patrolling.patrols(case, case.spill, evidence.cut(case.spill, where.coast))  # before the drift: it may be refused
+    result = forecasted(case, where, clock, tell)
+    after = result.aftermath
+    assert after is not None
+    tell("plan", 0.0)
+    with clock.phase("plan"):
+        made = patrolling.plan(after)
+    if out is not None:
+        tell("write", 0.0)
+        synthetic = figures.synthetic(case)
+        more = [
+            output.Product("patrols.txt", lambda s: patrol_files.text(made, after, s["run_id"], synthetic)),
+            output.Product("patrols.csv", lambda s: patrol_files.csv(made, after, s["run_id"])),
+            output.Product("patrols.toml", lambda s: patrol_files.toml(made, after)),
+        ]
+        write(result, where, out, clock, more=more, patrols=made, overwrite=overwrite)
+    return made, result
 
 
 @turns.in_turn

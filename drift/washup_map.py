@@ -87,13 +87,14 @@ def draw(
     known_as: str = "Release",
     finds: Sequence[Mark] = (),
     patrols: Sequence[Patrolled] = (),
+    patrolled: str = "patrolled",
     warning: str | None = None,
 ) -> None:
     """Draw a washup (see drift.washup.build) at its last output time.
 
     polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. footer,
     attributes, synthetic: as in drift.maps.draw_map. finds: where objects were found, each labelled by its number; numbers are of those not yet found. patrols: drawn
-    beside the coast, the last of them with day, time and detection.
+    beside the coast, the last of them with day, time and detection; patrolled: what they are called.
     warning: printed on the page, in red.
     """
     figure, canvas = page.figure(WIDTH, HEIGHT)
@@ -125,8 +126,8 @@ def draw(
         _coast(ax, here, shown, values, widths, scale, colours)
         fx, fy = here.project(np.array([m.lon for m in finds]), np.array([m.lat for m in finds]))
         ax.plot(fx, fy, "^", markersize=7, markerfacecolor="white", markeredgecolor=layers.LAST_KNOWN, zorder=9)
-        told = _told(here, patrols, walked) if left < 0.1 else []
-        _points(ax, canvas, here, data, shown, marks, finds, told)
+        beside = _told(here, patrols, walked) if left < 0.1 else []
+        _points(ax, canvas, here, data, shown, marks, finds, beside)
     if len(shown.index):
         bar = _bar(
             figure, norm, _dark_is_more(), 0.03, "min", "Expected, not yet found" if finds else "Expected number ashore"
@@ -145,7 +146,7 @@ def draw(
         ticks = labels.round_times(*times, 6)
         bar.set_xticks(ticks, labels=[_short(tick) for tick in ticks])
         _chart(figure, data, shown)
-        _key(figure, (known_as, len(marks)), len(patrols))
+        _key(figure, (known_as, len(marks)), patrolled if patrols else "")
     else:
         text = (
             f"None of the {_spills(data)} simulated spills puts any object ashore by {_moment(data['time'].values[-1])}"
@@ -260,7 +261,7 @@ def _points(
 def _patrolled(ax: Axes, here: Frame, walked: Sequence[list[Array]]) -> None:
     """Draw what was patrolled as a wide band under the coast."""
     parts = [np.column_stack(here.project(*part.T)) for parts in walked for part in parts]
-    band = LineCollection(parts, linewidths=11, colors=PATROL, alpha=0.55, zorder=5, capstyle="butt")
+    band = LineCollection(parts, linewidths=14, colors=PATROL, alpha=0.55, zorder=5, capstyle="butt")
     ax.add_collection(band, autolim=False)
 
 
@@ -353,7 +354,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
         )  # fmt: skip
 
 
-def _key(figure: Figure, marks: tuple[str, int], patrols: int) -> None:
+def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     """Write under the chart what its bars and the marks on the maps are."""
     shape: dict[str, Any] = {"linestyle": "none", "marker": "D", "markersize": 5, "markeredgecolor": INK}
     medians = (Line2D([], [], markerfacecolor="white", **shape), Line2D([], [], markerfacecolor=INK, **shape))
@@ -369,8 +370,8 @@ def _key(figure: Figure, marks: tuple[str, int], patrols: int) -> None:
             Line2D([], [], marker="+", markersize=11, **style),
         )
         rows.append((symbol, marks[0] if marks[1] == 1 else f"{marks[0]}s"))
-    if patrols:
-        rows.append((Line2D([], [], color=PATROL, alpha=0.55, linewidth=8), "patrolled"))
+    if patrolled:
+        rows.append((Line2D([], [], color=PATROL, alpha=0.55, linewidth=8), patrolled))
     figure.legend(
         [symbol for symbol, _ in rows],
         [text for _, text in rows],
