@@ -40,32 +40,31 @@ def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Arr
     return found, np.sqrt(spread * factor)
 
 
-def unseen(hits: Array, square: Array, many: float) -> Array:
+def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
     """Return what worlds that were not seen leave open of a mean, a standard error to add in squares, (groups, k).
 
-    hits: weight of the worlds that are not 0, (groups, k). square: weighted sum of their squared values. many: effective
-    worlds.
+    hits, count: weight and number of the worlds that are not 0, (groups, k). square: sum over them of w (w x)^2, w their
+    weights and x their values. many: effective worlds.
 
     The spread over worlds cannot know of those that did not come: 3 of 2,000 seen may be 8 in truth, and those 5 may bring
     a hundred objects each where the 3 brought one. Of a Poisson number k of hits the error sqrt(k + 4) lies within two
     of itself of the truth at least as often as a normal one (at k = 0 two of it are the upper bound of Wilson's score
-    interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have brought is taken as the root mean
-    square over the worlds that hit any of the groups hit about as rarely, at least ALIKE of them on either side where there
-    are so many: groups that are rare for like reasons are taken as alike.
+    interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is taken as the root mean
+    square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on either side where there are so
+    many: groups that are rare for like reasons are taken as alike.
     """
     order = np.argsort(hits, axis=0, kind="stable")
-    h, q = np.take_along_axis(hits, order, 0), np.take_along_axis(square, order, 0)
-    reached, moment = (np.concatenate([np.zeros((1, h.shape[1])), np.cumsum(x, axis=0)]) for x in (h, q))
+    parts = [np.take_along_axis(x, order, 0) for x in (count, hits, square)]
+    reached, mass, moment = (np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)]) for x in parts)
     middle = (reached[1:] + reached[:-1]) / 2
-    reach = ALIKE / many
-    found = np.empty_like(h)
-    for j in range(h.shape[1]):
-        low = np.searchsorted(reached[:, j], middle[:, j] - reach, side="right") - 1
-        high = np.searchsorted(reached[:, j], middle[:, j] + reach)
-        low, high = low.clip(0), high.clip(max=len(h))
-        weight = reached[high, j] - reached[low, j]
-        size = np.divide(moment[high, j] - moment[low, j], weight, out=np.zeros(len(h)), where=weight > 0)
-        found[order[:, j], j] = np.sqrt(UNSEEN * size.clip(0)) / (many + UNSEEN)
+    found = np.empty_like(square)
+    for j in range(found.shape[1]):
+        low = np.searchsorted(reached[:, j], middle[:, j] - ALIKE, side="right") - 1
+        high = np.searchsorted(reached[:, j], middle[:, j] + ALIKE).clip(max=len(found))
+        low = low.clip(0)
+        weight = mass[high, j] - mass[low, j]
+        size = np.divide(moment[high, j] - moment[low, j], weight, out=np.zeros(len(found)), where=weight > 0)
+        found[order[:, j], j] = np.sqrt(UNSEEN * size.clip(0)) * (many / (many + UNSEEN))
     return found
 
 

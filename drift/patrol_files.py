@@ -1,6 +1,7 @@
 """A plan of patrols as text: the schedule for people, a table, and [[patrol]] tables to append once they were made."""
 
 import json
+import math
 import textwrap
 from typing import Any
 
@@ -48,7 +49,15 @@ def text(made: PatrolPlan, after: Aftermath, run: str, synthetic: bool) -> str:
 
 def worth(made: PatrolPlan) -> str:
     """Return in a line what a plan is expected to find, and what none could exceed."""
-    return f"{made.found:.3g} +- {made.error:.2g} objects; no plan of these teams finds more than {made.bound:.3g} on average"
+    return f"{made.found:.3g} +- {made.error:.2g} objects; no plan of these teams finds more than {_up(made.bound)} on average"
+
+
+def _up(value: float) -> str:
+    """Return a bound to three digits, not rounded down."""
+    if value <= 0:
+        return "0"
+    step = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.ceil(value / step - 1e-9) * step:.3g}"
 
 
 def warnings(made: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:

@@ -128,12 +128,18 @@ def choose(
         if any(s in reach[j] and lies[: j + 1, j].sum() > LEAST * best for j in range(len(slots)))
     ]
     every = range(len(slots))
+    rest = sum(  # what is not looked at could be found too
+        float(lies[: j + 1, j].sum()) * slots[j].team.detection
+        for s, lies in tables.items()
+        for j in every
+        if s in reach[j] and s not in worthy
+    )
     if sum(sum(1 for _ in _sets(every, s, reach)) for s in worthy) <= CHOICES:
-        return *_solve(tables, length, slots, worthy, every, {}), False
+        chosen, bound = _solve(tables, length, slots, worthy, every, {})
+        return chosen, bound + rest, False
     begin = slots[0].time
     days = itertools.groupby(every, key=lambda j: (slots[j].time - begin) // DAY)
-    chosen: dict[int, tuple[int, ...]] = {}
-    bound = 0.0
+    chosen, bound = {}, rest
     for _, group in days:
         today = list(group)
         bound += _solve(tables, length, slots, worthy, today, {})[1]

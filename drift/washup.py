@@ -236,18 +236,21 @@ def _stretches(
 
 
 def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Array]:
-    """Return the weight of the worlds whose values (rows, T) are not 0, and their squares' sum, each (T, stretches)."""
-    hits, square = (np.add.reduceat(weight[:, None] * x, start).T for x in (value > 0, np.square(value)))
-    return {f"{name}_hits": hits, f"{name}_square": square}
+    """Return of the worlds whose values (rows, T) are not 0 what estimate.unseen takes, each (T, stretches)."""
+    w = weight[:, None]
+    parts = {"hits": w * (value > 0), "count": (value > 0).astype(float), "square": w**3 * np.square(value)}
+    return {f"{name}_{part}": np.add.reduceat(x, start).T for part, x in parts.items()}
 
 
 def _unseen(found: dict[str, Array], weight: Array) -> dict[str, Array]:
-    """Return standard errors of expected numbers with what worlds that were not seen leave open; takes _hits out."""
+    """Return standard errors of expected numbers with what worlds that were not seen leave open; takes what _hits made out."""
     many, made = estimate.effective(weight), {}
     for name in [name.removesuffix("_hits") for name in found if name.endswith("_hits")]:
-        hits, square = (found.pop(f"{name}_{end}") for end in ("hits", "square"))
-        table = hits.reshape(-1, hits.shape[-1]).T, square.reshape(-1, hits.shape[-1]).T
-        made[f"{name}_se"] = np.hypot(found[f"{name}_se"], estimate.unseen(*table, many).T.reshape(hits.shape))
+        parts = [found.pop(f"{name}_{part}") for part in ("hits", "count", "square")]
+        shape = parts[0].shape
+        hits, count, square = (part.reshape(-1, shape[-1]).T for part in parts)
+        more = estimate.unseen(hits, count, square, many)
+        made[f"{name}_se"] = np.hypot(found[f"{name}_se"], more.T.reshape(shape))
     if made and "expected_by_kind_se" not in made:
         made["expected_by_kind_se"] = made["expected_se"][None]
     return made
