@@ -57,7 +57,7 @@ def _up(value: float) -> str:
     if value <= 0:
         return "0"
     step = 10.0 ** (math.floor(math.log10(value)) - 2)
-    return f"{math.ceil(value / step - 1e-9) * step:.3g}"
+    return f"{math.ceil(value / step) * step:.3g}"
 
 
 def warnings(made: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:

@@ -109,7 +109,7 @@ def build(
         scenarios=names,
         prior=begun.mass.sum(axis=1),
         share=here.mass.sum(axis=1),
-        bases=tuple(_basis(scenario) for scenario in scenarios),
+        bases=tuple(basis(scenario) for scenario in scenarios),
         times=np.array([]),
         alive=np.array([]),
         alive_error=np.array([]),
@@ -357,7 +357,8 @@ def _coarse(mass: Array, area: Array) -> tuple[Array, Array]:
     return coarse[:, cells > 0], cells[cells > 0]
 
 
-def _basis(scenario: Scenario) -> str | None:
+def basis(scenario: Scenario) -> str | None:
+    """Return a scenario's survival times in words; None where none are told."""
     life = scenario.survival
     if life is None:
         return None

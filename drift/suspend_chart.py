@@ -12,8 +12,9 @@ from drift import effective, labels, page, units
 from drift.cells import Array
 from drift.chart import INK
 from drift.evidence_map import GREY, STROKES
+from drift.layers import LAST_KNOWN
 from drift.suspend import Suspension
-from drift.suspend_text import reached, share
+from drift.suspend_text import immortal, reached, share
 
 WIDTH, HEIGHT = 14.0, 6.4  # [in]
 ALL: dict[str, Any] = {"color": INK, "linewidth": 2.2}
@@ -36,9 +37,11 @@ def draw(
     figure.text(0.02, 0.903, as_of, fontsize=10.5, color=INK)
     if told.count.few:
         page.banner(figure, 0.0225, 0.862, "left", 10, effective.banner(told.count, "every figure here is rough"))
+    for warning in immortal(told):
+        figure.text(0.02, 0.825, page.fit(warning, 160), fontsize=9, weight="bold", color=LAST_KNOWN, va="center")
     if synthetic:
         page.warn(figure, 0.985, 0.95, "right", 10)
-    axes = [figure.add_axes((left, 0.2, 0.265, 0.56)) for left in (0.05, 0.38, 0.715)]
+    axes = [figure.add_axes((left, 0.2, 0.265, 0.54)) for left in (0.05, 0.38, 0.715)]
     _alive(axes[0], told)
     _left(axes[1], told)
     _further(axes[2], told)
@@ -121,7 +124,7 @@ def _left(ax: Axes, told: Suspension) -> None:
         told_as = (
             f"{page.fit(name, 26)}: POS {share(float(pos[k]))}; of the rest {share(float(never[k]))} never searched"
         )
-        ax.text(0.01, y[k] - 0.33, told_as, fontsize=7.5, color=INK, va="bottom")
+        ax.text(0.01, y[k] - 0.33, told_as, fontsize=7, color=INK, va="bottom")
     ax.set_ylim(len(rows) - 0.5, -0.75)
     ax.set_xlim(0, 1)
     ax.set_yticks([])
@@ -190,7 +193,7 @@ def _legend(figure: Figure, told: Suspension) -> None:
         [*handles, Line2D([], [], **ALL)],
         [*names, "all, two standard errors"],
         loc="upper left",
-        bbox_to_anchor=(0.045, 0.84),
+        bbox_to_anchor=(0.045, 0.815),
         ncols=len(names) + 1,
         frameon=False,
         fontsize=8,

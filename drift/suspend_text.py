@@ -38,11 +38,15 @@ def warnings(told: Suspension, synthetic: bool) -> list[str]:
     found = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
     if told.count.few:
         found.append(effective.sentence(told.count, "of all that were drawn", "every figure here is rough"))
-    missing = [name for name, basis in zip(told.scenarios, told.bases, strict=True) if basis is None]
-    if told.mortal and missing:
-        names = ", ".join(f'"{name}"' for name in missing)
-        found.append(f"no survival times are told for {names}: whoever is adrift there counts as alive for ever.")
-    return found
+    return found + immortal(told)
+
+
+def immortal(told: Suspension) -> list[str]:
+    """Return a warning of scenarios without survival times beside others that have them."""
+    names = ", ".join(f'"{name}"' for name, basis in zip(told.scenarios, told.bases, strict=True) if basis is None)
+    if not (told.mortal and names):
+        return []
+    return [f"no survival times are told for {names}: whoever is adrift there counts as alive for ever."]
 
 
 def share(value: float) -> str:

@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate, optimize, stats
 
 import drift
-from drift import flow, survival, suspend, suspend_text
+from drift import check, flow, survival, suspend, suspend_text
 from drift.sortie import Survival
 from geo.errors import UserError
 
@@ -94,6 +94,14 @@ def test_what_is_wrong_is_said_in_one_line(kind: str, tmp_path: Path) -> None:
     assert len(lines) == 1
     assert 'scenario "raft".survival' in lines[0]
     assert word in lines[0]
+
+
+def test_check_says_what_survival_was_understood(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(CASE.format(particles=100, more=""))
+    told = check.understood(drift.load(path))
+    assert "alive: median 3.17 h, factor 3 of a standard deviation (Hayward" in told['scenario "swimmer"']
+    assert "alive: median 20 h, factor 1.7" in told['scenario "raft"']
 
 
 def chance_alive(median: float, spread: float, window: float, time: float) -> float:
