@@ -47,8 +47,8 @@ def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
     weights and x their values. many: effective worlds.
 
     The spread over worlds cannot know of those that did not come: 3 of 2,000 seen may be 8 in truth, and those 5 may bring
-    a hundred objects each where the 3 brought one. Of a Poisson number k of hits the error sqrt(k + 4) lies within two
-    of itself of the truth at least as often as a normal one (at k = 0 two of it are the upper bound of Wilson's score
+    a hundred objects each where the 3 brought one. Of a Poisson number k of hits two errors sqrt(k + 4) hold the mean at
+    least 95 % of the time, whatever it is, two of a normal number 95.4 % (at k = 0 they are the upper bound of Wilson's score
     interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is taken as the root mean
     square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on either side where there are so
     many: groups that are rare for like reasons are taken as alike.

@@ -132,6 +132,10 @@ def test_what_refloats_is_never_worth_more_than_the_bound() -> None:
     here = exposure.expose(fates, reporting, ())
     worth = np.random.default_rng(1).uniform(0.2, 2, fates.world.size)
     tables = {s: patrolling.table(here, s, worth, SLOTS) for s in range(3)}
+    for s, j in itertools.product(range(3), range(3)):  # a lone visit is worth what it finds, in closed form elsewhere
+        there = exposure.expose(fates, reporting, (Patrol((s,), SLOTS[j].time, 0.4),))
+        rows, chance = exposure.searched(there, s, 0)
+        assert tables[s][: j + 1, j].sum() == pytest.approx(float(chance @ worth[there.slot[rows]]) / 0.4, rel=1e-12)
     _, bound, _ = patrolling.choose(tables, LENGTH, SLOTS)
     for chosen in choices():
         visits = [(j, s) for s, some in chosen.items() for j in some]

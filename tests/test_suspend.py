@@ -113,21 +113,34 @@ def chance_alive(median: float, spread: float, window: float, time: float) -> fl
     return value / window
 
 
+SOUTH = """
+[[sortie]]
+name = "south"
+start = "+8 h"
+end = "+9 h"
+area = { polygon = [[-20.1, 44.9], [-18.9, 44.9], [-18.9, 45.15], [-20.1, 45.15]] }
+pod = { swimmer = 0.7, raft = 0.4 }
+law = "definite_range"
+"""
+
+
 @pytest.mark.parametrize("more", ["", "[resampling]\nbelow = 0.999\n"])
 def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, more: str) -> None:
-    """A uniform prior at rest, a third of it searched once: posterior and alive in closed form, by story and of all."""
-    result = run(tmp_path, more=more)
+    """A uniform prior at rest, its west searched, then its south: posterior and alive in closed form, by story and of all."""
+    result = run(tmp_path, more=SOUTH + more)
     told = flow.suspension(result)
     assert told is not None
-    share, pod, third = np.array([0.6, 0.4]), np.array([0.5, 0.8]), 0.33330
-    missed = 1 - third * pod
+    share, pod, west = np.array([0.6, 0.4]), np.array([[0.5, 0.8], [0.7, 0.4]]), 0.33330
+    low, middle, high = np.sin(np.radians([45.0, 45.15, 45.4]))
+    south = (middle - low) / (high - low)  # great circles for its edges bulge by under 0.3 % of its height
+    missed = (1 - west * pod[0]) * (1 - south * pod[1])
     posterior = share * missed / (share @ missed)
-    never = (1 - third) / missed
+    never = (1 - west) * (1 - south) / missed
     error = 3 / np.sqrt(told.effective * np.array([*(0.8 * posterior), 1.0]))  # three of a share, which has at most 1/2
     assert np.abs(told.share - posterior).max() < error[-1] / 2
     assert (np.abs(told.never - [*never, posterior @ never]) < error / 2).all()
-    assert (np.abs(told.cumulative - [*(third * pod), share @ (third * pod)]) < error / 2).all()
-    assert told.now == np.datetime64("2026-06-01T13:00")
+    assert (np.abs(told.cumulative - [*(1 - missed), 1 - share @ missed]) < error / 2).all()
+    assert told.now == np.datetime64("2026-06-01T15:00")
     median = [(15 + 7.2 / (0.0785 - 0.0034 * 11)) / 60, 20.0]
     for time, alive, alive_error in told.ahead:
         age = float((time - np.datetime64("2026-06-01T06:00")) / np.timedelta64(1, "h"))

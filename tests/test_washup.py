@@ -325,6 +325,25 @@ def test_standard_errors_are_the_spread_of_repeated_forecasts():
         assert 0.64 < ratio < 1.36, (name, ratio)
 
 
+def test_two_errors_of_a_rare_number_hold_whatever_its_mean():
+    """Of so many worlds that hits are Poisson: the share of counts whose two errors hold their mean, summed exactly."""
+    many = 1e7
+    errors = []
+    for count in range(200):
+        weight = np.full(max(count, 1), 1 / many)
+        value = np.full((max(count, 1), 1), float(count > 0))
+        hits, square = np.array([[count / many]]), np.array([[count / many**3]])
+        _, error = estimate.mean(value, weight, np.array([0]), 1 / many)
+        if count == 0:  # what a missed world brings is known from another group alone
+            hits, square = np.array([[0.0], [9 / many]]), np.array([[0.0], [9 / many**3]])
+        more = estimate.unseen(hits, np.rint(hits * many), square, many)[0, 0]
+        errors.append(many * np.hypot(error[0, 0], more))
+    means = np.linspace(0.02, 100, 5000)[:, None]
+    count = np.arange(200)
+    held = np.abs(count - means) <= 2 * np.array(errors)
+    assert (stats.poisson.pmf(count, means) * held).sum(axis=1).min() >= 0.95
+
+
 @pytest.mark.parametrize(
     ("worlds", "each", "scatter", "length", "drawn"),
     [(2000, 30, 0.1, 0.2, (0, 1)), (500, 100, 0.05, 0.15, (0, 1)), (2000, 30, 0.1, 0.2, (0.3, 1.4))],
