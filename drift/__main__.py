@@ -50,7 +50,9 @@ def parser() -> Parser:
     _add_case(run)
     _add_results(run, "NAME-forecast")
 
-    plan = commands.add_parser("plan", help="plan the next search of a case with the units that it has")
+    plan = commands.add_parser(
+        "plan", help="plan the next search of a case with its units, or the next patrols of a spill"
+    )
     _add_case(plan)
     _add_results(plan, "NAME-plan")
 
@@ -244,9 +246,17 @@ def _run(given: argparse.Namespace) -> None:
 
 def _plan(given: argparse.Namespace) -> None:
     with _started(given, "plan") as (case, out, options):
-        from drift import outcome, planning
+        from drift import flow, outcome, patrol_files, planning
 
-        made, _ = planning.plan(case, out, **options)
+        if case.spill:
+            patrols, result = flow.patrol(case, out, **options)
+        else:
+            made, _ = planning.plan(case, out, **options)
+    if case.spill:
+        assert result.aftermath is not None
+        terminal.facts(case.title, patrol_files.facts(patrols, result.aftermath))
+        terminal.say(f"Patrols in {out / 'patrols.txt'}, all results in {out}")
+        return
     terminal.facts(case.title, outcome.plan(made))
     terminal.say(f"Search action plan in {out / 'plan.txt'}, all results in {out}")
 

@@ -235,19 +235,28 @@ def position(after: Aftermath, find: finds.Find) -> tuple[float, float]:
 
 def _find(after: Aftermath, surprise: finds.Surprise) -> dict[str, Any]:
     find = surprise.find
-    given = next(one for one in after.spill.finds if one.name == find.name)
+    number, given = next(pair for pair in enumerate(after.spill.finds, 1) if pair[1].name == find.name)
+    segment = None if isinstance(find.place, finds.AtSea) else find.place
     return {
+        "number": number,  # as the case lists them; so do the pictures
         "name": find.name,
         "time": given.time,
         "not_later_than": find.latest,
         "position": tables.position(*position(after, find)),
-        "stretch": "at sea" if isinstance(find.place, finds.AtSea) else after.segments.name[find.place],
+        "stretch": "at sea" if segment is None else stretch(after.segments, segment),
+        "segment": segment,
         "class": given.kind,
         "by": given.by or "public",
         "probability_beforehand": surprise.probability,
         "tail": surprise.tail,
         "odd": surprise.tail < ODD,
     }
+
+
+def stretch(segments: Segments, number: int) -> str:
+    """Return what a stretch is called."""
+    place = tables.position(float(segments.lon[number]), float(segments.lat[number])) or ""
+    return washup_tables.called(number, segments.name[number], place)
 
 
 def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
@@ -260,7 +269,8 @@ def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
                 "name": patrol.name,
                 "time": patrol.time,
                 "detection": patrol.detection,
-                "stretches": [segments.name[k] for k in walked],
+                "stretches": [stretch(segments, k) for k in walked],
+                "segments": walked,
                 "length_km": float(segments.length[walked].sum() / 1000),
             }
         )

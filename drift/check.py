@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from drift import aftermath, environment, outlook, start, summary, tables, turns, units
+from drift import aftermath, environment, outlook, start, summary, suspend, tables, turns, units
 from drift.case import Case
 from drift.spill import Spill
 from drift.units import NMI
@@ -63,6 +63,8 @@ def understood(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[st
             found[f'{story} "{scenario.name}"'] += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
         if dry > 0:
             found[f'{story} "{scenario.name}"'] += f"; {dry:.1%} of its prior is on land and left out"
+        if scenario.survival is not None:
+            found[f'{story} "{scenario.name}"'] += f"; alive: {suspend.basis(scenario)}"
     return found | _search(case)
 
 
@@ -122,4 +124,7 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
         told[find.name] = f"{find.kind or 'class unknown'}, {units.group(find.time)}, by {find.by or 'the public'}"
     for patrol in aftermath.patrols(spill, stretches):
         told[f'patrol "{patrol["name"]}"'] = f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
+    for team in spill.teams:
+        many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {units.group(team.times[0])}"
+        told[f'patrol_unit "{team.name}"'] = f"{many}, {team.length / 1000:g} km a day, finds {team.detection:.0%}"
     return told

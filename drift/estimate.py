@@ -9,6 +9,8 @@ import numpy as np
 
 from drift.cells import Array
 
+UNSEEN = 4.0  # worlds that may have been missed: the square of the two standard errors that are to hold
+ALIKE = 25.0  # worlds on either side, in order of how often a group is hit, that tell how much one of them brings
 SLACK = 1e-9  # of a share: a cumulative sum that misses it by rounding reaches it
 ONE = 2**52  # share 1 in fixed point: sums are exact, and differences too where they wrap
 
@@ -36,6 +38,34 @@ def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Arr
     many = 1 / squares
     factor = many / (many - 1) if many > 1 + SLACK else np.nan
     return found, np.sqrt(spread * factor)
+
+
+def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
+    """Return what worlds that were not seen leave open of a mean, a standard error to add in squares, (groups, k).
+
+    hits, count: weight and number of the worlds that are not 0, (groups, k). square: sum over them of w (w x)^2, w their
+    weights and x their values. many: effective worlds.
+
+    The spread over worlds cannot know of those that did not come: 3 of 2,000 seen may be 8 in truth, and those 5 may bring
+    a hundred objects each where the 3 brought one. Of a Poisson number k of hits two errors sqrt(k + 4) hold the mean at
+    least 95 % of the time, whatever it is, two of a normal number 95.4 % (at k = 0 they are the upper bound of Wilson's score
+    interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is taken as the root mean
+    square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on either side where there are so
+    many: groups that are rare for like reasons are taken as alike.
+    """
+    order = np.argsort(hits, axis=0, kind="stable")
+    parts = [np.take_along_axis(x, order, 0) for x in (count, hits, square)]
+    reached, mass, moment = (np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)]) for x in parts)
+    middle = (reached[1:] + reached[:-1]) / 2
+    found = np.empty_like(square)
+    for j in range(found.shape[1]):
+        low = np.searchsorted(reached[:, j], middle[:, j] - ALIKE, side="right") - 1
+        high = np.searchsorted(reached[:, j], middle[:, j] + ALIKE).clip(max=len(found))
+        low = low.clip(0)
+        weight = mass[high, j] - mass[low, j]
+        size = np.divide(moment[high, j] - moment[low, j], weight, out=np.zeros(len(found)), where=weight > 0)
+        found[order[:, j], j] = np.sqrt(UNSEEN * size.clip(0)) * (many / (many + UNSEEN))
+    return found
 
 
 def quantiles(
@@ -76,8 +106,8 @@ def quantiles(
 def least_error(share: Array, many: float) -> Array:
     """Return the least standard error that a share seen in `many` effective worlds can have, any shape.
 
-    A share of 0 or 1 is not certain: one more world of each kind is added (Agresti and Coull 1998,
-    doi:10.1080/00031305.1998.10480550, here with one of each instead of two).
+    A share of 0 or 1 is not certain: UNSEEN worlds of each kind are added, twice as many as by Agresti and Coull (1998,
+    doi:10.1080/00031305.1998.10480550), who move the share itself too: two errors then hold as they say of rare ones.
     """
-    known = (np.asarray(share) * many + 1) / (many + 2)
-    return np.asarray(np.sqrt(known * (1 - known) / (many + 2)))
+    known = (np.asarray(share) * many + UNSEEN) / (many + 2 * UNSEEN)
+    return np.asarray(np.sqrt(known * (1 - known) / (many + 2 * UNSEEN)))

@@ -129,6 +129,14 @@ def public(here: Exposure, segment: int, time: float) -> tuple[slice, Real]:
     return rows, there * here.report[rows] * np.exp(here.before[rows] + _alive(here, segment, rows, at))
 
 
+def lying(here: Exposure, segment: int, time: float) -> Real:
+    """Return the chance of each stay of a stretch, (rows,), that it lies there unfound at a time, before patrols of that time."""
+    rows = _rows(here, segment)
+    there = (here.arrival[rows] <= time) & (time < here.leave[rows])
+    at = np.where(there, time, here.arrival[rows])
+    return np.asarray(there * np.exp(np.minimum(here.before[rows] + _alive(here, segment, rows, at), 0.0)))
+
+
 def searched(here: Exposure, segment: int, patrol: int) -> tuple[slice, Real]:
     """Return the rows of a stretch and the chance of each stay of being found by a patrol of it."""
     rows = _rows(here, segment)

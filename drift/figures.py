@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from drift import aftermath, summary, tables, units
+from drift import aftermath, patrolling, summary, tables, units
 from drift.aftermath import Aftermath
 from drift.case import Case
 from drift.environment import Environment
 from drift.origin import Origin
+from drift.patrolling import PatrolPlan
 from drift.products import Forecast
 from drift.scenario import AreaPrior, PositionPrior
+from drift.suspend import Suspension
 from drift.tasking import Plan
 from drift.updates import Updates
 
@@ -30,6 +32,8 @@ def figures(
     after: Aftermath | None = None,
     updates: Updates | None = None,
     plan: Plan | None = None,
+    told: Suspension | None = None,
+    planned: PatrolPlan | None = None,
 ) -> dict[str, Figure]:
     """Return, by file name, what draws each picture to a path."""
     from drift import (  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
@@ -38,18 +42,19 @@ def figures(
         maps,
         plan_map,
         search_map,
+        suspend_chart,
         washup_map,
     )
 
     attributes = summary.attributes(case, where)
     known_as, short = ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
     marks, lines = [], []
-    told = case.scenarios
+    stories = case.scenarios
     if case.spill:  # its classes of objects were released together
-        known_as, short, told = "Release", "release", (replace(case.scenarios[0], name="release"),)
-    for scenario in told:
+        known_as, short, stories = "Release", "release", (replace(case.scenarios[0], name="release"),)
+    for scenario in stories:
         prior = scenario.prior
-        alone = len(told) == 1
+        alone = len(stories) == 1
         if isinstance(prior, PositionPrior):
             label = known_as if alone else f"{short}, {scenario.name}"
             marks.append(maps.Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
@@ -64,7 +69,7 @@ def figures(
         "particles": case.particles,
         "footer": footer,
         "attributes": {**attributes, "run_id": tables.run_id(attributes)},
-        "synthetic": any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes)),
+        "synthetic": synthetic(case),
     }
     drawn = {
         "map.png": _kept(
@@ -82,9 +87,23 @@ def figures(
     }
     if after is not None:
         rest = {name: value for name, value in common.items() if name != "particles"}
-        found = [layers.Mark(*aftermath.position(after, find), find.name) for find in after.posterior.known.finds]
-        rest |= {"finds": found, "warning": aftermath.warning(after)}
+        numbered = enumerate(after.posterior.known.finds, 1)
+        found = [layers.Mark(*aftermath.position(after, find), f"{k}") for k, find in numbered]
+        walked = [
+            washup_map.Patrolled(told["name"], told["time"], told["detection"], told["segments"])
+            for told in aftermath.patrols(after.spill, after.segments)
+        ]
+        rest |= {"finds": found, "patrols": walked, "warning": aftermath.warning(after)}
         drawn["washup.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
+        if planned is not None:
+            rest["patrols"] = [
+                washup_map.Patrolled(
+                    slot.team.name, slot.when, slot.team.detection, [visit.segment for visit in visits]
+                )
+                for slot, visits in patrolling.by_patrol(planned)
+            ]
+            rest |= {"title": f"Planned patrols: {case.title}", "patrolled": "planned patrol"}
+            drawn["patrols.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     if updates is not None:
         bare = {name: common[name] for name in ("title", "particles", "footer", "attributes", "synthetic")}
         drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, **bare))
@@ -95,7 +114,15 @@ def figures(
             drawn[name] = _kept(drawing)
     if plan is not None:
         drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **{**common, "title": case.title}))
+    if told is not None:
+        bare = {name: common[name] for name in ("footer", "attributes", "synthetic")}
+        drawn["suspend.png"] = _kept(partial(suspend_chart.draw, told, title=case.title, **bare))
     return drawn
+
+
+def synthetic(case: Case) -> bool:
+    """Whether winds or currents are made up."""
+    return any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes))
 
 
 def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[str, Figure]:
@@ -117,7 +144,7 @@ def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[s
         marks=marks,
         footer=footer,
         attributes={**attributes, "run_id": tables.run_id(attributes)},
-        synthetic=any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes)),
+        synthetic=synthetic(case),
     )
     return {"origin.png": _kept(draw)}
 

@@ -21,6 +21,8 @@ from drift import (
     off_grid,
     origin,
     output,
+    patrol_files,
+    patrolling,
     plan_text,
     prior,
     products,
@@ -28,18 +30,23 @@ from drift import (
     silence,
     start,
     summary,
+    suspend,
+    suspend_text,
     tables,
     turns,
+    weights,
 )
 from drift import ensemble as record
 from drift.aftermath import Aftermath, Drifted
 from drift.case import Case
 from drift.environment import Environment
 from drift.landings import Landings
+from drift.patrolling import PatrolPlan
 from drift.products import Forecast
 from drift.search import Search
 from drift.snapshot import Snapshot
 from drift.spool import Spool
+from drift.standing import Standing, standing
 from drift.start import Start
 from drift.status import Status
 from drift.tasking import Plan
@@ -63,6 +70,7 @@ class Result:
     summary: dict[str, Any]
     aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
     updates: Updates | None = None  # what sorties and contacts did
+    begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
 
     @property
     def probability(self) -> Any:
@@ -147,6 +155,11 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         begin = start.prepare(case, where)
         stretches = aftermath.stretches(case, case.spill, where, begin) if case.spill else None
     outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
+    begun = None
+    if not case.spill and (case.sorties or any(scenario.survival for scenario in case.scenarios)):
+        one, log_weight = begin.ensemble, begin.ensemble.log_weight.to_numpy()
+        ess = weights.ess(log_weight)
+        begun = standing(case.start, weights.relative(log_weight), one.release.to_numpy(), one.scenarios, None, ess)
     with contextlib.ExitStack() as stack:
 
         def drifted(begin: Start) -> Drifted:
@@ -184,7 +197,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         numbers["warnings"] = [*aftermath.warnings(after), *([] if few else numbers["warnings"])]
     if done.updates is not None:
         numbers |= {"search": search_tables.numbers(done.updates)}
-    return Result(case, made, tracks, numbers, after, done.updates)
+    return Result(case, made, tracks, numbers, after, done.updates, begun)
 
 
 def write(
@@ -195,9 +208,10 @@ def write(
     *,
     more: Sequence[output.Product] = (),
     plan: Plan | None = None,
+    patrols: PatrolPlan | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write all that a forecast hands out, complete or not at all; more: further products; plan: drawn with it."""
+    """Write all that a forecast hands out, complete or not at all; more: further products; plan, patrols: drawn with it."""
     case, after, updates = result.case, result.aftermath, result.updates
     with clock.phase("write"):
         attributes = summary.attributes(case, where)
@@ -205,8 +219,17 @@ def write(
         if warnings:
             attributes["warning"] = "; ".join(warnings)
         footer = _footer(attributes, f"coast {attributes['coast']}")
-        pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan)
+        told = suspension(result, plan)
+        pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan, told, patrols)
         files = [*(aftermath.files(after) if after else ()), *more]
+        numbers = (
+            result.summary if patrols is None else {**result.summary, "patrol_plan": patrol_files.numbers(patrols)}
+        )
+        if told is not None:
+            synthetic, gone = figures.synthetic(case), result.forecast.data
+            words = partial(suspend_text.text, told, case.title, synthetic=synthetic, lost=suspend.off_map(gone))
+            files.append(output.Product("suspend.txt", lambda stamped: words(stamped["run_id"])))
+            numbers = {**numbers, "suspension": suspend.numbers(told)}
         if updates is not None:
             files += [
                 output.Product("sorties.csv", lambda stamped: search_tables.csv(updates, stamped["run_id"])),
@@ -219,12 +242,61 @@ def write(
             out,
             result.forecast,
             result.trajectories,
-            result.summary,
+            numbers,
             pictures,
             attributes=attributes,
             more=files,
             overwrite=overwrite,
         )
+
+
+def suspension(result: Result, plan: Plan | None = None) -> suspend.Suspension | None:
+    """Return what a decision to suspend rests on; None where there are neither sorties nor survival times. plan: not yet flown."""
+    case, begun = result.case, result.begun
+    if begun is None or case.direction < 0:
+        return None
+    return suspend.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, plan)
+
+
+@turns.in_turn
+def patrol(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> tuple[PatrolPlan, Result]:
+    """Plan the next patrols of a spill; with `out`, write them and the forecast, complete or not at all.
+
+    Raises UserError for all that the user can mend.
+    """
+    tell, out = report or (lambda phase, share: None), folder(out)
+    if case.spill is None or not case.spill.teams:
+        raise UserError(
+            f"{case.path.name}: has no [[patrol_unit]] to plan with: give each its length a day, detection and first patrol"
+        )
+    where, clock = opened(case, datasets, out, threads, backend, overwrite, tell)
+    assert where.coast is not None
+    patrolling.patrols(case, case.spill, evidence.cut(case.spill, where.coast))  # before the drift: it may be refused
+    result = forecasted(case, where, clock, tell)
+    after = result.aftermath
+    assert after is not None
+    tell("plan", 0.0)
+    with clock.phase("plan"):
+        made = patrolling.plan(after)
+    if out is not None:
+        tell("write", 0.0)
+        synthetic = figures.synthetic(case)
+        more = [
+            output.Product("patrols.txt", lambda s: patrol_files.text(made, after, s["run_id"], synthetic)),
+            output.Product("patrols.csv", lambda s: patrol_files.csv(made, after, s["run_id"])),
+            output.Product("patrols.toml", lambda s: patrol_files.toml(made, after)),
+        ]
+        write(result, where, out, clock, more=more, patrols=made, overwrite=overwrite)
+    return made, result
 
 
 @turns.in_turn

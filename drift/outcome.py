@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from drift import plan_text, subareas
+from drift import plan_text, subareas, washup_tables
 from drift.effective import Count
 from drift.tables import NMI, position
 from drift.tasking import Plan
@@ -97,13 +97,14 @@ def spill(numbers: dict[str, Any]) -> Facts:
         if figure["expected"] >= 0.05:
             facts[fate] = f"{figure['expected']:.1f} +- {figure['standard_error']:.1f} objects"
     for place in told["worst_stretches"][:WORST]:
-        facts[place["name"]] = (
+        name = washup_tables.called(place["segment"], place["name"], place["position"])
+        facts[f"{place['rank']} {name}"] = (
             f"{place['expected']:.1f} ashore ({place['number_10']:.0f} to {place['number_90']:.0f}), at least one "
             f"{_percent(place['probability'])}, the first about {_group(place['first_50'])}"
         )
     for find in told["finds"]:
         odd = "; ODD, check it" if find["odd"] else ""
-        facts[find["name"]] = (
+        facts[f'find {find["number"]} "{find["name"]}"'] = (
             f"{find['stretch']}: the next find was to be here with {_percent(find['probability_beforehand'])}, somewhere at most "
             f"as likely with {_percent(find['tail'])}{odd}"
         )

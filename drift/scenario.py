@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from drift import fields, sweep_width, units
+from drift import fields, survival, sweep_width, units
 from drift.leeway import Drifter
 from drift.objects import ObjectTable
 from drift.sortie import Survival
@@ -317,14 +317,36 @@ def _search_object(value: object) -> object:
 
 
 class SurvivalTable(fields.Table):
-    """How long someone stays alive after going adrift: lognormal, its median and the factor of one standard deviation."""
+    """How long someone stays alive after going adrift: lognormal, its median and the factor of one standard deviation.
 
-    median: fields.Duration
-    spread: Annotated[float, Field(gt=1, le=20)] = 1.5
+    The median is given, or follows from the water's temperature (drift.survival).
+    """
+
+    median: fields.Duration | None = None
+    spread: Annotated[float, Field(gt=1, le=20)] | None = None
+    water: Annotated[float, BeforeValidator(survival.celsius)] | None = None
+    clothing: str | None = None
+
+    @model_validator(mode="after")
+    def one_way(self) -> "SurvivalTable":
+        """Refuse none or two ways of giving the median, and clothing that no formula is known for."""
+        if fields.one_of(self, ("median", "water")) == "median":
+            if self.clothing is not None:
+                raise ValueError("clothing belongs to water; a median is of people as they are clothed")
+        elif self.clothing not in survival.CLOTHING:
+            given = "is missing" if self.clothing is None else f'"{self.clothing}" is not known'
+            raise ValueError(f'clothing {given}; with water it must be "light": {survival.OTHERS}')
+        return self
 
     def survival(self) -> Survival:
         """Return the record."""
-        return Survival(self.median, self.spread)
+        if self.median is not None:
+            return Survival(self.median, self.spread or 1.5)
+        assert self.water is not None
+        spread = self.spread or survival.SPREAD
+        return Survival(
+            survival.immersed(self.water), spread, f"{survival.SOURCE}, light clothing, {self.water:.1f} degC"
+        )
 
 
 class ScenarioTable(fields.Table):

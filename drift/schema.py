@@ -17,7 +17,7 @@ from drift.plan_input import PlanTable, ResamplingTable, UnitTable
 from drift.scenario import ScenarioTable
 from drift.sortie_input import SortieTable
 from drift.sources import SourceTable
-from drift.spill import FindTable, PatrolTable, SpillTable
+from drift.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
 from drift.uncertainty import Uncertainty, UncertaintyTable
 from geo.box import Box
 
@@ -147,6 +147,7 @@ class CaseTable(fields.Table):
     spill: SpillTable | None = None
     find: list[FindTable] = Field(default_factory=list)
     patrol: list[PatrolTable] = Field(default_factory=list)
+    patrol_unit: list[PatrolUnitTable] = Field(default_factory=list)
     sortie: list[SortieTable] = Field(default_factory=list)
     contact: list[ContactTable] = Field(default_factory=list)
     unit: list[UnitTable] = Field(default_factory=list)
@@ -181,8 +182,8 @@ class CaseTable(fields.Table):
         if bool(self.scenario) == (self.spill is not None):
             return ["give either [[scenario]] tables, of one object, or a [spill] of many"]
         wrong = []
-        if self.spill is None and (self.find or self.patrol):
-            wrong.append("[[find]] and [[patrol]] belong to a [spill]")
+        if self.spill is None and (self.find or self.patrol or self.patrol_unit):
+            wrong.append("[[find]], [[patrol]] and [[patrol_unit]] belong to a [spill]")
         if self.spill is not None and "particles" in self.model_fields_set:
             wrong.append("particles: a spill has spill.worlds times spill.per_world of them; give those")
         if self.spill is not None and (given := self._of_a_search()):

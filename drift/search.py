@@ -18,6 +18,7 @@ from drift.ensemble import Ensemble
 from drift.flown import Flown
 from drift.forecast import Place, Scene
 from drift.sortie import Contact
+from drift.standing import Standing, standing
 from drift.status import Status
 from drift.updates import Update, Updates
 from geo.errors import UserError
@@ -50,6 +51,8 @@ class Search:
         self._lineage = np.arange(ensemble.n, dtype=np.int32)
         self._ancestors: Array | None = None
         self._events = 0
+        self._never: Array | None = None  # share of its time in each sortie that a particle was not where that searched
+        self._least = np.inf  # effective particles after any update
         self._target = [_living(slots, ensemble) for slots in ensemble.scenarios]
 
     @property
@@ -113,10 +116,13 @@ class Search:
         lost, alive = weight - weights.relative(after, before), None
         if any(s.survival for s in self.case.scenarios):
             alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
+        searched = flown.searched()
+        self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
         self._note(
             Update(
                 sortie.name, "sortie", sortie.end, evidence, self._stories(after), weights.ess(before), weights.ess(after),
-                poc=self._mean(np.maximum(weight * flown.searched(), lost), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
+                poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
+                standing=self._standing(sortie.end, after),
             )
         )  # fmt: skip
         self._settle(after.astype(np.float64))
@@ -153,6 +159,7 @@ class Search:
                 self._stories(after),
                 weights.ess(before),
                 weights.ess(after),
+                standing=self._standing(contact.time, after),
             )
         )
         self._settle(after, changed=True)
@@ -210,6 +217,8 @@ class Search:
         columns += [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
         for one in self._debris.values():
             columns += [getattr(one.ensemble, name) for name in (*record.INTEGERS, *record.REALS)]
+        if self._never is not None:
+            self._never = self._never[ancestors]
         for column in columns:
             values = column.to_numpy().reshape(-1, e.n)
             column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
@@ -270,6 +279,12 @@ class Search:
             if scenario.survival:
                 alive[a:b] = scenario.survival.alive(time - release[a:b])
         return alive
+
+    def _standing(self, time: np.datetime64, log_weight: Array) -> Standing:
+        """Return how the search stands at a time, by weights."""
+        self._least = min(self._least, weights.ess(log_weight))
+        weight, release = weights.relative(log_weight), self.ensemble.release.to_numpy()
+        return standing(time, weight, release, self.ensemble.scenarios, self._never, self._least)
 
     def _note(self, update: Update) -> None:
         distinct = self._updates[-1].distinct if self._updates else 1.0

@@ -171,6 +171,7 @@ class Survival:
 
     median: float  # [s]
     spread: float  # factor of one standard deviation, > 1
+    basis: str = "as the case says"  # where the median is from
 
     def alive(self, age: Array) -> Array:
         """Return the chance of being alive at an age [s]."""

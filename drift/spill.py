@@ -22,6 +22,7 @@ from drift.scenario import JIBE_RATE, AreaPrior, AreaTable, PositionPrior, Posit
 DAY = 86_400.0  # [s]
 NUMBERS = 25  # values at most that an uncertain number of objects is summed over
 MOST_CLASSES = 4
+MOST_DAYS = 60  # of a patrol_unit
 FEWEST_WORLDS = 50
 FEWEST_PARTICLES = 10  # of a class in a world
 LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
@@ -89,6 +90,22 @@ class Patrol:
 
 
 @dataclass(frozen=True)
+class Team:
+    """People who can patrol a length of shore once a day: when, with what detection, and which stretches they can reach.
+
+    Those named, or those whose middle is within `reach` of their base, or, without either, all.
+    """
+
+    name: str
+    length: float  # [m] of shore a day
+    detection: float
+    times: tuple[np.datetime64, ...]  # of its patrols
+    stretches: tuple[str, ...] = ()
+    base: tuple[float, float] | None = None  # (lon, lat) [deg]
+    reach: float = math.inf  # [m]
+
+
+@dataclass(frozen=True)
 class Spill:
     """A spill: its objects, the worlds that it is drawn in, and what has been found of it."""
 
@@ -109,6 +126,7 @@ class Spill:
     reporting: Reporting
     finds: tuple[Find, ...]
     patrols: tuple[Patrol, ...]
+    teams: tuple[Team, ...] = ()  # that a plan may send
 
     @property
     def particles(self) -> int:
@@ -305,8 +323,44 @@ class PatrolTable(fields.Table):
         return self
 
 
+class PatrolUnitTable(fields.Table):
+    """A [[patrol_unit]] table as written."""
+
+    name: fields.Label
+    length: Annotated[fields.Length, Field(gt=0)]
+    detection: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))]
+    first: fields.Time
+    days: Annotated[fields.Count, Field(ge=1, le=MOST_DAYS)] = 1
+    stretches: list[str] = Field(default_factory=list)
+    base: fields.Position | None = None
+    reach: Annotated[fields.Length, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def proper(self) -> "PatrolUnitTable":
+        """Refuse what is no probability, and a reach from nowhere."""
+        if not 0 < self.detection <= 1:
+            raise ValueError(f"detection {self.detection:g} must be a probability above 0, at most 1")
+        if self.stretches and self.base is not None:
+            raise ValueError("give either stretches = [names] or base with reach, or neither: it can go anywhere")
+        if (self.base is None) != (self.reach is None):
+            raise ValueError('base and reach belong together, like base = "29 10N 090 50W", reach = "40 km"')
+        return self
+
+    def team(self, start: np.datetime64) -> Team:
+        """Return the record."""
+        first = units.resolve(self.first, start)
+        times = tuple(first + np.timedelta64(24 * day, "h") for day in range(self.days))
+        base, reach = self.base, math.inf if self.reach is None else self.reach
+        return Team(self.name, self.length, self.detection, times, tuple(self.stretches), base, reach)
+
+
 def build(
-    table: SpillTable, finds: list[FindTable], patrols: list[PatrolTable], start: np.datetime64, file: str | None
+    table: SpillTable,
+    finds: list[FindTable],
+    patrols: list[PatrolTable],
+    teams: list[PatrolUnitTable],
+    start: np.datetime64,
+    file: str | None,
 ) -> Spill:
     """Return the record of a spill; file: the path of the named stretches.
 
@@ -323,6 +377,7 @@ def build(
             listed.append(_find(find, number, known, start))
     found = tuple(listed)
     wrong.lines += _twice([find.name for find in found], "find")
+    wrong.lines += _twice([team.name for team in teams], "patrol_unit")
     wrong.refuse()
     spill = Spill(
         objects=table.objects,
@@ -347,6 +402,7 @@ def build(
         ),
         finds=found,
         patrols=known,
+        teams=tuple(team.team(start) for team in teams),
     )
     _check(spill)
     return spill

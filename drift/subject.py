@@ -35,7 +35,7 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
     with wrong.gathered():
         file = sources.one_file(named, folder, "spill.stretches.file") if named else None
     with wrong.gathered():
-        made = build_spill(table.spill, table.find, table.patrol, start, file)
+        made = build_spill(table.spill, table.find, table.patrol, table.patrol_unit, start, file)
     if made is None or end < start:
         wrong.refuse()
     assert made is not None
@@ -44,6 +44,18 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
         if thing.time > end:
             wrong.lines.append(
                 f"{thing.name}: at {units.group(thing.time)}, after the run's end, {units.group(end)}; run for longer"
+            )
+    last = max((thing.time for thing in known), default=start)
+    for team in made.teams:
+        if team.times[0] < last:
+            wrong.lines.append(
+                f'patrol_unit "{team.name}": first {units.group(team.times[0])} is before the last find or patrol, '
+                f"{units.group(last)}: a plan begins when all is known; give a later first"
+            )
+        if team.times[-1] > end:
+            wrong.lines.append(
+                f'patrol_unit "{team.name}": its last patrol, at {units.group(team.times[-1])}, is after the run\'s end, '
+                f"{units.group(end)}; give fewer days, or run for longer"
             )
     until = made.reporting.until
     if until is not None and until > end:

@@ -32,6 +32,7 @@ TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")  # arithmetic that no 
 CENTURY = 3_155_760_000  # [s]
 NMI = 1852.0  # [m] international nautical mile
 KNOT = NMI / 3600  # [m/s]
+FREEZING = 273.15  # [K] 0 degC
 
 group = notation.group  # a time as a date-time group
 
@@ -86,6 +87,23 @@ def _convert(text: str, unit: str, what: str, example: str) -> float:
     except Exception:  # pint and its tokenizer raise many kinds for text that is no unit
         raise ValueError(f'"{text}": there is no unit "{name}"; write the {what} like "{example}"') from None
     return number * float(factor)
+
+
+def temperature(value: object) -> float:
+    """Return a temperature in kelvin from text with its unit, like "12 degC"; a bare number could be any of three."""
+    match = NUMBER.fullmatch(value) if isinstance(value, str) else None
+    if match is None or not match[2]:
+        raise ValueError(f'{value!r} is not a temperature with its unit; write it like "12 degC"')
+    try:
+        if TOWER.search(match[2]):
+            raise ValueError
+        name = match[2].replace("°", "deg")
+        found = float(registry().Quantity(float(match[1].replace("_", "")), name).to("kelvin").magnitude)
+    except Exception:  # pint and its tokenizer raise many kinds for text that is no unit
+        raise ValueError(f'"{value}" is not a temperature; write it like "12 degC"') from None
+    if not math.isfinite(found):
+        raise ValueError(f"{value!r} is not finite")
+    return found
 
 
 def _a(what: str) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.sortie import Sortie
+from drift.standing import Standing
 
 Array = npt.NDArray[Any]
 
@@ -27,6 +28,7 @@ class Update:
     alive: Array | None = None  # of a sortie, with survival times: it would have found the object alive
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
     ess_resampled: float | None = None  # after particles were drawn anew, if they were
+    standing: Standing | None = None  # how it stands then
     distinct: float = 1.0  # share of the original particles that still have descendants, after this update
 
     @property

@@ -43,6 +43,7 @@ def build(
     rows = _rows(fates, realisations, weight, outputs)
     parts = [_stretches(rows, piece, fates, realisations, weight, outputs, len(kinds)) for piece in _pieces(rows)]
     found = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]} if parts else {}
+    found |= _unseen(found, weight)
     found |= _account(fates, realisations, weight, outputs)
     touched = rows.segment[rows.first]
     return washup_dataset.build(found, segments, touched, weight, len(realisations), outputs, start, kinds)
@@ -216,11 +217,15 @@ def _stretches(
     }
     for name, values in sums.items():
         middle, error = estimate.mean(values * share, w, start, squares)
+        if name != "probability":
+            found |= _hits(name, values * share, w, start)
         if name == "probability":
             error = np.maximum(error, estimate.least_error(middle, 1 / squares))
         found |= {name: middle.T, f"{name}_se": error.T}
     if by_kind is not None:
         each = [estimate.mean(values * share, w, start, squares) for values in by_kind]
+        some = [_hits("expected_by_kind", values * share, w, start) for values in by_kind]
+        found |= {name: np.array([one[name] for one in some]) for name in some[0]}
         found |= {
             "expected_by_kind": np.array([middle.T for middle, _ in each]),
             "expected_by_kind_se": np.array([error.T for _, error in each]),
@@ -228,6 +233,27 @@ def _stretches(
     else:
         found |= {"expected_by_kind": found["expected"][None], "expected_by_kind_se": found["expected_se"][None]}
     return found | _when(firsts, w * share, stretch, start, squares)
+
+
+def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Array]:
+    """Return of the worlds whose values (rows, T) are not 0 what estimate.unseen takes, each (T, stretches)."""
+    w = weight[:, None]
+    parts = {"hits": w * (value > 0), "count": (value > 0).astype(float), "square": w**3 * np.square(value)}
+    return {f"{name}_{part}": np.add.reduceat(x, start).T for part, x in parts.items()}
+
+
+def _unseen(found: dict[str, Array], weight: Array) -> dict[str, Array]:
+    """Return standard errors of expected numbers with what worlds that were not seen leave open; takes what _hits made out."""
+    many, made = estimate.effective(weight), {}
+    for name in [name.removesuffix("_hits") for name in found if name.endswith("_hits")]:
+        parts = [found.pop(f"{name}_{part}") for part in ("hits", "count", "square")]
+        shape = parts[0].shape
+        hits, count, square = (part.reshape(-1, shape[-1]).T for part in parts)
+        more = estimate.unseen(hits, count, square, many)
+        made[f"{name}_se"] = np.hypot(found[f"{name}_se"], more.T.reshape(shape))
+    if made and "expected_by_kind_se" not in made:
+        made["expected_by_kind_se"] = made["expected_se"][None]
+    return made
 
 
 def _arrivals(row: Array, arrival: Array, amount: Array) -> tuple[Array, Array, Array]:

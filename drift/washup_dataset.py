@@ -39,7 +39,7 @@ FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
 }
 ERROR = "standard error, from the number of worlds and of particles, of the "
 ERRORS_MEAN = (
-    "a probability or number of 0 in m effective worlds has a standard error of 0, and 95 % confidence of less than 3/m; "
+    "errors of means and probabilities hold what worlds that were not seen leave open (drift.estimate.unseen); "
     "NaN: too few worlds to tell"
 )
 

@@ -36,6 +36,8 @@ ROW = 0.032  # of the figure, the row of a warning over the maps
 WIDTH, HEIGHT = 13.0, 9.4  # [in]
 MAP = (0.46, 0.405)  # of the figure
 GREY = "#55606b"
+PATROL, PATROL_INK = "#4fa3d1", "#0b4f8a"
+TOLD = 8  # patrols beside which day, time and detection are written
 FIRST: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
 BULK: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
 WORDS = {
@@ -50,6 +52,16 @@ WORDS = {
 
 
 @dataclass(frozen=True)
+class Patrolled:
+    """A patrol: its name, when it was, what share it finds of what lies there, and its stretches by number."""
+
+    name: str
+    time: np.datetime64
+    detection: float
+    segments: Sequence[int]
+
+
+@dataclass(frozen=True)
 class _Shown:
     """What is drawn: stretches in order of their number (least first), and the ten worst of them (worst first)."""
 
@@ -58,6 +70,7 @@ class _Shown:
     sooner: Array  # median time of the first arrival [s since 1970]
     lines: list[list[Array]]  # of each stretch, its parts' (n, 2) [deg]
     worst: Array  # indices in the data
+    rank: Array  # of these, as the tables number them: stretches that are not drawn have theirs too
 
 
 def draw(
@@ -73,19 +86,26 @@ def draw(
     synthetic: bool = False,
     known_as: str = "Release",
     finds: Sequence[Mark] = (),
+    patrols: Sequence[Patrolled] = (),
+    patrolled: str = "patrolled",
     warning: str | None = None,
 ) -> None:
     """Draw a washup (see drift.washup.build) at its last output time.
 
     polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. footer,
-    attributes, synthetic: as in drift.maps.draw_map. finds: where objects were found; numbers are of those not yet found.
+    attributes, synthetic: as in drift.maps.draw_map. finds: where objects were found, each labelled by its number; numbers are of those not yet found. patrols: drawn
+    beside the coast, the last of them with day, time and detection; patrolled: what they are called.
     warning: printed on the page, in red.
     """
     figure, canvas = page.figure(WIDTH, HEIGHT)
     shown = _shown(data, segments)
     bottom, count = 0.465, _count(data)
     high = MAP[1] - ROW * count.few
-    here = _extent(segments, shown, marks, MAP[0] * WIDTH / (high * HEIGHT))
+    walked = [
+        [np.array(part.coords) for k in one.segments for part in shapely.get_parts(segments.lines[k])]
+        for one in patrols
+    ]
+    here = _extent(segments, shown, marks, walked, MAP[0] * WIDTH / (high * HEIGHT))
     land = chart.land_path(here, polygons, 1000)
     most = float(shown.number.max(initial=0.0)) or 1.0
     numbers = (most / 10**DECADES, most)
@@ -102,10 +122,12 @@ def draw(
         chart.prepare(ax, here)
         chart.draw_land(ax, land)
         chart.graticule(ax, here, labels=(True, left < 0.1))
+        _patrolled(ax, here, walked)
         _coast(ax, here, shown, values, widths, scale, colours)
         fx, fy = here.project(np.array([m.lon for m in finds]), np.array([m.lat for m in finds]))
         ax.plot(fx, fy, "^", markersize=7, markerfacecolor="white", markeredgecolor=layers.LAST_KNOWN, zorder=9)
-        _points(ax, canvas, here, data, shown, marks)
+        beside = _told(here, patrols, walked) if left < 0.1 else []
+        _points(ax, canvas, here, data, shown, marks, finds, beside)
     if len(shown.index):
         bar = _bar(
             figure, norm, _dark_is_more(), 0.03, "min", "Expected, not yet found" if finds else "Expected number ashore"
@@ -124,7 +146,7 @@ def draw(
         ticks = labels.round_times(*times, 6)
         bar.set_xticks(ticks, labels=[_short(tick) for tick in ticks])
         _chart(figure, data, shown)
-        _key(figure, (known_as, len(marks)))
+        _key(figure, (known_as, len(marks)), patrolled if patrols else "")
     else:
         text = (
             f"None of the {_spills(data)} simulated spills puts any object ashore by {_moment(data['time'].values[-1])}"
@@ -149,7 +171,8 @@ def draw(
 def _shown(data: xr.Dataset, segments: Segments) -> _Shown:
     ever, number = data["ever"].values, data["expected"].values[-1]
     order = washup.worst(data)
-    index = order[ever[order] >= min(LEAST, 0.1 * ever.max(initial=0.0))]
+    drawn = np.flatnonzero(ever[order] >= min(LEAST, 0.1 * ever.max(initial=0.0)))
+    index = order[drawn]
     lines = [
         [np.array(part.coords) for part in shapely.get_parts(segments.lines[i])] for i in data["segment"].values[index]
     ]
@@ -159,12 +182,15 @@ def _shown(data: xr.Dataset, segments: Segments) -> _Shown:
         sooner=data["first_arrival"].values[1, index[::-1]],
         lines=lines[::-1],
         worst=index[:WORST],
+        rank=drawn[:WORST] + 1,
     )
 
 
-def _extent(segments: Segments, shown: _Shown, marks: Sequence[Mark], aspect: float) -> Frame:
-    """Return the frame of the stretches that are drawn, or of all if none is, and of the marks."""
-    points = np.concatenate([part for parts in shown.lines for part in parts] or [np.empty((0, 2))])
+def _extent(
+    segments: Segments, shown: _Shown, marks: Sequence[Mark], walked: Sequence[list[Array]], aspect: float
+) -> Frame:
+    """Return the frame of the stretches that are drawn, or of all if none is, of what was patrolled, and of the marks."""
+    points = np.concatenate([part for parts in (*shown.lines, *walked) for part in parts] or [np.empty((0, 2))])
     if not len(points):
         points = np.column_stack([segments.lon, segments.lat]).reshape(-1, 2)
     points = np.concatenate([points, np.array([(mark.lon, mark.lat) for mark in marks]).reshape(-1, 2)])
@@ -196,26 +222,59 @@ def _coast(
 
 
 def _points(
-    ax: Axes, canvas: FigureCanvasAgg, here: Frame, data: xr.Dataset, shown: _Shown, marks: Sequence[Mark]
+    ax: Axes,
+    canvas: FigureCanvasAgg,
+    here: Frame,
+    data: xr.Dataset,
+    shown: _Shown,
+    marks: Sequence[Mark],
+    finds: Sequence[Mark],
+    told: Sequence[labels.Point],
 ) -> None:
-    """Draw the release, the numbers of the worst stretches and the scale bar, clear of each other."""
+    """Draw the release, the numbers of the worst stretches and of finds, what is told of patrols, and the scale bar, apart."""
     texts: list[labels.Point] = []
     badge = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
     x, y = here.project(data["lon"].values[shown.worst], data["lat"].values[shown.worst])
     ax.plot(x, y, "o", markersize=3.6, markerfacecolor="white", markeredgecolor=INK, markeredgewidth=0.8, zorder=8)
-    for rank, (px, py) in enumerate(zip(x, y, strict=True)):
+    for rank, px, py in zip(shown.rank, x, y, strict=True):
         style = {"fontsize": 8.5, "weight": "bold", "color": INK, "bbox": badge}
-        texts.append((float(px), float(py), f"{rank + 1}", style))
+        texts.append((float(px), float(py), f"{rank}", style))
+    must = len(texts)
     for mark in marks:
         layers.mark_point(ax, here, mark, 8)
         mx, my = here.project(mark.lon, mark.lat)
         style = {"fontsize": 9, "color": layers.LAST_KNOWN, "weight": "bold"}
         texts.append((float(mx), float(my), mark.label, style))
+    must += len(marks)
+    for mark in finds:
+        mx, my = here.project(mark.lon, mark.lat)
+        style = {"fontsize": 8, "color": layers.LAST_KNOWN, "weight": "bold"}
+        texts.append((float(mx), float(my), f"▲{mark.label}", style))
+    texts += told
     coast = [np.column_stack(here.project(*part.T)) for parts in shown.lines for part in parts]
     every = np.concatenate([*coast, np.array([text[:2] for text in texts]).reshape(-1, 2)])
     bar = chart.scale_bar(ax, here, chart.free_corner(here, every[:, 0], every[:, 1]))
     taken = [bar, *_along(here, coast)]
-    labels.place(ax, canvas, texts, taken, must=set(range(len(texts))))
+    labels.place(ax, canvas, texts, taken, must=set(range(must)))
+
+
+def _patrolled(ax: Axes, here: Frame, walked: Sequence[list[Array]]) -> None:
+    """Draw what was patrolled as a wide band under the coast."""
+    parts = [np.column_stack(here.project(*part.T)) for parts in walked for part in parts]
+    band = LineCollection(parts, linewidths=14, colors=PATROL, alpha=0.55, zorder=5, capstyle="butt")
+    ax.add_collection(band, autolim=False)
+
+
+def _told(here: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array]]) -> list[labels.Point]:
+    """Return what is written beside the last of the patrols: day, time and detection, at the middle of their stretches."""
+    found: list[labels.Point] = []
+    order = sorted(range(len(patrols)), key=lambda k: patrols[k].time)[-TOLD:]
+    for k in order:
+        points = np.concatenate(walked[k])
+        x, y = here.project(*points[len(points) // 2])
+        words = f"{units.group(patrols[k].time)[:6]}Z {100 * patrols[k].detection:.0f} %"
+        found.append((float(x), float(y), words, {"fontsize": 8, "color": PATROL_INK, "weight": "bold"}))
+    return found
 
 
 def _along(here: Frame, coast: Sequence[Array]) -> list[Bbox]:
@@ -257,11 +316,11 @@ def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
     ax.set_facecolor("white")
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=0.8)
-    _rows(ax, at)
+    _rows(ax, at, shown.rank)
 
 
-def _rows(ax: Axes, at: xr.Dataset) -> None:
-    """Write each stretch's name and place left of the chart, its numbers right of it."""
+def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
+    """Write each stretch's number and name and place left of the chart, its numbers right of it."""
     place = ax.get_yaxis_transform()
     middle = [tables.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)]
     names = []
@@ -291,11 +350,11 @@ def _rows(ax: Axes, at: xr.Dataset) -> None:
     badge = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
     for y in range(at.sizes["segment"]):
         ax.text(
-            -0.664, y, f"{y + 1}", transform=place, ha="center", va="center", fontsize=8, weight="bold", color=INK, bbox=badge
+            -0.664, y, f"{rank[y]}", transform=place, ha="center", va="center", fontsize=8, weight="bold", color=INK, bbox=badge
         )  # fmt: skip
 
 
-def _key(figure: Figure, marks: tuple[str, int]) -> None:
+def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     """Write under the chart what its bars and the marks on the maps are."""
     shape: dict[str, Any] = {"linestyle": "none", "marker": "D", "markersize": 5, "markeredgecolor": INK}
     medians = (Line2D([], [], markerfacecolor="white", **shape), Line2D([], [], markerfacecolor=INK, **shape))
@@ -311,6 +370,8 @@ def _key(figure: Figure, marks: tuple[str, int]) -> None:
             Line2D([], [], marker="+", markersize=11, **style),
         )
         rows.append((symbol, marks[0] if marks[1] == 1 else f"{marks[0]}s"))
+    if patrolled:
+        rows.append((Line2D([], [], color=PATROL, alpha=0.55, linewidth=8), patrolled))
     figure.legend(
         [symbol for symbol, _ in rows],
         [text for _, text in rows],

@@ -59,6 +59,11 @@ def records(data: xr.Dataset) -> Columns:
     return made
 
 
+def called(number: int, name: str, place: str) -> str:
+    """Return what a stretch is called wherever it is named: one without a name, which bears its place, has its number too."""
+    return f"stretch {number}, {name}" if name == place else name
+
+
 def times(data: xr.Dataset, run: str) -> str:
     """Return the stretches at every output time, as CSV, worst first at each; without those where none has ever come."""
     rows: list[list[Any]] = []

@@ -3,10 +3,11 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import drift
-from drift import planning
+from drift import flow, planning
 from geo.errors import UserError
 
 CASE = """
@@ -103,6 +104,12 @@ def test_rounds_are_planned_on_the_failure_of_those_before(tmp_path: Path) -> No
 def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
     made, result = planning.plan(case_of(tmp_path, objective="alive"))
     assert 0.05 < made.value < made.pos
+    told = flow.suspension(result, made)  # the plan is still to come: told from the sortie before it on
+    assert told is not None
+    assert told.now == np.datetime64("2026-06-01T07:00")
+    assert [update.name for update, _ in told.sorties] == ["before"]
+    assert len(told.further) == 1
+    assert (told.further[0].pos, told.further[0].alive) == pytest.approx((made.pos, made.value), abs=1e-12)
     assert made.value <= made.bound + 0.01
     # no later than at the end of the last sortie, no earlier than at the plan's begin: within what that leaves alive
     assert result.updates is not None

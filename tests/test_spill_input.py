@@ -497,7 +497,8 @@ def test_finds_at_the_antimeridian(lon: float, tmp_path: Path) -> None:
     given = SPILL.replace("-88.1, 27.2", "179.9, 27.2")
     spill = run(tmp_path, FIND + f"at = [{lon}, 27.2]\n" + TEN, spill=given, shore=shore)
     (told,) = spill["finds"]
-    assert told["stretch"] == "27-11.6N 180-00.0W"
+    assert told["stretch"] == f"stretch {told['segment']}, 27-11.6N 180-00.0W"
+    assert told["number"] == 1
     assert not told["odd"]
 
 

@@ -10,7 +10,7 @@ from matplotlib.patches import BoxStyle
 from matplotlib.text import Text
 from PIL import Image
 
-from drift import layers, washup, washup_map
+from drift import layers, washup, washup_map, washup_tables
 from drift.fates import FOREVER, Fates, Realisation, Stays
 from drift.status import Status
 from geo.segments import Segments
@@ -159,3 +159,52 @@ def test_all_afloat_again(tmp_path, monkeypatch):
     washup_map.draw(made, where, tmp_path / "washup.png", title="T")
     assert said.count("(3)") == 3
     assert "0 - 0 - 0" in said
+
+
+def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
+    """A stretch that is too rare to be drawn keeps its number: those after it bear theirs of washup.csv."""
+    said = words(monkeypatch)
+    where, land = coast(-95.0, 29.0, 12)
+    worlds, each = 300, 8
+    n = worlds * each
+    segment = np.full(n, -1)
+    segment[::2] = 4
+    segment[:8] = 7  # all objects of one world: more are expected than on the next, with a third of the probability
+    segment[np.array([20, 30, 40]) * each + 1] = 9
+    slot = np.flatnonzero(segment >= 0)
+    stays = np.stack([slot, segment[slot], np.full(len(slot), 30_000), np.full(len(slot), FOREVER)]).astype(np.int32)
+    fates = Fates(worlds, np.repeat(np.arange(worlds), each).astype(np.int32), *(np.zeros(n, np.int32),) * 2,
+                  np.full(n, FOREVER, np.int32), np.where(segment >= 0, Status.ASHORE, 0).astype(np.int32), Stays(*stays))  # fmt: skip
+    nothing = np.zeros(worlds, np.int32)
+    one = Realisation(np.ones(n, np.int32), nothing, nothing)
+    made = washup.build(fates, where, [one], np.full(worlds, 1 / worlds), np.array([40_000]), START)
+    washup_map.draw(made, where, tmp_path / "washup.png", title="T", polygons=[land])
+    table = washup_tables.records(made)
+    assert dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True)) == {4: 1, 7: 2, 9: 3}
+    assert [text for text in said if text in ("(1)", "(2)", "(3)")] == ["(1)", "(3)"] * 3
+
+
+def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
+    said = words(monkeypatch)
+    where, land = coast(-95.0, 29.0, 12)
+    when = np.datetime64("1973-11-22T09:30:00")
+    found = [layers.Mark(-94.6, 29.0, "1"), layers.Mark(-94.2, 29.0, "2")]
+    walked = [washup_map.Patrolled("east", when, 0.65, [10, 11]), washup_map.Patrolled("west", when, 0.4, [0])]
+    options = {"title": "T", "polygons": [land], "finds": found}
+    washup_map.draw(spill(where, [4, 5]), where, tmp_path / "with.png", patrols=walked, **options)
+    for text in ("▲1", "▲2"):
+        assert said.count(text) == 2  # on both maps
+    assert said.count("220930Z 65 %") == said.count("220930Z 40 %") == said.count("patrolled") == 1
+    band = np.array([0x4F, 0xA3, 0xD1]) * 0.55
+    with Image.open(tmp_path / "with.png") as picture:
+        colours = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(float)
+    on_sea = np.abs(colours - band - 0.45 * np.array([0xF4, 0xF7, 0xF9])).max(axis=1) < 2
+    assert on_sea.sum() > 200
+    said.clear()
+    washup_map.draw(spill(where, [4, 5]), where, tmp_path / "without.png", **options)
+    assert "patrolled" not in said
+
+
+def test_stretches_without_a_name_are_called_by_their_number():
+    assert washup_tables.called(12, "29-02.8N 090-52.6W", "29-02.8N 090-52.6W") == "stretch 12, 29-02.8N 090-52.6W"
+    assert washup_tables.called(12, "Long beach", "29-02.8N 090-52.6W") == "Long beach"
