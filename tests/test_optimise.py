@@ -170,7 +170,7 @@ def test_rectangles_are_as_far_apart_as_shapely_says() -> None:
 
     def flown(k: slice) -> rectangle.Flown:
         zero = np.zeros(len(rows[k]))
-        return rectangle.Flown(zero, zero + 1, zero, zero, *sides[:, k], zero == 0)
+        return rectangle.Flown(zero, zero + 1, zero, zero, *sides[:, k], zero == 0, zero)
 
     def shape(k: int) -> shapely.Polygon:
         sin, cos = np.sin(rows[k, rectangle.TURN]), np.cos(rows[k, rectangle.TURN])
@@ -196,6 +196,7 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     node = np.array(
         [[600.0, -5000, -2000], [1400, 5000, -2000], [1500, 5000, -500], [2300, -5000, -500], [4000, 5000, 3000]]
     )
+    node = np.column_stack([node, np.ones(5)])
     width = 1500.0
     t = np.linspace(600.0, 4000.0, 17_001)  # a fifth of a second; turns fall on it
     apart = [
