@@ -37,7 +37,7 @@ class Fleet:
 
 def prepare(case: Case, where: Environment, found: Tracks) -> Fleet:
     """Return the boats of a case, with their ways to wherever its particles are in the time of the plan."""
-    land = partial(_land, case, where)
+    land = partial(shown, case, where)
     made: dict[str, Course] = {}
     said, units = [], []
     for unit in case.units:
@@ -67,7 +67,7 @@ def _places(unit: Unit, spec: PlanSpec, found: Tracks) -> Array:
     return np.degrees(np.column_stack([lon[near], lat[near]]))
 
 
-def _land(case: Case, where: Environment, box: Box) -> Array:
+def shown(case: Case, where: Environment, box: Box) -> Array:
     """Return the land of a case in a box: what the run has of it, or read anew where the box reaches beyond that."""
     if where.coast is not None and shoreline.covers(where.coast, box):
         return where.coast.polygons

@@ -62,11 +62,12 @@ class Sea:
 
     def flat(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
         """Return points (n, 2) [m] of positions [deg]."""
-        return np.asarray(np.stack(self.plane.flat(np.radians(lon), np.radians(lat)), axis=1))
+        x, y = self.plane.flat(np.radians(lon), np.radians(lat))
+        return np.column_stack([x, y])
 
     def round(self, points: Array) -> Array:
         """Return positions (n, 2) of lon, lat [deg] of points [m]."""
-        return np.degrees(np.column_stack(self.plane.round(points[:, 0], points[:, 1])))
+        return np.asarray(np.degrees(np.column_stack(self.plane.round(points[:, 0], points[:, 1]))))
 
     def holds(self, points: Array) -> bool:
         """Whether points (n, 2) [m] are all in the region."""

@@ -111,7 +111,9 @@ class SortieTable(SensorTable):
                 'frame = "datum" is of a planned search; a track made good and a watch are over the ground'
             )
         if self.transit_legs is not None and (self.waypoints is None or self.actual is not None):
-            raise ValueError("transit_legs are numbers of legs between waypoints that do not search; give them with waypoints")
+            raise ValueError(
+                "transit_legs are numbers of legs between waypoints that do not search; give them with waypoints"
+            )
         if self.marker is not None and self.frame_() == "ground":
             raise ValueError('marker belongs to frame = "datum", a search that drifts with it')
         return self
