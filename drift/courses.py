@@ -239,6 +239,7 @@ def sail(course: Course, lon: Array, lat: Array, search_speed: float, transit_sp
     points: list[Array] = []
     searching: list[bool] = []
     cut: list[int] = []
+    last = -1
     for k, pieces in enumerate(_pieces(sea, lon, lat)):
         if len(pieces) != 1 or not pieces[0][1]:
             cut.append(k)
@@ -252,7 +253,7 @@ def sail(course: Course, lon: Array, lat: Array, search_speed: float, transit_sp
                 points.append(piece[0])
             elif (apart := float(np.hypot(*(piece[0] - points[-1])))) > 1.0:
                 most = min(FAR_ROUND * apart + ROUND_MORE, size / search_speed * transit_speed)
-                found = seas.near(sea, points[-1], piece[0], most)
+                found = seas.near(sea, points[-1], piece[0], most, blocked=last == k)
                 if found is None:
                     cut.append(k)
                     continue
@@ -260,6 +261,7 @@ def sail(course: Course, lon: Array, lat: Array, search_speed: float, transit_sp
                 searching += [False] * (len(found) - 1)
             points.append(piece[1])
             searching.append(True)
+            last = k
     if not any(searching):
         return None
     seen = np.array(searching)

@@ -34,7 +34,7 @@ ROUNDING = 2.0  # [m] more, for what a straight piece of PIECE is off its great 
 SKIN = 10.0  # [m] outside the barrier: where ways turn and legs are cut, so that both are clear of it
 PIECE = 4_000.0  # [m] up to 80 degrees of latitude straight to 1.8 m: L^2 tan(lat) / (8 R)
 FINEST = 75.0  # [m] between nodes, at least
-NODES = 1_500_000  # at most
+NODES = 600_000  # at most
 ARCS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # (east, north); their opposites too
 CORNERS = 240  # that a way is pulled taut among, at most
 FEW = 64  # of a way round what cuts a leg, which is looked for often
@@ -253,7 +253,7 @@ def clear(sea: Sea, begin: Array, end: Array) -> Array:
         return sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
 
     (ax, ay), (bx, by) = at(k / count[which]), at((k + 1) / count[which])
-    hit = crossing.crossings(sea.wet, ax, ay, bx - ax, by - ay).hit | ~np.asarray(crossing.wet(sea.wet, ax, ay), bool)
+    hit = crossing.crossings(sea.wet, ax, ay, bx - ax, by - ay).hit
     return np.asarray(np.bincount(which, hit, len(begin)) == 0)
 
 
@@ -284,14 +284,17 @@ def taut(sea: Sea, begin: Array, end: Array, corners: Array) -> Array | None:
     return np.asarray(points[way[::-1]])
 
 
-def near(sea: Sea, begin: Array, end: Array, most: float) -> Array | None:
+def near(sea: Sea, begin: Array, end: Array, most: float, blocked: bool = False) -> Array | None:
     """Return the shortest way between points [m] that are near each other; None if it is longer than `most` [m].
 
     All ways of at most a length lie in the ellipse whose foci are their ends: with all of its corners the way is the shortest. Where
-    there are more than FEW, those nearest to the straight line are tried, and a longer way may be found, or none.
+    there are more than FEW, those nearest to the straight line are tried, and a longer way may be found, or none. blocked: it is known
+    that the straight line is.
     """
     straight = float(np.hypot(*(end - begin)))
-    if straight <= most and clear(sea, begin[None], end[None])[0]:
+    if straight > most * 1.001:
+        return None
+    if not blocked and clear(sea, begin[None], end[None])[0]:
         return np.stack([begin, end])
     for reach in (1.15 * straight, 1.5 * straight + 200, 2.5 * straight + 1000, most):
         reach = min(reach, most)
