@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from drift import contact_input, messages, mistakes, plan_input, sortie_input, sources, subject, units
+from drift.depth import Depth
 from drift.expect import Expect
 from drift.fit import Run
 from drift.mistakes import Mistakes
@@ -93,6 +94,7 @@ class Case:
     plan: PlanSpec
     resampling: Resampling
     expect: Expect
+    depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
 
 
@@ -266,6 +268,15 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
     outputs = np.empty(0, "datetime64[s]")
     with wrong.gathered():
         outputs = _outputs(table.output, start, end, more)
+    if table.depth is None and any(unit.draught > 0 for unit in fleet):
+        wrong.lines.append(
+            'draught: without depths it says nothing; give [depth] file = "depths.nc", or leave draught out'
+        )
+    depths = None
+    with wrong.gathered():
+        if table.depth:
+            file = sources.one_file(table.depth.file, folder, "depth.file")
+            depths = Depth(file, table.depth.variable, table.depth.positive)
     shore, lakes = table.coast.source, table.coast.lakes
     with wrong.gathered():
         shore = _shore(shore, folder)
@@ -305,6 +316,7 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         plan=plan,
         resampling=table.resampling.resampling(),
         expect=table.expect,
+        depth=depths,
     )
 
 

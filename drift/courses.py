@@ -85,11 +85,12 @@ class Sailed:
 
 
 def prepare(
-    unit: Unit, land: Callable[[Box], Array], places: Array, shoals: Array | None = None
+    unit: Unit, land: Callable[[Box], Array], places: Array, shallow: Callable[[Box], Array] | None = None
 ) -> tuple[Course | None, str]:
     """Return a boat's course to where it may have to search, and what to say of it; None where no land is near.
 
-    land: returns the polygons [deg] of the land in a box; places: (n, 2) lon, lat [deg] of the region that it may search; shoals: too shallow [deg].
+    land: returns the polygons [deg] of the land in a box; places: (n, 2) lon, lat [deg] of the region that it may search; shallow: likewise of
+    what is too shallow for it.
     Raises ValueError where it cannot get there by sea, saying why.
     """
     ends = np.array([unit.base, unit.return_to])
@@ -104,6 +105,7 @@ def prepare(
     room = max(ROOM * float(away), LEAST_ROOM)
     where = seas.region(plane, flat, room)
     polygons = land(where.box)
+    shoals = None if shallow is None else shallow(where.box)
     sea = seas.build(polygons, where, unit.clear_of_land, shoals)
     if sea is None:
         return None, ""
@@ -173,10 +175,12 @@ def _said(verb: str, one: Harbour, sea: Sea) -> str:
     """Return what is to be told of a harbour."""
     told = []
     if one.ashore > 2 * sea.step:
-        told.append(f"its base is land on this coast: it {verb} the nearest water, {one.ashore / 1852:.2f} nmi off.")
+        told.append(
+            f"{verb} the nearest water, {one.ashore / 1852:.2f} nmi off: {tables.position(*one.place)} is land on this coast, or too near to it."
+        )
     if one.close > 2 * sea.step:
         told.append(
-            f"{one.close / 1852:.1f} nmi of its way in and out of harbour are nearer to land, or shallower, than it keeps."
+            f"{one.close / 1852:.1f} nmi of its way out of harbour, or in, are nearer to land, or shallower, than it keeps."
         )
     return " ".join(told)
 

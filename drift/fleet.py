@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift import courses, reach, tracks
+from drift import courses, depth, reach, tracks
 from drift.case import Case
 from drift.courses import Course
+from drift.depth import Depth
 from drift.environment import Environment
 from drift.sortie import PlanSpec, Unit
 from drift.tasking import Tasking
@@ -44,7 +45,7 @@ def prepare(case: Case, where: Environment, found: Tracks) -> Fleet:
         places = _places(unit, case.plan, found) if unit.afloat and case.coast.source != "none" else np.empty((0, 2))
         if len(places):
             try:
-                course, words = courses.prepare(unit, land, places)
+                course, words = courses.prepare(unit, land, places, _shoals(case, unit))
             except ValueError as error:
                 said.append(f"{unit.name} is not sent: {error}.")
                 continue
@@ -54,6 +55,17 @@ def prepare(case: Case, where: Environment, found: Tracks) -> Fleet:
                 said.append(f"{unit.name} {words}")
         units.append(unit)
     return Fleet(made, tuple(units), tuple(said), land)
+
+
+def _shoals(case: Case, unit: Unit) -> Callable[[Box], Array] | None:
+    """Return what tells where it is too shallow for a boat; None where nothing is asked."""
+    if case.depth is None or unit.draught == 0:
+        return None
+    return partial(_shallow, case.depth, unit.draught)
+
+
+def _shallow(source: Depth, draught: float, box: Box) -> Array:
+    return depth.shoals(source, box, draught)
 
 
 def _places(unit: Unit, spec: PlanSpec, found: Tracks) -> Array:

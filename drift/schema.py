@@ -100,6 +100,14 @@ class CoastTable(fields.Table):
         return self
 
 
+class DepthTable(fields.Table):
+    """The [depth] table as written: where boats have too little water."""
+
+    file: str
+    variable: fields.Label | None = None
+    positive: Literal["up", "down"] | None = None
+
+
 class CurrentErrorTable(fields.Table):
     """Standard deviation and decorrelation time of a current's error."""
 
@@ -151,6 +159,7 @@ class CaseTable(fields.Table):
     clock: ClockTable = ClockTable()
     domain: DomainTable | None = None
     coast: CoastTable = CoastTable()
+    depth: DepthTable | None = None
     current: list[SourceTable] = Field(default_factory=list)
     wind: list[SourceTable] = Field(default_factory=list)
     stokes: list[SourceTable] = Field(default_factory=list)

@@ -38,7 +38,7 @@ from geo.box import Box
 SIZE = (8.27, 11.69)  # [in] A4
 MAP = (0.085, 0.535, 0.865, 0.37)  # of the page
 INSET = (0.665, 0.30, 0.285, 0.20)
-COLUMNS, ROWS, MORE = 3, 29, 105  # of the table: on the first page, and rows on those after it
+COLUMNS, ROWS, MORE = 3, 28, 105  # of the table: on the first page, and rows on those after it
 TABLE = 0.262  # of the page, where it begins
 STEP = 0.0081  # of the page, a row
 WAY: dict[str, Any] = {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}
@@ -165,7 +165,6 @@ def _inset(figure: Figure, one: Tasking, land: Array) -> None:
     x, y = here.project(*zip(one.unit.base, one.unit.return_to, strict=True))
     ax.plot(x, y, markersize=6, markeredgewidth=0.8, zorder=12, **BASE)
     chart.scale_bar(ax, here, chart.free_corner(here, x, y), small=True)
-    figure.text(INSET[0], INSET[1] + INSET[3] + 0.004, "Way out and home", fontsize=7.5, color=INK)
 
 
 def _facts(figure: Figure, plan: Plan, name: str, one: Tasking) -> None:
@@ -209,10 +208,10 @@ def _table(figure: Figure, way: Sequence[Waypoint], top: float, rows: int) -> No
 
 
 def _short(point: Waypoint) -> str:
-    """Return what a point is called on its unit's own sheet: CSP, 02, ... END; O1, ... on the way out, B1, ... back."""
+    """Return what a point is called on its unit's own sheet: CSP, 02, ... END; W1, ... on the way out, H1, ... on that home."""
     word, _, number = point.name.split(" ", 1)[1].partition(" ")
     if number:
-        return f"{word[0]}{int(number)}"
+        return f"{'W' if word == 'OUT' else 'H'}{int(number)}"
     return {"CENTRE": "MID"}.get(word, word[:4])
 
 

@@ -215,6 +215,12 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     )
     assert gains[0] == pytest.approx(chance.sum(), rel=1e-5)
     assert gains[1] < gains[0]
+    # A leg that does not search finds nothing: the exposures of the others add up
+    node[1, 3] = 0
+    parts = [sweeps.found(swarm, None, some, np.array([width]), np.ones(1))[0] for some in (node[:2], node[2:])]
+    both, _ = sweeps.found(swarm, None, node, np.array([width]), np.ones(1))
+    np.testing.assert_allclose(1 - both, (1 - parts[0]) * (1 - parts[1]), atol=2e-6)
+    assert both.sum() < chance.sum()
 
 
 def test_smeared_legs_are_the_mean_of_legs() -> None:

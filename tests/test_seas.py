@@ -3,19 +3,23 @@
 import itertools
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pyproj
 import pytest
 import shapely
 import shapely.affinity
+import xarray as xr
 from scipy.sparse import csgraph
 from shapely.ops import substring
 
 from drift import courses, seas
+from drift.depth import Depth, shoals
 from drift.tracks import Plane
 from geo import shore, sphere
 from geo.box import Box
+from geo.errors import UserError
 
 AT = (179.96, -41.2)  # across the antimeridian, south, lon unlike lat
 GEOD = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
@@ -134,7 +138,9 @@ def islands(count: int) -> list[shapely.Polygon]:
     """Return islands of four or five corners, some of them across each other."""
     rng = np.random.default_rng(12)
     middles, sizes = rng.uniform([-9500, -6000], [8500, 6000], (count, 2)), rng.uniform(300, 1500, count)
-    return [shapely.MultiPoint(m + s * rng.normal(size=(5, 2))).convex_hull for m, s in zip(middles, sizes, strict=True)]
+    return [
+        shapely.MultiPoint(m + s * rng.normal(size=(5, 2))).convex_hull for m, s in zip(middles, sizes, strict=True)
+    ]
 
 
 def test_ways_among_many_islands_against_brute_force() -> None:
@@ -192,6 +198,7 @@ def test_no_metre_on_land_among_skerries(norway: np.ndarray, keeps: float) -> No
     course, _ = courses.prepare(boat(clear_of_land=keeps), lambda box: norway, places)
     assert course is not None
     out, home = courses.both(course, OUT, (4.75, 60.42))
+    plane = local((4.9, 60.6))
     assert courses.both(course, OUT, (4.75, 60.42)) == (out, home)
     assert home[-1] == pytest.approx(out[0], abs=1e-9)
     for way, far in ((out, OUT), (home, (4.75, 60.42))):
@@ -201,9 +208,8 @@ def test_no_metre_on_land_among_skerries(norway: np.ndarray, keeps: float) -> No
         assert 1.01 * straight < length < (2.0 if keeps else 1.5) * straight
         assert length <= courses.distance(course, course.out, far) + 1
         # distance from the shore, in a plane of pyproj's round the middle
-        plane = local((4.9, 60.6))
-        land = shapely.transform(norway[shapely.intersects(norway, shapely.box(4.2, 60.2, 5.5, 61.0))],
-                                 lambda p: np.column_stack(plane(*p.T)))  # fmt: skip
+        some = norway[shapely.intersects(norway, shapely.box(4.2, 60.2, 5.5, 61.0))]
+        land = shapely.transform(some, lambda p: np.column_stack(plane(*p.T)))
         close = course.out.close
         sailed = np.array(way if way is out else way[::-1])
         x, y = sphere.track(*np.radians(sailed.T), 200.0)
@@ -229,10 +235,12 @@ def test_arrival_is_never_early_and_hardly_late(norway: np.ndarray) -> None:
 
 
 def test_a_base_far_from_the_sea_is_refused_and_one_near_it_is_not(norway: np.ndarray) -> None:
-    with pytest.raises(ValueError, match=r"no way by sea leads from 60-30.0N 005-57.0E .* nmi away, and it may be 1 nmi"):
+    with pytest.raises(
+        ValueError, match=r"no way by sea leads from 60-30.0N 005-57.0E .* nmi away, and it may be 1 nmi"
+    ):
         courses.prepare(boat(base=(5.95, 60.50), return_to=(5.95, 60.50)), lambda box: norway, np.array([OUT]))
     quay = (4.9713, 60.5532)  # on land
-    course, said = courses.prepare(boat(base=quay), lambda box: norway, np.array([OUT]))
+    course, _ = courses.prepare(boat(base=quay), lambda box: norway, np.array([OUT]))
     assert course is not None
     assert 0 < course.out.ashore < courses.HARBOUR
 
@@ -243,7 +251,9 @@ def test_legs_are_cut_at_the_coast_and_sailed_round_it() -> None:
     polygons = np.array([degrees(shape) for shape in shapes])
     place = local()(-9000.0, 3000.0, inverse=True)
     base = (float(place[0]) % 360, float(place[1]))
-    course, said = courses.prepare(boat(base=base, return_to=base), lambda box: polygons, np.array([AT, (AT[0] + 0.2, AT[1])]))
+    course, said = courses.prepare(
+        boat(base=base, return_to=base), lambda box: polygons, np.array([AT, (AT[0] + 0.2, AT[1])])
+    )
     assert course is not None
     assert said == ""
     east, north = np.array([-6000, 6000, 6000, -6000, -6000, 6000]), np.array([-200, -200, 400, 400, 3000, 3000])
@@ -275,3 +285,42 @@ def test_legs_are_cut_at_the_coast_and_sailed_round_it() -> None:
     assert made is not None
     assert made.cut == (0, 1, 2, 4)
     assert made.searching.tolist() == [True, False, True, True, True]
+
+
+@pytest.mark.parametrize(("positive", "sign"), [("down", 1.0), (None, -1.0)])
+def test_a_boat_keeps_out_of_shallow_water(tmp_path: Path, positive: str | None, sign: float) -> None:
+    """A ridge 1 m deep across the straight way, with a gap 6 m deep to the north; a boat of 3 m goes through it, one of 0.5 m over it."""
+    x, y = np.arange(-14_000, 14_001, 500.0), np.arange(-9000, 9001, 500.0)
+    # A grid on longitude and latitude; at 0.1 degrees from its middle it is the plane of the test to some metres
+    lon, lat = (
+        AT[0] + np.degrees(x / sphere.RADIUS) / math.cos(math.radians(AT[1])),
+        AT[1] + np.degrees(y / sphere.RADIUS),
+    )
+    depth = np.full((len(y), len(x)), 30.0)
+    depth[:, np.abs(x - 1000) < 900] = 1.0
+    depth[(y > 4000) & (y < 7000), :] = 6.0
+    name = "depth" if positive else "elevation"
+    data = xr.Dataset(
+        {name: (("lat", "lon"), (sign * depth).astype(np.float32))}, {"lat": lat, "lon": (lon + 180) % 360 - 180}
+    )
+    data.to_netcdf(tmp_path / "depths.nc")
+    source = Depth(str(tmp_path / "depths.nc"), None, positive)  # type: ignore[arg-type]
+    middle = local()(-9000.0, 200.0, inverse=True)
+    base, goal = (float(middle[0]) % 360, float(middle[1])), AT[0] + 0.1
+    islet = np.array([degrees(shapely.Point(-3000, -6000).buffer(300))])
+    ways = {}
+    for draught in (0.5, 3.0):
+        course, _ = courses.prepare(
+            boat(base=base, return_to=base, draught=draught), lambda box: islet, np.array([(goal, AT[1])]),
+            lambda box, most=draught: shoals(source, box, most),
+        )  # fmt: skip
+        assert course is not None
+        way = courses.way(course, course.out, (goal, AT[1]))
+        assert way is not None
+        ways[draught] = np.array(local()(*way.T))
+    assert ways[0.5].shape == (2, 2)
+    over = np.abs(ways[3.0][0] - 1000) < 1300
+    # Between the points of the grid it is as shallow as the shallower: no gap within 500 m of the ridge's rows
+    assert np.all((ways[3.0][1][over] > 4450) & (ways[3.0][1][over] < 7000))
+    with pytest.raises(UserError, match=r'depths.nc": no variable "z"; those on its latitude and longitude: '):
+        shoals(Depth(source.file, "z"), Box(179.0, -42.0, 181.0, -41.0), 3.0)
