@@ -155,7 +155,10 @@ def _harbour(sea: Sea, close: Sea, place: Place, main: Array) -> Harbour:
     straight = float(np.hypot(*(_node(sea, node) - approach[-1])))
     far, before = seas.distances(sea, node)
     far = far + (ashore + narrow + straight)
-    return Harbour(place, approach, ashore, narrow, far, before, seas.filled(sea, far))
+    # Where nothing is in the way the straight line is known: shorter than that over the nodes
+    direct = ashore + narrow + np.hypot(*(sea.nodes - approach[-1]).T)
+    known = np.where(np.isfinite(far) & seas.seen(sea, approach[-1]), np.minimum(far, direct), far)
+    return Harbour(place, approach, ashore, narrow, far, before, seas.filled(sea, known))
 
 
 def _nearest(sea: Sea, nodes: Array, point: Array) -> int | None:
@@ -222,6 +225,9 @@ def distance(course: Course, harbour: Harbour, point: Place) -> float:
     node = seas.joined(course.sea, harbour.far, end)
     if node is None:
         return math.inf
+    gate = harbour.approach[-1]
+    if seas.clear(course.sea, gate[None], end[None])[0]:
+        return harbour.ashore + harbour.close + float(np.hypot(*(end - gate)))
     return float(harbour.far[node] + np.hypot(*(_node(course.sea, node) - end)))
 
 

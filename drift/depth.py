@@ -75,7 +75,7 @@ def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
         axes[name] = found[0]
     dims = tuple(data[axes[name]].dims[0] for name in ("lat", "lon"))
     known = [str(v) for v in data.data_vars if set(data[v].dims) == set(dims)]
-    name = source.variable or (known[0] if len(known) == 1 else None)
+    name = source.variable or (known[0] if len(known) == 1 else "")
     if name not in known:
         said = (
             f'no variable "{source.variable}"' if source.variable else f"{len(known)} variables, and variable says none"

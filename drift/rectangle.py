@@ -16,7 +16,7 @@ from drift import courses, detection, patterns
 from drift.courses import Course, Sailed
 from drift.patterns import Pattern
 from drift.reach import Reach
-from drift.sortie import Unit
+from drift.sortie import Legs, Unit
 from drift.tracks import Plane
 
 Array = npt.NDArray[Any]
@@ -110,9 +110,20 @@ def _at_sea(crew: Crew, rows: Array, flown: Flown, sailed: bool) -> Flown:
     flown = Flown(*(np.array(values) for values in flown))
     for k in np.flatnonzero(possible):
         legs = laid(crew, rows[k], flown, int(k)).pattern.legs
-        if courses.crosses(crew.course, np.array(legs.lon), np.array(legs.lat)):
+        if courses.crosses(crew.course, np.array(legs.lon), np.array(legs.lat)) or not _in_time(
+            crew, flown, legs, int(k)
+        ):
             _sail(crew, rows[k], flown, int(k))
     return flown
+
+
+def _in_time(crew: Crew, flown: Flown, legs: Legs, k: int) -> bool:
+    """Whether a boat can be where legs begin when they do, and get home from where they end."""
+    assert crew.course is not None
+    first, last = ((legs.lon[j], legs.lat[j]) for j in (0, -1))
+    there = courses.distance(crew.course, crew.course.out, first) / crew.unit.transit_speed
+    home = courses.distance(crew.course, crew.course.home, last)
+    return crew.reach.leaves + there <= crew.zero + float(flown.start[k]) and math.isfinite(home)
 
 
 def _sail(crew: Crew, row: Array, flown: Flown, k: int) -> None:

@@ -39,6 +39,7 @@ ARCS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # (e
 CORNERS = 240  # that a way is pulled taut among, at most
 FEW = 64  # of a way round what cuts a leg, which is looked for often
 BAND = 3.0  # [nodes] from a way in which it is pulled taut
+RAYS = 4096  # by which it is told what a point sees
 TILE = 200  # vertices of a piece of the barrier, at most
 
 
@@ -364,6 +365,29 @@ def _beside(sea: Sea, way: Array) -> Array:
     points = sea.corners[within]
     away = shapely.distance(shapely.points(points), line)
     return points[np.argsort(away, kind="stable")[:CORNERS]]
+
+
+def seen(sea: Sea, point: Array) -> Array:
+    """Return which nodes a point [m] sees, bool (nodes,): by RAYS rays, between which a rock may hide.
+
+    What is reckoned with it is only where to look; ways and times of a plan are told by `clear`.
+    """
+    nodes = sea.nodes
+    lon, lat = sea.plane.round(*point)
+    east, north = sphere.offset(lon, lat, *sea.plane.round(*nodes.T))
+    away = np.hypot(east, north)
+    bearing = np.arange(RAYS) * (2 * math.pi / RAYS)
+    count = math.ceil(float(away.max()) / PIECE) + 1
+    far = np.arange(count + 1) * PIECE
+    x, y = sphere.destination(lon, lat, np.outer(np.sin(bearing), far), np.outer(np.cos(bearing), far))
+    x, y = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
+    a, b = (x[:, :-1].ravel(), y[:, :-1].ravel()), (x[:, 1:].ravel(), y[:, 1:].ravel())
+    met = crossing.crossings(sea.wet, *a, b[0] - a[0], b[1] - a[1])
+    ends = np.where(met.hit, met.fraction, np.inf).reshape(RAYS, count) * PIECE + far[:-1]
+    reach = ends.min(axis=1)
+    reach = np.minimum(np.minimum(np.roll(reach, 1), np.roll(reach, -1)), reach)
+    which = np.rint(np.arctan2(east, north) * (RAYS / (2 * math.pi))).astype(int) % RAYS
+    return np.asarray(away < reach[which])
 
 
 def filled(sea: Sea, far: Array) -> Array:
