@@ -19,6 +19,7 @@ from pydantic import ValidationError
 
 from drift import contact_input, messages, mistakes, plan_input, sortie_input, sources, subject, uncertainty, units
 from drift.cells import Cells
+from drift.depth import Depth
 from drift.expect import Expect
 from drift.fit import Run
 from drift.mistakes import Mistakes
@@ -91,6 +92,7 @@ class Case:
     plan: PlanSpec
     resampling: Resampling
     expect: Expect
+    depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included
 
@@ -307,6 +309,15 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         if scenarios:  # those at fault say nothing of what they drift in
             current_error, wind_error = _errors(table, known, scenarios, contacts)
         spill = replace(spill, current_bias=current_error.bias) if spill else None
+    if table.depth is None and any(unit.draught > 0 for unit in fleet):
+        wrong.lines.append(
+            'draught: without depths it says nothing; give [depth] file = "depths.nc", or leave draught out'
+        )
+    depths = None
+    with wrong.gathered():
+        if table.depth:
+            file = sources.one_file(table.depth.file, folder, "depth.file")
+            depths = Depth(file, table.depth.variable, table.depth.positive)
     shore, lakes = table.coast.source, table.coast.lakes
     with wrong.gathered():
         shore = _shore(shore, folder)
@@ -356,6 +367,7 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         plan=plan,
         resampling=table.resampling.resampling(),
         expect=table.expect,
+        depth=depths,
     )
 
 

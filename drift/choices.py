@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift import patterns, rectangle, together
+from drift import courses, passage, rectangle, together
 from drift import reach as reaches
-from drift.rectangle import ACROSS, ALONG, TURN, Crew, Flown, X, Y
+from drift.passage import Place
+from drift.rectangle import Crew, Flown
 from drift.sortie import Sortie
 from drift.tasking import Tasking
 from drift.together import Find
-from geo import sphere
 from kernels import rectangles, sweeps
 
 Array = npt.NDArray[Any]
@@ -95,31 +95,36 @@ def taskings(chosen: Sequence[Choice], weight: Array, nodes: Array) -> tuple[Tas
 
 
 def _tasking(choice: Choice, pos: float) -> Tasking:
-    crew, row, flown = choice.crew, choice.row, choice.flown
-    unit, turn = crew.unit, float(row[TURN]) % (2 * math.pi)
-    corner = (int(row[ALONG]), int(row[ACROSS]))
-    if turn >= math.pi:  # legs run both ways: the orientation is that of the half turn from north
-        turn, corner = turn - math.pi, (-corner[0], -corner[1])
-    spacing, legs = float(flown.spacing[0]), int(flown.legs[0])
-    length, width, start = float(flown.length[0]), float(flown.width[0]), crew.zero + float(flown.start[0])
-    lon, lat = (float(v) for v in crew.plane.round(row[X], row[Y]))
-    centre = (math.degrees(lon), math.degrees(lat))
-    # Whole seconds, as a case file has them: later to begin.
-    start = math.ceil(start)
-    pattern = patterns.parallel(centre, length, width, turn, spacing, start, unit.search_speed, corner)
-    end = min(start + float(flown.duration[0]), crew.reach.spans[-1][1]) if crew.random else pattern.legs.time[-1]
-    first, last = ((math.radians(pattern.legs.lon[k]), math.radians(pattern.legs.lat[k])) for k in (0, -1))
+    crew, flown, unit = choice.crew, choice.flown, choice.crew.unit
+    whole = rectangle.laid(crew, choice.row, flown, 0)
+    spacing, length, width = (float(v[0]) for v in (flown.spacing, flown.length, flown.width))
+    legs, cut = whole.pattern.legs, tuple[int, ...]()
+    start = float(legs.time[0])
+    if flown.sailed[0] is not None:
+        made = rectangle.cut(crew, whole)
+        assert made is not None  # it was made of the same legs before
+        legs = passage.through(start + made.elapsed, made.lon, made.lat, made.searching.tolist())
+        # Every other leg of a pattern is a cross leg
+        cut = tuple(sorted({k // 2 + 1 for k in made.cut if k % 2 == 0}))
+    end = min(start + float(flown.duration[0]), crew.reach.spans[-1][1]) if crew.random else legs.time[-1]
     coverage = tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in unit.sweep_width)
     sortie = Sortie(
         name=unit.name, kind=unit.kind, start=reaches.moment(start), end=reaches.moment(math.ceil(end)), law=unit.law,
-        sweep_width=unit.sweep_width, shape=unit.shape, group=unit.group, area=pattern.area,
-        coverage=coverage if crew.random else (), legs=None if crew.random else pattern.legs,
+        sweep_width=unit.sweep_width, shape=unit.shape, group=unit.group, area=whole.pattern.area,
+        coverage=coverage if crew.random else (), legs=None if crew.random else legs,
         speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
     )  # fmt: skip
-    home = end + float(sphere.distance(*last, *np.radians(unit.return_to))) / unit.transit_speed
-    there = float(sphere.distance(*crew.reach.base, *first)) / unit.transit_speed
+    ends = [(legs.lon[k], legs.lat[k]) for k in (0, -1)]
+    ways: tuple[tuple[Place, ...], tuple[Place, ...]] = ((), ())
+    if crew.course is not None:
+        ways = courses.both(crew.course, *ends)
+    there, back = (
+        passage.way(way or straight) / unit.transit_speed
+        for way, straight in zip(ways, ((unit.base, ends[0]), (ends[1], unit.return_to)), strict=True)
+    )
     return Tasking(
         unit=unit, round=1, sortie=sortie, takeoff=reaches.moment(max(math.floor(start - there), math.ceil(crew.reach.leaves))), on_scene=sortie.start,
-        off_scene=sortie.end, home=reaches.moment(math.ceil(home)), centre=centre, length=length, width=width,
-        orientation=turn, creep=(turn - corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing, legs=legs, pos=pos,
+        off_scene=sortie.end, home=reaches.moment(math.ceil(end + back)), centre=whole.centre, length=length, width=width,
+        orientation=whole.turn, creep=(whole.turn - whole.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
+        legs=int(flown.legs[0]), pos=pos, out=ways[0], back=ways[1], cut=cut,
     )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drift import aftermath, patrolling, summary, tables, units
+from drift import aftermath, fleet, patrolling, summary, tables, units
 from drift.aftermath import Aftermath
 from drift.case import Case
 from drift.environment import Environment
@@ -43,6 +43,7 @@ def figures(
         plan_map,
         search_map,
         suspend_chart,
+        unit_sheet,
         washup_map,
     )
 
@@ -62,9 +63,10 @@ def figures(
             lon = np.degrees(np.unwrap(prior.lon)).tolist()
             closed = isinstance(prior, AreaPrior)
             lines.append(maps.Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
+    coast = where.coast.polygons if where.coast is not None else None
     common: dict[str, Any] = {
         "title": case.title if plan is None else f"If this plan finds nothing: {case.title}",
-        "polygons": where.coast.polygons if where.coast is not None else (),
+        "polygons": () if coast is None else coast,
         "marks": marks,
         "particles": case.particles,
         "footer": footer,
@@ -114,6 +116,11 @@ def figures(
             drawn[name] = _kept(drawing)
     if plan is not None:
         drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **{**common, "title": case.title}))
+        land = fleet.shown(case, where, unit_sheet.box(plan)) if coast is not None and plan.taskings else ()
+        shown = {name: common[name] for name in ("footer", "attributes", "synthetic")}
+        for name, which, number in unit_sheet.pages(plan):
+            sheet = partial(unit_sheet.draw, plan, which, number=number, title=case.title, polygons=land, **shown)
+            drawn[name] = _kept(sheet)
     if told is not None:
         bare = {name: common[name] for name in ("footer", "attributes", "synthetic")}
         drawn["suspend.png"] = _kept(partial(suspend_chart.draw, told, title=case.title, **bare))

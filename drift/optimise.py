@@ -6,7 +6,7 @@ smaller steps (an evolution strategy): first with its legs smeared out, on few p
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from drift import bound, choices, rectangle, rivals, together
 from drift import reach as reaches
 from drift import tracks as record
 from drift.choices import Choice, Plan, Stage
+from drift.courses import Course
 from drift.rectangle import ACROSS, ALONG, ASPECT, SPACING, TURN, WAIT, Crew, Flown, X, Y
 from drift.sortie import PlanSpec, Survival, Unit
 from drift.tasking import Alternative, Tasking
@@ -55,20 +56,26 @@ def plan(
     seed: int,
     survival: Sequence[Survival | None],
     tell: Callable[[float], None] | None = None,
+    at_sea: Mapping[str, Course] | None = None,
 ) -> Proposal:
     """Return one sortie for each unit that can search, so that together they find most of the tracks' particles.
 
-    survival: of each scenario; used where spec.objective is "alive". tell: called with the share that is done.
+    survival: of each scenario; used where spec.objective is "alive". tell: called with the share that is done. at_sea: the
+    courses of boats near land, by name of unit; all others go straight on.
     """
+    at_sea = at_sea or {}
     tell = tell or (lambda share: None)
     rng = np.random.Generator(np.random.Philox(key=seed))
     plane = record.plane(tracks)
     factor, nodes = together.nodes(units)
     place = (plane.lon, plane.lat)
     zero = float(tracks.time[0])
-    crews = [
-        rectangle.crew(unit, reaches.reach(unit, spec, place), plane, zero, factor[u]) for u, unit in enumerate(units)
-    ]
+    crews = []
+    for u, unit in enumerate(units):
+        course, reach = at_sea.get(unit.name), reaches.reach(unit, spec, place)
+        if course is not None:
+            reach = replace(reach, way=course.arrival)
+        crews.append(rectangle.crew(unit, reach, plane, zero, factor[u], course))
 
     def stage(some: Tracks, executed: bool) -> Stage:
         return Stage(some.m, _swarm(some, spec, survival, plane), some.weight, nodes, executed, spec.separation)

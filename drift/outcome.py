@@ -8,7 +8,7 @@ import numpy as np
 from drift import plan_text, subareas, washup_tables
 from drift.effective import Count
 from drift.tables import NMI, position
-from drift.tasking import Plan
+from drift.tasking import Plan, Tasking
 from drift.units import group
 
 WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
@@ -53,15 +53,26 @@ def plan(made: Plan) -> Facts:
         facts[f"{name} {tasking.unit.name}"] = (
             f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, {tasking.legs} legs "
             f"{tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to {group(tasking.off_scene)[:6]}Z, "
-            f"POS {_percent(tasking.pos)}"
+            f"POS {_percent(tasking.pos)}{_at_sea(tasking)}"
         )
     if made.idle:
         facts["not sent"] = ", ".join(made.idle)
+    facts |= {f"boats {k}": told for k, told in enumerate(made.said, 1)}
     facts |= {f"warning {k}": told for k, told in enumerate(plan_text.warnings(made, synthetic=False), 1)}
     for scenario, pos in zip(made.scenarios, made.by_scenario, strict=True):
         if len(made.scenarios) > 1:
             facts[f'POS if "{scenario}"'] = _percent(float(pos))
     return facts
+
+
+def _at_sea(one: Tasking) -> str:
+    """Return of a boat how far it goes by sea, and which of its legs are cut."""
+    told = [
+        f"{name.lower()} {way / NMI:.1f} nmi by sea, {straight / NMI:.1f} straight"
+        for name, way, straight in subareas.by_sea(one)
+    ]
+    told += [f"legs {plan_text.listed(one.cut)} cut at the coast"] * bool(one.cut)
+    return "".join(f", {words}" for words in told)
 
 
 def _warnings(told: Sequence[str]) -> Facts:

@@ -57,6 +57,11 @@ def lengths(legs: Legs) -> Array:
     return _steps(np.array(legs.lon), np.array(legs.lat))
 
 
+def way(points: Sequence[Place]) -> float:
+    """Return the length [m] of great circles through points [deg]."""
+    return float(_steps(*np.array(points).T).sum())
+
+
 def _steps(lon: Array, lat: Array) -> Array:
     x, y = np.radians(lon), np.radians(lat)
     return sphere.distance(x[:-1], y[:-1], x[1:], y[1:])

@@ -224,7 +224,10 @@ def _where(one: Tasking) -> dict[str, str]:
         f"[{_quoted(tables.iso(np.datetime64(round(t), 's')))}, {_quoted(place(x, y))}]"
         for t, x, y in zip(legs.time, legs.lon, legs.lat, strict=True)
     ]
-    return {"waypoints": "[\n  " + ",\n  ".join(rows) + ",\n]"}
+    found = {"waypoints": "[\n  " + ",\n  ".join(rows) + ",\n]"}
+    if not all(legs.searching):
+        found["transit_legs"] = str([k for k, seeks in enumerate(legs.searching, 1) if not seeks])
+    return found
 
 
 def _is_parallel(one: Tasking) -> bool:
@@ -237,7 +240,7 @@ def _is_parallel(one: Tasking) -> bool:
             made = patterns.parallel(one.centre, *size, start, one.unit.search_speed, corner).legs
         except ValueError:
             return False
-        if len(made.lon) != len(legs.lon):
+        if len(made.lon) != len(legs.lon) or not all(legs.searching):
             return False
         apart = sphere.distance(*np.radians([made.lon, made.lat, legs.lon, legs.lat]))
         if apart.max() < SAME and np.abs(np.subtract(made.time, legs.time)).max() < SAME / one.unit.search_speed + 1:

@@ -48,6 +48,8 @@ class UnitTable(SensorTable):
     daylight: bool | None = None
     turnaround: Annotated[float, BeforeValidator(_turnaround)] = 7200.0
     least_spacing: fields.Length = 0.0
+    clear_of_land: fields.Length | None = None
+    draught: fields.Length | None = None
 
     def unit(self, name: str, run: Run, plan: PlanSpec) -> Unit:
         """Return the record; raise ValueError for what does not fit the plan."""
@@ -57,6 +59,11 @@ class UnitTable(SensorTable):
                 f"ready at {units.group(ready)}, not before the plan's end, {units.group(plan.until)}; change ready, or "
                 "until in [plan], or run for longer"
             )
+        for key in ("clear_of_land", "draught"):
+            if getattr(self, key) is not None and self.kind != "Boat":
+                raise ValueError(
+                    f'{key} is of boats: what flies goes straight on; give kind = "Boat", or leave {key} out'
+                )
         visual = self.sensor == VISUAL
         return Unit(
             name=name,
@@ -75,6 +82,8 @@ class UnitTable(SensorTable):
             daylight=visual if self.daylight is None else self.daylight,
             turnaround=self.turnaround,
             least_spacing=self.least_spacing,
+            clear_of_land=self.clear_of_land or 0.0,
+            draught=self.draught or 0.0,
         )
 
 

@@ -142,8 +142,8 @@ def _stood_on(plan: Plan, shown: effective.Count) -> list[effective.Count]:
 
 def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float) -> Frame:
     """Return the frame of the sub-areas and the probability; of the bases too where that makes it little larger."""
-    rings = [_ring(one) for one in plan.taskings]
-    lines = [Line(ring[:, 0].tolist(), ring[:, 1].tolist(), "") for ring in rings]
+    rings = [ring(one) for one in plan.taskings]
+    lines = [Line(around[:, 0].tolist(), around[:, 1].tolist(), "") for around in rings]
     one = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
     times, aspect = [one.data["time"].values[0]], MAP[2] * SIZE[0] / (high * SIZE[1])
     here = layers.extent(one, times, marks, lines, aspect)
@@ -152,9 +152,10 @@ def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high:
     return whole if layers.little(here, whole) else here
 
 
-def _ring(one: Tasking) -> Array:
-    ring = np.array(subareas.corners(one))
-    return search_shapes.curve(np.append(ring[:, 0], ring[0, 0]), np.append(ring[:, 1], ring[0, 1]))
+def ring(one: Tasking) -> Array:
+    """Return the closed outline of a sub-area, (n, 2) [deg]."""
+    corners = np.array(subareas.corners(one))
+    return search_shapes.curve(np.append(corners[:, 0], corners[0, 0]), np.append(corners[:, 1], corners[0, 1]))
 
 
 def _plan(
@@ -165,21 +166,21 @@ def _plan(
     busy = list(layers.occupied(here, forecast, [forecast.data["time"].values[i]]))
     for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
         for points in subareas.transits(one):
-            _line(ax, here, points, {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}, 7)
+            line(ax, here, points, {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}, 7)
         for searching, points in search_shapes.flown(one.sortie):
-            _line(ax, here, points, search_layers.LEGS if searching else search_layers.TRANSIT, 8)
-        ring = _ring(one)
+            line(ax, here, points, search_layers.LEGS if searching else search_layers.TRANSIT, 8)
+        around = ring(one)
         style = {**search_layers.AREA, "linewidth": 2.0, "linestyle": "-" if one.round == 1 else LATER}
-        _line(ax, here, ring, style, 8.5)
-        x, y = here.project(ring[:, 0], ring[:, 1])
+        line(ax, here, around, style, 8.5)
+        x, y = here.project(around[:, 0], around[:, 1])
         busy = [np.append(busy[0], x), np.append(busy[1], y)]
         if one.sortie.legs is not None:
-            _creep(ax, here, one)
+            creep(ax, here, one)
         x, y = here.project(*subareas.begin(one))
         ax.plot(x, y, markersize=7.5, markeredgewidth=1.8, zorder=12, **POINT)
         bold = {"fontsize": 9.5, "weight": "bold", "color": "#000000"}
         # Areas may overlap where they are searched at other times: the label tells which is first
-        label = f"{name} {page.fit(one.unit.name, 26)}\n{_short(one.on_scene)}"
+        label = f"{name} {page.fit(one.unit.name, 26)}\n{short(one.on_scene)}"
         texts.append((float(x), float(y), label, bold))
     must = len(texts)
     for mark in marks:
@@ -197,7 +198,8 @@ def _plan(
     labels.place(ax, canvas, texts, [bar], must=set(range(must)))
 
 
-def _line(ax: Axes, here: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:
+def line(ax: Axes, here: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:
+    """Draw a line through positions [deg], with a halo if it is not thin."""
     halo = [patheffects.withStroke(linewidth=style["linewidth"] + 1.8, foreground="white", alpha=0.8)]
     x, y = here.project(points[:, 0], points[:, 1])
     ax.plot(
@@ -211,7 +213,7 @@ def _line(ax: Axes, here: Frame, points: Array, style: dict[str, Any], zorder: f
     )
 
 
-def _creep(ax: Axes, here: Frame, one: Tasking) -> None:
+def creep(ax: Axes, here: Frame, one: Tasking) -> None:
     """Draw an arrow in the direction of creep in the middle of a sub-area."""
     reach = 0.22 * one.width
     ends = []
@@ -317,7 +319,7 @@ def _panel(figure: Figure, plan: Plan) -> None:
 
     for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
         say(f"{name}  {page.fit(one.unit.name, 26)}   POS {one.pos:.2f}", 1.15, "bold")
-        say(f"on scene {_short(one.on_scene)} to {_short(one.off_scene)}, home {_short(one.home)}")
+        say(f"on scene {short(one.on_scene)} to {short(one.off_scene)}, home {short(one.home)}")
         say(f"{one.length / NMI:.1f} × {one.width / NMI:.1f} nmi along {subareas.degrees(one.orientation):03d}T, "
             f"{one.unit.search_speed / KNOT:.0f} kn")  # fmt: skip
         if one.sortie.legs is not None:
@@ -358,5 +360,6 @@ def _bar(figure: Figure, mesh: Any) -> None:
     bar.minorticks_off()
 
 
-def _short(time: np.datetime64) -> str:
+def short(time: np.datetime64) -> str:
+    """Return a time without its month, 161350Z."""
     return f"{units.group(time)[:6]}Z"

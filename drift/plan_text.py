@@ -52,12 +52,12 @@ def text(
                 "" if number == 1 else ", planned on the failure of all before: plan anew with what was flown and seen"
             )
             lines += ["", *_fill(f"Round {number}{said}", 3)]
-        lines += ["", *_tasking(plan, name, tasking)]
+        lines += ["", *task(plan, name, tasking)]
     if not plan.taskings:
         lines += ["   none: no unit can search in this period"]
     rest = [
         ("COORDINATION, COMMUNICATIONS, REPORTS", ["   to be filled in by the search mission coordinator"]),
-        ("NOTES", [line for note in (*notes, *_standing()) for line in _fill(f"- {note}", 3, 5)]),
+        ("NOTES", [line for note in (*notes, *_standing(plan)) for line in _fill(f"- {note}", 3, 5)]),
     ]
     if plan.alternatives:
         rest.insert(0, ("ALTERNATIVES, on the same particles and random numbers", _alternatives(plan)))
@@ -129,7 +129,8 @@ def _table(plan: Plan, names: Sequence[str]) -> list[str]:
     return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
 
 
-def _tasking(plan: Plan, name: str, one: Tasking) -> list[str]:
+def task(plan: Plan, name: str, one: Tasking) -> list[str]:
+    """Return what a unit is told to do, as lines."""
     unit, sortie = one.unit, one.sortie
     title = f"{name}  {unit.name}" + (f" ({unit.kind})" if unit.kind and unit.kind != unit.name else "")
     corners = [tables.position(*corner) or "" for corner in subareas.corners(one)]
@@ -150,6 +151,8 @@ def _tasking(plan: Plan, name: str, one: Tasking) -> list[str]:
         ]
     else:
         rows.append(("Pattern", f"search of the whole area, {subareas.track_length(one) / NMI:.0f} nmi of track"))
+    if one.cut:
+        rows.append(("Cut legs", f"{listed(one.cut)}: cut at the coast; {_round(one)} of ways round it search nothing"))
     rows.append(("Speed", f"{unit.search_speed / KNOT:.0f} kn search, {unit.transit_speed / KNOT:.0f} kn transit"))
     if math.isfinite(unit.altitude):
         what = "Height of eye" if unit.kind == "Boat" else "Altitude"
@@ -164,9 +167,34 @@ def _tasking(plan: Plan, name: str, one: Tasking) -> list[str]:
         ("On scene", f"{units.group(one.on_scene)}   at the CSP" if sortie.legs else units.group(one.on_scene)),
         ("Off scene", f"{units.group(one.off_scene)}   at {tables.position(*subareas.end(one))}"),
         ("Home", f"{units.group(one.home)}   at {tables.position(*unit.return_to)}"),
+        *(
+            (told, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
+            for told, way, straight in subareas.by_sea(one)
+        ),
         ("POS", f"{one.pos:.2f}"),
     ]
+    if unit.afloat:
+        keeps = [f"{unit.clear_of_land / NMI:.2g} nmi off land"] * (unit.clear_of_land > 0)
+        keeps += [f"in water deeper than {unit.draught:.1f} m"] * (unit.draught > 0)
+        rows += [("Keeps", ", ".join(keeps))] * bool(keeps)
     return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, one)]
+
+
+def listed(numbers: Sequence[int]) -> str:
+    """Return numbers in order, those that follow each other as a range: 6 to 8, 12."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(
+        str(run[0]) if len(run) == 1 else f"{run[0]}{' to ' if len(run) > 2 else ', '}{run[-1]}" for run in runs
+    )
+
+
+def _round(one: Tasking) -> str:
+    return f"{subareas.round_length(one) / NMI:.1f} nmi"
 
 
 def _expected(plan: Plan, one: Tasking) -> list[str]:
@@ -190,8 +218,13 @@ def _alternatives(plan: Plan) -> list[str]:
     return lines
 
 
-def _standing() -> tuple[str, ...]:
+def _standing(plan: Plan) -> tuple[str, ...]:
+    boats = (
+        "Boats go by sea on the coast of this case, whose shores may be off by more than they keep from it; rocks awash, tides "
+        "and, without a depth grid, depths are not known: check the ways on a chart.",
+    )
     return (
+        *boats * any(one.unit.afloat for one in plan.taskings),
         "Altitudes and times are for planning: crews and controllers settle separation, weather and daylight.",
         "POD is for an object that stays in the area; POS counts those that drift in and out of it.",
         "Afterwards append plan.toml to the case, with what was flown: completed or actual.",

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from drift import bound as bounds
-from drift import effective, flow, follow, optimise, output, plan_files, plan_text, turns
+from drift import effective, fleet, flow, follow, optimise, output, plan_files, plan_text, turns
 from drift.case import Case
 from drift.effective import Count
 from drift.environment import Environment
@@ -73,40 +73,46 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
     survival = [scenario.survival for scenario in case.scenarios]
     tasked: list[Tasking] = []
     units, executed = list(case.units), case
-    seen, proposal, found = 1.0, None, None
+    seen, proposal, found, boats = 1.0, None, None, None
     for number in range(1, spec.rounds + 1):
         with clock.phase("follow"):
             tracks = follow.follow(executed, where)
+        if boats is None:
+            with clock.phase("ways"):
+                boats = fleet.prepare(case, where, tracks)
+            units = list(boats.units)
         if found is None:
             with clock.phase("bound"):
                 found = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
         with clock.phase("plan"):
             telling = partial(_told, tell, number, spec.rounds)
-            proposal = optimise.plan(tracks, units, spec, case.seed + number, survival, telling)
-        more = [_named(tasking, number, spec.rounds, case) for tasking in proposal.taskings]
+            proposal = optimise.plan(tracks, units, spec, case.seed + number, survival, telling, boats.courses)
+            flown, boats = fleet.checked(boats, proposal.taskings)
+        more = [_named(tasking, number, spec.rounds, case) for tasking in flown]
         if not more:
             break
         tasked += more
         seen *= 1 - proposal.seen
         units = _again(units, more)
         executed = _with(case, tasked)
-    if proposal is None or found is None or not tasked:
+    if proposal is None or found is None or boats is None or not tasked:
         raise UserError(
             f"plan: no unit can search between {group(spec.begin)} and {group(spec.until)}: each needs time for its transit and some search before "
             "the end, by daylight if it is visual; give more time (until in [plan]), or units that are nearer or ready earlier"
+            + "".join(f". {words}" for words in (boats.said if boats else ()))
         )
     result = flow.forecasted(executed, where, clock, tell)
     assert result.updates is not None
     done = {update.name: update for update in result.updates.all}
-    flown = [done[tasking.sortie.name] for tasking in tasked]
-    missed = np.prod([1 - np.asarray(update.pos) for update in flown], axis=0)
+    updates = [done[tasking.sortie.name] for tasking in tasked]
+    missed = np.prod([1 - np.asarray(update.pos) for update in updates], axis=0)
     alive, so_far = 0.0, 1.0
-    for update in flown:
+    for update in updates:
         alive += so_far * float(np.asarray(update.pos if update.alive is None else update.alive)[-1])
         so_far *= 1 - float(np.asarray(update.pos)[-1])
     pos = 1 - float(missed[-1])
     named = tuple(
-        replace(tasking, pos=float(np.asarray(update.pos)[-1])) for tasking, update in zip(tasked, flown, strict=True)
+        replace(tasking, pos=float(np.asarray(update.pos)[-1])) for tasking, update in zip(tasked, updates, strict=True)
     )
     made = Plan(
         spec=spec,
@@ -122,6 +128,7 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
         made_on=Count(effective.number(tracks.weight), len(tracks.weight)),
         scored_on=_scored(result, executed, spec.begin),
         idle=tuple(unit.name for unit in case.units if unit.name not in {tasking.unit.name for tasking in tasked}),
+        said=boats.said,
     )
     return made, executed, result
 
@@ -181,7 +188,11 @@ def _files(made: Plan, executed: Case, case: Case) -> list[output.Product]:
     """Return what a plan hands to people."""
     synthetic = any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes))
     taken = [sortie.name for sortie in case.sorties]
-    notes = [f"{name} is not sent: it cannot search in this period, or would add nothing." for name in made.idle]
+    notes = [
+        f"{name} is not sent: it cannot search in this period, or would add nothing."
+        for name in made.idle
+        if not any(words.startswith(f"{name} is not sent") for words in made.said)
+    ] + list(made.said)
 
     def product(name: str, make: Callable[[Any], Any]) -> output.Product:
         return output.Product(name, make)

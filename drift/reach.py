@@ -1,5 +1,6 @@
 """When each unit can search where: ready, on its way, by daylight, before the plan ends, and no longer than it lasts."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,10 +36,14 @@ class Reach:
     transit_speed: float  # [m/s]
     spans: tuple[tuple[float, float], ...]  # in which it may search, in order
     search: float  # [s] of search in a sortie
+    way: Callable[[npt.ArrayLike, npt.ArrayLike], Array] | None = (
+        None  # length [m] of the way to positions [rad]; None: straight
+    )
 
     def arrival(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
         """Return when it can be at positions [rad] at the earliest."""
-        return np.asarray(self.leaves + sphere.distance(*self.base, lon, lat) / self.transit_speed)
+        way = sphere.distance(*self.base, lon, lat) if self.way is None else self.way(lon, lat)
+        return np.asarray(self.leaves + way / self.transit_speed)
 
     def slot(self, earliest: npt.ArrayLike) -> tuple[Array, Array]:
         """Return when a search that may begin at `earliest` begins, and for how long [s] it lasts, 0 if it cannot."""

@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drift import detection
+from drift import courses, detection, patterns
+from drift.courses import Course, Sailed
+from drift.patterns import Pattern
 from drift.reach import Reach
-from drift.sortie import Unit
+from drift.sortie import Legs, Unit
 from drift.tracks import Plane
 
 Array = npt.NDArray[Any]
@@ -23,6 +25,9 @@ X, Y, TURN, SPACING, ASPECT, WAIT, ALONG, ACROSS = range(8)
 SHORTEST = 600.0  # [s] of search that is worth a sortie
 CLEAR = 300.0  # [s] that an area must have been left before one beside it is searched
 SLIMMEST = 2.0  # a leg's rectangle is at least so many spacings long
+LEAST_SEA = 0.3  # of a boat's rectangle
+FITS = 5  # lengths that are tried, so that legs cut at the coast fill the time there is
+FULL = 0.97  # of the time, which is enough
 STEP = 0.01  # of coverage in the tables of b
 MOST = 12.0
 
@@ -39,6 +44,7 @@ class Crew:
     factor: Array  # (nodes,) of the sweep width, at the joint nodes of all unknown factors
     curve: Array  # b at multiples of STEP of coverage
     table: Array | None  # lateral range curve of a law without a rate: range / W, chance, ...; None: it has a rate
+    course: Course | None = None  # of a boat near land; None: straight on
 
     @property
     def random(self) -> bool:
@@ -51,25 +57,26 @@ class Crew:
         return float(np.max(self.width))
 
 
-def crew(unit: Unit, reach: Reach, plane: Plane, zero: float, factor: Array) -> Crew:
+def crew(unit: Unit, reach: Reach, plane: Plane, zero: float, factor: Array, course: Course | None = None) -> Crew:
     """Return a unit as the optimiser takes it."""
     curve = detection.pod(unit.law, np.arange(round(MOST / STEP) + 1) * STEP)
     table = None
     if unit.law.kind not in ("random", "inverse_cube"):
         table = np.column_stack(detection.table(unit.law)).ravel()
-    return Crew(unit, reach, plane, zero, np.array(unit.sweep_width), factor, curve, table)
+    return Crew(unit, reach, plane, zero, np.array(unit.sweep_width), factor, curve, table, course)
 
 
 class Flown(NamedTuple):
     """Rectangles as they would be flown, (c,) each."""
 
     start: Array  # [s] after the crew's zero
-    duration: Array  # [s] of search
+    duration: Array  # [s] of search; of a boat with the ways round what cuts its legs
     legs: Array
     spacing: Array  # [m]
     length: Array  # [m]
     width: Array
     possible: Array  # bool
+    sailed: Array  # of objects: nodes of a boat's legs, cut at the coast, as `path` returns them; None: they are whole
 
 
 def fly(crew: Crew, rows: Array, corner: bool = False) -> Flown:
@@ -87,7 +94,111 @@ def fly(crew: Crew, rows: Array, corner: bool = False) -> Flown:
             legs = np.maximum(np.rint(np.sqrt(track / (np.exp(rows[:, ASPECT]) * spacing))), 1)
         length = (track + spacing) / legs
     possible = (duration >= SHORTEST) & (length >= SLIMMEST * spacing) & (spacing >= crew.unit.least_spacing)
-    return Flown(start - crew.zero, duration, legs, spacing, length, legs * spacing, possible)
+    none = np.full(len(rows), None, object)
+    flown = Flown(start - crew.zero, duration, legs, spacing, length, legs * spacing, possible, none)
+    return _at_sea(crew, rows, flown, corner)
+
+
+def _at_sea(crew: Crew, rows: Array, flown: Flown, sailed: bool) -> Flown:
+    """Return rectangles of a boat: not those that are mostly land; sailed: with legs as it can sail them in the time that it has."""
+    if crew.course is None:
+        return flown
+    possible = flown.possible & (share(crew, rows, flown) >= LEAST_SEA)
+    flown = flown._replace(possible=possible)
+    if not sailed or crew.random:
+        return flown
+    flown = Flown(*(np.array(values) for values in flown))
+    for k in np.flatnonzero(possible):
+        legs = laid(crew, rows[k], flown, int(k)).pattern.legs
+        if courses.crosses(crew.course, np.array(legs.lon), np.array(legs.lat)) or not _in_time(
+            crew, flown, legs, int(k)
+        ):
+            _sail(crew, rows[k], flown, int(k))
+    return flown
+
+
+def _in_time(crew: Crew, flown: Flown, legs: Legs, k: int) -> bool:
+    """Whether a boat can be where legs begin when they do, and get home from where they end."""
+    assert crew.course is not None
+    first, last = ((legs.lon[j], legs.lat[j]) for j in (0, -1))
+    there = courses.distance(crew.course, crew.course.out, first) / crew.unit.transit_speed
+    home = courses.distance(crew.course, crew.course.home, last)
+    return crew.reach.leaves + there <= crew.zero + float(flown.start[k]) and math.isfinite(home)
+
+
+def _sail(crew: Crew, row: Array, flown: Flown, k: int) -> None:
+    """Give rectangle k legs cut at the coast and a length with which they fill its time; none that is possible if none fits."""
+    assert crew.course is not None
+    unit, length, most = crew.unit, float(flown.length[k]), -1.0
+    whole = flown._replace(length=flown.length.copy())
+    flown.possible[k] = False
+    for _ in range(FITS):
+        if length < SLIMMEST * flown.spacing[k]:
+            return
+        whole.length[k] = length
+        made = cut(crew, laid(crew, row, whole, k))
+        if made is None or not math.isfinite(
+            courses.distance(crew.course, crew.course.home, (float(made.lon[-1]), float(made.lat[-1])))
+        ):
+            return
+        first = (float(made.lon[0]), float(made.lat[0]))
+        there = crew.reach.leaves + courses.distance(crew.course, crew.course.out, first) / unit.transit_speed
+        start, room = (float(v) for v in crew.reach.slot(there + row[WAIT]))
+        took = float(made.elapsed[-1])
+        sought = float(np.diff(made.elapsed)[made.searching].sum())
+        if took <= room and sought > max(most, SHORTEST):
+            most = sought
+            flown.length[k], flown.start[k], flown.duration[k], flown.possible[k] = (
+                length,
+                start - crew.zero,
+                took,
+                True,
+            )
+            x, y = crew.plane.flat(np.radians(made.lon), np.radians(made.lat))
+            flown.sailed[k] = np.column_stack([flown.start[k] + made.elapsed, x, y, np.append(made.searching, False)])
+        if FULL * room <= took <= room:
+            return
+        length *= 0.995 * room / took
+
+
+class Laid(NamedTuple):
+    """A rectangle on the sphere, its legs in the half turn from north."""
+
+    centre: tuple[float, float]  # (lon, lat) [deg]
+    turn: float  # [rad] orientation, 0 to pi
+    corner: tuple[int, int]
+    pattern: Pattern
+
+
+def laid(crew: Crew, row: Array, flown: Flown, k: int) -> Laid:
+    """Return rectangle k as it is flown, in whole seconds as a case file has them: later to begin."""
+    turn, corner = float(row[TURN]) % (2 * math.pi), (int(row[ALONG]), int(row[ACROSS]))
+    if turn >= math.pi:  # legs run both ways
+        turn, corner = turn - math.pi, (-corner[0], -corner[1])
+    lon, lat = (math.degrees(float(v)) for v in crew.plane.round(row[X], row[Y]))
+    start, size = math.ceil(crew.zero + float(flown.start[k])), (float(flown.length[k]), float(flown.width[k]))
+    spacing, speed = float(flown.spacing[k]), crew.unit.search_speed
+    return Laid((lon, lat), turn, corner, patterns.parallel((lon, lat), *size, turn, spacing, start, speed, corner))
+
+
+def cut(crew: Crew, whole: Laid) -> Sailed | None:
+    """Return a boat's legs cut at the coast; None where it can sail none."""
+    assert crew.course is not None
+    legs = whole.pattern.legs
+    speeds = crew.unit.search_speed, crew.unit.transit_speed
+    return courses.sail(crew.course, np.array(legs.lon), np.array(legs.lat), *speeds)
+
+
+def share(crew: Crew, rows: Array, flown: Flown) -> Array:
+    """Return which share of rectangles is sea where the unit can get, (c,)."""
+    if crew.course is None:
+        return np.ones(len(rows))
+    ticks = (np.arange(courses.SAMPLES) + 0.5) / courses.SAMPLES - 0.5
+    along, across = (v.ravel()[None, :] * size[:, None] for v, size in
+                     zip(np.meshgrid(ticks, ticks), (flown.length, flown.width), strict=True))  # fmt: skip
+    sin, cos = np.sin(rows[:, TURN])[:, None], np.cos(rows[:, TURN])[:, None]
+    x, y = rows[:, X, None] + along * sin + across * cos, rows[:, Y, None] + along * cos - across * sin
+    return crew.course.share(*crew.plane.round(x, y))
 
 
 def commence(rows: Array, length: Array, spacing: Array, legs: Array) -> tuple[Array, Array]:
@@ -105,12 +216,15 @@ def smeared(crew: Crew, rows: Array, flown: Flown) -> tuple[Array, Array]:
     table = np.column_stack(
         [rows[:, X], rows[:, Y], sin, cos, flown.length, flown.width, flown.start, duration, -rows[:, ACROSS]]
     )
-    track = crew.unit.search_speed * duration
+    # What of a boat's rectangle is land costs it about as much, going round, as it saves
+    track = crew.unit.search_speed * duration * share(crew, rows, flown)
     return table, crew.width * (track / np.maximum(flown.length * flown.width, 1.0))[:, None]
 
 
 def path(crew: Crew, row: Array, flown: Flown, k: int) -> Array:
-    """Return the nodes (time [s after zero], x, y [m]) of the legs and cross legs of rectangle k, (2 n, 3)."""
+    """Return the nodes (time [s after zero], x, y [m], whether the leg to the next searches) of rectangle k, (n, 4)."""
+    if flown.sailed[k] is not None:
+        return np.asarray(flown.sailed[k])
     legs, spacing = int(flown.legs[k]), float(flown.spacing[k])
     half = (float(flown.length[k]) - spacing) / 2
     ends = np.where(np.arange(legs) % 2 == 0, half, -half) * row[ALONG]
@@ -123,6 +237,7 @@ def path(crew: Crew, row: Array, flown: Flown, k: int) -> Array:
             float(flown.start[k]) + way / crew.unit.search_speed,
             row[X] + along * sin + across * cos,
             row[Y] + along * cos - across * sin,
+            np.ones(2 * legs),
         ]
     )
 

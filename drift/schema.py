@@ -110,6 +110,14 @@ class CoastTable(fields.Table):
         return self
 
 
+class DepthTable(fields.Table):
+    """The [depth] table as written: where boats have too little water."""
+
+    file: str
+    variable: fields.Label | None = None
+    positive: Literal["up", "down"] | None = None
+
+
 def _particles(value: object) -> int:
     number = fields.count(value)
     if number < 1:
@@ -139,6 +147,7 @@ class CaseTable(fields.Table):
     clock: ClockTable = ClockTable()
     domain: DomainTable | None = None
     coast: CoastTable = CoastTable()
+    depth: DepthTable | None = None
     current: list[SourceTable] = Field(default_factory=list)
     wind: list[SourceTable] = Field(default_factory=list)
     stokes: list[SourceTable] = Field(default_factory=list)

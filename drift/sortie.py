@@ -143,6 +143,13 @@ class Unit:
     daylight: bool = True  # searches by daylight only
     turnaround: float = 7200.0  # [s] on the ground between sorties
     least_spacing: float = 0.0  # [m]
+    clear_of_land: float = 0.0  # [m] that a boat keeps from the shore
+    draught: float = 0.0  # [m] of a boat, where depths are known
+
+    @property
+    def afloat(self) -> bool:
+        """Whether it goes by sea: what flies goes straight on, and what is not said to be a boat is taken to fly."""
+        return self.kind == "Boat"
 
 
 @dataclass(frozen=True)

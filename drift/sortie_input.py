@@ -80,6 +80,7 @@ class SortieTable(SensorTable):
     spacing: Spacing | None = None
     pattern: PatternTable | None = None
     waypoints: Waypoints | None = None
+    transit_legs: list[fields.Count] | None = None
     track: Annotated[str, Field(min_length=1)] | None = None
     watch: WatchTable | None = None
 
@@ -108,6 +109,10 @@ class SortieTable(SensorTable):
         if self.frame == "datum" and (self.track is not None or self.watch is not None):
             raise ValueError(
                 'frame = "datum" is of a planned search; a track made good and a watch are over the ground'
+            )
+        if self.transit_legs is not None and (self.waypoints is None or self.actual is not None):
+            raise ValueError(
+                "transit_legs are numbers of legs between waypoints that do not search; give them with waypoints"
             )
         if self.marker is not None and self.frame_() == "ground":
             raise ValueError('marker belongs to frame = "datum", a search that drifts with it')
@@ -204,7 +209,7 @@ class SortieTable(SensorTable):
                 made_good.made(self.track, "track", self.speed, since, until, run), self.completed, until
             )
         if self.waypoints is not None and self.waypoints[0][0] is not None:
-            legs = pattern_input.timed_legs(self.waypoints, run.start)
+            legs = self._transit(pattern_input.timed_legs(self.waypoints, run.start))
             made_good.check_speed(legs, self.speed, 0.0, "waypoints")
             return None, made_good.cut(legs, self.completed, until)
         if since is None:
@@ -223,9 +228,18 @@ class SortieTable(SensorTable):
             raise ValueError('speed is missing: waypoints without times are passed at one, like speed = "90 kn"')
         lon_, lat_ = np.array([place for _, place in self.waypoints]).T
         try:
-            return None, made_good.cut(passage.fly(lon_, lat_, since, self.speed), self.completed, until)
+            return None, made_good.cut(self._transit(passage.fly(lon_, lat_, since, self.speed)), self.completed, until)
         except ValueError as error:
             raise ValueError(f"waypoints: {error}") from None
+
+    def _transit(self, legs: Legs) -> Legs:
+        """Return legs of which those that are named do not search."""
+        if self.transit_legs is None:
+            return legs
+        many, named = len(legs.searching), self.transit_legs
+        if not named or min(named) < 1 or max(named) > many or len(set(named)) == many:
+            raise ValueError(f"transit_legs {named} must be numbers of some of its {many} legs, from 1, not of all")
+        return replace(legs, searching=tuple(k + 1 not in named for k in range(many)))
 
     def _planned(self, since: float, until: float | None, speed: float) -> patterns.Pattern:
         assert self.pattern is not None

@@ -1,6 +1,7 @@
 """The sub-areas of a plan as crews are given them: names, corners, the way of each unit, what it is expected to find."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy.typing as npt
 
 from drift import detection, passage, patterns, search_shapes
 from drift.effective import Count
+from drift.sortie import Legs
 from drift.tables import NMI
 from drift.tasking import Plan, Tasking
 from geo import sphere
@@ -21,7 +23,7 @@ KNOT = NMI / 3600
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A point of a unit's way [deg]; what: base, csp, leg, off or home."""
+    """A point of a unit's way [deg]; what: base, way (by sea), csp, leg, turn (round what cuts a leg), off or home."""
 
     name: str  # A-1 CSP, A-1 02, unique in the plan
     what: str
@@ -69,6 +71,7 @@ def route(name: str, tasking: Tasking) -> list[Waypoint]:
     """Return a unit's way from its base over all ends of legs to where it returns."""
     unit, legs = tasking.unit, tasking.sortie.legs
     way = [Waypoint(f"{name} BASE", "base", tasking.takeoff, *unit.base)]
+    way += _turns(f"{name} OUT", unit.base, tasking.out, tasking.on_scene, unit.transit_speed)
     if legs is None:
         way.append(Waypoint(f"{name} CENTRE", "csp", tasking.on_scene, *tasking.centre))
     else:
@@ -76,23 +79,72 @@ def route(name: str, tasking: Tasking) -> list[Waypoint]:
         way.append(Waypoint(f"{name} CSP", "csp", times[0], legs.lon[0], legs.lat[0]))
         last = len(times) - 1
         way += [
-            Waypoint(f"{name} {k:02d}" if k < last else f"{name} END", "leg" if k < last else "off", times[k], x, y)
+            Waypoint(f"{name} {k:02d}" if k < last else f"{name} END", _what(legs, k), times[k], x, y)
             for k, (x, y) in enumerate(zip(legs.lon, legs.lat, strict=True))
             if k > 0
         ]
-    return [*way, Waypoint(f"{name} HOME", "home", tasking.home, *unit.return_to)]
+    back = _turns(f"{name} BACK", unit.return_to, tasking.back[::-1], tasking.home, -unit.transit_speed)
+    return [*way, *back[::-1], Waypoint(f"{name} HOME", "home", tasking.home, *unit.return_to)]
+
+
+def _what(legs: Legs, k: int) -> str:
+    """Return what the end k of a leg is: where legs that search meet, on the way round what cuts them, or the last."""
+    if k == len(legs.lon) - 1:
+        return "off"
+    return "leg" if legs.searching[k - 1] or legs.searching[k] else "turn"
+
+
+def _turns(
+    name: str, port: tuple[float, float], way: Sequence[tuple[float, float]], time: np.datetime64, speed: float
+) -> list[Waypoint]:
+    """Return the turning points of a way by sea from a port to where it arrives at a time; of one to it at a negative speed.
+
+    Numbers run along the way that is sailed.
+    """
+    inner = list(way[1:-1] if len(way) and _same(way[0], port) else way[:-1])
+    found = []
+    for k, place in enumerate(inner):
+        rest = passage.way(list(way)[-(len(inner) - k) - 1 :])
+        if speed < 0:  # the time is that of the port
+            rest = passage.way([port, *list(way)[: len(way) - len(inner) + k]])
+        number = k + 1 if speed > 0 else len(inner) - k
+        found.append(
+            Waypoint(f"{name} {number:02d}", "way", time - np.timedelta64(round(rest / abs(speed)), "s"), *place)
+        )
+    return found
+
+
+def _same(a: tuple[float, float], b: tuple[float, float]) -> bool:
+    return float(sphere.distance(*np.radians(a), *np.radians(b))) < 1.0
 
 
 def transits(tasking: Tasking) -> list[Array]:
     """Return the ways out and home as great circles, each (n, 2) of lon, lat [deg]."""
-    ways = ((tasking.unit.base, begin(tasking)), (end(tasking), tasking.unit.return_to))
-    return [search_shapes.curve(*zip(*way, strict=True)) for way in ways if way[0] != way[1]]
+    unit = tasking.unit
+    ways = (tasking.out or (unit.base, begin(tasking)), tasking.back or (end(tasking), unit.return_to))
+    return [search_shapes.curve(*zip(*way, strict=True)) for way in ways if way[0] != way[-1]]
+
+
+def by_sea(tasking: Tasking) -> list[tuple[str, float, float]]:
+    """Return of a boat's ways out and home what each is called, its length [m] and the straight distance [m]."""
+    unit = tasking.unit
+    ways = (
+        ("Way out", tasking.out, unit.base, begin(tasking)),
+        ("Way home", tasking.back, unit.return_to, end(tasking)),
+    )
+    return [(told, passage.way(way), passage.way([port, place])) for told, way, port, place in ways if len(way) > 1]
+
+
+def round_length(tasking: Tasking) -> float:
+    """Return the length [m] of its ways round what cuts its legs."""
+    legs = tasking.sortie.legs
+    return 0.0 if legs is None else float(passage.lengths(legs)[~np.array(legs.searching, bool)].sum())
 
 
 def leg_length(tasking: Tasking) -> float:
     """Return the length [m] of its longest leg; 0 without legs."""
     legs = tasking.sortie.legs
-    return 0.0 if legs is None else float(passage.lengths(legs).max())
+    return 0.0 if legs is None else float(passage.lengths(legs)[np.array(legs.searching, bool)].max())
 
 
 def track_length(tasking: Tasking) -> float:
@@ -176,6 +228,12 @@ def _tasking(plan: Plan, name: str, one: Tasking) -> dict[str, Any]:
         "legs": one.legs,
         "leg_length_nmi": leg_length(one) / NMI,
         "track_nmi": track_length(one) / NMI,
+        "legs_cut": list(one.cut),
+        "round_nmi": round_length(one) / NMI,
+        "transit": [
+            {"way": told, "by_sea_nmi": way / NMI, "straight_nmi": straight / NMI}
+            for told, way, straight in by_sea(one)
+        ],
         "search_speed_kn": one.unit.search_speed / KNOT,
         "altitude_ft": one.unit.altitude / 0.3048,
         "sweep_width_nmi": {k: w / NMI for k, w in zip(plan.scenarios, one.sortie.sweep_width, strict=True)},

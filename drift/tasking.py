@@ -31,6 +31,11 @@ class Tasking:
     spacing: float  # [m] between tracks
     legs: int
     pos: float  # probability that it finds the object, given that all before it in the plan failed
+    out: tuple[
+        tuple[float, float], ...
+    ] = ()  # (lon, lat) [deg] of a boat's way by sea to where it commences; (): straight from its base
+    back: tuple[tuple[float, float], ...] = ()  # and from where its search ends
+    cut: tuple[int, ...] = ()  # numbers of the legs, from 1, that are cut at the coast, or go round it
 
 
 @dataclass(frozen=True)
@@ -58,5 +63,6 @@ class Plan:
     alternatives: tuple[Alternative, ...]
     scenarios: tuple[str, ...]
     idle: tuple[str, ...] = ()  # units that are not sent
+    said: tuple[str, ...] = ()  # of boats: how they leave harbour, and why one cannot get there
     made_on: Count | None = None  # how many of the particles that it was made on count
     scored_on: Count | None = None  # and of the case's own, when it begins

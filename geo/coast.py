@@ -146,6 +146,17 @@ def edges(coast: Coast) -> npt.NDArray[np.int32]:
     return out
 
 
+def covers(coast: Coast, box: Box) -> bool:
+    """Return whether the grid covers a box, so that land in it is land of the coast."""
+    if coast.nx << coast.shift == TURN:
+        wide = True
+    else:
+        west = (round(box.west * TURN / 360) - coast.lon0) % TURN
+        wide = west + round((box.east - box.west) * TURN / 360) <= coast.nx << coast.shift
+    south, north = (round(edge * TURN / 360) - coast.lat0 for edge in (box.south, box.north))
+    return wide and south >= 0 and north <= coast.ny << coast.shift
+
+
 def nearest_coast(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, float, float] | None:
     """Return (lon [deg], lat [deg], distance [m]) of the nearest point of the coast in the grid; None without coast.
 

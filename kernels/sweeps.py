@@ -23,18 +23,18 @@ def _exposure(
     cube: ti.template(), i: ti.i32, first: ti.i32, last: ti.i32, edges: ti.i32, time: ti.template(), x: ti.template(),
     y: ti.template(), value: ti.template(), node: ti.template(), table: ti.template(), scale: ti.f32,
 ):  # fmt: skip
-    """Return -log of the miss of nodes [first, last) of (time, x, y), and what finding the particle then is worth.
+    """Return -log of the miss of nodes [first, last) of (time, x, y, seeks), and what finding the particle then is worth.
 
     cube: the integral of ds / (2 r^3) instead, which scale leaves alone.
     """
     total, worth = 0.0, 0.0
     t = 0
-    while t < edges - 2 and time[t + 1] <= node[3 * first]:
+    while t < edges - 2 and time[t + 1] <= node[4 * first]:
         t += 1
     for k in range(first, last - 1):
-        begin, end = node[3 * k], node[3 * k + 3]
-        sx, sy = node[3 * k + 1], node[3 * k + 2]
-        vx, vy = (node[3 * k + 4] - sx) / (end - begin), (node[3 * k + 5] - sy) / (end - begin)
+        begin, end = node[4 * k], node[4 * k + 4]
+        sx, sy = node[4 * k + 1], node[4 * k + 2]
+        vx, vy = (node[4 * k + 5] - sx) / (end - begin), (node[4 * k + 6] - sy) / (end - begin)
         pace = ti.max(ti.sqrt(vx * vx + vy * vy), sweep.TINY)
         now = begin
         while now < end:
@@ -42,7 +42,7 @@ def _exposure(
             if t == edges - 2:
                 till = end
             here, there = value[i * edges + t], value[i * edges + t + 1]
-            if here >= 0.0 and there >= 0.0:
+            if here >= 0.0 and there >= 0.0 and node[4 * k + 3] > 0.0:
                 long = time[t + 1] - time[t]
                 px, py = x[i * edges + t], y[i * edges + t]
                 dx, dy = (x[i * edges + t + 1] - px) / long, (y[i * edges + t + 1] - py) / long
@@ -128,7 +128,7 @@ def _found(
             for k in range(nodes):
                 if ti.static(not cube) or k == 0:
                     h, worth = _exposure(
-                        cube, i, 0, node.shape[0] // 3, edges, time, x, y, value, node, table, 1.0 / (w * factor[k])
+                        cube, i, 0, node.shape[0] // 4, edges, time, x, y, value, node, table, 1.0 / (w * factor[k])
                     )
                     when[i] = ti.max(when[i], worth)
                 exponent = h
@@ -149,11 +149,11 @@ def gains(
 ) -> np.ndarray:  # fmt: skip
     """Return what each path finds, the sum of before * (worth - later) * (1 - miss) over particles and nodes, float64.
 
-    table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time [s], x, y [m]), straight in between,
-    searching all the way; what is far from all of one (FAR) is left out; width: sweep width [m] by scenario; factor: of it at each node; before, later: (m, nodes).
+    table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time [s], x, y [m], whether the
+    leg to the next one searches), straight in between; what is far from all of one (FAR) is left out; width: sweep width [m] by scenario; factor: of it at each node; before, later: (m, nodes).
     """
     start = np.concatenate([[0], np.cumsum([len(p) for p in paths])]).astype(np.int32)
-    extent = np.concatenate([_extent(p[:, 1:]) for p in paths]).astype(np.float32)
+    extent = np.concatenate([_extent(p[:, 1:3]) for p in paths]).astype(np.float32)
     m = particles.scenario.shape[0]
     sums = np.zeros(len(paths) * -(-m // BLOCK), np.float32)
     node, widths, factors, weight, rest = (

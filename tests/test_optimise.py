@@ -170,7 +170,7 @@ def test_rectangles_are_as_far_apart_as_shapely_says() -> None:
 
     def flown(k: slice) -> rectangle.Flown:
         zero = np.zeros(len(rows[k]))
-        return rectangle.Flown(zero, zero + 1, zero, zero, *sides[:, k], zero == 0)
+        return rectangle.Flown(zero, zero + 1, zero, zero, *sides[:, k], zero == 0, zero)
 
     def shape(k: int) -> shapely.Polygon:
         sin, cos = np.sin(rows[k, rectangle.TURN]), np.cos(rows[k, rectangle.TURN])
@@ -196,6 +196,7 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     node = np.array(
         [[600.0, -5000, -2000], [1400, 5000, -2000], [1500, 5000, -500], [2300, -5000, -500], [4000, 5000, 3000]]
     )
+    node = np.column_stack([node, np.ones(5)])
     width = 1500.0
     t = np.linspace(600.0, 4000.0, 17_001)  # a fifth of a second; turns fall on it
     apart = [
@@ -214,6 +215,12 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     )
     assert gains[0] == pytest.approx(chance.sum(), rel=1e-5)
     assert gains[1] < gains[0]
+    # A leg that does not search finds nothing: the exposures of the others add up
+    node[1, 3] = 0
+    parts = [sweeps.found(swarm, None, some, np.array([width]), np.ones(1))[0] for some in (node[:2], node[2:])]
+    both, _ = sweeps.found(swarm, None, node, np.array([width]), np.ones(1))
+    np.testing.assert_allclose(1 - both, (1 - parts[0]) * (1 - parts[1]), atol=2e-6)
+    assert both.sum() < chance.sum()
 
 
 def test_smeared_legs_are_the_mean_of_legs() -> None:

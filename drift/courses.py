@@ -1,0 +1,324 @@
+"""How a boat gets about: out of harbour, to where it searches, round what lies across its legs, and home.
+
+A boat keeps its distance from the shore, and from water that is too shallow for it, but where it leaves harbour: from a base that is
+too near to land it goes by the shortest way to the sea that it keeps to, and a base that the coast takes for land it leaves from
+the nearest water within HARBOUR. Aircraft fly straight on and need nothing of this.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from drift import seas, tables
+from drift.passage import Place
+from drift.seas import Sea
+from drift.sortie import Unit
+from drift.tracks import Plane
+from geo import sphere
+from geo.box import Box
+
+Array = npt.NDArray[Any]
+
+HARBOUR = 1852.0  # [m] from its base to where a boat takes to the water, at most
+ROOM = 0.56  # of the farthest straight way, about it: ways half as long again do not leave the region (an ellipse)
+LEAST_ROOM = 5_000.0  # [m]
+SCRAP = 100.0  # [m] pieces of legs that are shorter are left out
+FAR_ROUND = 3.0  # times the straight way and ROUND_MORE, beyond which the way to the next piece is not looked for
+ROUND_MORE = 4_000.0  # [m]
+SAMPLES = 7  # along each side of a rectangle, to tell how much of it is sea
+
+
+@dataclass(frozen=True)
+class Harbour:
+    """A place from which a boat sets out, or to which it returns, and how far all is from it."""
+
+    place: Place
+    approach: Array  # (k, 2) [m] way from where it takes to the water to where it is in the sea that it keeps to, at least that point
+    ashore: float  # [m] from the place to the first point of the approach
+    close: float  # [m] of the approach that are nearer to land, or shallower, than it keeps
+    far: Array  # (nodes,) [m] from the place
+    before: Array  # (nodes,) by which node
+    filled: Array  # (ny, nx) [m]
+
+
+@dataclass(frozen=True)
+class Course:
+    """The sea of a boat and its harbours."""
+
+    sea: Sea
+    out: Harbour
+    home: Harbour
+    box: Box  # of its region
+
+    def arrival(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
+        """Return the length [m] of the way from the base to positions [rad], on land that to the nearest water and on."""
+        x, y = self.sea.plane.flat(lon, lat)
+        points = np.column_stack([np.ravel(x), np.ravel(y)])
+        return seas.sampled(self.sea, self.out.filled, points).reshape(np.shape(x))
+
+    def share(self, lon: Array, lat: Array) -> Array:
+        """Return which share of positions [rad], (c, n), are at sea where it can get, (c,)."""
+        x, y = self.sea.plane.flat(lon, lat)
+        ny, nx = self.sea.open.shape
+        column, row = (
+            np.rint((v - w) / self.sea.step).astype(int) for v, w in ((x, self.sea.west), (y, self.sea.south))
+        )
+        inside = (column >= 0) & (column < nx) & (row >= 0) & (row < ny)
+        there = self.out.far[np.clip(row, 0, ny - 1) * nx + np.clip(column, 0, nx - 1)]
+        return np.asarray((inside & np.isfinite(there)).mean(axis=1))
+
+
+@dataclass(frozen=True)
+class Sailed:
+    """Legs cut at the coast and joined by ways round it."""
+
+    lon: Array  # (k,) [deg]
+    lat: Array
+    searching: Array  # bool (k - 1,)
+    elapsed: Array  # (k,) [s] since the first point
+    cut: tuple[int, ...]  # which of the legs it was given are cut, or left out, from 0
+
+
+def prepare(
+    unit: Unit, land: Callable[[Box], Array], places: Array, shallow: Callable[[Box], Array] | None = None
+) -> tuple[Course | None, str]:
+    """Return a boat's course to where it may have to search, and what to say of it; None where no land is near.
+
+    land: returns the polygons [deg] of the land in a box; places: (n, 2) lon, lat [deg] of the region that it may search; shallow: likewise of
+    what is too shallow for it.
+    Raises ValueError where it cannot get there by sea, saying why.
+    """
+    ends = np.array([unit.base, unit.return_to])
+    every = np.radians(np.concatenate([ends, places]))
+    vector = np.stack(
+        [np.cos(every[:, 1]) * np.cos(every[:, 0]), np.cos(every[:, 1]) * np.sin(every[:, 0]), np.sin(every[:, 1])]
+    )
+    x, y, z = vector.mean(axis=1)
+    plane = Plane(math.atan2(y, x), math.atan2(z, math.hypot(x, y)))
+    flat = np.column_stack(plane.flat(*every.T))
+    away = np.hypot(*(flat[None, 2:] - flat[:2, None]).T).max()
+    room = max(ROOM * float(away), LEAST_ROOM)
+    where = seas.region(plane, flat, room)
+    polygons = land(where.box)
+    shoals = None if shallow is None else shallow(where.box)
+    sea = seas.build(polygons, where, unit.clear_of_land, shoals)
+    if sea is None:
+        return None, ""
+    close = sea
+    if sea.keeps > seas.CLEAR or (shoals is not None and len(shoals)):
+        close = seas.build(polygons, where) or seas.build(polygons, where, 0.0, shoals) or sea
+    main = _main(sea, flat[2:])
+    out, home = (_harbour(sea, close, place, main) for place in (unit.base, unit.return_to))
+    said = [_said("leaves", out, sea)]
+    if unit.return_to != unit.base:
+        said.append(_said("returns to", home, sea))
+    return Course(sea, out, home, where.box), " ".join(words for words in said if words)
+
+
+def _main(sea: Sea, targets: Array) -> Array:
+    """Return the nodes of the water in which most of some places [m] lie, bool (nodes,)."""
+    ny, nx = sea.open.shape
+    column, row = (np.rint((targets[:, k] - (sea.west, sea.south)[k]) / sea.step).astype(int) for k in (0, 1))
+    node = np.clip(row, 0, ny - 1) * nx + np.clip(column, 0, nx - 1)
+    node = node[sea.open.ravel()[node]]
+    part = np.bincount(sea.part[node]) if node.size else np.bincount(sea.part[sea.open.ravel()])
+    return np.asarray((sea.part == int(part.argmax())) & sea.open.ravel())
+
+
+def _harbour(sea: Sea, close: Sea, place: Place, main: Array) -> Harbour:
+    """Return a harbour; raise ValueError where it has no way to the water of `main`."""
+    point = sea.flat(*np.array([place]).T)[0]
+    node, approach, ashore = seas.joined(sea, np.where(main, 0.0, np.inf), point), point[None], 0.0
+    if node is None:
+        # Through narrower waters than it keeps to, where there are such
+        there = np.isin(close.part, np.unique(close.part[main])) & close.open.ravel()
+        node = seas.joined(close, np.where(there, 0.0, np.inf), point)
+        if node is None:
+            node = _nearest(close, there, point)
+            ashore = math.inf if node is None else float(seas.apart(sea, point[None], _node(sea, node)[None])[0])
+            if node is None or ashore > max(HARBOUR, 3 * sea.step):
+                raise ValueError(
+                    f"no way by sea leads from {tables.position(*place)} to where it is to search: the nearest water from which one does is "
+                    f"{ashore / 1852:.1f} nmi away, and it may be {HARBOUR / 1852:.0f} nmi"
+                )
+            approach = _node(sea, node)[None]
+        far, before = seas.distances(close, node)
+        gate = int(np.argmin(np.where(main, far, np.inf)))
+        approach = seas.pulled(close, np.concatenate([approach, seas.along(close, before, gate)]))
+        node = gate
+    narrow = seas.length(sea, approach)
+    straight = float(np.hypot(*(_node(sea, node) - approach[-1])))
+    far, before = seas.distances(sea, node)
+    far = far + (ashore + narrow + straight)
+    # Where nothing is in the way the straight line is known: shorter than that over the nodes
+    direct = ashore + narrow + np.hypot(*(sea.nodes - approach[-1]).T)
+    known = np.where(np.isfinite(far) & seas.seen(sea, approach[-1]), np.minimum(far, direct), far)
+    return Harbour(place, approach, ashore, narrow, far, before, seas.filled(sea, known))
+
+
+def _nearest(sea: Sea, nodes: Array, point: Array) -> int | None:
+    """Return the nearest of some nodes, bool (nodes,), to a point [m]."""
+    some = np.flatnonzero(nodes)
+    if not some.size:
+        return None
+    return int(some[np.argmin(np.hypot(*(sea.nodes[some] - point).T))])
+
+
+def _node(sea: Sea, node: int) -> Array:
+    nx = sea.open.shape[1]
+    return np.array([sea.west + sea.step * (node % nx), sea.south + sea.step * (node // nx)])
+
+
+def _said(verb: str, one: Harbour, sea: Sea) -> str:
+    """Return what is to be told of a harbour."""
+    told = []
+    if one.ashore > 2 * sea.step:
+        told.append(
+            f"{verb} the nearest water, {one.ashore / 1852:.2f} nmi off: {tables.position(*one.place)} is land on this coast, or too near to it."
+        )
+    if one.close > 2 * sea.step:
+        told.append(
+            f"{one.close / 1852:.1f} nmi of its way out of harbour, or in, are nearer to land, or shallower, than it keeps."
+        )
+    return " ".join(told)
+
+
+def way(course: Course, harbour: Harbour, point: Place) -> Array | None:
+    """Return the way (k, 2) of lon, lat [deg] from a harbour to a position [deg]; None without one."""
+    sea = course.sea
+    end = sea.flat(*np.array([point]).T)[0]
+    node = seas.joined(sea, harbour.far, end)
+    if node is None:
+        return None
+    nodes = seas.along(sea, harbour.before, node)
+    found = seas.pulled(sea, np.concatenate([harbour.approach[-1:], nodes, end[None]]))
+    return _unwrapped(sea.round(np.concatenate([harbour.approach[:-1], found])))
+
+
+def both(course: Course, first: Place, last: Place) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+    """Return the ways from the base to a position [deg], and from another to where a boat returns.
+
+    Of a position where it cannot get (the centre of an area without legs, on an island), to the nearest place where it can.
+    """
+    made = []
+    for harbour, place in ((course.out, first), (course.home, last)):
+        found = way(course, harbour, place)
+        if found is None:
+            point = course.sea.flat(*np.array([place]).T)[0]
+            node = _nearest(course.sea, np.isfinite(harbour.far), point)
+            assert node is not None  # the harbour's own
+            x, y = course.sea.round(_node(course.sea, node)[None])[0]
+            found = way(course, harbour, (float(x), float(y)))
+        assert found is not None
+        made.append(tuple((float(x), float(y)) for x, y in found))
+    return made[0], made[1][::-1]
+
+
+def distance(course: Course, harbour: Harbour, point: Place) -> float:
+    """Return a length [m] that the way from a harbour to a position [deg] does not exceed; inf without a way."""
+    end = course.sea.flat(*np.array([point]).T)[0]
+    node = seas.joined(course.sea, harbour.far, end)
+    if node is None:
+        return math.inf
+    gate = harbour.approach[-1]
+    if seas.clear(course.sea, gate[None], end[None])[0]:
+        return harbour.ashore + harbour.close + float(np.hypot(*(end - gate)))
+    return float(harbour.far[node] + np.hypot(*(_node(course.sea, node) - end)))
+
+
+def crosses(course: Course, lon: Array, lat: Array) -> bool:
+    """Whether legs through points [deg] come near to land, or lead out of the region."""
+    points = course.sea.flat(lon, lat)
+    hull = shapely.MultiPoint(points).convex_hull
+    return not course.sea.holds(points) or bool(course.sea.tree.query(hull, predicate="intersects").size)
+
+
+def sail(course: Course, lon: Array, lat: Array, search_speed: float, transit_speed: float) -> Sailed | None:
+    """Return legs through points [deg] as a boat can sail them; None where it can sail none of them.
+
+    A piece is left out where it is shorter than SCRAP, where going to it takes longer than searching it, and where no way is near.
+    """
+    sea = course.sea
+    if not sea.holds(sea.flat(lon, lat)):
+        return None
+    points: list[Array] = []
+    searching: list[bool] = []
+    cut: list[int] = []
+    last = -1
+    for k, pieces in enumerate(_pieces(sea, lon, lat)):
+        if len(pieces) != 1 or not pieces[0][1]:
+            cut.append(k)
+        for piece, _ in pieces:
+            size = float(np.hypot(*(piece[1] - piece[0])))
+            if size < SCRAP and len(pieces) > 1:
+                continue
+            if not points:
+                if not math.isfinite(distance(course, course.out, tuple(sea.round(piece[:1])[0]))):
+                    continue
+                points.append(piece[0])
+            elif (apart := float(np.hypot(*(piece[0] - points[-1])))) > 1.0:
+                most = min(FAR_ROUND * apart + ROUND_MORE, size / search_speed * transit_speed)
+                found = seas.near(sea, points[-1], piece[0], most, blocked=last == k)
+                if found is None:
+                    cut.append(k)
+                    continue
+                points += list(found[1:])
+                searching += [False] * (len(found) - 1)
+            points.append(piece[1])
+            searching.append(True)
+            last = k
+    if not any(searching):
+        return None
+    seen = np.array(searching)
+    place = _unwrapped(sea.round(np.array(points)))
+    steps = sphere.distance(*np.radians(place[:-1].T), *np.radians(place[1:].T))
+    # Whole seconds, as a case file has them, so that what is scored is what is told
+    lasts = np.maximum(np.ceil(steps / np.where(seen, search_speed, transit_speed)), 1.0)
+    elapsed = np.concatenate([[0.0], np.cumsum(lasts)])
+    return Sailed(place[:, 0], place[:, 1], seen, elapsed, tuple(sorted(set(cut))))
+
+
+def _pieces(sea: Sea, lon: Array, lat: Array) -> list[list[tuple[Array, bool]]]:
+    """Return for each leg its pieces that are clear, as their ends (2, 2) [m] and whether the piece is the whole leg."""
+    found = []
+    for k in range(len(lon) - 1):
+        x, y = sphere.track(np.radians(lon[k : k + 2]), np.radians(lat[k : k + 2]), seas.PIECE)
+        line = shapely.LineString(np.column_stack(sea.plane.flat(x, y)))
+        met = sea.tree.query(line, predicate="intersects")
+        whole = np.array([line.coords[0], line.coords[-1]])
+        if not met.size:
+            found.append([(whole, True)])
+            continue
+        rest = shapely.get_parts(shapely.difference(line, shapely.union_all(sea.skin[met])))
+        ends = [np.array([part.coords[0], part.coords[-1]]) for part in rest if part.length > 0]
+        found.append([(end, False) for end in sorted(ends, key=lambda end: float(np.hypot(*(end[0] - whole[0]))))])
+    return found
+
+
+def _unwrapped(place: Array) -> Array:
+    """Return positions (k, 2) [deg] with longitudes that run on."""
+    return np.column_stack([np.degrees(np.unwrap(np.radians(place[:, 0]))), place[:, 1]])
+
+
+def on_land(polygons: Array, lon: npt.ArrayLike, lat: npt.ArrayLike) -> float:
+    """Return how many metres of a way of great circles through positions [deg] lie on land: polygons [deg], by Shapely."""
+    x, y = sphere.track(np.radians(lon), np.radians(lat), 500.0)
+    x = np.degrees(np.unwrap(x))
+    line = np.column_stack([x, np.degrees(y)])
+    total = 0.0
+    for turn in (-360.0, 0.0, 360.0):
+        way = shapely.LineString(line + np.array([turn, 0.0]))
+        near = polygons[shapely.intersects(shapely.box(*way.bounds), polygons)] if len(polygons) else polygons
+        dry = shapely.intersection(way, near)
+        for part in shapely.get_parts(shapely.get_parts(dry)):
+            a = np.radians(np.array(part.coords))
+            if len(a) > 1:
+                total += float(sphere.distance(*a[:-1].T, *a[1:].T).sum())
+            elif len(a) == 1:
+                total += 1e-3  # it touches
+    return total

@@ -1,0 +1,101 @@
+"""Where water is too shallow for a boat: from a grid of depths or elevations in a netCDF file.
+
+Between the points of the grid water is taken to be as shallow as the shallowest of the four round it, and shallow where one has no
+value: never deeper than the grid says. Beyond the grid nothing is known, and nothing is shut. Tides are not known: depths are below
+the datum of the grid.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from geo.box import Box
+from geo.errors import UserError
+
+Array = npt.NDArray[Any]
+
+UP = ("height", "altitude", "elevation", "topography")
+DOWN = ("depth", "bathymetry")
+
+
+@dataclass(frozen=True)
+class Depth:
+    """Where depths come from."""
+
+    file: str  # absolute path
+    variable: str | None = None  # None: the only one on latitude and longitude
+    positive: Literal["up", "down"] | None = None  # None: as the file says
+
+
+def shoals(source: Depth, box: Box, draught: float) -> Array:
+    """Return polygons [deg] of what is shallower than a draught [m] in a box, or not known within the grid."""
+    import xarray as xr
+
+    try:
+        with xr.open_dataset(source.file) as data:
+            lon, lat, depth = _grid(data, source)
+            # At the turn that the box is written in
+            lon = box.west + (lon - box.west) % 360
+            order = np.argsort(lon)
+            columns = order[(lon[order] <= box.east)]
+            rows = np.flatnonzero((lat >= box.south) & (lat <= box.north))
+            if len(rows) < 2 or len(columns) < 2:
+                return np.empty(0, object)
+            values = np.asarray(depth.isel({depth.dims[0]: rows, depth.dims[1]: columns}).values, np.float64)
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        raise UserError(
+            f'[depth]: "{source.file}" cannot be read ({str(error).splitlines()[0]}); give a netCDF grid'
+        ) from None
+    if _sign(depth, source) == "up":
+        values = -values
+    shallow = ~(values >= draught)
+    cell = shallow[:-1, :-1] | shallow[1:, :-1] | shallow[:-1, 1:] | shallow[1:, 1:]
+    x, y = lon[columns], lat[rows]
+    step = np.median(np.diff(x))
+    cell &= (np.diff(x) < 2.5 * step)[None, :]  # over a gap between the grid's ends nothing is known
+    edge = np.diff(np.pad(cell, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, first = np.nonzero(edge == 1)
+    last = np.nonzero(edge == -1)[1]
+    low, high = np.minimum(y[row], y[row + 1]), np.maximum(y[row], y[row + 1])
+    return np.asarray(shapely.box(x[first], low, x[last], high))
+
+
+def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
+    """Return longitudes, latitudes [deg] and the variable, (lat, lon)."""
+    axes = {}
+    for name, letters in (("lat", "lat"), ("lon", "lon")):
+        found = [c for c in data.variables if str(c).lower().startswith(letters) and data[c].ndim == 1]
+        if len(found) != 1:
+            raise UserError(
+                f'[depth]: "{source.file}" has no one-dimensional {name}; give a grid on latitude and longitude'
+            )
+        axes[name] = found[0]
+    dims = tuple(data[axes[name]].dims[0] for name in ("lat", "lon"))
+    known = [str(v) for v in data.data_vars if set(data[v].dims) == set(dims)]
+    name = source.variable or (known[0] if len(known) == 1 else "")
+    if name not in known:
+        said = (
+            f'no variable "{source.variable}"' if source.variable else f"{len(known)} variables, and variable says none"
+        )
+        raise UserError(
+            f'[depth]: "{source.file}": {said}; those on its latitude and longitude: {", ".join(known) or "none"}'
+        )
+    lon, lat = (np.asarray(data[axes[k]].values, np.float64) for k in ("lon", "lat"))
+    return lon, lat, data[name].transpose(*dims)
+
+
+def _sign(variable: Any, source: Depth) -> str:
+    """Return whether a variable counts up or down from the sea's surface."""
+    words = " ".join(str(variable.attrs.get(key, "")) for key in ("standard_name", "long_name")) + f" {variable.name}"
+    told: str = source.positive or str(variable.attrs.get("positive", "")).lower()
+    if told in ("up", "down"):
+        return told
+    up, down = (any(word in words.lower() for word in kind) for kind in (UP, DOWN))
+    if up == down:
+        raise UserError(
+            f'[depth]: "{source.file}": nothing says whether {variable.name} counts up (elevation) or down (depth); give positive = "up" or "down"'
+        )
+    return "up" if up else "down"
