@@ -4,7 +4,7 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -158,7 +158,8 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
                     begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch, search
                 )
                 snapshots = stack.enter_context(Spool(case, begin.ensemble, moments))
-            _check_lost(case, where, begin, snapshots[-1])
+            known = snapshots[-1].probability if search is None else record.shares(search.unsearched)
+            _check_lost(case, where, begin, replace(snapshots[-1], probability=known))
             return Drifted(begin, snapshots, landings, search.updates if search else None)
 
         done, after = drifted(begin), None
@@ -272,8 +273,12 @@ def trace(
 
 
 def _check_lost(case: Case, where: Environment, begin: Start, end: Snapshot) -> None:
-    """Refuse a run that lost more than the case allows."""
-    by_status = record.account(begin.ensemble, end.status).by_status.sum(axis=0)
+    """Refuse a run that lost more than the case allows.
+
+    end: weighted as if no sortie had been flown. What is lost is a matter of the motion: a good search that finds nothing leaves what it
+    could not reach, and is not to be refused for that.
+    """
+    by_status = np.bincount(end.status, end.probability, len(Status))
     lost = {status: float(by_status[status]) for status in LOST}
     if sum(lost.values()) <= case.max_lost:
         return
