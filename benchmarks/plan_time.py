@@ -8,6 +8,7 @@ as long as told and compares the best of these with the first. Nothing else shou
 
 import argparse
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -94,7 +95,7 @@ def main() -> None:
         table.add_row("imports, files, pictures", f"{wall - sum(phases.values()):.1f}")
         table.add_row("wall", f"{wall:.1f}")
         show.print(table)
-        show.print(f"POS {plan['pos']:.4f}, optimism {plan['optimism']:.4f}, bound {plan['bound']:.4f}")
+        show.print(f"POS {plan['pos']:.4f}, optimism {plan['optimism']:.4f}, bound {plan['bound'] or math.nan:.4f}")
         if given.minutes <= 0:
             return
         runtime.start("cpu", given.threads)

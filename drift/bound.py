@@ -1,29 +1,30 @@
 """How much a plan could find at the most: what effort that can be divided at will would find.
 
-Effort f [s] of search by unit, time bin and cell gives every particle i in the cell the coverage W_i v f / area, W that of its own
-scenario, v the unit's speed past it. Its chance of being found is b(C_i), C_i all its coverage, b the concave curve above every
-mix of the plan's laws (drift.concave): P(f) = sum of w_i b(C_i) is concave. When being found is worth less later, a_i(t), what is
-found is sum over i and t of w_i a_i(t) (b(C_i(t)) - b(C_i(t - 1))) = sum of w_i (a_i(t) - a_i(t + 1)) b(C_i(t)): concave too.
+Effort f [s] of search by unit, time bin and box gives every particle i in the box the coverage f W_i (v + s_i) / area, W that of its
+own scenario, v the unit's speed and s_i the particle's: a leg against its drift. Its chance of being found is at most b(C_i), C_i all its
+coverage, b the concave curve above whatever legs find (drift.concave): P(f) = sum of w_i b(C_i) is concave. When being found is worth less
+later, a_i(t), what is found is sum over i and t of w_i (a_i(t) - a_i(t + 1)) b(C_i(t)): concave too.
 
-No plan exceeds, for any slopes y, sum of w_i b*(y_i) + max over g of sum of w_i y_i C_i(g), b*(y) = max over C of b(C) - y C
-(Fenchel; with y = b'(C_i(f)) it is P(f) + max over g of <P'(f), g - f>, the duality gap of Frank and Wolfe 1956). The maximum is
-a knapsack: a unit spends its time in the bins whose best cell gains most. f is found by projected gradients with momentum (Beck and
-Teboulle 2009, doi:10.1137/080716542), which need tens of steps where Frank and Wolfe's own need thousands.
+For any slopes y no plan exceeds the sum of w_i b*(y_i) + max over g of sum of w_i y_i C_i(g), b*(y) = max over C of b(C) - y C
+(Fenchel; with y = b'(C_i(f)) it is P(f) + max over g of <P'(f), g - f>, the duality gap of Frank and Wolfe 1956). The maximum takes
+only, at each time, the greatest density of particles weighted by y: a unit spends its time in the bins whose best box gains most. f is
+found by projected gradients with momentum (Beck and Teboulle 2009, doi:10.1137/080716542).
 
-The bound is one for the laws as laws of coverage: where probability changes within a track spacing, legs laid on particles may
-exceed it. It grows with noise: too few particles a cell look like places worth a visit.
+What is taken for granted: a particle goes straight from one time of its track to the next; its density is even within a box; and in
+a bin of time the greatest densities are at most those when the cloud is densest. Boxes are drawn as tight as the particles in them, so that
+density is rather too high than too low, and bins are as short as the particles' motion against each other asks for. Both errors are of second order
+in the size of boxes and bins, and noise outweighs them: too few particles a box look like places worth a visit, which raises the bound.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from drift import concave, quadtree, reach
+from drift import boxes, concave, reach
 from drift import tracks as record
-from drift.quadtree import Quadtree
 from drift.sortie import PlanSpec, Survival, Unit
 from drift.tracks import Tracks
 from geo import sphere
@@ -31,23 +32,29 @@ from kernels import allocate
 
 Array = npt.NDArray[Any]
 
-BINS = 6  # of time at most: more let effort follow the noise of cells that particles pass through
-CELLS = 160  # a bin, about twice that in all: on a circular normal 0.3 % too low, where a sharp edge is best 1 %
-LEAST = 256.0  # effective particles in a cell before it is divided
-PATIENCE = 25  # steps without a better bound
-STEPS = 150  # at most
+BOXES = 160  # a bin, at least, where there are particles enough
+LEAST = 16.0  # effective particles in a box before it is divided: fewer tell nothing of its density
+FEWEST, MOST = 6, 24  # bins of time
+STRAIN = 0.5  # sides of a box that its particles move apart in a bin, unless that takes too many bins
+TRIAL = 4096  # particles on which that is measured
+SMALLEST = 0.03  # sweep widths: the side of the smallest box, which a single pass covers
+PATIENCE = 25  # steps without a better bound or better effort
+STEPS = 500  # at most
+FEW = 1000.0  # effective particles: on a circular normal, fewer leave the bound up to 3 % too low
+NEARLY = 0.995
+UNSURE = 0.05  # standard error of the bound less what the plan is worth
 EASE = 0.95  # by which the curvature is tried lower after each step
 ENOUGH = 0.001  # by which the bound may exceed the best that was found
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What effort may be spent. Arrays by cell and unit, or by bin and unit [s]."""
+    """What effort may be spent. Arrays by box and unit, or by bin and unit [s]."""
 
-    start: Array  # int64 (b + 1,) first cell of each bin
+    start: Array  # int64 (b + 1,) first box of each bin
     most: Array  # (b, units) in a bin
     total: Array  # (units,) in all
-    open: Array  # bool (cells, units): it can be there in that bin
+    open: Array  # bool (boxes, units): it can be there in that bin
 
 
 @dataclass(frozen=True)
@@ -55,48 +62,69 @@ class Bound:
     """No plan finds more than `value`."""
 
     value: float
-    moved: float  # by how much more it is, on average, for half the particles: by that much noise has raised it
     spread: float  # what the divided effort finds, on the particles that it was found on
-    effort: Array  # float64 [s] (cells, units)
-    cells: Quadtree
+    effort: Array  # float64 [s] (boxes, units)
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Particles (m) at one time in each bin (b), on a plane."""
+
+    edge: Array  # float64 [s since 1970] (b + 1,)
+    x: Array  # float64 [m] (b, m)
+    y: Array
+    there: Array  # bool (b, m): it can be found in the bin
+    pace: Array  # float64 [m/s] (b, m) the fastest that it is in the bin
 
 
 def bound(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]) -> Bound:
     """Return the upper bound of what any plan of these units, laws and times finds on these tracks."""
-    tracks = record.coarser(record.sort(tracks), BINS)
-    x, y = _middles(tracks, record.plane(tracks))
-    effective = float(1 / np.sum(tracks.weight**2))
-    cells = quadtree.grow(x, y, tracks.weight, max(effective / CELLS, LEAST))
-    whole = ascend(*_field(tracks, units, spec, survival, cells), cells)
-    half = [again(whole, part, units, spec, survival).value for part in record.halves(tracks)]
-    return replace(whole, moved=max(sum(half) / 2 - whole.value, 0.0))
+    some = np.flatnonzero(tracks.weight > 0)
+    tracks = record.sort(record.take(tracks, some, tracks.weight[some]))
+    field, budget, area = _field(tracks, units, spec, survival)
+    return ascend(field, budget, area)
 
 
-def again(
-    found: Bound, tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
-) -> Bound:
-    """Return the bound on other tracks of the same times, in the cells of one that was found, on from its effort."""
-    field, budget = _field(record.coarser(record.sort(tracks), BINS), units, spec, survival, found.cells)
-    return ascend(field, budget, found.cells, found.effort)
+def silent(value: float, effective: float, error: float, seen: float, scored: float) -> str:
+    """Return why a bound tells nothing, in a few words; "" where it does.
+
+    effective: particles that it was found on count as so many; seen: what the plan finds of them; scored: what it finds of others; error: standard error
+    of value less scored.
+    """
+    if effective < FEW:
+        return f"only {effective:,.0f} particles count, too few to tell"
+    if value > NEARLY:
+        return "effort that is divided at will would find nearly all"
+    if error > UNSURE:
+        return f"sampling leaves it unsure by {2 * error:.2f}"
+    if seen > value or scored > value + 2 * error:
+        return "this plan finds more than was reckoned for any"
+    return ""
 
 
-def worth(tracks: Tracks, survival: Sequence[Survival | None], objective: str) -> Array:
-    """Return what finding each particle at the bin edges is worth, (b + 1, m): 1, or its chance of being alive."""
-    value = np.ones((tracks.bins + 1, tracks.m))
+def worth(
+    tracks: Tracks, survival: Sequence[Survival | None], objective: str, time: Array | None = None
+) -> Array:
+    """Return what finding each particle is worth at times (k) [s since 1970], (k, m): 1, or its chance of being alive.
+
+    time: the tracks' own unless told.
+    """
+    time = tracks.time if time is None else time
+    value = np.ones((len(time), tracks.m))
     if objective == "alive":
         for s, life in enumerate(survival):
             if life is not None:
                 own = tracks.scenario == s
-                value[:, own] = life.alive(np.maximum(tracks.time[:, None] - tracks.release[own], 0.0))
+                value[:, own] = life.alive(np.maximum(time[:, None] - tracks.release[own], 0.0))
     return value
 
 
-def ascend(field: allocate.Field, budget: Budget, cells: Quadtree, begin: Array | None = None) -> Bound:
-    """Return the bound and the effort that finds most, from `begin` or nothing, by accelerated projected gradients."""
-    area = cells.area[:, None]
+def ascend(field: allocate.Field, budget: Budget, areas: Array) -> Bound:
+    """Return the bound and the effort that finds most, by accelerated projected gradients; areas [m2] of the boxes."""
+    area = areas[:, None]
     curvature = _curvature(field, area)
     best, least = 0.0, 1.0
-    effort = ahead = kept = np.zeros((len(area), field.units)) if begin is None else begin
+    effort = ahead = kept = np.zeros((len(area), field.units))
     t, stiff, last = 1.0, 1.0, 0
     for k in range(STEPS):
         value, rest = field.spend(ahead / area)
@@ -116,6 +144,7 @@ def ascend(field: allocate.Field, budget: Budget, cells: Quadtree, begin: Array 
             stiff *= 2
         stiff *= EASE
         if found > best:
+            last = k if found > best + ENOUGH / 10 else last
             best, kept = found, new
         after = (1 + np.sqrt(1 + 4 * t * t)) / 2
         if np.sum((ahead - new) * curvature * (new - effort)) > 0:  # momentum leads astray: O'Donoghue and Candes 2015
@@ -124,48 +153,118 @@ def ascend(field: allocate.Field, budget: Budget, cells: Quadtree, begin: Array 
             ahead = _shrink(np.maximum(new + (t - 1) / after * (new - effort), 0.0), budget)
             t = after
         effort = new
-    return Bound(least, 0.0, best, kept, cells)
-
-
-def _middles(tracks: Tracks, plane: record.Plane) -> tuple[Array, Array]:
-    """Return (x, y) [m] of the particles in the middle of each bin, (b, m)."""
-    x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
-    return (x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2
+    return Bound(least, best, kept)
 
 
 def _field(
-    tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None], cells: Quadtree
-) -> tuple[allocate.Field, Budget]:
-    """Return the particles in the cells, and what may be spent there."""
+    tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
+) -> tuple[allocate.Field, Budget, Array]:
+    """Return the particles in boxes, what may be spent there, and the boxes' areas [m2]."""
     plane = record.plane(tracks)
-    x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
-    length = np.diff(tracks.time)[:, None]
-    pace2 = (np.diff(x, axis=0) ** 2 + np.diff(y, axis=0) ** 2) / length**2
-    leaf = cells.find((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2)
-    leaf[~(tracks.adrift[1:] | tracks.adrift[:-1])] = -1
-    value = worth(tracks, survival, spec.objective)[:-1]  # at the bins' begin: later in the bin it is no more
+    bins = _bins(tracks, plane)
+    effective = float(1 / np.sum(tracks.weight**2))
+    of, made = np.full(bins.there.shape, -1), []
+    for t, there in enumerate(bins.there):
+        if there.any():
+            made.append(boxes.grow(bins.x[t, there], bins.y[t, there], tracks.weight[there], max(effective / BOXES, LEAST)))
+            of[t, there] = sum(one.count for one in made[:-1]) + made[-1].of
+        else:  # nobody to be found: a box of nobody
+            made.append(boxes.Boxes(np.zeros(0, np.int64), np.zeros((1, 2)), np.zeros((1, 2))))
+    start = np.concatenate([[0], np.cumsum([one.count for one in made])])
+    widths = np.array([unit.sweep_width for unit in units]).T
+    smallest = SMALLEST * float(widths.min(where=widths > 0, initial=np.inf) if (widths > 0).any() else 1.0)
+    area = np.concatenate([np.prod(np.maximum(one.high - one.low, smallest), axis=1) for one in made])
+    value = worth(tracks, survival, spec.objective, bins.edge[:-1])  # later in the bin it is no more
     fall = value - np.concatenate([value[1:], np.zeros((1, tracks.m))])
     groups = {unit.group or unit.name: unit.shape for unit in units}
-    shapes: list[float] = list(groups.values())
-    curve = concave.curve(list(dict.fromkeys(unit.law for unit in units)), shapes)
+    curve = concave.curve(list(dict.fromkeys(unit.law for unit in units)), list(groups.values()))
     field = allocate.Field(
-        leaf, len(cells.code), fall, pace2, tracks.scenario, tracks.weight,
-        np.array([[unit.sweep_width[s] * unit.search_speed for unit in units] for s in range(len(units[0].sweep_width))]),
-        np.array([unit.search_speed for unit in units]), (curve.value, curve.slope, curve.conjugate), concave.STEP,
+        of, len(area), fall, bins.pace, tracks.scenario, tracks.weight, widths * np.array([unit.search_speed for unit in units]),
+        [0.0 if unit.law.kind == "random" else 1 / unit.search_speed for unit in units],  # its effort is over the ground
+        (curve.value, curve.slope, curve.conjugate), concave.STEP,
     )  # fmt: skip
-    return field, _budget(tracks, units, spec, cells, plane)
+    return field, _budget(tracks, units, spec, bins, made, start, plane), area
 
 
-def _budget(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, cells: Quadtree, plane: record.Plane) -> Budget:
-    lon, lat = plane.round(*cells.centre())
-    begin, end = tracks.time[:-1][cells.bin], tracks.time[1:][cells.bin]
-    spare = np.zeros((len(lon), len(units)))
-    total = np.zeros(len(units))
+def _bins(tracks: Tracks, plane: record.Plane) -> Bins:
+    """Return bins as short as the particles' motion against each other asks for, each when the cloud is densest in it."""
+    x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
+    time, long = tracks.time, np.diff(tracks.time)
+    side, apart = _strain(tracks, x, y)
+    # While sides grow from a to b and particles move apart by d, in sides they do by the integral of d / (a + (b - a) s).
+    ratio = side[1:] / side[:-1]
+    rise = np.where(np.abs(ratio - 1) > 1e-6, np.log(ratio) / np.where(ratio == 1, 1, ratio - 1), 1.0)
+    strain = apart / side[:-1] * rise
+    count = int(np.clip(np.ceil(strain.sum() / STRAIN), FEWEST, MOST))
+    rest = STRAIN * FEWEST * long / long.sum()  # so that no bin is too long for the units' own times
+    done = np.concatenate([[0.0], np.cumsum(strain + rest)])
+    goal = np.linspace(0, done[-1], count + 1)[1:-1]
+    k = np.clip(np.searchsorted(done, goal, side="right") - 1, 0, len(long) - 1)
+    share = (goal - done[k]) / (done[k + 1] - done[k])
+    grown = np.where(np.abs(ratio[k] - 1) > 1e-6, (ratio[k] ** share - 1) / np.where(ratio[k] == 1, 1, ratio[k] - 1), share)
+    edge = np.concatenate([time[:1], time[k] + grown * long[k], time[-1:]])
+    speed = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)) / long[:, None]
+    shape = (len(edge) - 1, tracks.m)
+    bins = Bins(edge, np.empty(shape), np.empty(shape), np.zeros(shape, bool), np.empty(shape))
+    for t in range(len(edge) - 1):
+        first = min(int(np.searchsorted(time, edge[t], side="right")) - 1, len(long) - 1)
+        last = max(int(np.searchsorted(time, edge[t + 1], side="left")), first + 1)
+        when = np.concatenate([edge[t : t + 2], time[first + 1 : last]])
+        at = float(when[np.argmin(np.interp(when, time, side))])
+        j = min(int(np.searchsorted(time, at, side="right")) - 1, len(long) - 1)
+        part = (at - time[j]) / long[j]
+        bins.x[t], bins.y[t] = (v[j] + part * (v[j + 1] - v[j]) for v in (x, y))
+        bins.there[t] = tracks.adrift[first : last + 1].any(axis=0)
+        bins.pace[t] = speed[first:last].max(axis=0)
+    return bins
+
+
+def _strain(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the mean side of boxes at each time of the tracks [m], and by how much particles move apart in them until the next."""
+    tick = np.cumsum(tracks.weight)
+    few = np.minimum(np.searchsorted(tick, (np.arange(TRIAL) + 0.5) / TRIAL * tick[-1]), tracks.m - 1)
+    few = np.unique(few)
+    weight = np.ones(len(few))
+    side, apart = np.empty(len(x)), np.empty(len(x) - 1)
+    for t in range(len(x)):
+        one = boxes.grow(x[t, few], y[t, few], weight, max(len(few) / BOXES, 8.0))
+        count = np.bincount(one.of)
+        side[t] = np.sqrt(max(len(few) / np.sum(count / np.maximum(one.area, 1.0)), 1.0))
+        if t < len(x) - 1:
+            total = 0.0
+            for v in (x, y):
+                way = v[t + 1, few] - v[t, few]
+                own = way - (np.bincount(one.of, way) / count)[one.of]
+                total += float(own @ own) / len(few)
+            apart[t] = np.sqrt(total / 2)
+    return side, apart
+
+
+def _budget(
+    tracks: Tracks,
+    units: Sequence[Unit],
+    spec: PlanSpec,
+    bins: Bins,
+    made: Sequence[boxes.Boxes],
+    start: Array,
+    plane: record.Plane,
+) -> Budget:
+    bin_of = np.repeat(np.arange(len(made)), np.diff(start))
+    low, high = (np.concatenate(v) for v in ([one.low for one in made], [one.high for one in made]))
+    begin, end = bins.edge[:-1][bin_of], bins.edge[1:][bin_of]
+    # A box has moved within its bin, and is seen from a sweep width away.
+    moved = np.max(bins.pace, axis=1)[bin_of] * (end - begin)
+    spare, total = np.zeros((len(low), len(units))), np.zeros(len(units))
     for u, unit in enumerate(units):
         can = reach.reach(unit, spec, (plane.lon, plane.lat))
-        spare[:, u] = can.within(begin, end, can.arrival(lon, lat))
-        total[u] = can.search
-    return Budget(cells.start, np.maximum.reduceat(spare, cells.start[:-1], axis=0), total, spare > 0)
+        x, y = plane.flat(*np.radians(unit.base))
+        away = np.hypot(*np.maximum(np.maximum(low - (x, y), (x, y) - high), 0.0).T)
+        near = np.maximum(away - moved - max(unit.sweep_width), 0.0)
+        spare[:, u] = can.within(begin, end, can.leaves + near / can.transit_speed)
+        ends = concave.END * max(unit.sweep_width) / unit.search_speed * (unit.law.kind == "inverse_cube")
+        total[u] = can.search + spec.rounds * ends
+        spare[:, u] += (spare[:, u] > 0) * spec.rounds * ends
+    return Budget(start, np.maximum.reduceat(spare, start[:-1], axis=0), total, spare > 0)
 
 
 def _best(slope: Array, budget: Budget) -> tuple[Array, Array]:

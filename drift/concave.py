@@ -1,12 +1,18 @@
-"""A concave curve above every way of spending coverage, by any mix of laws: what the upper bound of a plan is made from.
+"""How much any legs find at a coverage: the curve that the upper bound of a plan is made from.
 
-Let m(C) = 1 - b(C) be a law's chance of a miss at coverage C, h = -log m. Sorties miss independently, so a particle that
-gets C1 .. Cn from laws 1 .. n is missed with exp(-(h1(C1) + ... + hn(Cn))). That product is not convex in (C1 .. Cn): the best law
-may be one at little coverage and another at much. But with H(C) the most that any split of C over the laws, each used any
-number of times, can add up to (their superadditive hull), it is at least exp(-H(C1 + ... + Cn)), and the least concave curve
-above 1 - exp(-H) bounds every mix from above. For the laws of SEARCH.md h is superadditive already (inverse cube and
-definite range: convex; random search: linear; M-beta: convex between whole looks, linear over them), so that a single law is its
-own bound.
+A set of legs gives a particle at x the hazard H(x), the sum over legs of -log(1 - chance); it is found with the chance
+1 - e^-H = integral over h of e^-h min(H, h), exactly. min(., h) of a sum is at most the sum of min(., h) of its parts, and one leg
+of length L adds W L g(h) to the integral of min(H, h) over the sea, with g(h) the integral of min(-log(1 - p(r)), h) across the leg,
+over W. Where the legs' W L come to the coverage C of an area the mean of min(H, h) is therefore at most C g(h), and at most h:
+
+    b(C) = integral over h of e^-h min(h, C g(h))
+
+bounds every set of legs, parallel or not, long or short, of one law or (with the greatest g) of several. It is concave in C. Random search
+has g = 1, for its hazard is its coverage: b = 1 - e^-C. Definite range: g = h, b = min(C, 1). Inverse cube: g = 2 sqrt(h / pi), b =
+1 - exp(-4 C^2 / pi) + C erfc(2 C / sqrt(pi)): 0.831 at C = 1, where parallel sweeps find 0.790. M-beta by itself finds at most
+what whole numbers of looks can, which is what its parallel sweeps find.
+
+Of a leg of inverse cube that ends, the integral is 2 sqrt(h / pi) W L + W^2 / 4 at the most (END): what lies ahead and astern.
 
 Unknown sweep widths: factors T of mean 1, one a group. E b(sum T_g C_g) is highest, in the convex order, when all groups are as
 sure as the surest and C is shared evenly among them: then the factor is gamma of the sum of their shapes. That bounds any share.
@@ -25,10 +31,13 @@ from drift.sortie import Law
 
 Array = npt.NDArray[Any]
 
-STEP = 0.02  # of coverage: a straight line in between is 7e-5 low where b'' is -1.4
+STEP = 0.01  # of coverage
 MOST = 20.0  # coverage beyond which nothing is gained
 SMOOTH = 0.06  # half the window of coverage over which slopes are averaged, so that a kink does not stall the search
-SURE = 40.0  # -log of a miss that counts as none
+END = 0.25  # sweep widths by which the two ends of a path make it longer
+ROOTS = np.linspace(0.0, 6.5, 3251)  # of h: e^-h is 4e-19 at the last
+SHORT = 1e-5  # share by which the integral over ROOTS may be too low
+ACROSS = 4000  # ranges at which a lateral range curve is looked up
 
 
 @dataclass(frozen=True)
@@ -51,9 +60,7 @@ def curve(laws: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
     shapes: of the gamma distribution of each independent unknown factor of sweep width (inf: known); none: known.
     """
     c = np.arange(round(MOST / STEP) + 1) * STEP
-    each = {law: hazard(law, c) for law in laws}
-    total = _hull(list(each.values()))
-    b = _envelope(c, -np.expm1(-total))
+    b = most(laws, c)
     shape = len(shapes) * max(shapes) if shapes else math.inf
     nodes, weights = detection.factors(shape)
     if len(nodes) > 1:
@@ -64,36 +71,44 @@ def curve(laws: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
     # The conjugate of straight pieces is taken at a corner: where the piece to the right is no steeper than y.
     pieces = np.diff(b) / STEP
     at = np.searchsorted(-pieces, -y, side="left")
+    # Within a piece b is above the straight line, but below those that go on from the pieces beside it: as high as their triangle.
+    beside = np.concatenate([[2 * pieces[0] - pieces[1]], pieces, [pieces[-1]]])
+    bend, more = beside[:-2] - pieces, pieces - beside[2:]
+    peak = STEP * bend * more / np.maximum(bend + more, 1e-30)
+    above = np.concatenate([[0.0], np.maximum(peak, 0.0), [0.0]])
     smooth = np.concatenate([[0.0], np.cumsum((slope[1:] + slope[:-1]) / 2) * STEP])
-    return Curve(smooth, slope, b[at] - y * c[at])
+    return Curve(smooth, slope, b[at] - y * c[at] + np.maximum(above[at], above[at + 1]))
 
 
-def hazard(law: Law, coverage: Array) -> Array:
-    """Return -log of the chance of a miss, rising, at most SURE."""
-    with np.errstate(divide="ignore"):
-        h = -np.log(np.maximum(1 - detection.pod(law, coverage), 0))
-    if law.kind == "inverse_cube":  # its tail by erfc: 1 - erf has lost its digits there
-        from scipy import special
+def most(laws: Sequence[Law], coverage: Array) -> Array:
+    """Return what any legs of some laws find at the most where they come to a coverage, (n,)."""
+    if len(laws) == 1 and laws[0].kind == "m_beta":
+        return detection.pod(laws[0], coverage)
+    h = ROOTS**2
+    g = np.max([capped(law, h) for law in laws], axis=0)
+    share = np.exp(-h) * 2 * ROOTS
+    found = np.array([np.trapezoid(share * np.minimum(h, c * g), ROOTS) for c in coverage])
+    return np.minimum((1 + SHORT) * found, 1.0)
 
-        h = -np.log(np.maximum(special.erfc(math.sqrt(math.pi) / 2 * coverage), 1e-300))
+
+def capped(law: Law, h: Array) -> Array:
+    """Return g(h): the integral across a leg of its hazard, cut off at h, over its sweep width."""
     if law.kind == "random":
-        h = coverage
-    return np.minimum(np.maximum.accumulate(h), SURE)
-
-
-def _hull(each: list[Array]) -> Array:
-    """Return the least superadditive curve above all: the most that a sum over splits of the coverage can reach."""
-    total = np.max(each, axis=0)
-    n = len(total)
-    for _ in range(6):  # doubling the parts each time: up to 64
-        best = total.copy()
-        for k in range(1, n):
-            np.maximum(best[k:], total[: n - k] + total[k], out=best[k:])
-        best = np.minimum(best, SURE)
-        if np.max(best - total) < 1e-6:
-            break
-        total = best
-    return np.asarray(total)
+        return np.ones(len(h))
+    if law.kind == "inverse_cube":
+        return np.asarray(2 * np.sqrt(h / np.pi))
+    if law.kind == "definite_range":
+        return h
+    if law.kind == "m_beta":
+        return np.asarray(np.minimum(h, -np.log1p(-law.beta) if law.beta < 1 else np.inf) / law.beta)
+    ranges, chances = detection.table(law)
+    at = (np.arange(ACROSS) + 0.5) / ACROSS * ranges[-1]
+    with np.errstate(divide="ignore"):
+        hazard = np.sort(-np.log1p(-np.interp(at, ranges, chances)))
+    finite = np.where(np.isfinite(hazard), hazard, 0.0)
+    below = np.searchsorted(hazard, h)
+    whole = np.concatenate([[0.0], np.cumsum(finite)])[below] + h * (ACROSS - below)
+    return np.asarray(2 * ranges[-1] / ACROSS * whole)
 
 
 def _envelope(c: Array, b: Array) -> Array:

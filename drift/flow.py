@@ -4,7 +4,7 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -172,7 +172,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
                     begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch, search
                 )
                 snapshots = stack.enter_context(Spool(case, begin.ensemble, moments))
-            check_lost(case, where, begin, snapshots[-1])
+            check_lost(case, where, begin, snapshots[-1], search)
             return Drifted(begin, snapshots, landings, search.updates if search else None)
 
         done, after = drifted(begin), None
@@ -353,9 +353,15 @@ def _footer(attributes: Mapping[str, str], *more: str) -> str:
     )
 
 
-def check_lost(case: Case, where: Environment, begin: Start, end: Snapshot) -> None:
-    """Refuse a run that lost more than the case allows."""
-    by_status = record.account(begin.ensemble, end.status).by_status.sum(axis=0)
+def check_lost(case: Case, where: Environment, begin: Start, end: Snapshot, search: Search | None) -> None:
+    """Refuse a run that lost more than the case allows, by weights as if no sortie had been flown.
+
+    What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not to be refused
+    for that.
+    """
+    if search is not None:
+        end = replace(end, probability=record.shares(search.unsearched))
+    by_status = np.bincount(end.status, end.probability, len(Status))
     lost = {status: float(by_status[status]) for status in LOST}
     if sum(lost.values()) <= case.max_lost:
         return

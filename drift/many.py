@@ -110,7 +110,7 @@ def _forecast(case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Map
         outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
         moments = forecast.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
         with Spool(case, begin.ensemble, moments) as snapshots:
-            flow.check_lost(case, where, begin, snapshots[-1])
+            flow.check_lost(case, where, begin, snapshots[-1], search)
             seen = list(snapshots)
     finally:
         begin.scene.forcing.close()

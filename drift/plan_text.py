@@ -76,8 +76,6 @@ def warnings(plan: Plan, synthetic: bool) -> list[str]:
             f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: it fits chance. "
             "Plan with more particles."
         )
-    if plan.value > plan.bound + plan.bound_moved:
-        found.append(f"its value, {plan.value:.3f}, is above the bound, {plan.bound:.3f}: do not trust the bound.")
     return found + rough(plan)
 
 
@@ -94,12 +92,22 @@ def rough(plan: Plan) -> list[str]:
 
 
 def worth(plan: Plan) -> str:
-    """Return in a line what a plan is worth and what none could exceed; with three digits where two tell no difference."""
-    digits = 3 if f"{plan.value:.2f}" == f"{plan.bound:.2f}" else 2
-    value, bound = f"{plan.value:.{digits}f}", f"{plan.bound:.{digits}f}"
+    """Return in a line what a plan is worth and what none could exceed, or why that is not known.
+
+    The bound is rounded up; with three digits where two tell no difference.
+    """
+    digits = 3 if plan.bound is not None and f"{plan.value:.2f}" == f"{_up(plan.bound, 2):.2f}" else 2
+    value = f"POS {plan.value:.{digits}f}"
     if plan.spec.objective == "alive":
-        return f"{value} to detect alive (POS {plan.pos:.{digits}f}); no plan can exceed {bound}"
-    return f"POS {value}; no plan can exceed {bound}"
+        value = f"{plan.value:.{digits}f} to detect alive (POS {plan.pos:.{digits}f})"
+    if plan.bound is None:
+        return f"{value}; no bound: {plan.unbounded}" if plan.unbounded else value
+    error = f" (+-{_up(2 * plan.bound_error, digits):.{digits}f})" if plan.bound_error > 0 else ""
+    return f"{value}; no plan can exceed {_up(plan.bound, digits):.{digits}f}{error}"
+
+
+def _up(value: float, digits: int) -> float:
+    return math.ceil(round(value * 10.0**digits, 6)) / 10.0**digits
 
 
 def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list[str]:
@@ -107,11 +115,16 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
     if datum is not None and (where := tables.position(*datum[:2])) is not None:
         rows.append(("Datum", f"{where} at {units.group(datum[2])}"))
     rows += [("Objective", OBJECTIVES[plan.spec.objective]), ("Worth", worth(plan))]
-    if plan.bound > 0:
+    if plan.bound:
         rows.append(
-            ("", f"{100 * plan.value / plan.bound:.0f} % of the bound, which is known to {plan.bound_moved:.3f}")
+            (
+                "Bound",
+                f"{_up(plan.bound, 3):.3f} on the particles that the plan was made on, of which it finds {plan.seen:.3f}: "
+                f"{100 * plan.seen / plan.bound:.0f} %. The particles that its worth is told of are others: two standard errors "
+                f"of sampling are {_up(2 * plan.bound_error, 3):.3f}",
+            )
         )
-    if plan.spec.rounds > 1:
+    if plan.spec.rounds > 1 and plan.bound is not None:
         told = f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
         rows.append(("", told))
     rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))

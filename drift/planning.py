@@ -21,7 +21,6 @@ from drift.environment import Environment
 from drift.flow import Report, Result, Stopwatch
 from drift.sortie import Unit
 from drift.tasking import Plan, Tasking
-from drift.tracks import Tracks
 from drift.units import group
 from geo.errors import UserError
 
@@ -73,7 +72,7 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
     survival = [scenario.survival for scenario in case.scenarios]
     tasked: list[Tasking] = []
     units, executed = list(case.units), case
-    seen, proposal, found, boats = 1.0, None, None, None
+    seen, proposal, found, boats, first = 1.0, None, None, None, 0.0
     for number in range(1, spec.rounds + 1):
         with clock.phase("follow"):
             tracks = follow.follow(executed, where)
@@ -82,6 +81,7 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
                 boats = fleet.prepare(case, where, tracks)
             units = list(boats.units)
         if found is None:
+            first = effective.number(tracks.weight)
             with clock.phase("bound"):
                 found = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
         with clock.phase("plan"):
@@ -114,19 +114,24 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
     named = tuple(
         replace(tasking, pos=float(np.asarray(update.pos)[-1])) for tasking, update in zip(tasked, updates, strict=True)
     )
+    value = alive if spec.objective == "alive" else pos
+    scored_on = _scored(result, executed, spec.begin)
+    error = _error(found.value, first, value, scored_on)
+    why = bounds.silent(found.value, first, error, 1 - seen, value)
     made = Plan(
         spec=spec,
         taskings=named,
-        value=alive if spec.objective == "alive" else pos,
+        value=value,
         pos=pos,
         by_scenario=1 - missed[:-1],
         seen=1 - seen,
-        bound=min(found.value + 2 * _error(found.value, tracks, pos, result), 1.0),
-        bound_moved=found.moved,
+        bound=None if why else found.value,
+        bound_error=error,
+        unbounded=why,
         alternatives=proposal.alternatives if spec.rounds == 1 else (),
         scenarios=tuple(scenario.name for scenario in case.scenarios),
         made_on=Count(effective.number(tracks.weight), len(tracks.weight)),
-        scored_on=_scored(result, executed, spec.begin),
+        scored_on=scored_on,
         idle=tuple(unit.name for unit in case.units if unit.name not in {tasking.unit.name for tasking in tasked}),
         said=boats.said,
     )
@@ -139,10 +144,10 @@ def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
     return effective.at(result.forecast.data, int(np.argmin(np.abs(outputs - begin))), executed.particles)
 
 
-def _error(bound: float, tracks: Tracks, pos: float, result: Result) -> float:
-    """Return the standard error of a bound less a POS: each is a mean over particles of its own."""
-    counts = 1 / float(np.sum(tracks.weight**2)), float(result.summary["effective_sample_size"])
-    return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, pos), counts, strict=True)))
+def _error(bound: float, first: float, value: float, scored_on: Count) -> float:
+    """Return the standard error of a bound less what a plan is worth: means over `first` effective particles and over others."""
+    counts = max(first, 1.0), max(scored_on.number, 1.0)
+    return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, value), counts, strict=True)))
 
 
 def _told(tell: Report, number: int, rounds: int, share: float) -> None:

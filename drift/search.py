@@ -46,7 +46,9 @@ class Search:
         self._before: tuple[Device, Device] | None = None
         self._debris = debris.of_contacts(case, self._contacts, scene)
         self._updates: list[Update] = []
-        self._prior = self._stories(self.ensemble.log_weight.to_numpy())
+        first = self.ensemble.log_weight.to_numpy()
+        self._prior = self._stories(first)
+        self.unsearched = first.astype(np.float64)  # log weights (n,) by all that was seen, as if no sortie had been flown
         self._missed = np.ones(len(case.scenarios) + 1)  # product of 1 - POS so far
         self._lineage = np.arange(ensemble.n, dtype=np.int32)
         self._ancestors: Array | None = None
@@ -148,6 +150,7 @@ class Search:
             else:
                 with np.errstate(divide="ignore"):
                     found = np.logaddexp(np.log(contact.belief) + found, np.log1p(-contact.belief) + mean)
+        self.unsearched = self.unsearched + found
         after = before + found
         evidence = self._evidence(before, after, f'contact "{contact.name}"')
         self._note(
@@ -210,9 +213,11 @@ class Search:
         """Replace all particles by offspring, in place; return their ancestors (n,)."""
         e = self.ensemble
         seeds = self.case.seed, self._events
-        ancestors, log_weight, spare = resample.offspring(
-            e.log_weight.to_numpy(), e.scenarios, self._target, method, seeds
-        )
+        before = e.log_weight.to_numpy()
+        ancestors, log_weight, spare = resample.offspring(before, e.scenarios, self._target, method, seeds)
+        with np.errstate(invalid="ignore"):  # what is to spare has no weight before or after
+            own = self.unsearched[ancestors] - before[ancestors] + log_weight
+        self.unsearched = np.where(log_weight > -np.inf, own, -np.inf)
         columns = [getattr(e, name) for name in (*record.INTEGERS, *record.REALS)]
         columns += [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
         for one in self._debris.values():

@@ -58,11 +58,12 @@ class Plan:
     pos: float  # there: 1 - evidence of executing it
     by_scenario: Array  # (scenarios,) POS given each scenario, there
     seen: float  # on the particles that it was made on: what exceeds `value` is optimism
-    bound: float  # no plan of these units, laws and times exceeds it, two standard errors of sampling included
-    bound_moved: float  # by how much the bound moved when particles were doubled: its uncertainty
+    bound: float | None  # no plan of these units, laws and times finds more of the particles that it was made on
+    bound_error: float  # standard error of `bound` less `value`, each of which is a mean over particles of its own
     alternatives: tuple[Alternative, ...]
     scenarios: tuple[str, ...]
     idle: tuple[str, ...] = ()  # units that are not sent
     said: tuple[str, ...] = ()  # of boats: how they leave harbour, and why one cannot get there
     made_on: Count | None = None  # how many of the particles that it was made on count
     scored_on: Count | None = None  # and of the case's own, when it begins
+    unbounded: str = ""  # why there is no bound, in a few words

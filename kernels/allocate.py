@@ -22,9 +22,9 @@ def look(curve: ti.template(), at: ti.f32) -> ti.f32:
 
 
 @ti.func
-def _rate(sweep: ti.f32, ratio2: ti.f32) -> ti.f32:
-    """Return the area swept past a drifting particle [m2/s]: over legs there and back, speeds add as sides of a right angle."""
-    return sweep * ti.sqrt(1.0 + ratio2)
+def _rate(sweep: ti.f32, ratio: ti.f32) -> ti.f32:
+    """Return the area swept past a drifting particle [m2/s] at the most: against its drift, speeds add up."""
+    return sweep * (1.0 + ratio)
 
 
 @ti.kernel
@@ -35,8 +35,8 @@ def _spend(
     cell: HostInts,
     density: HostReals,
     sweep: HostReals,
-    slowness2: HostReals,
-    pace2: HostReals,
+    slowness: HostReals,
+    pace: HostReals,
     fall: HostReals,
     scenario: HostInts,
     weight: HostReals,
@@ -56,7 +56,7 @@ def _spend(
                 k = cell[t * m + i]
                 if k >= 0:
                     for u in range(units):
-                        r = _rate(sweep[scenario[i] * units + u], pace2[t * m + i] * slowness2[u])
+                        r = _rate(sweep[scenario[i] * units + u], pace[t * m + i] * slowness[u])
                         c += density[k * units + u] * r
                 gradient[t * m + i] = 0.0
                 if fall[t * m + i] > 0.0:
@@ -80,8 +80,8 @@ def _gain(
     first: HostInts,
     entry: HostInts,
     sweep: HostReals,
-    slowness2: HostReals,
-    pace2: HostReals,
+    slowness: HostReals,
+    pace: HostReals,
     scenario: HostInts,
     weight: HostReals,
     gradient: HostReals,
@@ -94,7 +94,7 @@ def _gain(
         for e in range(first[k], first[k + 1]):
             i = entry[e] % m
             for u in range(units):
-                r = _rate(sweep[scenario[i] * units + u], pace2[entry[e]] * slowness2[u])
+                r = _rate(sweep[scenario[i] * units + u], pace[entry[e]] * slowness[u])
                 if ti.static(squared):
                     gains[k * units + u] += weight[i] * r * r
                 else:
@@ -105,19 +105,19 @@ class Field:
     """Particles in cells, and the curve that turns coverage into probability; on the host, as the kernels take them.
 
     cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much finding a particle after a bin is worth less, (b, m) (POS: 1 at the last bin, else
-    0); pace2: squared speed of a particle [m2/s2] (b, m); sweep: sweep width times speed [m2/s] (scenarios, units); speed: of
-    each unit [m/s]; curve: value, slope and conjugate of drift.concave, and its step of coverage.
+    0); pace: speed of a particle [m/s] (b, m); sweep: sweep width times speed [m2/s] (scenarios, units); slowness:
+    one over the speed of each unit [s/m], 0 where a particle's own pace does not count; curve: value, slope and conjugate of drift.concave, and its step of coverage.
     """
 
-    def __init__(self, cell, cells: int, fall, pace2, scenario, weight, sweep, speed, curve, step: float):
+    def __init__(self, cell, cells: int, fall, pace, scenario, weight, sweep, slowness, curve, step: float):
         """Sort the particles by cell."""
         self.bins, self.m = cell.shape
-        self.units, self.cells = len(speed), cells
+        self.units, self.cells = len(slowness), cells
         flat = np.ascontiguousarray(cell.reshape(-1), np.int32)
         self.sweep = np.ascontiguousarray(np.reshape(sweep, -1), np.float32)
-        self.slowness2 = (1 / np.asarray(speed, np.float64) ** 2).astype(np.float32)
+        self.slowness = np.asarray(slowness, np.float32)
         self.cell, self.step = flat, step
-        self.fall, self.pace2 = (np.ascontiguousarray(v.reshape(-1), np.float32) for v in (fall, pace2))
+        self.fall, self.pace = (np.ascontiguousarray(v.reshape(-1), np.float32) for v in (fall, pace))
         self.scenario, self.weight = np.asarray(scenario, np.int32), np.asarray(weight, np.float32)
         self.curve = tuple(np.asarray(v, np.float32) for v in curve)
         entry = np.argsort(flat, kind="stable")
@@ -131,7 +131,7 @@ class Field:
         sums = np.zeros(2 * -(-self.m // BLOCK), np.float32)
         flat = np.ascontiguousarray(density, np.float32).reshape(-1)
         _spend(
-            self.bins, self.units, 1 / self.step, self.cell, flat, self.sweep, self.slowness2, self.pace2, self.fall, self.scenario,
+            self.bins, self.units, 1 / self.step, self.cell, flat, self.sweep, self.slowness, self.pace, self.fall, self.scenario,
             self.weight, *self.curve, self.gradient, sums,
         )  # fmt: skip
         found, most = sums.astype(np.float64).reshape(-1, 2).sum(axis=0)
@@ -140,7 +140,7 @@ class Field:
     def gain(self, squared: bool = False) -> np.ndarray:
         """Return what a unit of density [s/m2] more would add, by cell and unit; squared: mass times squared rate instead."""
         _gain(
-            self.units, squared, self.first, self.entry, self.sweep, self.slowness2, self.pace2, self.scenario, self.weight,
+            self.units, squared, self.first, self.entry, self.sweep, self.slowness, self.pace, self.scenario, self.weight,
             self.gradient, self.gains,
         )  # fmt: skip
         return self.gains.reshape(self.cells, self.units).astype(np.float64)

@@ -1,5 +1,7 @@
 """Clouds and units for tests of plans: positions by a low-discrepancy sequence, so that a cloud's noise is small."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import special
 from scipy.stats import qmc
@@ -35,6 +37,29 @@ def tracks(x: np.ndarray, y: np.ndarray, hours: float, bins: int, drift: tuple[f
         scenario=np.zeros(m, np.int32),
         release=np.full(m, begin),
     )
+
+
+def moving(m: int, std: float, error: float, convergence: float, hours: float, key: int = 5) -> Tracks:
+    """Return a normal cloud of a standard deviation [m] that an error [m/s] of 6 h spreads, in a current that converges [1/s].
+
+    It diverges across that by half as much, and drifts. The motion is that of an Ornstein-Uhlenbeck process in float64.
+    """
+    rng = np.random.default_rng(key)
+    bins, steps = int(min(48, hours * 12)), 4
+    dt = hours * HOUR / bins / steps
+    place, velocity = std * rng.standard_normal((2, m)), error * rng.standard_normal((2, m))
+    keep = np.exp(-dt / (6 * HOUR))
+    at = [place]
+    for k in range(bins * steps):
+        later = keep * velocity + error * np.sqrt(1 - keep**2) * rng.standard_normal((2, m))
+        flow = np.array([[0.3], [-0.2]]) + convergence * np.array([[-1.0], [0.5]]) * place
+        place, velocity = place + dt * ((velocity + later) / 2 + flow), later
+        if (k + 1) % steps == 0:
+            at.append(place)
+    still = tracks(*place, hours, bins, (0.0, 0.0))
+    x, y = np.moveaxis(np.array(at), 1, 0)
+    lon, lat = (sphere.to_binary(np.degrees(v)) for v in sphere.destination(*np.radians(PLACE), x, y))
+    return replace(still, lon=lon, lat=lat)
 
 
 def unit(speed: float, hours: float, width: float, law: Law, **more: object) -> Unit:

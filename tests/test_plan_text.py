@@ -63,7 +63,9 @@ def test_the_worth_and_the_bound_stand_at_the_head():
     plan = searches.plan()
     text = plan_text.text(plan, "Overdue boat", "run-s1", ["a note"], datum=(-88.25, 27.5, searches.hours(17)))
     assert "POS 0.46; no plan can exceed 0.53" in text
-    assert "88 % of the bound" in text  # 0.463 / 0.528
+    told = " ".join(text.split())
+    assert "0.528 on the particles that the plan was made on, of which it finds 0.471: 89 %" in told
+    assert "two standard errors of sampling are 0.008" in told
     assert "27-30.0N 088-15.0W at 222330ZNOV26" in text
     assert "0.52  position report" in text
     assert re.search(r"better\s+by 0.121 \+- 0.003", text)
@@ -79,7 +81,6 @@ def test_warnings_come_first():
     head = text.split("1  WORTH")[0]
     assert "SYNTHETIC" in head
     assert "0.520" in head
-    assert "above the bound" in plan_text.text(replace(plan, bound=0.4), "Overdue boat", "run-s1").split("1  WORTH")[0]
 
 
 def test_it_goes_through_any_line():
@@ -135,8 +136,16 @@ def test_pod_is_a_table_with_whole_names():
 
 
 def test_a_third_digit_tells_a_plan_from_its_bound():
-    plan = replace(searches.plan(), value=0.461, bound=0.464)
-    assert plan_text.worth(plan) == "POS 0.461; no plan can exceed 0.464"
+    plan = replace(searches.plan(), value=0.4551, bound=0.4572)
+    assert plan_text.worth(plan) == "POS 0.455; no plan can exceed 0.458 (+-0.008)"  # bounds are rounded up
+
+
+def test_where_there_is_no_bound_no_figure_stands_for_it():
+    plan = replace(searches.plan(), bound=None, unbounded="only 312 particles count, too few to tell")
+    text = " ".join(plan_text.text(plan, "Overdue boat", "run-s1").split())
+    assert "POS 0.46; no bound: only 312 particles count, too few to tell" in text
+    assert "no plan can exceed" not in text
+    assert "Bound" not in text
 
 
 def test_the_bound_of_rounds_is_said_to_be_loose():
