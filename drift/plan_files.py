@@ -85,7 +85,7 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
             _leaf(span, "begin", tables.iso(one.takeoff if shape == "transit" else one.on_scene))
             _leaf(span, "end", tables.iso(one.home if shape == "transit" else one.off_scene))
             if shape != "csp":
-                _leaf(place, "styleUrl", f"#{shape}{k % len(INKS)}")
+                _leaf(place, "styleUrl", f"#{'transit' if shape == 'round' else shape}{k % len(INKS)}")
             _geometry(place, geometry)
     return _xml(root)
 
@@ -114,7 +114,7 @@ def _coordinates(points: Sequence[Sequence[float]]) -> str:
 
 
 def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return areas, legs, ways out and home (transit) and search points as GeoJSON (RFC 7946), cut at 180 degrees."""
+    """Return areas, legs, ways round land, ways out and home (transit) and search points as GeoJSON (RFC 7946), cut at 180 degrees."""
     features = []
     whole = numbers(plan)
     counts = {f"effective_particles_{name}": value for name, value in whole["effective_particles"].items()}
@@ -130,7 +130,9 @@ def _shapes(one: Tasking) -> dict[str, dict[str, Any]]:
     area = patterns.rectangle(one.centre, one.length, one.width, one.orientation)
     found = {"area": search_shapes.polygon([search_shapes.outline(area)])}
     if legs := search_shapes.flown(one.sortie):
-        found["legs"] = search_shapes.lines([points for _, points in legs])
+        found["legs"] = search_shapes.lines([points for searching, points in legs if searching])
+        if ways := [points for searching, points in legs if not searching]:
+            found["round"] = search_shapes.lines(ways)
     if ways := subareas.transits(one):
         found["transit"] = search_shapes.lines(ways)
     return {**found, "csp": search_shapes.point(*subareas.begin(one))}

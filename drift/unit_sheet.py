@@ -5,6 +5,7 @@ them. A search with more points than fit goes on on further pages.
 """
 
 import math
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -89,6 +90,8 @@ def draw(
     figure.text(0.06, 0.928, when, fontsize=9.5, color=INK)
     if synthetic:
         page.warn(figure, 0.95, 0.968, "right", 8.5)
+    if plan_text.rough(plan):
+        page.banner(figure, 0.95, 0.945, "right", 8.5, "Few particles: areas and POS are rough")
     if number == 1:
         land = np.array(list(polygons), dtype=object)
         _chart(figure, canvas, one, way, land)
@@ -171,6 +174,10 @@ def _facts(figure: Figure, plan: Plan, name: str, one: Tasking) -> None:
     """Write what the unit is told, as in the search action plan, and when it is light."""
     lines = [line.removeprefix("      ") for line in plan_text.task(plan, name, one)[1:]]
     lines.append(f"{'Daylight':{plan_text.LABEL}}{light(one)}")
+    for words in plan.said:
+        if words.startswith(f"{one.unit.name} "):
+            told = textwrap.wrap(words.removeprefix(f"{one.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6)
+            lines += [f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}" for k, line in enumerate(told)]
     step = min(0.0098, (MAP[1] - 0.045 - TABLE - 0.02) / len(lines))
     for k, line in enumerate(lines):
         y = MAP[1] - 0.045 - step * k

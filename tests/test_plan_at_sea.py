@@ -161,6 +161,18 @@ def test_files_and_sheets_carry_the_way(planned: tuple[Path, Plan]) -> None:
     want = np.concatenate([np.array(boat.out)[:-1], np.column_stack([legs.lon, legs.lat]), np.array(boat.back)[1:]])
     want[:, 0] %= 360
     np.testing.assert_allclose(points, want, atol=1e-6)
+    shapes = {f["properties"]["shape"]: f["geometry"] for f in json.loads((out / "plan.geojson").read_text())["features"]
+              if f["properties"]["unit"] == "boat"}  # fmt: skip
+    for shape, seeks in (("legs", True), ("round", False)):
+        lines = shapely.get_coordinates(shapely.from_geojson(json.dumps(shapes[shape])))
+        mine = np.array(legs.searching) == seeks
+        ends = np.column_stack([legs.lon, legs.lat])[:-1][mine]
+        assert np.all(
+            np.abs(
+                (lines[None, :, 0] - ends[:, None, 0] + 180) % 360 - 180 + 1j * (lines[None, :, 1] - ends[:, None, 1])
+            ).min(axis=1)
+            < 2e-7
+        )
     way = subareas.route("A-1", boat)
     assert np.all(np.diff([point.time for point in way]) >= np.timedelta64(0, "s"))
     assert len({point.name for point in way}) == len(way)
