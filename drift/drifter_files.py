@@ -226,10 +226,12 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         if many_first or lon.dims[0] in ("obs", found["time"]):  # the tracks stand side by side
             columns = {what: c.transpose(*c.dims[::-1]) for what, c in columns.items()}
         shape = columns["lon"].shape
-        flat = {
-            what: np.broadcast_to(_seconds(column) if what == "time" else _floats(column), shape).ravel()
-            for what, column in columns.items()
-        }
+        flat = {}
+        for what, column in columns.items():
+            if column.shape not in (shape, shape[1:]):
+                raise ValueError(f"{what} {column.shape} and positions {shape} don't go together as tracks")
+            values = _seconds(column) if what == "time" else _floats(column)
+            flat[what] = np.broadcast_to(values, shape).ravel()
         padded = ~(np.isfinite(flat["lon"]) & np.isfinite(flat["lat"]) & np.isfinite(flat["time"]))
         rows = np.repeat(np.arange(shape[0]), shape[1])[~padded]
         flat = {what: column[~padded] for what, column in flat.items()}

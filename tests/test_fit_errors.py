@@ -240,6 +240,16 @@ def test_halves_share_no_way():
     spans = [{(float(t), float(s)) for t, s, f in zip(w.time, w.step, w.fresh, strict=True) if not f} for w in (*halves.fitted, *halves.held)]  # fmt: skip
     assert not spans[0] & spans[1]
     assert all(spans)
+    assert all(max(step for _, step in span) <= 3 * 3600 for span in spans)  # none leads over days that were held out
+
+
+def test_quadrature_is_exact_for_cubics_but_for_whole_seconds():
+    time = np.array([0.0, 5000.0, 12_000.0])
+    at, weight, owner = along._points(Track("", time, 0 * time, 0 * time))
+    for k in (1, 2):
+        found = (weight[owner == k] * at[owner == k] ** 3).sum()
+        exact = (time[k] ** 4 - time[k - 1] ** 4) / 4
+        assert abs(found - exact) < 0.5 * 3 * time[k] ** 2 * (time[k] - time[k - 1])  # half a second of each point
 
 
 def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):

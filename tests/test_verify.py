@@ -356,3 +356,9 @@ def test_lost_probability_is_not_judged():
     held = verification.Estimate(0.2, 0.01, 50, 5, 20)
     assert "too small" in verification_text.verdict(0.9, held, 0.01)
     assert "not to be judged" in verification_text.verdict(0.9, held, 0.3)
+
+
+def test_skill_of_liu_and_weisberg():
+    """1 - (sum of separations / sum of ways so far), by hand; never below 0."""
+    assert scores.skill(np.array([1.0, 3.0, 2.0]), np.array([4.0, 6.0, 10.0])) == pytest.approx(0.7)
+    assert scores.skill(np.array([10.0, 30.0, 2.0]), np.array([4.0, 6.0, 10.0])) == 0
