@@ -27,6 +27,7 @@ from scipy import ndimage, spatial
 Array = npt.NDArray[Any]
 
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
+REACH = 4  # cells, and standard deviations, as far as a kernel reaches
 WIDER = 4.0  # times as many particles are in the kernels of the densest cells as in those of the thinnest
 PER_KERNEL = 0.07  # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
 
@@ -81,7 +82,16 @@ def _finer(coarse: Array, shape: tuple[int, int]) -> Array:
 
 def _gauss(values: Array) -> Array:
     """Return values smoothed by a standard deviation of one cell; zero outside."""
-    return np.asarray(ndimage.gaussian_filter(values, 1.0, mode="constant", truncate=4.0))
+    return np.asarray(ndimage.gaussian_filter(values, 1.0, mode="constant", truncate=float(REACH)))
+
+
+def _window(values: Array) -> tuple[slice, slice]:
+    """Return the rows and columns that smoothed values can reach: beyond, all is zero."""
+    rows, columns = (np.flatnonzero(values.any(axis=axis)) for axis in (1, 0))
+    return (
+        slice(max(rows[0] - REACH, 0), rows[-1] + REACH + 1),
+        slice(max(columns[0] - REACH, 0), columns[-1] + REACH + 1),
+    )
 
 
 @dataclass(frozen=True)
@@ -160,8 +170,10 @@ def spread(mass: Array, guide: Histogram, m: float, where: Medium) -> Array:
     for stay, reach in zip(staying[::-1], where.reach[::-1], strict=True):
         smooth = None if smooth is None else _finer(smooth, (stay.shape[0], stay.shape[1]))
         if stay.any():
-            spread_out = _gauss(np.divide(stay, reach, out=np.zeros_like(stay), where=reach > 0))
-            smooth = spread_out if smooth is None else smooth + spread_out
+            part = _window(stay)
+            own = np.divide(stay[part], reach[part], out=np.zeros_like(stay[part]), where=reach[part] > 0)
+            smooth = np.zeros_like(stay) if smooth is None else smooth
+            smooth[part] += _gauss(own)
     assert smooth is not None or not mass.any()
     return np.zeros_like(mass) if smooth is None else np.asarray(smooth * where.allowed)
 

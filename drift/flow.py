@@ -51,7 +51,6 @@ from drift.start import Start
 from drift.status import Status
 from drift.tasking import Plan
 from drift.updates import Updates
-from geo import coast as shoreline
 from geo import digest
 from geo.errors import UserError
 from kernels import deposit, runtime
@@ -184,7 +183,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         tell("map", 0.0)
         with clock.phase("products"):
             names = [scenario.name for scenario in case.scenarios]
-            is_land = partial(shoreline.is_land, where.coast) if where.coast else None
+            is_land = start.land_of(begin.scene)
             made = products.build(
                 snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
             )

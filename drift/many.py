@@ -8,7 +8,6 @@ why, and the next goes on.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -20,7 +19,6 @@ from drift.products import Forecast
 from drift.search import Search
 from drift.spool import Spool
 from drift.waters import Waters, divide
-from geo import coast as shoreline
 from geo import sphere
 from geo.errors import UserError
 from kernels import deposit, runtime
@@ -116,7 +114,7 @@ def _forecast(case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Map
         begin.scene.forcing.close()
     made = None
     if maps:
-        is_land = partial(shoreline.is_land, where.coast) if where.coast else None
+        is_land = start.land_of(begin.scene)
         names = [scenario.name for scenario in case.scenarios]
         wanted = seen if maps is True else seen[-1:]
         made = products.build(

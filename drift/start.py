@@ -1,6 +1,7 @@
 """The start of a run: the initial ensemble, the scene that it moves through, and the clock it moves by."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -104,6 +105,12 @@ def domain(where: Environment) -> advance.Domain:
     west, south = (int(sphere.to_binary(x)) for x in (box.west, box.south))
     width = min(round((box.east - box.west) * sphere.TURN / 360), sphere.TURN - 1)
     return advance.Domain(west, south, width, round((box.north - box.south) * sphere.TURN / 360))
+
+
+def land_of(scene: Scene) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[np.bool_]] | None:
+    """Return what says whether points [binary angles] lie on land, asked on the device; None without a coast."""
+    coast = scene.place.coast
+    return None if coast is None else lambda lon, lat: ~device_coast.wet(coast, lon, lat)
 
 
 def clock_of(case: Case, where: Environment, ensemble: Ensemble, scene: Scene) -> tuple[Clock, Trial | None]:
