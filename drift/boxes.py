@@ -34,7 +34,7 @@ def grow(x: Array, y: Array, weight: Array, most: float) -> Boxes:
     Each is halved across its longer side, as in a k-d tree (Bentley 1975, doi:10.1145/361002.361007).
     """
     of = np.empty(len(x), np.int64)
-    corners = []
+    corners: list[tuple[float, float, float, float]] = []
     waiting = [np.arange(len(x))]
     while waiting:
         at = waiting.pop()
