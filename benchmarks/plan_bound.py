@@ -100,7 +100,9 @@ def moving(number: int, particles: int) -> tuple[Tracks, list[Unit], PlanSpec]:
     clouds = int(rng.integers(1, 4))
     of = rng.choice(clouds, particles, p=rng.dirichlet(np.full(clouds, 2.0)))
     place = rng.uniform(-15, 15, (clouds, 2))[of] * (clouds > 1)
-    place = (place + np.exp(rng.uniform(np.log(0.3), np.log(8.0), clouds))[of, None] * rng.standard_normal((particles, 2))) * NMI
+    place = (
+        place + np.exp(rng.uniform(np.log(0.3), np.log(8.0), clouds))[of, None] * rng.standard_normal((particles, 2))
+    ) * NMI
     size, keep = np.exp(rng.uniform(np.log(0.03), np.log(0.7))), np.exp(-dt / rng.uniform(2 * HOUR, 14 * HOUR))
     drift = rng.uniform(-0.75, 0.75, 2)
     strain = rng.uniform(0, 3e-5) * np.array([-1.0, 0.6]) * (rng.random() < 0.5)
@@ -174,7 +176,9 @@ def by_hand(tracks: Tracks, units: list[Unit], spec: PlanSpec, manner: str) -> f
                 spot, until = here[:, best].mean(axis=1), min(now + can.search, end)
                 nodes.append((now, *spot))
                 continue
-            gone = np.hypot(*(np.array([np.bincount(which.ravel(), v) for v in here]) / np.bincount(which.ravel()) - spot[:, None]))
+            gone = np.hypot(
+                *(np.array([np.bincount(which.ravel(), v) for v in here]) / np.bincount(which.ravel()) - spot[:, None])
+            )
             best = which.ravel() == int(np.argmax(mass / (gone + 3 * width)))
             goal, flow = here[:, best].mean(axis=1), way[:, best].mean(axis=1)
             turn = flow / max(float(np.hypot(*flow)), 1e-9)
@@ -182,7 +186,12 @@ def by_hand(tracks: Tracks, units: list[Unit], spec: PlanSpec, manner: str) -> f
             if manner == "against":
                 legs += [-6 * width * turn, np.array([-turn[1], turn[0]]) * width, 3 * width * turn]
             elif manner == "squares":
-                legs += [r * width * np.array(d) for r, d in zip((0.3, 0.3, 0.6, 0.6, 0.9, 0.9), ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 0), (0, 1)), strict=True)]
+                legs += [
+                    r * width * np.array(d)
+                    for r, d in zip(
+                        (0.3, 0.3, 0.6, 0.6, 0.9, 0.9), ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 0), (0, 1)), strict=True
+                    )
+                ]
             for leg in legs:
                 long = float(np.hypot(*leg))
                 share = min(1.0, (until - now) * speed / max(long, 1e-9))
@@ -230,10 +239,18 @@ def main() -> None:
             str(number), str(len(units)), f"{(tracks.time[-1] - tracks.time[0]) / HOUR:.0f}", f"{made.seen:.4f}", f"{limit.value:.4f}", f"{shares[-1]:.3f}",
             *(f"{hand:.4f}" for hand in hands), f"{end - middle:.1f}", f"{middle - clock:.1f}",
         )  # fmt: skip
-        print(number, len(units), f"{made.seen:.4f} {limit.value:.4f} {shares[-1]:.3f}", *(f"{hand:.4f}" for hand in hands), flush=True)
+        print(
+            number,
+            len(units),
+            f"{made.seen:.4f} {limit.value:.4f} {shares[-1]:.3f}",
+            *(f"{hand:.4f}" for hand in hands),
+            flush=True,
+        )
     console = Console(width=140)
     console.print(table)
-    console.print(f"share of the bound: median {np.median(shares):.3f}, worst {min(shares):.3f}; above the bound: {beaten}")
+    console.print(
+        f"share of the bound: median {np.median(shares):.3f}, worst {min(shares):.3f}; above the bound: {beaten}"
+    )
     sys.exit(beaten > 0)
 
 

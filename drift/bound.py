@@ -102,9 +102,7 @@ def silent(value: float, effective: float, error: float, seen: float, scored: fl
     return ""
 
 
-def worth(
-    tracks: Tracks, survival: Sequence[Survival | None], objective: str, time: Array | None = None
-) -> Array:
+def worth(tracks: Tracks, survival: Sequence[Survival | None], objective: str, time: Array | None = None) -> Array:
     """Return what finding each particle is worth at times (k) [s since 1970], (k, m): 1, or its chance of being alive.
 
     time: the tracks' own unless told.
@@ -132,7 +130,7 @@ def ascend(field: allocate.Field, budget: Budget, areas: Array) -> Bound:
         most = rest + float(np.sum(_best(slope, budget)[1]))
         if most < least - ENOUGH / 10:
             least, last = most, k
-        if least - best < ENOUGH or k - last > PATIENCE:
+        if least - best < ENOUGH or best > NEARLY or k - last > PATIENCE:
             break
         while True:
             new = project(ahead + slope / (stiff * curvature), stiff * curvature, budget)
@@ -166,7 +164,9 @@ def _field(
     of, made = np.full(bins.there.shape, -1), []
     for t, there in enumerate(bins.there):
         if there.any():
-            made.append(boxes.grow(bins.x[t, there], bins.y[t, there], tracks.weight[there], max(effective / BOXES, LEAST)))
+            made.append(
+                boxes.grow(bins.x[t, there], bins.y[t, there], tracks.weight[there], max(effective / BOXES, LEAST))
+            )
             of[t, there] = sum(one.count for one in made[:-1]) + made[-1].of
         else:  # nobody to be found: a box of nobody
             made.append(boxes.Boxes(np.zeros(0, np.int64), np.zeros((1, 2)), np.zeros((1, 2))))
@@ -201,7 +201,9 @@ def _bins(tracks: Tracks, plane: record.Plane) -> Bins:
     goal = np.linspace(0, done[-1], count + 1)[1:-1]
     k = np.clip(np.searchsorted(done, goal, side="right") - 1, 0, len(long) - 1)
     share = (goal - done[k]) / (done[k + 1] - done[k])
-    grown = np.where(np.abs(ratio[k] - 1) > 1e-6, (ratio[k] ** share - 1) / np.where(ratio[k] == 1, 1, ratio[k] - 1), share)
+    grown = np.where(
+        np.abs(ratio[k] - 1) > 1e-6, (ratio[k] ** share - 1) / np.where(ratio[k] == 1, 1, ratio[k] - 1), share
+    )
     edge = np.concatenate([time[:1], time[k] + grown * long[k], time[-1:]])
     speed = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)) / long[:, None]
     shape = (len(edge) - 1, tracks.m)

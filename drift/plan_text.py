@@ -107,7 +107,8 @@ def worth(plan: Plan) -> str:
 
 
 def _up(value: float, digits: int) -> float:
-    return math.ceil(round(value * 10.0**digits, 6)) / 10.0**digits
+    """Return a number rounded up to so many digits: a bound does not get lower by being written."""
+    return float(math.ceil(round(value * 10.0**digits, 6)) / 10.0**digits)
 
 
 def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list[str]:

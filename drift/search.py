@@ -48,7 +48,9 @@ class Search:
         self._updates: list[Update] = []
         first = self.ensemble.log_weight.to_numpy()
         self._prior = self._stories(first)
-        self.unsearched = first.astype(np.float64)  # log weights (n,) by all that was seen, as if no sortie had been flown
+        self.unsearched = first.astype(
+            np.float64
+        )  # log weights (n,) by all that was seen, as if no sortie had been flown
         self._missed = np.ones(len(case.scenarios) + 1)  # product of 1 - POS so far
         self._lineage = np.arange(ensemble.n, dtype=np.int32)
         self._ancestors: Array | None = None

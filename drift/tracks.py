@@ -90,12 +90,6 @@ def sample(tracks: Tracks, count: int) -> Tracks:
     return take(tracks, at[np.minimum(np.searchsorted(cumulative, ticks), tracks.m - 1)], np.ones(count))
 
 
-def halves(tracks: Tracks) -> tuple[Tracks, Tracks]:
-    """Return half of the particles, drawn at random, and the others: not strata, whose noise would be the whole's."""
-    at = np.random.Generator(np.random.Philox(key=tracks.m)).permutation(tracks.m)
-    return take(tracks, at[0::2], tracks.weight[at[0::2]]), take(tracks, at[1::2], tracks.weight[at[1::2]])
-
-
 def coarser(tracks: Tracks, most: int) -> Tracks:
     """Return the same tracks at the edges of at most so many bins."""
     edge = np.unique(np.rint(np.linspace(0, tracks.bins, min(tracks.bins, most) + 1)).astype(int))

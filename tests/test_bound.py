@@ -146,7 +146,9 @@ def test_legs_against_the_drift_count_for_more() -> None:
     """A boat of 8 kn in a current of 1 kn: as good as one of 9 kn in still water, no more."""
     knot = NMI / HOUR
     fast = bound.bound(cloud(2**13, STD), [unit(9 * knot, 4, NMI, Law())], spec(), [None]).value
-    slow = bound.bound(cloud(2**13, STD, drift=(0.6 * knot, 0.8 * knot)), [unit(8 * knot, 4, NMI, Law())], spec(), [None])
+    slow = bound.bound(
+        cloud(2**13, STD, drift=(0.6 * knot, 0.8 * knot)), [unit(8 * knot, 4, NMI, Law())], spec(), [None]
+    )
     assert slow.value == pytest.approx(fast, rel=0.02)
 
 

@@ -140,7 +140,9 @@ def test_the_numbers_are_json():
     told = json.loads(json.dumps(tables.plain(plan_files.numbers(searches.plan())), allow_nan=False))
     assert told["share_of_bound"] == pytest.approx(0.471 / 0.528)  # on the same particles
     assert (told["bound"], told["bound_error"], told["no_bound"]) == (0.528, 0.004, None)
-    none = json.loads(json.dumps(tables.plain(plan_files.numbers(replace(searches.plan(), bound=None, unbounded="few")))))
+    none = json.loads(
+        json.dumps(tables.plain(plan_files.numbers(replace(searches.plan(), bound=None, unbounded="few"))))
+    )
     assert (none["bound"], none["bound_error"], none["share_of_bound"], none["no_bound"]) == (None, None, None, "few")
     assert told["optimism"] == pytest.approx(0.008)
     assert told["taskings"][0]["spacing_nmi"] == pytest.approx(3)
