@@ -302,7 +302,8 @@ def test_the_lattice_holds_the_times_of_all_sources(tmp_path: Path) -> None:
     """A current on full hours and a wind at half past: steps of 30 minutes, so that neither bends inside one."""
     rows = {
         start: ", ".join(
-            f'{{ time = "{np.datetime64("2026-11-20T23:00") + np.timedelta64(start + 60 * h, "m")}Z", speed = "{3 + h % 2} {unit}", {word} = 70 }}' for h in range(9)
+            f'{{ time = "{np.datetime64("2026-11-20T23:00") + np.timedelta64(start + 60 * h, "m")}Z", speed = "{3 + h % 2} {unit}", {word} = 70 }}'
+            for h in range(9)
         )
         for start, unit, word in ((0, "kn", "toward"), (30, "m/s", "from"))
     }

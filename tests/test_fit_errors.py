@@ -355,7 +355,6 @@ def test_the_command_prints_an_uncertainty_to_paste(tmp_path, capsys):
     # the mean's square, less its error's, joins the square of the bias: what a drifter's bias is where the mean is left in
     square = made.law.bias**2 + (np.square(made.mean).sum() - np.square(made.mean_error).sum()) / 2
     assert made.standing_bias == pytest.approx(math.sqrt(max(square, made.law.bias**2)))
-    del pasted["current"]["bias"]  # of searches: where the case knows that key
     drift.vary(drift.load(tmp_path / "case.toml"), {"uncertainty": pasted})
     for wrong, words in (
         (["--max-gap", "9 min"], "no way between two fixes"),
