@@ -18,7 +18,7 @@ from drift.status import Status
 from oracle import DAY, HOUR, KNOT, NMI, Array, Cloud, Coast, Errors, Field
 
 CASES = Path(case.__file__).parents[1] / "cases"
-OURS, THEIRS = 20_000, 8_000  # particles, in all; a scenario
+OURS, THEIRS = 20_000, 5_000  # particles, in all; a scenario
 HALF = np.sqrt(2 * np.log(2))  # radius that holds half of a round normal, in standard deviations
 SIGMAS = 3.0
 START = {
@@ -436,3 +436,57 @@ def test_case_is_what_a_second_opinion_says(
         told = [f"{NAMES[k]}: {here[k]:.5g}, oracle {there[k]:.5g}: {z:+.1f} errors" for k, z in enumerate(apart)]
         print(name, number, *told, sep="\n  ")
         assert (np.abs(apart[here != there]) < SIGMAS).all(), told
+
+
+def bayes(spacing: float) -> tuple[Array, Array, Array]:
+    """Return the posterior of convergence_zones by Bayes on a grid [nmi]: masses, places [m] about 36N 070W, cell areas [m2]."""
+    geod = oracle.pyproj.Geod(a=oracle.R, b=oracle.R)
+    side = np.arange(-170, 170, spacing) + spacing / 2
+    east, north = (one.ravel() * NMI for one in np.meshgrid(side, side))
+    lat = 36 + north / oracle.R / oracle.DEG
+    lon = -70 + east / oracle.R / oracle.DEG / np.cos(36 * oracle.DEG)
+    area = (spacing * NMI) ** 2 * np.cos(lat * oracle.DEG) / np.cos(36 * oracle.DEG)
+
+    def seen(told: dict[str, Any], at: str) -> tuple[Array, Array]:
+        """Return the chance of being seen by range, and the bearing [deg]."""
+        x, y = place(at)
+        bearing, _, far = geod.inv(np.full(lon.size, x), np.full(lon.size, y), lon, lat)
+        chance = np.zeros(lon.size)
+        for inner, outer, pod in told["zones"]:
+            chance[(far >= metres(inner)) & (far <= metres(outer))] = pod
+        return chance, np.asarray(bearing)
+
+    told = table("convergence_zones")
+    prior = told["scenario"][0]["position"]
+    watch, contact = told["sortie"][0]["watch"], told["contact"][0]["bearing"]
+    x, y = (np.full(lon.size, one) for one in place(prior["at"]))
+    far = np.asarray(geod.inv(x, y, lon, lat)[2])
+    missed, _ = seen(watch, watch["at"])
+    heard, bearing = seen(contact, contact["from"])
+    off = (bearing - contact["bearing"] + 180) % 360 - 180
+    likely = np.exp(-0.5 * (far / metres(prior["std"])) ** 2 - 0.5 * (off / float(contact["std"].split()[0])) ** 2)
+    mass = likely * (1 - missed) * heard * area
+    return mass / mass.sum(), np.stack([east, north], axis=1), area
+
+
+def test_convergence_zones_are_bayes_on_a_grid() -> None:
+    """Mean within three standard errors, share of each cell of a coarse grid too, of self-normalised weights."""
+    mass, where, _ = bayes(0.4)
+    loaded = case.load(
+        "convergence_zones", {"particles": "200_000", "output": '{ every = "100 d", trajectories = 1_000_000 }'}
+    )
+    tracks = flow.run(loaded).trajectories
+    places = flat(*(x[:, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat)), (-70.0, 36.0))
+    weight = tracks.weight[:, -1] / tracks.weight[:, -1].sum()
+    mean = weight @ places
+    error = np.sqrt((weight**2) @ (places - mean) ** 2)
+    assert (np.abs(mean - mass @ where) < SIGMAS * error).all(), (mean, mass @ where, error)
+    edges = [np.linspace(-60, 60, 13) * NMI] * 2
+    expected, found, squares = (
+        np.histogram2d(*at.T, edges, weights=w)[0] for at, w in ((where, mass), (places, weight), (places, weight**2))
+    )
+    many = expected > 0.01
+    assert many.sum() >= 6
+    # Var of a share p by self-normalised weights: (1 - 2 p) sum w^2 inside + p^2 sum w^2
+    variance = (1 - 2 * expected) * squares + expected**2 * (weight**2).sum()
+    assert (np.abs(found - expected)[many] < SIGMAS * np.sqrt(variance[many])).all()
