@@ -15,7 +15,7 @@ import numpy as np
 import pyproj
 import shapely
 import xarray as xr
-from scipy import ndimage
+from scipy import ndimage, stats
 from scipy.interpolate import RectBivariateSpline
 
 R = 6_371_008.8  # [m] mean radius of the Earth
@@ -315,8 +315,12 @@ def run(
     errors: Errors,
     coast: Coast | None,
     step: float,
+    tracks: list[Array] | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Return longitudes, latitudes and what became of the particles at the end; Runge and Kutta's order 4."""
+    """Return longitudes, latitudes and what became of the particles at the end; Runge and Kutta's order 4.
+
+    tracks: takes their places [deg] (2, n) at the begin of each step and at the end of the last.
+    """
     n = cloud.lon.size
     lon, lat, side = cloud.lon.copy(), cloud.lat.copy(), cloud.side.copy()
     became = np.full(n, ADRIFT, object)
@@ -325,6 +329,8 @@ def run(
     jibes = wind is not None and not np.array_equal(cloud.right, cloud.left)
     for begin in np.arange(0, duration, step):
         finish = min(begin + step, duration)
+        if tracks is not None:
+            tracks.append(np.stack([lon, lat]))
         go = np.flatnonzero((became == ADRIFT) & (cloud.release < finish))
         if not go.size:
             continue
@@ -369,6 +375,8 @@ def run(
         lon[go], lat[go] = x + part * (x_end - x), y + part * (y_end - y)
         fate = np.where(cloud.sinks[go] < finish, SUNK, ADRIFT)
         became[go] = np.where(np.isfinite(met), ASHORE, np.where(known, fate, OUTSIDE))
+    if tracks is not None:
+        tracks.append(np.stack([lon, lat]))
     return lon, lat, became
 
 
@@ -387,3 +395,41 @@ def _integral(rng: np.random.Generator, old: Array, std: float, time: float, h: 
     rest = np.sqrt(np.maximum(whole - both**2 / np.maximum(variance, 1e-300), 0))
     integral = time * (1 - a) * old + both / np.sqrt(np.maximum(variance, 1e-300)) * first + rest * second
     return new, integral / h
+
+
+# Searches
+
+
+def exposure(places: Array, step: float, time: Array, unit: Array, searching: Array) -> Array:
+    """Return what inverse cube sweeps do to particles: the integral of ds / r^3 along each one's relative track [1/m2], (n,).
+
+    places: (steps + 1, 2, n) [deg], straight within a step [s]; time [s] and unit (k, 2) [deg]: the unit's turning points, straight in
+    between; searching: (k - 1,) of its legs.
+    """
+    total = np.zeros(places.shape[2])
+    cuts = np.unique(np.concatenate([time, np.arange(len(places)) * step]))
+    cuts = cuts[(cuts >= time[0]) & (cuts <= time[-1])]
+    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+        leg = int(np.searchsorted(time, 0.5 * (a + b), side="right")) - 1
+        if not searching[leg]:
+            continue
+        ends = []
+        for t in (a, b):
+            k = min(int(0.5 * (a + b) // step), len(places) - 2)
+            lon, lat = places[k] + (t / step - k) * (places[k + 1] - places[k])
+            x, y = (np.interp(t, time, one) for one in unit.T)
+            ends.append(np.stack([(lon - x) * np.cos((lat + y) / 2 * DEG), lat - y]) * DEG * R)
+        move = ends[1] - ends[0]
+        length = np.hypot(*move) + 1e-9
+        along = (ends[0] * move).sum(axis=0) / length
+        aside = np.maximum((ends[0] ** 2).sum(axis=0) - along**2, 1e-2)
+        total += ((along + length) / np.hypot(along + length, np.sqrt(aside)) - along / np.hypot(along, np.sqrt(aside))) / aside
+    return total
+
+
+def missed(exposed: Array, width: float, spread: float) -> Array:
+    """Return the chance that inverse cube sweeps missed, of a sweep width [m] known to a share `spread` (gamma)."""
+    if not spread:
+        return np.exp(-(width**2) / (8 * np.pi) * exposed)
+    factor = stats.gamma.ppf((np.arange(400) + 0.5) / 400, spread**-2, scale=spread**2)
+    return sum(np.exp(-((f * width) ** 2) / (8 * np.pi) * exposed) for f in factor) / factor.size

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 import xarray as xr
 
 import oracle
@@ -63,8 +64,6 @@ def normal(rng: np.random.Generator, at: str, n: int, along: float, across: floa
 
 def inside(rng: np.random.Generator, corners: list[str], n: int) -> tuple[Array, Array]:
     """Return places uniform in true area inside a polygon with straight sides in longitude and latitude."""
-    import shapely
-
     shape = shapely.Polygon([place(one) for one in corners])
     west, south, east, north = shape.bounds
     lon, lat = np.empty(0), np.empty(0)
@@ -370,21 +369,22 @@ def flat(lon: Array, lat: Array, about: tuple[float, float]) -> Array:
     return np.stack([(lon - about[0]) * scale * np.cos(np.radians(about[1])), (lat - about[1]) * scale], axis=1)
 
 
-def ours(name: str, about: tuple[float, float], **settings: str) -> list[Told]:
-    """Return what drift.run says, without sorties and finds."""
+def ours(name: str, about: tuple[float, float], settings: dict[str, str]) -> tuple[list[Told], list[Array]]:
+    """Return what drift.run says without finds, and the weights of its particles, by scenario."""
     spill = "spill" in table(name)
     few = {"spill.worlds": "1000", "spill.per_world": "20"} if spill else {"particles": str(OURS)}
     output = '{ every = "100 d", trajectories = 1_000_000 }'
-    loaded = case.load(name, few | {"sortie": "[]", "find": "[]", "output": output} | settings)
+    loaded = case.load(name, few | {"find": "[]", "output": output} | settings)
     tracks = flow.run(loaded).trajectories
-    told = []
+    told, weights = [], []
     for number in range(len(loaded.scenarios)):
         here = tracks.scenario == number
         lon, lat = (x[here, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat))
         slot = tracks.slot[here] - tracks.slot[here].min()
         world = slot // (len(slot) // 1000) if spill else slot  # a class has its particles world after world
         told.append(Told(flat(lon, lat, about), tracks.status[here, -1], world))
-    return told
+        weights.append(tracks.weight[here, -1].astype(float))
+    return told, weights
 
 
 def mean_and_error(values: Array, world: Array) -> tuple[Array, Array]:
@@ -427,15 +427,116 @@ def test_case_is_what_a_second_opinion_says(
         monkeypatch.setenv("DRIFT_DATA", str(data))
         world = globals()[name](rng, THEIRS, data)
     about = (float(world.clouds[0].lon.mean()), float(world.clouds[0].lat.mean()))
-    settings = {"coast": "{}"} if name == "paria" else {}
+    settings = {"sortie": "[]"} | ({"coast": "{}"} if name == "paria" else {})
     for number, (a, b) in enumerate(
-        zip(ours(name, about, **settings), theirs(world, rng, about), strict=True)
+        zip(ours(name, about, settings)[0], theirs(world, rng, about), strict=True)
     ):
         (here, e), (there, f) = numbers(a), numbers(b)
         apart = (here - there) / np.maximum(np.hypot(e, f), 1e-300)
         told = [f"{NAMES[k]}: {here[k]:.5g}, oracle {there[k]:.5g}: {z:+.1f} errors" for k, z in enumerate(apart)]
         print(name, number, *told, sep="\n  ")
         assert (np.abs(apart[here != there]) < SIGMAS).all(), told
+
+
+def searched(name: str, world: World, rng: np.random.Generator, about: tuple[float, float]) -> tuple[list[Told], list[Array]]:
+    """Return what the oracle says of a case with its sorties: particles, and by scenario the chance that each was missed.
+
+    How the sorties were flown (turning points, times, sweep widths by the tables) is the case's; what they say is not.
+    """
+    loaded, begin = case.load(name), start(name)
+    origin = float((begin - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
+    told, chances = [], []
+    for number, one in enumerate(world.clouds):
+        tracks: list[Array] = []
+        lon, lat, became = oracle.run(
+            rng, one, world.duration, world.current, world.wind, world.errors, world.coast, world.step, tracks
+        )
+        places, chance = np.array(tracks), np.ones(lon.size)
+        for sortie in loaded.sorties:
+            if sortie.legs is None:
+                first, last = ((t - begin) / np.timedelta64(1, "s") for t in (sortie.start, sortie.end))
+                shape, times = shapely.Polygon(sortie.area.ring), np.linspace(first, last, 41)
+                within = np.zeros(lon.size)
+                for t in 0.5 * (times[:-1] + times[1:]):
+                    k = int(t // world.step)
+                    x, y = places[k] + (t / world.step - k) * (places[k + 1] - places[k])
+                    within += shapely.contains_xy(shape, x, y) / 40
+                chance *= np.exp(-sortie.coverage[number] * within)
+                continue
+            time = np.array(sortie.legs.time) - origin
+            unit, searching = np.stack([sortie.legs.lon, sortie.legs.lat], axis=1), np.array(sortie.legs.searching)
+            if sortie.frame == "datum":
+                time, unit, searching = drifting(world, time, unit, searching, sortie.datum)
+            spread = 0.0 if np.isinf(sortie.shape) else sortie.shape**-0.5
+            chance *= oracle.missed(
+                oracle.exposure(places, world.step, time, unit, searching), sortie.sweep_width[number], spread
+            )
+        codes = np.array([FATES[fate] for fate in became])
+        chances.append(np.where(codes == Status.OUTSIDE, 1.0, chance))
+        told.append(Told(flat(lon, lat, about), codes, np.arange(lon.size)))
+    return told, chances
+
+
+def drifting(
+    world: World, time: Array, unit: Array, searching: Array, datum: tuple[float, float]
+) -> tuple[Array, Array, Array]:
+    """Return turning points, more of them, of legs that drift as water does from a datum."""
+    fine = np.unique(np.concatenate([time, np.linspace(time[0], time[-1], 33)]))
+    still = np.zeros((2, 1))
+    marker = [np.array(datum)]
+    for a, b in zip(fine[:-1], fine[1:], strict=True):
+        x, y = (np.array([one]) for one in marker[-1])
+        cloud = Cloud(x, y, np.array([a]), still, still, still, np.ones(1), still, np.full(1, np.inf))
+        shifted: Field = lambda t, lon, lat, a=a: world.current(t + a, lon, lat)  # noqa: E731
+        end = oracle.run(
+            np.random.default_rng(0), replace(cloud, release=np.zeros(1)), b - a, shifted, None,
+            Errors((0, 1), (0, 1)), None, b - a,
+        )  # fmt: skip
+        marker.append(np.array([end[0][0], end[1][0]]))
+    way = np.array(marker) - np.array(datum)
+    points = np.stack([np.interp(fine, time, one) for one in unit.T], axis=1) + way
+    return fine, points, searching[np.searchsorted(time, 0.5 * (fine[:-1] + fine[1:]), side="right") - 1]
+
+
+def posterior(told: list[Told], weights: list[Array]) -> tuple[Array, Array]:
+    """Return shares, mean and second moments of all scenarios together, of self-normalised weights, and their standard errors."""
+    w = np.concatenate(weights)
+    w = w / w.sum()
+    became, places = (np.concatenate([getattr(one, k) for one in told]) for k in ("became", "places"))
+    columns = np.stack([became == fate for fate in FATES.values()], axis=1) + 0.0
+    shares = w @ columns
+    error = np.sqrt((w**2) @ (columns - shares) ** 2)
+    there = np.where((became == Status.ADRIFT) | (became == Status.ASHORE), w, 0.0)
+    there = there / there.sum()
+    mean = there @ places
+    x, y = (places - mean).T
+    squares = np.stack([x * x, y * y, x * y], axis=1)
+    second = there @ squares
+    errors = [np.sqrt((there**2) @ (one - m) ** 2) for one, m in ((places, mean), (squares, second))]
+    return np.concatenate([shares, mean, second]), np.concatenate([error, *errors])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["overdue_boat", "norkyst_raft"])
+def test_sorties_weigh_as_a_second_opinion_says(
+    name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Chance that all failed, by scenario, and the posterior's shares, mean and second moments: three standard errors.
+    rng, data = np.random.default_rng(20_260_602), None
+    if name not in BUILT_IN:
+        data = request.getfixturevalue("data")
+        monkeypatch.setenv("DRIFT_DATA", str(data))
+    world = globals()[name](rng, THEIRS, *([data] if data else []))
+    about = (float(world.clouds[0].lon.mean()), float(world.clouds[0].lat.mean()))
+    told, chances = searched(name, world, rng, about)
+    prior = [one["weight"] if len(world.clouds) > 1 else 1.0 for one in ({"weight": 1} | s for s in table(name)["scenario"])]
+    there, f = posterior(told, [p * c / c.size for p, c in zip(prior, chances, strict=True)])
+    tracks, here = ours(name, about, {})
+    mine, e = posterior(tracks, here)
+    apart = (mine - there) / np.maximum(np.hypot(e, f), 1e-300)
+    lines = [f"{NAMES[k]}: {mine[k]:.5g}, oracle {there[k]:.5g}: {z:+.1f} errors" for k, z in enumerate(apart)]
+    print(name, *lines, sep="\n  ")
+    assert (np.abs(apart[mine != there]) < SIGMAS).all(), lines
 
 
 def bayes(spacing: float) -> tuple[Array, Array, Array]:
