@@ -6,9 +6,10 @@ xarray and interpolated on their own grids; landings are segments of the way aga
 Positions are degrees, times seconds after the case's start, everything else SI.
 """
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -182,7 +183,7 @@ def after(data: xr.Dataset, start: np.datetime64) -> Array:
 def chaikin(line: Array, rounds: int) -> Array:
     """Cut the corners of a polyline at quarters (Chaikin 1974), its ends kept."""
     for _ in range(rounds):
-        quarters = [p + share * (q - p) for p, q in zip(line[:-1], line[1:], strict=True) for share in (0.25, 0.75)]
+        quarters = [p + share * (q - p) for p, q in itertools.pairwise(line) for share in (0.25, 0.75)]
         line = np.array([line[0], *quarters, line[-1]])
     return line
 
@@ -228,7 +229,7 @@ def gulf(since_2000: float, west: float, south: float, east: float, north: float
     deep = 0.5 + 0.5 * np.tanh((right_of(SHELF) - 20e3) / 40e3)
     deep *= np.exp(-(np.maximum(np.hypot((x + 88) * 0.9, y - 25) / 14 - 0.7, 0) ** 2) / 0.02)
 
-    @lru_cache(maxsize=None)
+    @cache
     def spline(seconds: float) -> RectBivariateSpline:
         days = seconds / DAY
         psi = 0.9 * 38e3 * (1 + np.tanh((side + 12e3 * np.sin(2 * np.pi * days / 27)) / 38e3))
@@ -344,22 +345,18 @@ def run(
             side[go] = np.where(turns, -side[go], side[go])
         down, across = cloud.down[:, go], np.where(side[go] > 0, cloud.right[:, go], cloud.left[:, go])
 
-        def velocity(t: Array, x: Array, y: Array) -> tuple[Array, Array]:
-            u, v = current(t, x, y)
-            u, v = u + push[0] + cloud.bias[0, go], v + push[1] + cloud.bias[1, go]
-            if wind is not None:
-                a, b = wind(t, x, y)
-                a, b = a + gust[0], b + gust[1]
-                speed = np.hypot(a, b) + 1e-12
-                along, off = down[0] * speed + down[1], across[0] * speed + across[1]
-                u, v = u + (a * along + b * off) / speed, v + (b * along - a * off) / speed
-            return u, v
-
         x, y = lon[go], lat[go]
         sum_x, sum_y, kx, ky, known = 0.0 * x, 0.0 * x, 0.0 * x, 0.0 * x, np.ones(go.size, bool)
         for share, weight in ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6)):
             at = y + share * ky
-            u, v = velocity(t0 + share * h, x + share * kx, at)
+            u, v = current(t0 + share * h, x + share * kx, at)
+            u, v = u + push[0] + cloud.bias[0, go], v + push[1] + cloud.bias[1, go]
+            if wind is not None:
+                a, b = wind(t0 + share * h, x + share * kx, at)
+                a, b = a + gust[0], b + gust[1]
+                speed = np.hypot(a, b) + 1e-12
+                along, off = down[0] * speed + down[1], across[0] * speed + across[1]
+                u, v = u + (a * along + b * off) / speed, v + (b * along - a * off) / speed
             fine = np.isfinite(u)
             kx = np.where(fine, u * h / (R * DEG * np.cos(at * DEG)), kx)
             ky = np.where(fine, v * h / (R * DEG), ky)
@@ -409,7 +406,7 @@ def exposure(places: Array, step: float, time: Array, unit: Array, searching: Ar
     total = np.zeros(places.shape[2])
     cuts = np.unique(np.concatenate([time, np.arange(len(places)) * step]))
     cuts = cuts[(cuts >= time[0]) & (cuts <= time[-1])]
-    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+    for a, b in itertools.pairwise(cuts):
         leg = int(np.searchsorted(time, 0.5 * (a + b), side="right")) - 1
         if not searching[leg]:
             continue
@@ -423,7 +420,9 @@ def exposure(places: Array, step: float, time: Array, unit: Array, searching: Ar
         length = np.hypot(*move) + 1e-9
         along = (ends[0] * move).sum(axis=0) / length
         aside = np.maximum((ends[0] ** 2).sum(axis=0) - along**2, 1e-2)
-        total += ((along + length) / np.hypot(along + length, np.sqrt(aside)) - along / np.hypot(along, np.sqrt(aside))) / aside
+        total += (
+            (along + length) / np.hypot(along + length, np.sqrt(aside)) - along / np.hypot(along, np.sqrt(aside))
+        ) / aside
     return total
 
 
