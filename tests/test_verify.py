@@ -228,6 +228,7 @@ def test_a_table_is_understood_and_what_is_refused_is_counted(tmp_path):
     [
         ("2021-03-03 18:00:30", "2021-03-03T18:00:30"),
         ("2021-03-03T19:30:30+01:30", "2021-03-03T18:00:30"),
+        ("2021-03-03 13:00:30-05", "2021-03-03T18:00:30"),
         ("2021/03/03 18:00:30", "2021-03-03T18:00:30"),
         ("1614794430", "2021-03-03T18:00:30"),
         ("03-Mar-2021 18:00:30", "2021-03-03T18:00:30"),
@@ -248,6 +249,9 @@ def test_forms_of_time(tmp_path, text, expected):
         ("a,b\n1,2\n", "no column of time"),
         ("id,time,lon,lat\na,03/04/2021 18:00,1,2\n", "two ways"),
         ("id,time,lon,lat\na,yesterday,1,2\n", "not a time"),
+        ("id,time,lon,lat\na,2021-03-03 18:00 CET,1,2\n", '"2021-03-03 18:00 CET" is not a time'),
+        ("id,time,lon,lat\na,2021-03-03T18:00Z,5 30.0 W,46.5\n", 'column of lon, "lon": the first has "5 30.0 W"'),
+        ("id,time,lon,lat\na,2021-03-03T18:00Z,-5.5,NaN\n", "no row has a number in its column of lat"),
         ("id,time,lon,lat\n", "no table"),
         ("\0\x01", "no table"),
     ],
@@ -259,6 +263,37 @@ def test_what_is_no_table_of_drifters_is_one_line(tmp_path, text, words):
         drifter_files.read(file)
     with pytest.raises(UserError, match="cannot be read"):
         drifter_files.read(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ID,time (UTC),longitude (degrees_east),latitude (degrees_north)\nb,2021-03-03T18:00:00Z,354.5,46.25\na,2021-03-03T18:30:00Z,2,3\nb,2021-03-03T19:00:00Z,355,47\n",
+        "Buoy;Date Time [UTC];Lon [deg];Lat [deg]\nb;2021-03-03 18:00;354,5;46,25\na;2021-03-03 18:30;2;3\nb;2021-03-03 19:00;355,0;47\n",
+    ],
+)
+def test_units_in_a_header_and_decimal_commas(tmp_path, text):
+    file = tmp_path / "a.csv"
+    file.write_text(text)
+    first, second = drifter_files.read(file)
+    assert (first.name, second.name) == ("b", "a")
+    assert (first.lon.tolist(), first.lat.tolist()) == ([354.5, 355.0], [46.25, 47.0])
+    assert (first.time - second.time[0]).tolist() == [-1800.0, 1800.0]
+
+
+def test_a_drifter_of_which_no_fix_is_left_is_told(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("id,time,lon,lat\na,2021-03-03T18:00Z,1,2\na,2021-03-03T19:00Z,1,2.01\nb,2021-03-03T18:00Z,1,200\n")
+    found = drifters.believed(drifter_files.read(file))
+    assert [track.name for track in found.tracks] == ["a"]
+    assert found.notes[-1] == "1 drifter left out with fewer than two fixes: b"
+
+
+def test_a_name_that_promises_netcdf(tmp_path):
+    file = tmp_path / "a.nc"
+    file.write_text("id,time,lon,lat\n")
+    with pytest.raises(UserError, match="is no netCDF file"):
+        drifter_files.read(file)
 
 
 def test_every_layout_of_trajectories_gives_the_same_tracks(tmp_path):
