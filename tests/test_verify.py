@@ -191,6 +191,30 @@ def test_columns_along_the_track_are_a_current_by_time(tmp_path):
         drift.verify(base, [given], columns={"current_east": "ue", "current_north": "w"})
 
 
+@pytest.mark.parametrize(
+    ("stated", "words", "spread"),
+    [
+        (None, "current 0.31 m/s over 11 h and 0.08 m/s that lasts (default)", (0.31, 11 * 3600.0, 0.08)),
+        ({"current": {"std": 0.0, "bias": 0.3}}, "current 0.3 m/s that lasts (case)", (0.0, 1.0, 0.3)),
+        ("none", "no error of the current (case)", (0.0, 1.0, 0.0)),
+    ],
+)
+def test_columns_of_a_model_err_as_its_files_would(tmp_path, stated, words, spread):
+    """What is told of the errors is what particles have: after t, 2 s^2 T (t - T (1 - exp(-t / T))) + b^2 t^2 a component."""
+    track = simulated(1, 9, hours=30)[0]
+    given = Track("9", track.time, track.lon, track.lat, {"ue": np.full(31, 0.2), "vn": np.full(31, -0.1)})
+    base = drift.vary(case(tmp_path), {"uncertainty": stated})
+    columns = {"current_east": "ue", "current_north": "vn"}
+    made = drift.verify(base, [given], columns=columns, every=3600.0 * 100, particles=4000)
+    assert verification_text.errors(made).startswith(words)
+    std, memory, bias = spread
+    t = 86_400.0
+    walk = 2 * std**2 * memory * (t - memory * (1 - math.exp(-t / memory)))
+    expected = 2 * (walk + bias**2 * t**2 + (100 / math.sqrt(2 * math.log(2))) ** 2)
+    # a mean square of 4,000 pairs of normals: relative standard error 1 / sqrt(4,000)
+    assert abs(made.spread[0, -1] ** 2 / expected - 1) < 3 / math.sqrt(4000)
+
+
 GDP = """platform_code,platform_type,time,latitude,longitude,sst
 ,,UTC,degrees_north,degrees_east,Deg C
 62,BUOY,2021-03-03T18:00:00Z,44.6818,-2.5441,13.09
