@@ -393,6 +393,9 @@ def test_the_command_writes_results_that_are_whole(tmp_path, capsys):
     summary = json.loads((out / "summary.json").read_text())["verification"]
     with xr.open_dataset(out / "verify.nc") as stored:
         assert stored["containment"].shape == (3, 3)
+        assert stored.attrs["uncertainty"].startswith(
+            "current 0.26 m/s over 7 h (case); diffusivity 25 m2/s (case); start 600 m"
+        )
         share = float((stored["containment"][:, -1] <= 0.9).mean())
     assert summary["leads"][-1]["held"]["90%"]["mean"] == pytest.approx(share)
     assert share == pytest.approx(
