@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -313,6 +314,16 @@ def test_a_drifter_of_which_no_fix_is_left_is_told(tmp_path):
     assert found.notes[-1] == "1 drifter left out with fewer than two fixes: b"
 
 
+def test_a_fix_is_wrong_that_is_both_reached_and_left_too_fast():
+    """2 km in 5 min between fixes that agree with all others: which of the two errs nobody knows, and both stay."""
+    seconds, metres = np.array([0, 3600, 3900, 7200, 10_800.0]), np.array([0, 1000, 3000, 4000, 5000.0])
+    track = Track("a", 1.6e9 + seconds, np.full(5, -5.5), 46.0 + np.degrees(metres / RADIUS))
+    assert drifters.believed([track]).notes == ()
+    spike = replace(track, lat=track.lat + np.degrees(np.array([0, 0, 20_000, 0, 0]) / RADIUS))
+    (left,) = drifters.believed([spike]).tracks
+    assert (left.time - 1.6e9).tolist() == [0, 3600, 7200, 10_800]
+
+
 def test_a_name_that_promises_netcdf(tmp_path):
     file = tmp_path / "a.nc"
     file.write_text("id,time,lon,lat\n")
@@ -412,6 +423,25 @@ def test_the_command_writes_results_that_are_whole(tmp_path, capsys):
     ):
         assert __main__.main(["verify", str(tmp_path / "case.toml"), *told, "--overwrite", *wrong]) == 2
         assert words in capsys.readouterr().err
+
+
+def test_no_forecast_begins_ends_or_passes_in_a_silence():
+    """Hourly fixes from 0 to 3 h and from 9 to 40 h, and one at 50 h: only what stays within 9 to 40 h is forecast."""
+    hours = np.array([0, 1, 2, 3, *range(9, 41), 50.0])
+    track = Track("a", 1.6e9 + 3600 * hours, 0.001 * hours, 45.0 + 0.001 * hours)
+    for length, begins, silent in ((24, [12], 4), (6, [12, 18, 24, 30], 4), (1, [0, 12, 18, 24, 30, 36], 3)):
+        starts, left_out = verification._starts([track], 6 * 3600.0, length * 3600.0, 3 * 3600.0, 3.0)
+        assert [(who, (start - 1.6e9) / 3600) for who, start in starts] == [(0, begin) for begin in begins]
+        assert left_out == silent
+
+
+def test_forecasts_that_overlap_share_a_cluster_but_no_random_number(tmp_path):
+    """Of 25 h, begun a day apart: clusters of two days. With the same draws spreads would be alike but for the latitude, 1e-4."""
+    made = drift.verify(case(tmp_path), simulated(1, 9, hours=96), hours=25, every=86_400.0, particles=500)
+    assert made.start.size == 3
+    assert made.block.tolist() == (made.start // (2 * 86_400)).tolist()
+    assert np.unique(made.block).size == 2
+    assert np.diff(np.sort(made.spread[:, -1])).min() > 1e-3 * made.spread[0, -1]
 
 
 def test_lost_probability_is_not_judged():
