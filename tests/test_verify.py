@@ -436,12 +436,17 @@ def test_no_forecast_begins_ends_or_passes_in_a_silence():
 
 
 def test_forecasts_that_overlap_share_a_cluster_but_no_random_number(tmp_path):
-    """Of 25 h, begun a day apart: clusters of two days. With the same draws spreads would be alike but for the latitude, 1e-4."""
+    """Of 25 h, begun a day apart: clusters of two days. Each has a seed of its own."""
     made = drift.verify(case(tmp_path), simulated(1, 9, hours=96), hours=25, every=86_400.0, particles=500)
     assert made.start.size == 3
     assert made.block.tolist() == (made.start // (2 * 86_400)).tolist()
     assert np.unique(made.block).size == 2
-    assert np.diff(np.sort(made.spread[:, -1])).min() > 1e-3 * made.spread[0, -1]
+    track, hours = simulated(1, 9, hours=96)[0], np.array([3.0, 25.0])
+    seeds = {
+        verification._case(case(tmp_path), track, begin, hours, 100.0, 500, {}, k).seed
+        for k, begin in enumerate(made.start.tolist())
+    }
+    assert len(seeds) == 3
 
 
 def test_lost_probability_is_not_judged():
