@@ -10,6 +10,7 @@ import csv
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,8 @@ NAMES = {  # how columns are called, in lower case without blanks, underscores a
     "lon": ("lon", "longitude", "long", "lng", "londeg", "longitudedeg", "x", "lons"),
     "lat": ("lat", "latitude", "latdeg", "latitudedeg", "y", "lats"),
 }  # fmt: skip
-ZONE = re.compile(r"\s*(?:(Z|UTC|GMT)|([+-])(\d{2}):?(\d{2}))$", re.IGNORECASE)
+ZONE = re.compile(r"\s*(?:(Z|UTC|GMT)|([+-])(\d{2})(?::?(\d{2}))?)$", re.IGNORECASE)
+ISO = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}(:\d{2}(:\d{2}(\.\d+)?)?)?)?")
 OTHER_FORMS = ("%Y/%m/%d %H:%M:%S", "%Y/%m/%d %H:%M", "%Y%m%d %H:%M:%S", "%Y%m%dT%H%M%S", "%d-%b-%Y %H:%M:%S",
                "%d-%b-%Y %H:%M", "%d %b %Y %H:%M:%S", "%d %b %Y %H:%M")  # fmt: skip
 AMBIGUOUS = re.compile(r"\d{1,2}[/.]\d{1,2}[/.]\d{4}\b")
@@ -54,7 +56,8 @@ def read(path: str | os.PathLike[str], columns: Sequence[str] = ()) -> tuple[Tra
 
 
 def _plain(name: str) -> str:
-    return re.sub(r"[\s_\-()\[\]]", "", name).lower()
+    """Return a column's name as NAMES has it: without its unit in brackets, as ERDDAP writes it, in lower case."""
+    return re.sub(r"[\s_\-]|\(.*\)|\[.*\]", "", name).lower()
 
 
 def _column(header: Sequence[str], what: str) -> int | None:
@@ -86,7 +89,8 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
         raise ValueError(f'--columns: no column "{missing[0]}"; its columns are {", ".join(names)[:300]}')
     width = max(index for index in (*where.values(), *(names.index(n) for n in wanted), who) if index is not None) + 1
     rows = [[*row, *[""] * (width - len(row))] for row in rows]  # what a short row lacks is no position
-    lat = _numbers(row[where["lat"]] for row in rows)
+    comma = mark != ","  # then it may be a decimal one, as half of Europe writes it
+    lat = _numbers((row[where["lat"]] for row in rows), comma)
     if rows and not np.isfinite(lat[0]) and not _is_time(rows[0][where["time"]]):  # a second header row, with units
         rows, lat = rows[1:], lat[1:]
     if not rows:
@@ -100,8 +104,14 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     ):
         stamps = [f"{row[day].strip()} {row[clock].strip()}" for row in rows]
     time = _times(stamps)
-    lon = _numbers(row[where["lon"]] for row in rows)
-    extra = {name: _numbers(row[names.index(name)] for row in rows) for name in wanted}
+    lon = _numbers((row[where["lon"]] for row in rows), comma)
+    for what, values in (("lon", lon), ("lat", lat)):
+        if not np.isfinite(values).any():
+            raise ValueError(
+                f'no row has a number in its column of {what}, "{header[where[what]]}": the first has "{rows[0][where[what]][:40]}"; '
+                "write degrees like -5.5"
+            )
+    extra = {name: _numbers((row[names.index(name)] for row in rows), comma) for name in wanted}
     one = Track(path.stem, time, lon, lat, extra)
     if who is None:
         return (one,)
@@ -110,20 +120,17 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
 
 def _apart(whole: Track, name: Array) -> tuple[Track, ...]:
     """Return the tracks of which fixes, each with its drifter's name, are made; in the order of their first fixes."""
-    found, first = np.unique(name, return_index=True)
-    tracks = []
-    for one in found[np.argsort(first)]:
-        own = taken(whole, name == one)
-        tracks.append(Track(str(one), own.time, own.lon, own.lat, own.columns))
-    return tuple(tracks)
+    found, first, number = np.unique(name, return_index=True, return_inverse=True)
+    whose = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
+    return tuple(replace(taken(whole, whose[one]), name=str(found[one])) for one in np.argsort(first))
 
 
-def _numbers(texts: Any) -> Array:
-    """Return texts as numbers, NaN for what is none."""
+def _numbers(texts: Any, comma: bool) -> Array:
+    """Return texts as numbers, NaN for what is none; comma: a comma may stand for the point."""
 
     def number(text: str) -> float:
         try:
-            return float(text)
+            return float(text.replace(",", ".") if comma else text)
         except ValueError:
             return np.nan
 
@@ -142,7 +149,10 @@ def _times(stamps: Sequence[str]) -> Array:
     if not any(_is_time(stamp) for stamp in stamps[:100]):
         _moment(next((stamp for stamp in stamps if stamp), ""))  # says what is wrong with it
         raise ValueError(f'"{stamps[0]}" is not a time; write it like 2021-03-03T18:00:00Z')
-    return np.array([_moment(stamp) if _is_time(stamp) else np.nan for stamp in stamps])
+    known = {
+        stamp: _moment(stamp) if _is_time(stamp) else np.nan for stamp in set(stamps)
+    }  # drifters report at the same times
+    return np.array([known[stamp] for stamp in stamps])
 
 
 def _moment(text: str) -> float:
@@ -161,8 +171,8 @@ def _moment(text: str) -> float:
     if zone and ":" in text[: zone.start()]:
         bare = text[: zone.start()]
         if zone[2]:
-            shift = (-1 if zone[2] == "+" else 1) * (3600.0 * int(zone[3]) + 60.0 * int(zone[4]))
-    if re.match(r"\d{4}-\d{2}-\d{2}", bare):
+            shift = (-1 if zone[2] == "+" else 1) * (3600.0 * int(zone[3]) + 60.0 * int(zone[4] or 0))
+    if ISO.fullmatch(bare.strip()):
         moment = np.datetime64(bare.strip().replace(" ", "T", 1), "us")
         return float(moment.astype(np.int64)) / 1e6 + shift
     if AMBIGUOUS.match(bare):
@@ -185,7 +195,11 @@ def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     try:
         with xr.open_dataset(path, decode_timedelta=False) as data:
             return _tracks(data.load(), path, wanted)
-    except (UserError, ValueError, OSError):
+    except (UserError, OSError):
+        raise
+    except ValueError as error:
+        if "did not find a match" in str(error):
+            raise ValueError("is no netCDF file, whatever its name says; a table as text must be called .csv") from None
         raise
     except Exception as error:  # what libraries raise over damaged files
         raise ValueError(f"cannot be read ({type(error).__name__}: {error})") from error

@@ -77,7 +77,7 @@ def believed(tracks: Sequence[Track], fastest: float = FASTEST) -> Believed:
         order = order[np.argsort(track.time[order], kind="stable")]
         found = taken(track, order)
         found = replace(found, lon=(found.lon + 180) % 360 - 180)
-        again = np.concatenate([[False], np.diff(found.time) <= 0])
+        again = np.diff(found.time, prepend=-np.inf) <= 0
         alike = again & (np.diff(found.lon, prepend=np.nan) == 0) & (np.diff(found.lat, prepend=np.nan) == 0)
         counts["repeated"] += int(alike.sum())
         counts["other"] += int((again & ~alike).sum())
@@ -104,7 +104,8 @@ def believed(tracks: Sequence[Track], fastest: float = FASTEST) -> Believed:
     }
     notes = [f"{count:,} fixes left out {words[kind]}" for kind, count in counts.items() if count]
     if short:
-        notes.append(f"{len(short)} drifters left out that have fewer than two fixes: {_listed(short)}")
+        many = f"{len(short)} drifters" if len(short) > 1 else "1 drifter"
+        notes.append(f"{many} left out with fewer than two fixes: {_listed(short)}")
     return Believed(tuple(left), tuple(notes))
 
 

@@ -60,9 +60,9 @@ def draw(
     particles: int | None = None,
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
-    synthetic: bool = False,
+    caution: str = "",
 ) -> None:
-    """Draw the evidence of a search; see maps.draw_map for title, particles, footer, attributes and synthetic."""
+    """Draw the evidence of a search; see maps.draw_map for title, particles, footer, attributes and caution."""
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
@@ -75,15 +75,15 @@ def draw(
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
     _cumulative(figure, updates, room)
-    figure.text(0.02, 1 - 0.4 / height, page.fit(title, 75 if synthetic else 95), fontsize=14, weight="bold", color=INK)
+    figure.text(0.02, 1 - 0.4 / height, page.fit(title, 75 if caution else 95), fontsize=14, weight="bold", color=INK)
     figure.text(0.02, 1 - 0.68 / height, _account(updates, len(steps) - len(shown)), fontsize=9.5, color=INK)
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:
         rough = effective.banner(least, "shares, evidence and POS are rough")
         page.banner(figure, 0.0225, 1 - 1.0 / height, "left", 10, rough)
-    if synthetic:
-        page.warn(figure, 0.985, 1 - 0.4 / height, "right", 10)
+    if caution:
+        page.banner(figure, 0.985, 1 - 0.4 / height, "right", 10, caution)
     figure.text(0.02, 0.33 / height, _explained(updates), fontsize=8, color=GREY, linespacing=1.35, va="center")
     if footer:
         figure.text(0.02, 0.07 / height, page.fit(footer, 210), fontsize=7, color=GREY)

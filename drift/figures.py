@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drift import aftermath, fleet, patrolling, summary, tables, units
+from drift import aftermath, fleet, patrolling, summary, tables, uncertainty, units
 from drift.aftermath import Aftermath
 from drift.case import Case
 from drift.environment import Environment
@@ -71,7 +71,7 @@ def figures(
         "particles": case.particles,
         "footer": footer,
         "attributes": {**attributes, "run_id": tables.run_id(attributes)},
-        "synthetic": synthetic(case),
+        "caution": caution(case),
     }
     drawn = {
         "map.png": _kept(
@@ -107,7 +107,7 @@ def figures(
             rest |= {"title": f"Planned patrols: {case.title}", "patrolled": "planned patrol"}
             drawn["patrols.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     if updates is not None:
-        bare = {name: common[name] for name in ("title", "particles", "footer", "attributes", "synthetic")}
+        bare = {name: common[name] for name in ("title", "particles", "footer", "attributes", "caution")}
         drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, **bare))
         # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
         for page in range(1, 1 + (search_map.pages(updates.sorties) if plan is None else 0)):
@@ -117,12 +117,12 @@ def figures(
     if plan is not None:
         drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **{**common, "title": case.title}))
         land = fleet.shown(case, where, unit_sheet.box(plan)) if coast is not None and plan.taskings else ()
-        shown = {name: common[name] for name in ("footer", "attributes", "synthetic")}
+        shown = {name: common[name] for name in ("footer", "attributes", "caution")}
         for name, which, number in unit_sheet.pages(plan):
             sheet = partial(unit_sheet.draw, plan, which, number=number, title=case.title, polygons=land, **shown)
             drawn[name] = _kept(sheet)
     if told is not None:
-        bare = {name: common[name] for name in ("footer", "attributes", "synthetic")}
+        bare = {name: common[name] for name in ("footer", "attributes", "caution")}
         drawn["suspend.png"] = _kept(partial(suspend_chart.draw, told, title=case.title, **bare))
     return drawn
 
@@ -130,6 +130,14 @@ def figures(
 def synthetic(case: Case) -> bool:
     """Whether winds or currents are made up."""
     return any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes))
+
+
+def caution(case: Case) -> str:
+    """Return what stands on a banner of every picture: made up winds or currents, else errors that were switched off."""
+    if synthetic(case):
+        return "SYNTHETIC wind or current: not for operations"
+    felt = any(scenario.object.uses_wind for scenario in case.scenarios)
+    return uncertainty.switched_off(case.current_error, case.wind_error if felt else None)
 
 
 def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[str, Figure]:
@@ -151,7 +159,7 @@ def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[s
         marks=marks,
         footer=footer,
         attributes={**attributes, "run_id": tables.run_id(attributes)},
-        synthetic=synthetic(case),
+        caution=caution(case),
     )
     return {"origin.png": _kept(draw)}
 

@@ -40,7 +40,7 @@ def draw_map(
     particles: int | None = None,
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
-    synthetic: bool = False,
+    caution: str = "",
     time: int = -1,
     searched: Sequence[Sortie] = (),
     contacts: Sequence[Contact] = (),
@@ -49,7 +49,7 @@ def draw_map(
 
     polygons: shapely land polygons [deg]. known_as: what the marks are. particles: their number in the run.
     footer: a line of where it comes from (case, seed, version); attributes: the same in full, into the file.
-    synthetic: says on the map that winds or currents are made up. searched, contacts: of which those begun by then are drawn.
+    caution: what the forecast must not be believed of, on a banner beside the title. searched, contacts: of which those begun by then are drawn.
     """
     figure, canvas = page.figure(11.7, 8.3)
     at = forecast.data.isel(time=time)
@@ -91,12 +91,12 @@ def draw_map(
     ashore = layers.ashore_marks(ax, here, forecast, time)
     layers.track(ax, canvas, here, forecast, time, marks)
 
-    figure.text(0.055, 0.955, page.fit(title, 60 if synthetic else 95), fontsize=15, weight="bold", color=INK)
+    figure.text(0.055, 0.955, page.fit(title, 60 if caution else 95), fontsize=15, weight="bold", color=INK)
     valid = f"Valid {units.group(now)}   ({tables.iso(now)}, UTC)"
     figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
     figure.text(0.055, 0.888, labels.basis(forecast, time, particles), fontsize=9, color=INK)
-    if synthetic:
-        page.warn(figure, 0.985, 0.955, "right", 10)
+    if caution:
+        page.banner(figure, 0.985, 0.955, "right", 10, caution)
     if count.few:
         page.banner(figure, 0.058, 0.884 - ROW, "left", 11, effective.banner(count))
     for k, text in enumerate([*said, *out], 1 + count.few):
@@ -122,7 +122,7 @@ def draw_snapshots(
     particles: int | None = None,
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
-    synthetic: bool = False,
+    caution: str = "",
 ) -> None:
     """Draw the output times side by side, at most twelve, on one extent and one colour scale; see draw_map."""
     count = forecast.data.sizes["time"]
@@ -130,7 +130,7 @@ def draw_snapshots(
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
     rows = -(-len(picks) // columns)
     least, least_at = effective.fewest(forecast.data, picks, particles)
-    wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (synthetic + least.few), 0.5, 0.35
+    wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(caution) + least.few), 0.5, 0.35
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
     figure, canvas = page.figure(width, height)
     times = [forecast.data["time"].values[i] for i in picks]
@@ -183,11 +183,11 @@ def draw_snapshots(
             )
         if k == 0:
             chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
-    if synthetic:
-        page.warn(figure, side / width, 1 - 0.9 / height, "left", 8)
+    if caution:
+        page.banner(figure, side / width, 1 - 0.9 / height, "left", 8, caution)
     if least.few:
         words = effective.banner(least, "areas are rough", units.group(forecast.data["time"].values[least_at]))
-        page.banner(figure, side / width, 1 - (0.9 + 0.3 * synthetic) / height, "left", 8, words)
+        page.banner(figure, side / width, 1 - (0.9 + 0.3 * bool(caution)) / height, "left", 8, words)
     figure.text(side / width, 1 - 0.36 / height, page.fit(title, width * 9), fontsize=12, weight="bold", color=INK)
     figure.text(
         side / width,

@@ -73,12 +73,12 @@ def draw(
     marks: Sequence[Mark] = (),
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
-    synthetic: bool = False,
+    caution: str = "",
 ) -> None:
     """Draw what drift.origin.backward found.
 
     polygons: shapely land polygons [deg]. marks: the finds, their labels beginning with their numbers: what follows is listed
-    beside the map ("1 first box, 031516Z"). footer, attributes, synthetic: as in drift.maps.draw_map.
+    beside the map ("1 first box, 031516Z"). footer, attributes, caution: as in drift.maps.draw_map.
     """
     figure, canvas = page.figure(WIDTH, HEIGHT)
     shown = _shown(found)
@@ -101,7 +101,7 @@ def draw(
         layers.rough(ax, here, shown.areas[max(shown.areas)][0])
     _points(ax, canvas, here, found, shown, marks)
     _bar(figure, mesh)
-    _words(figure, found, title, synthetic)
+    _words(figure, found, title, caution)
     _legend(figure, shown, len(marks), land is not None, few)
     _times(figure, found)
     _figures(figure, found)
@@ -196,7 +196,7 @@ def _bar(figure: Figure, mesh: Any) -> None:
     figure.text(MAP[0], 0.114, f"Probability density [% per {unit}]", fontsize=8.5, va="center", color=INK)
 
 
-def _words(figure: Figure, found: Origin, title: str, synthetic: bool) -> None:
+def _words(figure: Figure, found: Origin, title: str, caution: str) -> None:
     """Write over the map what it is, and how much it stands on."""
     figure.text(MAP[0], 0.955, page.fit(title, 95), fontsize=15, weight="bold", color=INK)
     figure.text(MAP[0], 0.922, "Release proposed by tracks back from the finds", fontsize=12, color=INK)
@@ -206,8 +206,8 @@ def _words(figure: Figure, found: Origin, title: str, synthetic: bool) -> None:
         page.banner(
             figure, MAP[0] + 0.003, 0.877 - ROW, "left", 10, effective.banner(origin.count(found), origin.ROUGH)
         )
-    if synthetic:
-        page.warn(figure, RIGHT, 0.922, "right", 10)
+    if caution:
+        page.banner(figure, RIGHT, 0.922, "right", 10, caution)
 
 
 def _legend(figure: Figure, shown: _Shown, finds: int, land: bool, few: bool) -> None:

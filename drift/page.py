@@ -27,11 +27,6 @@ def fit(text: str, characters: float) -> str:
     return textwrap.shorten(text, int(characters), placeholder=" …")
 
 
-def warn(figure: Figure, x: float, y: float, side: str, size: float) -> None:
-    """Say that winds or currents are made up."""
-    banner(figure, x, y, side, size, "SYNTHETIC wind or current: not for operations")
-
-
 def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str) -> None:
     """Say what a picture must not be believed of, in white on red."""
     figure.text(

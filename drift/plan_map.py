@@ -62,7 +62,7 @@ def draw(
     particles: int | None = None,
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
-    synthetic: bool = False,
+    caution: str = "",
 ) -> None:
     """Draw a plan on the probability at an output (index; the one nearest to the middle of its first round unless told).
 
@@ -96,13 +96,13 @@ def draw(
     ashore = layers.ashore_marks(ax, here, forecast, i)
     _plan(ax, canvas, here, forecast, plan, i, marks)
 
-    _title(figure, canvas, title, TITLED if synthetic else 0.985)
+    _title(figure, canvas, title, TITLED if caution else 0.985)
     figure.text(0.055, 0.92, f"Plan: {plan_text.worth(plan)}", fontsize=12.5, weight="bold", color=INK)
     when = f"Probability at {units.group(now)}, given that all searches until then have failed"
     many = "" if particles is None else f"   ·   {particles:,} particles"
     figure.text(0.055, 0.887, page.fit(when + many, 120), fontsize=9.5, color=INK)
-    if synthetic:
-        page.warn(figure, 0.985, 0.96, "right", 10)
+    if caution:
+        page.banner(figure, 0.985, 0.96, "right", 10, caution)
     if least.few:
         page.banner(figure, 0.058, 0.876 - ROW, "left", 10, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):

@@ -52,7 +52,7 @@ def draw(
     particles: int | None = None,
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
-    synthetic: bool = False,
+    caution: str = "",
 ) -> None:
     """Draw one page (from 1) of a search's maps; see maps.draw_map for the rest.
 
@@ -102,7 +102,7 @@ def draw(
     told = _told(sorties, page, numbered=any(sortie.name in known for sortie in some), contacts=any(seen))
     if particles is not None:
         told += f"   ·   {particles:,} particles"
-    _words(figure, size, title, told, footer, synthetic)
+    _words(figure, size, title, told, footer, caution)
     if least.few:
         words = effective.banner(
             least, "areas and shares are rough", units.group(forecast.data["time"].values[least_at])
@@ -234,14 +234,14 @@ def _percent(share: float) -> str:
     return labels.percent(float(share)) if share < 0.0995 or share > 0.995 else f"{100 * share:.0f} %"
 
 
-def _words(figure: Figure, size: tuple[float, float], title: str, told: str, footer: str, synthetic: bool) -> None:
+def _words(figure: Figure, size: tuple[float, float], title: str, told: str, footer: str, caution: str) -> None:
     left = LEFT / size[0]
     figure.text(
-        left, 1 - 0.37 / size[1], paper.fit(title, 68 if synthetic else 100), fontsize=13, weight="bold", color=INK
+        left, 1 - 0.37 / size[1], paper.fit(title, 68 if caution else 100), fontsize=13, weight="bold", color=INK
     )
     figure.text(left, 1 - 0.63 / size[1], told, fontsize=9, color=INK)
-    if synthetic:
-        paper.warn(figure, 1 - 0.15 / size[0], 1 - 0.37 / size[1], "right", 9)
+    if caution:
+        paper.banner(figure, 1 - 0.15 / size[0], 1 - 0.37 / size[1], "right", 9, caution)
     if footer:
         figure.text(left, 0.12 / size[1], paper.fit(footer, size[0] * 17), fontsize=7, color=GREY)
 

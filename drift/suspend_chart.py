@@ -28,19 +28,19 @@ def draw(
     title: str,
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
-    synthetic: bool = False,
+    caution: str = "",
 ) -> None:
-    """Draw it; see maps.draw_map for title, footer, attributes and synthetic."""
+    """Draw it; see maps.draw_map for title, footer, attributes and caution."""
     figure, canvas = page.figure(WIDTH, HEIGHT)
-    figure.text(0.02, 0.945, page.fit(title, 75 if synthetic else 95), fontsize=14, weight="bold", color=INK)
+    figure.text(0.02, 0.945, page.fit(title, 75 if caution else 95), fontsize=14, weight="bold", color=INK)
     as_of = f"What a decision to suspend rests on, as of {units.group(told.now)}, given that nothing has been found"
     figure.text(0.02, 0.903, as_of, fontsize=10.5, color=INK)
     if told.count.few:
         page.banner(figure, 0.0225, 0.862, "left", 10, effective.banner(told.count, "every figure here is rough"))
     for warning in immortal(told):
         figure.text(0.02, 0.825, page.fit(warning, 160), fontsize=9, weight="bold", color=LAST_KNOWN, va="center")
-    if synthetic:
-        page.warn(figure, 0.985, 0.95, "right", 10)
+    if caution:
+        page.banner(figure, 0.985, 0.95, "right", 10, caution)
     axes = [figure.add_axes((left, 0.2, 0.265, 0.54)) for left in (0.05, 0.38, 0.715)]
     _alive(axes[0], told)
     _left(axes[1], told)

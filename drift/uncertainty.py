@@ -124,6 +124,15 @@ def in_spill(current: ForcingError, table: CurrentErrorTable | None, bias: float
     return replace(current, bias=bias, by=(*current.by[:2], CASE))
 
 
+def switched_off(current: ForcingError, wind: ForcingError | None) -> str:
+    """Return a warning where a case itself says that its winds or currents have no error, "" where it does not."""
+    off = [
+        name for name, error in (("current", current), ("wind", wind))
+        if error is not None and error.std == error.bias == 0 and error.by[0] == CASE
+    ]  # fmt: skip
+    return f"NO ERROR of {' and '.join(off)} in this forecast" if off else ""
+
+
 def words(current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str) -> str:
     """Return in a line which errors a run has, and who says so; by: who says the diffusivity. Without a wind: None."""
     told = [_words("current", current), *([_words("wind", wind)] if wind is not None else [])]

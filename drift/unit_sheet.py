@@ -77,7 +77,7 @@ def draw(
     polygons: Iterable[Any] = (),
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
-    synthetic: bool = False,
+    caution: str = "",
 ) -> None:
     """Draw page `number` of the sheet of tasking `which`."""
     name, one = subareas.names(plan)[which], plan.taskings[which]
@@ -88,8 +88,8 @@ def draw(
     figure.text(0.06, 0.943, page.fit(title, 100), fontsize=9.5, color=INK)
     when = f"On scene {units.group(one.on_scene)} to {plan_map.short(one.off_scene)}. Times are UTC, directions true."
     figure.text(0.06, 0.928, when, fontsize=9.5, color=INK)
-    if synthetic:
-        page.warn(figure, 0.95, 0.968, "right", 8.5)
+    if caution:
+        page.banner(figure, 0.95, 0.968, "right", 8.5, caution)
     if plan_text.rough(plan):
         page.banner(figure, 0.95, 0.945, "right", 8.5, "Few particles: areas and POS are rough")
     if number == 1:

@@ -7,14 +7,14 @@ of one day, are not independent: standard errors are clustered by both.
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from drift import along, case, clusters, drifters, fitting, many, publication, scores, turns
+from drift import along, case, clusters, drifters, fitting, many, publication, scores, turns, uncertainty
 from drift.case import Case
 from drift.clusters import Estimate
 from drift.drifters import Array, Track
@@ -124,6 +124,7 @@ def verify(
             f"--drifters: no drifter can be followed for {hours:g} h without a gap of more than {gap / 3600:.3g} h "
             f"({'; '.join(notes) or 'their tracks are shorter'}); give fewer --hours, or a longer --max-gap"
         )
+    case = _erring(case, wanted)
     after = _times(hours)
     made, known, silent = [], [], 0
     for number, (who, start) in enumerate(starts):
@@ -163,6 +164,16 @@ def _check(every: float, hours: float, error: float, gap: float, particles: int)
         raise UserError(f"--max-gap {gap:g} s must be above 0 s")
     if particles < 500:
         raise UserError(f"--particles {particles} must be at least 500: a rank among fewer is too coarse")
+
+
+def _erring(case: Case, columns: Mapping[str, str]) -> Case:
+    """Return a case with errors of what comes from columns as well: a model's values, for which its files' default holds."""
+    errors: dict[str, Any] = {}
+    for name, default in (("current", uncertainty.CURRENT), ("wind", uncertainty.WIND)):
+        error: uncertainty.ForcingError = getattr(case, f"{name}_error")
+        if f"{name}_east" in columns and error.by[0] == uncertainty.NOWHERE:
+            errors[f"{name}_error"] = default
+    return replace(case, **errors)
 
 
 def _times(hours: float) -> Array:
@@ -221,8 +232,18 @@ def _case(
             if len(rows) < 2:
                 return None
             changes[quantity] = [{"name": "along the track", "table": rows}]
+            if quantity != "stokes":
+                changes["uncertainty"] = {
+                    "current": _stated(base.current_error) | {"bias": base.current_error.bias},
+                    "wind": _stated(base.wind_error),
+                    "diffusivity": base.diffusivity,
+                }  # a table by time has none by default
             table.pop(f"{quantity}s" if quantity != "stokes" else quantity, None)
     return case.vary(base, {**changes, "scenario": [table]})
+
+
+def _stated(error: uncertainty.ForcingError) -> dict[str, Any]:
+    return {"std": error.std, "time": error.time}
 
 
 def _reported(

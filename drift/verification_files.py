@@ -31,9 +31,10 @@ def write(made: Verification, folder: Path, *, overwrite: bool = False) -> None:
         "backend": runtime.backend(),
         "forcing": "; ".join(f"{Path(one['path']).name}: {one['digest']}" for one in inputs),
         "coast": case.coast.source,
+        "uncertainty": verification_text.errors(made),
         "case": case.text,
     }
-    footer = f"{attributes['source']}, seed {case.seed}, {verification_text.errors(made)}"
+    footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"
     output.publish(
         folder,
         (

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drift import verification
+from drift import uncertainty, verification
 from drift.clusters import Estimate
 from drift.units import NMI
 from drift.verification import Verification
@@ -101,15 +101,9 @@ def _rms(values: np.ndarray) -> float:
 def errors(made: Verification) -> str:
     """Return the errors that the forecasts were made with."""
     case = made.case
-    parts = []
-    for name, error in (("current", case.current_error), ("wind", case.wind_error)):
-        if error.std > 0:
-            bias = getattr(error, "bias", 0.0)
-            told = f", bias {bias:.3g} m/s" if bias else ""
-            parts.append(f"{name} {error.std:.3g} m/s, {error.time / 3600:.3g} h{told}")
-    if case.diffusivity > 0:
-        parts.append(f"diffusivity {case.diffusivity:.3g} m2/s")
-    return f"{'; '.join(parts) or 'none'}; start {made.error:.0f} m (50 %); object {case.scenarios[0].object.name}"
+    felt = case.wind_error if case.scenarios[0].object.uses_wind else None
+    told = uncertainty.words(case.current_error, felt, case.diffusivity, case.diffusivity_by)
+    return f"{told}; start {made.error:.0f} m (50 %); object {case.scenarios[0].object.name}"
 
 
 def doubt(made: Verification) -> str:

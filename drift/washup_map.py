@@ -83,7 +83,7 @@ def draw(
     marks: Sequence[Mark] = (),
     footer: str = "",
     attributes: Mapping[str, str] | None = None,
-    synthetic: bool = False,
+    caution: str = "",
     known_as: str = "Release",
     finds: Sequence[Mark] = (),
     patrols: Sequence[Patrolled] = (),
@@ -93,7 +93,7 @@ def draw(
     """Draw a washup (see drift.washup.build) at its last output time.
 
     polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. footer,
-    attributes, synthetic: as in drift.maps.draw_map. finds: where objects were found, each labelled by its number; numbers are of those not yet found. patrols: drawn
+    attributes, caution: as in drift.maps.draw_map. finds: where objects were found, each labelled by its number; numbers are of those not yet found. patrols: drawn
     beside the coast, the last of them with day, time and detection; patrolled: what they are called.
     warning: printed on the page, in red.
     """
@@ -152,7 +152,7 @@ def draw(
             f"None of the {_spills(data)} simulated spills puts any object ashore by {_moment(data['time'].values[-1])}"
         )
         figure.text(0.5, 0.25, text, fontsize=13, weight="bold", ha="center", color=INK)
-    _words(figure, data, title, synthetic)
+    _words(figure, data, title, caution)
     if footer:
         figure.text(0.03, 0.012, page.fit(footer, 190), fontsize=7.5, color=GREY)
     if finds:
@@ -397,7 +397,7 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     )
 
 
-def _words(figure: Figure, data: xr.Dataset, title: str, synthetic: bool) -> None:
+def _words(figure: Figure, data: xr.Dataset, title: str, caution: str) -> None:
     """Write title, valid time, basis and account over the maps."""
     figure.text(0.03, 0.966, page.fit(title, 95), fontsize=15, weight="bold", color=INK)
     begin, end = data["start"].values[()], data["time"].values[-1]
@@ -407,8 +407,8 @@ def _words(figure: Figure, data: xr.Dataset, title: str, synthetic: bool) -> Non
     figure.text(0.03, 0.9155, _basis(data), fontsize=9, color=INK)
     account = _account(data)
     figure.text(0.03, 0.8905, account, fontsize=min(9.5, 1320 / len(account)), weight="bold", color=INK)
-    if synthetic:
-        page.warn(figure, 0.967, 0.917, "right", 10)
+    if caution:
+        page.banner(figure, 0.967, 0.917, "right", 10, caution)
 
 
 def _basis(data: xr.Dataset) -> str:

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import drift
-from drift import page, uncertainty
+from drift import figures, page, uncertainty
 from drift.__main__ import main
 from geo.errors import UserError
 from tests import writers
@@ -191,6 +191,23 @@ def test_what_is_no_error_is_refused_in_a_line(tmp_path, key, value, message) ->
     assert len(refusal.value.lines) == 1
 
 
+@pytest.mark.parametrize(
+    ("object", "changes", "banner"),
+    [
+        ("water", {"uncertainty": "none"}, "NO ERROR of current in this forecast"),
+        ("raft", {"uncertainty": "none"}, "NO ERROR of current and wind in this forecast"),
+        ("raft", {"uncertainty.wind": "none"}, "NO ERROR of wind in this forecast"),
+        ("raft", {"uncertainty.current": "none"}, "NO ERROR of current in this forecast"),
+        ("raft", {"uncertainty.current": '{ std = "0 m/s", bias = "0.1 m/s" }'}, ""),
+        ("raft", {}, ""),
+    ],
+)
+def test_errors_that_a_case_switches_off_stand_on_a_banner(tmp_path, object, changes, banner) -> None:
+    text = sources(tmp_path) + (RAFT if object == "raft" else RAFT.replace('{ windage = "3 %" }', '"water"'))
+    (tmp_path / "trial.toml").write_text(text)
+    assert figures.caution(drift.load(tmp_path / "trial.toml", changes)) == banner
+
+
 def test_check_run_files_and_every_picture_say_which_errors_were_used(tmp_path, capsys, monkeypatch) -> None:
     feet: dict[str, list[str]] = {}
     saved = page.save
@@ -220,6 +237,7 @@ def test_check_run_files_and_every_picture_say_which_errors_were_used(tmp_path, 
     assert {"map.png", "snapshots.png", "search.png", "evidence.png"} <= feet.keys()
     for texts in feet.values():
         assert any(line.startswith(f"Errors: {words[:40]}") for line in texts), texts
+        assert "NO ERROR of current and wind in this forecast" in texts  # on a banner
     with xr.open_dataset(out / "forecast.nc") as data:
         assert data.attrs["uncertainty"] == words
     summary = json.loads((out / "summary.json").read_text())["uncertainty"]

@@ -34,6 +34,8 @@ from drift.effective import Count
 from drift.status import Status
 from geo import sphere
 
+WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
+
 N = 100_000
 BEGIN = np.datetime64("2026-11-21T18:30:00")
 BANNER = "ONLY 4 OF 100,000 PARTICLES COUNT"
@@ -113,9 +115,9 @@ def test_one_threshold_for_particles_and_one_for_worlds(count, few, text):
 
 def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
     options = {"title": "Few", "particles": N}
-    maps.draw_map(forecast, tmp_path / "map.png", synthetic=True, **options)
+    maps.draw_map(forecast, tmp_path / "map.png", caution=WRONG, **options)
     assert f"{BANNER}: the areas are rough" in words
-    assert "SYNTHETIC wind or current: not for operations" in words
+    assert WRONG in words
     assert any(text.startswith("50 % area: rough, ") for text in words)
     words.clear()
     maps.draw_map(forecast, tmp_path / "sure.png", time=0, **options)
@@ -129,7 +131,7 @@ def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
 def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
     seen = []
     monkeypatch.setattr(Figure, "savefig", lambda self, *args, **kwargs: seen.append(self))
-    options = {"title": "A long title of a case, as they are given, " * 2, "particles": N, "synthetic": True}
+    options = {"title": "A long title of a case, as they are given, " * 2, "particles": N, "caution": WRONG}
     maps.draw_map(forecast, tmp_path / "map.png", **options)
     maps.draw_snapshots(forecast, tmp_path / "snapshots.png", **{**options, "title": "Short"})
     for figure in seen:

@@ -149,8 +149,13 @@ SETS, BUOYS = 6, 12
 
 
 @pytest.fixture(scope="module")
-def fits():
-    return [fitting.of(ways(simulated(np.random.default_rng(700 + k), BUOYS, 2.0)), True) for k in range(SETS)]
+def sets():
+    return [ways(simulated(np.random.default_rng(700 + k), BUOYS, 2.0)) for k in range(SETS)]
+
+
+@pytest.fixture(scope="module")
+def fits(sets):
+    return [fitting.of(one, True) for one in sets]
 
 
 def test_parameters_are_recovered_within_what_their_errors_say(fits):
@@ -177,12 +182,17 @@ def test_parameters_are_recovered_within_what_their_errors_say(fits):
     assert (np.abs(z) < 2).sum() >= stats.binom.ppf(1e-3, 8 * SETS, 0.954)
 
 
-def test_correlation_of_the_data_is_beside_that_of_the_law(fits):
-    rows = np.concatenate([fit.correlation for fit in fits])
-    for lag in np.unique(rows[:, 0]):
-        data, error, law = rows[rows[:, 0] == lag, 1:].T
-        # residuals about a fitted mean and bias are a little less correlated: one standard error of bias stays allowed for
-        assert abs(data.mean() - law.mean()) < 3 * math.sqrt((error**2).mean() / SETS) + TRUE.bias**2 / BUOYS / 0.05
+def test_correlation_of_the_data_is_that_of_the_law(sets):
+    """About the true mean error nothing is fitted, and sets of drifters are independent: a t test of each lag, 1 in 1,000."""
+    rows = np.array([fitting._correlation(TRUE, np.array([WINDAGE, *MEAN]), one, True) for one in sets])
+    assert (rows[:, :, 0] == [3.0, 6.0, 12.0, 24.0, 48.0]).all()
+    assert (stats.ttest_rel(rows[:, :, 1], rows[:, :, 3]).pvalue > 1e-3).all()
+
+
+def test_correlation_beside_a_fit_is_that_of_the_fit(sets, fits):
+    for one, fit in zip(sets, fits, strict=True):
+        mean = np.array([fit.windage, *fit.mean])
+        assert np.array_equal(fit.correlation, fitting._correlation(fit.law, mean, one, True))
 
 
 def test_ellipses_hold_out_what_they_say():

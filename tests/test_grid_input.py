@@ -131,3 +131,10 @@ def test_a_grid_too_fine_for_the_particles_is_refused() -> None:
 def test_grids_that_cannot_be_are_refused(changed: dict[str, Any], told: str) -> None:
     with pytest.raises(ValidationError, match=told):
         grid(**changed)
+
+
+def test_cells_of_a_length_are_as_wide_as_high_at_the_middle_latitude():
+    """1 nmi is 1/60 degree of the meridian, to 1 in 800 on our sphere, and 1/60/cos(61 degrees) of the parallel."""
+    made = GridTable(west=-6.3, east=-4.1, south=60.0, north=62.0, spacing="1 nmi").cells()
+    assert made.width / made.height == pytest.approx(1 / np.cos(np.radians(61.0)), rel=1e-3)
+    assert made.height * 360 / 2**32 == pytest.approx(1852 / 6_371_008.8 * 180 / np.pi, rel=1e-3)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import writers
+import xarray as xr
 
 import drift
 from drift.status import Status
@@ -127,6 +128,20 @@ def test_neither_order_nor_company_matters(tmp_path: Path) -> None:
     forth, back = list(drift.run_many(cases)), list(drift.run_many(cases[::-1]))[::-1]
     assert [bits(one) for one in forth] == [bits(one) for one in back]
     assert bits(next(drift.run_many([cases[3]]))) == bits(forth[3])
+
+
+def test_data_sets_are_told_apart(tmp_path: Path) -> None:
+    """Two data sets: neither has a file, and the one is twice the other."""
+    base = case(tmp_path, writers.regular(tmp_path / "current.nc"))
+    with xr.open_dataset(tmp_path / "current.nc") as opened:
+        sea = opened.load()
+    names = [str(name) for name in sea.data_vars]
+    datasets = {"slow": sea, "fast": sea.assign({name: 2 * sea[name] for name in names})}
+    cases = [drift.vary(base, {"current": [{"dataset": name}]}) for name in datasets]
+    slow, fast = drift.run_many(cases, datasets=datasets)
+    assert slow.error is fast.error is None
+    assert bits(slow) != bits(fast)
+    assert bits(next(drift.run_many(cases[1:], datasets=datasets))) == bits(fast)
 
 
 def test_one_that_is_refused_says_so_and_the_others_go_on(tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from drift import chart, labels, layers, maps, products
 from drift.status import Status
 from geo import sphere
 
+WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
+
 
 def forecast(lon, lat, spread=6000.0, ashore=True, n=4000):
     rng = np.random.default_rng(5)
@@ -59,7 +61,7 @@ def test_pictures_anywhere_and_at_any_size(tmp_path, lon, lat, spread):
         tmp_path / "map.png",
         lines=[maps.Line([lon, lon + step, lon + step], [lat, lat, lat + step], "Area", closed=True)],
         footer="casp-drift",
-        synthetic=True,
+        caution=WRONG,
         **options,
     )
     maps.draw_snapshots(made, tmp_path / "snapshots.png", **options)

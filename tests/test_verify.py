@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -191,6 +192,30 @@ def test_columns_along_the_track_are_a_current_by_time(tmp_path):
         drift.verify(base, [given], columns={"current_east": "ue", "current_north": "w"})
 
 
+@pytest.mark.parametrize(
+    ("stated", "words", "spread"),
+    [
+        (None, "current 0.31 m/s over 11 h and 0.08 m/s that lasts (default)", (0.31, 11 * 3600.0, 0.08)),
+        ({"current": {"std": 0.0, "bias": 0.3}}, "current 0.3 m/s that lasts (case)", (0.0, 1.0, 0.3)),
+        ("none", "no error of the current (case)", (0.0, 1.0, 0.0)),
+    ],
+)
+def test_columns_of_a_model_err_as_its_files_would(tmp_path, stated, words, spread):
+    """What is told of the errors is what particles have: after t, 2 s^2 T (t - T (1 - exp(-t / T))) + b^2 t^2 a component."""
+    track = simulated(1, 9, hours=30)[0]
+    given = Track("9", track.time, track.lon, track.lat, {"ue": np.full(31, 0.2), "vn": np.full(31, -0.1)})
+    base = drift.vary(case(tmp_path), {"uncertainty": stated})
+    columns = {"current_east": "ue", "current_north": "vn"}
+    made = drift.verify(base, [given], columns=columns, every=3600.0 * 100, particles=4000)
+    assert verification_text.errors(made).startswith(words)
+    std, memory, bias = spread
+    t = 86_400.0
+    walk = 2 * std**2 * memory * (t - memory * (1 - math.exp(-t / memory)))
+    expected = 2 * (walk + bias**2 * t**2 + (100 / math.sqrt(2 * math.log(2))) ** 2)
+    # a mean square of 4,000 pairs of normals: relative standard error 1 / sqrt(4,000)
+    assert abs(made.spread[0, -1] ** 2 / expected - 1) < 3 / math.sqrt(4000)
+
+
 GDP = """platform_code,platform_type,time,latitude,longitude,sst
 ,,UTC,degrees_north,degrees_east,Deg C
 62,BUOY,2021-03-03T18:00:00Z,44.6818,-2.5441,13.09
@@ -228,6 +253,7 @@ def test_a_table_is_understood_and_what_is_refused_is_counted(tmp_path):
     [
         ("2021-03-03 18:00:30", "2021-03-03T18:00:30"),
         ("2021-03-03T19:30:30+01:30", "2021-03-03T18:00:30"),
+        ("2021-03-03 13:00:30-05", "2021-03-03T18:00:30"),
         ("2021/03/03 18:00:30", "2021-03-03T18:00:30"),
         ("1614794430", "2021-03-03T18:00:30"),
         ("03-Mar-2021 18:00:30", "2021-03-03T18:00:30"),
@@ -248,6 +274,9 @@ def test_forms_of_time(tmp_path, text, expected):
         ("a,b\n1,2\n", "no column of time"),
         ("id,time,lon,lat\na,03/04/2021 18:00,1,2\n", "two ways"),
         ("id,time,lon,lat\na,yesterday,1,2\n", "not a time"),
+        ("id,time,lon,lat\na,2021-03-03 18:00 CET,1,2\n", '"2021-03-03 18:00 CET" is not a time'),
+        ("id,time,lon,lat\na,2021-03-03T18:00Z,5 30.0 W,46.5\n", 'column of lon, "lon": the first has "5 30.0 W"'),
+        ("id,time,lon,lat\na,2021-03-03T18:00Z,-5.5,NaN\n", "no row has a number in its column of lat"),
         ("id,time,lon,lat\n", "no table"),
         ("\0\x01", "no table"),
     ],
@@ -259,6 +288,47 @@ def test_what_is_no_table_of_drifters_is_one_line(tmp_path, text, words):
         drifter_files.read(file)
     with pytest.raises(UserError, match="cannot be read"):
         drifter_files.read(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ID,time (UTC),longitude (degrees_east),latitude (degrees_north)\nb,2021-03-03T18:00:00Z,354.5,46.25\na,2021-03-03T18:30:00Z,2,3\nb,2021-03-03T19:00:00Z,355,47\n",
+        "Buoy;Date Time [UTC];Lon [deg];Lat [deg]\nb;2021-03-03 18:00;354,5;46,25\na;2021-03-03 18:30;2;3\nb;2021-03-03 19:00;355,0;47\n",
+    ],
+)
+def test_units_in_a_header_and_decimal_commas(tmp_path, text):
+    file = tmp_path / "a.csv"
+    file.write_text(text)
+    first, second = drifter_files.read(file)
+    assert (first.name, second.name) == ("b", "a")
+    assert (first.lon.tolist(), first.lat.tolist()) == ([354.5, 355.0], [46.25, 47.0])
+    assert (first.time - second.time[0]).tolist() == [-1800.0, 1800.0]
+
+
+def test_a_drifter_of_which_no_fix_is_left_is_told(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("id,time,lon,lat\na,2021-03-03T18:00Z,1,2\na,2021-03-03T19:00Z,1,2.01\nb,2021-03-03T18:00Z,1,200\n")
+    found = drifters.believed(drifter_files.read(file))
+    assert [track.name for track in found.tracks] == ["a"]
+    assert found.notes[-1] == "1 drifter left out with fewer than two fixes: b"
+
+
+def test_a_fix_is_wrong_that_is_both_reached_and_left_too_fast():
+    """2 km in 5 min between fixes that agree with all others: which of the two errs nobody knows, and both stay."""
+    seconds, metres = np.array([0, 3600, 3900, 7200, 10_800.0]), np.array([0, 1000, 3000, 4000, 5000.0])
+    track = Track("a", 1.6e9 + seconds, np.full(5, -5.5), 46.0 + np.degrees(metres / RADIUS))
+    assert drifters.believed([track]).notes == ()
+    spike = replace(track, lat=track.lat + np.degrees(np.array([0, 0, 20_000, 0, 0]) / RADIUS))
+    (left,) = drifters.believed([spike]).tracks
+    assert (left.time - 1.6e9).tolist() == [0, 3600, 7200, 10_800]
+
+
+def test_a_name_that_promises_netcdf(tmp_path):
+    file = tmp_path / "a.nc"
+    file.write_text("id,time,lon,lat\n")
+    with pytest.raises(UserError, match="is no netCDF file"):
+        drifter_files.read(file)
 
 
 def test_every_layout_of_trajectories_gives_the_same_tracks(tmp_path):
@@ -334,6 +404,9 @@ def test_the_command_writes_results_that_are_whole(tmp_path, capsys):
     summary = json.loads((out / "summary.json").read_text())["verification"]
     with xr.open_dataset(out / "verify.nc") as stored:
         assert stored["containment"].shape == (3, 3)
+        assert stored.attrs["uncertainty"].startswith(
+            "current 0.26 m/s over 7 h (case); diffusivity 25 m2/s (case); start 600 m"
+        )
         share = float((stored["containment"][:, -1] <= 0.9).mean())
     assert summary["leads"][-1]["held"]["90%"]["mean"] == pytest.approx(share)
     assert share == pytest.approx(
@@ -350,6 +423,30 @@ def test_the_command_writes_results_that_are_whole(tmp_path, capsys):
     ):
         assert __main__.main(["verify", str(tmp_path / "case.toml"), *told, "--overwrite", *wrong]) == 2
         assert words in capsys.readouterr().err
+
+
+def test_no_forecast_begins_ends_or_passes_in_a_silence():
+    """Hourly fixes from 0 to 3 h and from 9 to 40 h, and one at 50 h: only what stays within 9 to 40 h is forecast."""
+    hours = np.array([0, 1, 2, 3, *range(9, 41), 50.0])
+    track = Track("a", 1.6e9 + 3600 * hours, 0.001 * hours, 45.0 + 0.001 * hours)
+    for length, begins, silent in ((24, [12], 4), (6, [12, 18, 24, 30], 4), (1, [0, 12, 18, 24, 30, 36], 3)):
+        starts, left_out = verification._starts([track], 6 * 3600.0, length * 3600.0, 3 * 3600.0, 3.0)
+        assert [(who, (start - 1.6e9) / 3600) for who, start in starts] == [(0, begin) for begin in begins]
+        assert left_out == silent
+
+
+def test_forecasts_that_overlap_share_a_cluster_but_no_random_number(tmp_path):
+    """Of 25 h, begun a day apart: clusters of two days. Each has a seed of its own."""
+    made = drift.verify(case(tmp_path), simulated(1, 9, hours=96), hours=25, every=86_400.0, particles=500)
+    assert made.start.size == 3
+    assert made.block.tolist() == (made.start // (2 * 86_400)).tolist()
+    assert np.unique(made.block).size == 2
+    track, hours = simulated(1, 9, hours=96)[0], np.array([3.0, 25.0])
+    seeds = {
+        verification._case(case(tmp_path), track, begin, hours, 100.0, 500, {}, k).seed
+        for k, begin in enumerate(made.start.tolist())
+    }
+    assert len(seeds) == 3
 
 
 def test_lost_probability_is_not_judged():

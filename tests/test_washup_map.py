@@ -15,6 +15,8 @@ from drift.fates import FOREVER, Fates, Realisation, Stays
 from drift.status import Status
 from geo.segments import Segments
 
+WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
+
 START = np.datetime64("1973-11-21T18:00:00")
 
 
@@ -99,7 +101,7 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
         polygons=[land],
         marks=[layers.Mark(lon + 1.5, lat - 0.4, "Release 21/1800Z")],
         footer="casp-drift " * 40,
-        synthetic=True,
+        caution=WRONG,
     )
     with Image.open(tmp_path / "washup.png") as picture:
         assert picture.size == (1820, 1316)
@@ -107,7 +109,7 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
         assert said.count(f"({rank})") == 3  # on both maps and in the chart
     assert "(11)" not in said
     assert said.count("Release 21/1800Z") == 2
-    assert "SYNTHETIC wind or current: not for operations" in said
+    assert WRONG in said
     assert any(text.startswith("Washup by 231800ZNOV1973") for text in said)
     assert any(text.startswith("50 worlds, effective 50") for text in said)
     assert any("ashore" in text and "afloat" in text for text in said)
@@ -120,7 +122,7 @@ def test_none_ashore(tmp_path, monkeypatch):
     assert (
         "None of the 50 simulated spills puts any object ashore by 231800ZNOV1973 (1973-11-23T18:00:00Z, UTC)" in said
     )
-    assert "SYNTHETIC wind or current: not for operations" not in said
+    assert WRONG not in said
 
 
 def test_the_same_spill_gives_the_same_bytes(tmp_path):
