@@ -37,7 +37,7 @@ LEAST = 16.0  # effective particles in a box before it is divided: fewer tell no
 FEWEST, MOST = 6, 24  # bins of time
 STRAIN = 0.5  # sides of a box that its particles move apart in a bin, unless that takes too many bins
 TRIAL = 4096  # particles on which that is measured
-SMALLEST = 0.03  # sweep widths: the side of the smallest box, which a single pass covers
+SMALLEST = 0.003  # sweep widths: the side of the smallest box, which a single pass covers
 PATIENCE = 25  # steps without a better bound or better effort
 STEPS = 500  # at most
 FEW = 1000.0  # effective particles: on a circular normal, fewer leave the bound up to 3 % too low
@@ -158,6 +158,8 @@ def _field(
     tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
 ) -> tuple[allocate.Field, Budget, Array]:
     """Return the particles in boxes, what may be spent there, and the boxes' areas [m2]."""
+    widths = np.array([unit.sweep_width for unit in units]).T
+    smallest = SMALLEST * float(widths.min(where=widths > 0, initial=np.inf) if (widths > 0).any() else 1.0)
     plane = record.plane(tracks)
     bins = _bins(tracks, plane)
     effective = float(1 / np.sum(tracks.weight**2))
@@ -165,15 +167,20 @@ def _field(
     for t, there in enumerate(bins.there):
         if there.any():
             made.append(
-                boxes.grow(bins.x[t, there], bins.y[t, there], tracks.weight[there], max(effective / BOXES, LEAST))
+                boxes.fit(
+                    bins.x[t, there],
+                    bins.y[t, there],
+                    tracks.weight[there],
+                    max(effective / BOXES, LEAST),
+                    LEAST,
+                    smallest,
+                )
             )
             of[t, there] = sum(one.count for one in made[:-1]) + made[-1].of
         else:  # nobody to be found: a box of nobody
-            made.append(boxes.Boxes(np.zeros(0, np.int64), np.zeros((1, 2)), np.zeros((1, 2))))
+            made.append(boxes.Boxes(np.zeros(0, np.int64), *np.zeros((3, 1, 2))))
     start = np.concatenate([[0], np.cumsum([one.count for one in made])])
-    widths = np.array([unit.sweep_width for unit in units]).T
-    smallest = SMALLEST * float(widths.min(where=widths > 0, initial=np.inf) if (widths > 0).any() else 1.0)
-    area = np.concatenate([np.prod(np.maximum(one.high - one.low, smallest), axis=1) for one in made])
+    area = np.concatenate([np.prod(np.maximum(one.sides, smallest), axis=1) for one in made])
     value = worth(tracks, survival, spec.objective, bins.edge[:-1])  # later in the bin it is no more
     fall = value - np.concatenate([value[1:], np.zeros((1, tracks.m))])
     groups = {unit.group or unit.name: unit.shape for unit in units}

@@ -143,7 +143,7 @@ def _told(one: Tasking) -> str:
     return (
         f"{one.unit.name}: on scene {units.group(one.on_scene)}, off {units.group(one.off_scene)}; "
         f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, spacing {one.spacing / NMI:.2f} nmi, "
-        f"creep {subareas.degrees(one.creep):03d}T, {one.unit.search_speed / KNOT:.0f} kn; POS {one.pos:.2f}"
+        f"creep {subareas.degrees(one.creep):03d}T, {one.unit.search_speed / KNOT:.0f} kn; POS {plan_text.chance(one.pos)}"
     )
 
 

@@ -318,7 +318,7 @@ def _panel(figure: Figure, plan: Plan) -> None:
         lines.append((text, high, weight, indent))
 
     for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
-        say(f"{name}  {page.fit(one.unit.name, 26)}   POS {one.pos:.2f}", 1.15, "bold")
+        say(f"{name}  {page.fit(one.unit.name, 26)}   POS {plan_text.chance(one.pos)}", 1.15, "bold")
         say(f"on scene {short(one.on_scene)} to {short(one.off_scene)}, home {short(one.home)}")
         say(f"{one.length / NMI:.1f} × {one.width / NMI:.1f} nmi along {subareas.degrees(one.orientation):03d}T, "
             f"{one.unit.search_speed / KNOT:.0f} kn")  # fmt: skip
@@ -331,13 +331,13 @@ def _panel(figure: Figure, plan: Plan) -> None:
         say("No unit can search in this period.", 1.5, "bold")
     say("POS, had it been", 1.05, "bold")
     for scenario, pos in zip(plan.scenarios, plan.by_scenario, strict=True):
-        say(f"{pos:.2f}  {page.fit(scenario, 40)}")
+        say(f"{plan_text.chance(pos)}  {page.fit(scenario, 40)}")
     if plan.alternatives:
         say("", 0.3)
         say("Instead", 1.05, "bold")
         for other in plan.alternatives:
             first, *rest = textwrap.wrap(other.name, 46) or [""]
-            say(f"{other.value:.2f}  {first}")
+            say(f"{plan_text.chance(other.value)}  {first}")
             if rest:
                 say(page.fit(" ".join(rest), 46), indent=FIGURES)
     top, bottom = 0.9, 0.295

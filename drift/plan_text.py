@@ -97,13 +97,19 @@ def worth(plan: Plan) -> str:
     The bound is rounded up; with three digits where two tell no difference.
     """
     digits = 3 if plan.bound is not None and f"{plan.value:.2f}" == f"{_up(plan.bound, 2):.2f}" else 2
-    value = f"POS {plan.value:.{digits}f}"
+    value = f"POS {chance(plan.value, digits)}"
     if plan.spec.objective == "alive":
-        value = f"{plan.value:.{digits}f} to detect alive (POS {plan.pos:.{digits}f})"
+        value = f"{chance(plan.value, digits)} to detect alive (POS {chance(plan.pos, digits)})"
     if plan.bound is None:
         return f"{value}; no bound: {plan.unbounded}" if plan.unbounded else value
     error = f" (+-{_up(2 * plan.bound_error, digits):.{digits}f})" if plan.bound_error > 0 else ""
     return f"{value}; no plan can exceed {_up(plan.bound, digits):.{digits}f}{error}"
+
+
+def chance(value: float, digits: int = 2) -> str:
+    """Return a probability in so many digits; what is not certain is not written as 1."""
+    told = f"{value:.{digits}f}"
+    return f">{1 - 10.0**-digits:.{digits}f}" if value < 1 and float(told) == 1 else told
 
 
 def _up(value: float, digits: int) -> float:
@@ -130,7 +136,7 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         rows.append(("", told))
     rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
     for k, (name, pos) in enumerate(zip(plan.scenarios, plan.by_scenario, strict=True)):
-        rows.append(("POS, had it been" if k == 0 else "", f"{pos:.2f}  {name}"))
+        rows.append(("POS, had it been" if k == 0 else "", f"{chance(pos):5} {name}"))
     return [line for row in rows for line in _row(*row)]
 
 
@@ -139,7 +145,7 @@ def _table(plan: Plan, names: Sequence[str]) -> list[str]:
     for name, one in zip(names, plan.taskings, strict=True):
         times = [_short(time) for time in (one.takeoff, one.on_scene, one.off_scene, one.home)]
         unit = one.unit.name if len(one.unit.name) <= 23 else f"{one.unit.name[:20]}..."
-        lines.append(f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{one.pos:5.2f}")
+        lines.append(f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{chance(one.pos):>5}")
     return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
 
 
@@ -185,7 +191,7 @@ def task(plan: Plan, name: str, one: Tasking) -> list[str]:
             (told, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
             for told, way, straight in subareas.by_sea(one)
         ),
-        ("POS", f"{one.pos:.2f}"),
+        ("POS", chance(one.pos)),
     ]
     if unit.afloat:
         keeps = [f"{unit.clear_of_land / NMI:.2g} nmi off land"] * (unit.clear_of_land > 0)
@@ -215,11 +221,11 @@ def _expected(plan: Plan, one: Tasking) -> list[str]:
     """Return the POD that a tasking expects: in a line where it is the same for all scenarios, else as a table of them."""
     width, coverage, pod = np.array(one.sortie.sweep_width) / NMI, subareas.coverages(one), subareas.pods(one)
     if np.ptp(coverage) < 1e-9 and np.ptp(width) < 1e-9:
-        return _row("Expected POD", f"{pod[0]:.2f} at W {width[0]:.2f} nmi, coverage {coverage[0]:.2f}", indent=6)
+        return _row("Expected POD", f"{chance(pod[0])} at W {width[0]:.2f} nmi, coverage {coverage[0]:.2f}", indent=6)
     wide = max(map(len, plan.scenarios))
     rows = [f"{'':{wide}}   POD  W [nmi]  Coverage"]
     for scenario, *figures in zip(plan.scenarios, pod, width, coverage, strict=True):
-        rows.append(f"{scenario:{wide}}  {figures[0]:4.2f}  {figures[1]:7.2f}  {figures[2]:8.2f}")
+        rows.append(f"{scenario:{wide}} {chance(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}")
     return [f"      {'' if k else 'Expected POD':{LABEL}}{row}" for k, row in enumerate(rows)]
 
 

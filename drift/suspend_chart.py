@@ -163,6 +163,7 @@ def _further(ax: Axes, told: Suspension) -> None:
         x, labels=[f"{units.group(one.until)[:6]}Z" for one in told.further], rotation=30 if len(x) > 4 else 0
     )
     _percents(ax)
+    ax.set_ylim(0, 1.2)  # what stands above a bar of 100 % stays within the frame, and the words above that
     planned = (
         "the plan of plan.txt" if told.how.startswith("the plan") else "each day as the last 24 h, random search: rough"
     )

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from plans import HOUR, NMI, cloud, moving, spec, speed_for, tracks, unit
+from plans import HOUR, NMI, PLACE, cloud, moving, spec, speed_for, tracks, unit
 from scipy import integrate, optimize, special
 
 from drift import bound, boxes, concave, detection, optimise, rectangle
@@ -309,6 +309,52 @@ def test_what_moves_is_bounded(name: str) -> None:
         assert made <= limit < 1.9 * made
 
 
+def voyage(m: int, corners: np.ndarray, std: float, rng: np.random.Generator) -> np.ndarray:
+    """Return places (2, m) evenly along a way through corners [m], off it by a standard deviation."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    at = rng.uniform(0, way[-1], m)
+    return np.array([np.interp(at, way, v) for v in corners.T]) + std * rng.standard_normal((2, m))
+
+
+# A unit that goes once along a line on which the object was lost: (corners [nmi], standard deviation [nmi], particles).
+LINES = {
+    "straight, to the north-east": ([(-105, -104), (105, 104)], 0.1, 4096),
+    "straight, to the north": ([(0, -25), (0, 25)], 0.1, 4096),
+    "three legs": ([(-80, -50), (-60, 20), (-20, -10), (60, 40)], 0.12, 6000),
+    "an arc": ([(40 * np.cos(t), 40 * np.sin(t)) for t in np.linspace(0.3, 5, 200)], 0.05, 6000),
+}
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_a_prior_along_a_line_much_narrower_than_long(name: str) -> None:
+    """Squares of a cloud's length count the sea beside it: it was 0.46 where one leg finds 0.69."""
+    corners, std, m = LINES[name]
+    nodes = NMI * np.array(corners)
+    x, y = voyage(m, nodes, std * NMI, np.random.default_rng(2))
+    some = tracks(x, y, 4, 4, (0.0, 0.0))
+    plane = record.plane(some)
+    path = np.column_stack(plane.flat(*record.sphere.destination(*np.radians(PLACE), *nodes.T)))
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    one_way = np.column_stack([way / way[-1] * 2 * HOUR, path])
+    own = plane.flat(some.lon * record.sphere.UNIT, some.lat * record.sphere.UNIT)
+    swarm = rectangles.swarm(some.time - some.time[0], *own, np.ones(own[0].shape), some.scenario)
+    for law in (Law(), Law("definite_range")):
+        one = unit(way[-1] / (2 * HOUR), 2, 3 * std * NMI, law)
+        crew = rectangle.crew(
+            one, reaches.reach(one, spec(), (plane.lon, plane.lat)), plane, float(some.time[0]), np.ones(1)
+        )
+        seen = sweeps.found(swarm, crew.table, one_way, crew.width, np.ones(1))[0][:, 0]
+        assert some.weight @ seen <= bound.bound(some, [one], spec(), [None]).value
+
+
+def test_a_cloud_much_smaller_than_a_sweep_width() -> None:
+    """Three tenths of a sweep width of legs look at all of it more than once: M-beta 0.8 finds more than 0.8, which is all it could be."""
+    rng = np.random.default_rng(7)
+    some = tracks(*(0.05 * NMI * rng.standard_normal((2, 2500))), 4, 4, (0.0, 0.0))
+    one = unit(0.3 * NMI / (2 * HOUR), 2, NMI, Law("m_beta", beta=0.8))
+    assert bound.bound(some, [one], spec(), [None]).value > 0.96
+
+
 def test_bins_are_as_short_as_motion_asks_for() -> None:
     """A point that spreads: the first bins take minutes, the last hours; what drifts as one needs no more than the least."""
     wide = moving(3000, 0.3 * NMI, 0.7, 0.0, 48.0)
@@ -318,6 +364,23 @@ def test_bins_are_as_short_as_motion_asks_for() -> None:
     assert np.diff(edge)[-1] > HOUR
     as_one = cloud(2**12, STD, drift=(0.7, -1.1))
     np.testing.assert_allclose(np.diff(bound._bins(as_one, record.plane(as_one)).edge), 4 * HOUR / bound.FEWEST)
+
+
+def test_boxes_of_a_bent_line_are_as_narrow_as_it() -> None:
+    """Even along a parabola and across it: the strip's own area, whichever way it lies; a normal cloud keeps its squares."""
+    rng = np.random.default_rng(3)
+    s, c = rng.uniform(-1, 1, (2, 20_000)) * np.array([[9e4], [150.0]])
+    u, v = s, c + 0.4 * s * s / 9e4
+    for turn in (0.0, 0.9):
+        x, y = u * np.cos(turn) - v * np.sin(turn), u * np.sin(turn) + v * np.cos(turn)
+        made = boxes.fit(x, y, np.full(20_000, 5e-5), 125.0, 16.0, 1.0)
+        assert made.area.sum() < 1.15 * 1.8e5 * 300
+        assert made.area.sum() > 0.7 * 1.8e5 * 300
+    x, y = 5e3 * rng.standard_normal((2, 20_000))
+    made = boxes.fit(x, y, np.full(20_000, 5e-5), 125.0, 16.0, 1.0)
+    plain = boxes.grow(x, y, np.full(20_000, 5e-5), 125.0)
+    assert made.count < 2 * plain.count
+    assert 0.85 < made.area.sum() / plain.area.sum() < 1.1
 
 
 def test_boxes_hold_what_they_say() -> None:

@@ -152,3 +152,16 @@ def test_the_bound_of_rounds_is_said_to_be_loose():
     text = plan_text.text(searches.plan(rounds=2), "Overdue boat", "run-s1")
     assert "2 times its endurance without turnaround: it is loose" in " ".join(text.split())
     assert "turnaround" not in plan_text.text(searches.plan(), "Overdue boat", "run-s1")
+
+
+def test_what_is_not_certain_is_not_written_as_one() -> None:
+    """0.995 was "1.00" on the plan, its picture and its sheets."""
+    assert [plan_text.chance(p) for p in (0.0, 0.454, 0.9949, 0.9951, 0.99999, 1.0)] == [
+        "0.00",
+        "0.45",
+        "0.99",
+        ">0.99",
+        ">0.99",
+        "1.00",
+    ]
+    assert plan_text.chance(0.9996, 3) == ">0.999"
