@@ -63,7 +63,7 @@ def fit(x: Array, y: Array, weight: Array, most: float, fewest: float, least: fl
             begun += one.count
         laid.append(Boxes(of, *(np.concatenate([getattr(one, v) for one in parts]) for v in ("low", "high", "sides"))))
     squares, own, *others = (likelihood(one, weight, least) for one in laid)
-    if max(own, *others) <= squares + FIRM:
+    if max([own, *others]) <= squares + FIRM:
         return laid[0]
     if others and most > fewest and max(others) > max(squares, own) + LINES:
         return fit(x, y, weight, fewest, fewest, least)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import writers
 import xarray as xr
 
 import drift
 from drift import figures, page, uncertainty
 from drift.__main__ import main
 from geo.errors import UserError
-from tests import writers
 
 HEAD = """
 start = "2024-03-05T00:00Z"
