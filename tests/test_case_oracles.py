@@ -25,7 +25,7 @@ from drift import case, flow
 from drift.status import Status
 
 CASES = Path(case.__file__).parents[1] / "cases"
-OURS, THEIRS = 20_000, 5_000  # particles, in all; a scenario
+OURS, THEIRS = 20_000, 2_500  # particles, in all; a scenario
 HALF = np.sqrt(2 * np.log(2))  # radius that holds half of a round normal, in standard deviations
 COMPARED = 140  # numbers that this file compares; three standard errors on each would be exceeded by chance once in three files
 SIGMAS = stats.norm.isf(
