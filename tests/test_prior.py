@@ -7,10 +7,11 @@ from scipy import stats
 
 from drift import ensemble as record
 from drift import prior
-from drift.case import Case, ForcingError
+from drift.case import Case
 from drift.leeway import Drifter, Line
 from drift.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
 from drift.sortie import Resampling
+from drift.uncertainty import ForcingError
 from geo import coast as shoreline
 from geo import sphere
 from geo.box import Box
@@ -29,9 +30,9 @@ class Bare(Case):
     """A case of which only what a prior needs is set."""
 
     def __init__(self, *scenarios: Scenario, particles: int = N, direction: int = 1) -> None:
-        none = type("Error", (), {"std": 0.0, "time": 1.0})()
+        none = ForcingError(0.0, 1.0)
         values = {"scenarios": scenarios, "particles": particles, "seed": 3, "start": START, "direction": direction}
-        values |= {"resampling": Resampling()}
+        values |= {"resampling": Resampling(), "spill": None}
         for name, value in {**values, "current_error": none, "wind_error": none}.items():
             object.__setattr__(self, name, value)
 
