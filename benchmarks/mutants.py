@@ -1,10 +1,11 @@
 """Do the tests notice? Small faults are put into the code one at a time, and the tests of their room are run; prints one table.
 
-    python benchmarks/mutants.py [--only TEXT] [--workers 1] [--done FILE]
+    python benchmarks/mutants.py [--only TEXT] [--workers 1] [--done FILE] [--trust]
 
 The faults are those of mutants.toml: a file, what stands there, what stands there instead, and the tests that should notice. Each runs on
 a copy of the checkout. A fault is killed when a test fails (or does not end in time), and survives when all pass. Text that
-does not stand exactly once in its file is stale: mend mutants.toml. --done keeps results, so that a run can go on later.
+does not stand exactly once in its file is stale: mend mutants.toml. First all tests must pass without a fault (--trust: they are taken
+to). --done keeps results, so that a run can go on later.
 """
 
 import argparse
@@ -52,6 +53,16 @@ def known() -> list[dict[str, Any]]:
     return mutants
 
 
+def passes(tests: list[str], copy: Path, data: str) -> tuple[int, str]:
+    """Return the exit code of tests on a copy of the checkout, up to the first that fails, and which that is."""
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", *(f"tests/{name}" for name in tests)],
+        cwd=copy, env={**os.environ, "PYTHONPATH": str(copy), "DRIFT_DATA": data, "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True, text=True, timeout=LIMIT,
+    )  # fmt: skip
+    return done.returncode, next((x for x in done.stdout.splitlines() if x.startswith(("FAILED", "ERROR"))), "")
+
+
 def tried(mutant: dict[str, Any], copy: Path, data: str) -> tuple[str, float, str]:
     """Return what became of a fault in a copy of the checkout, how long that took [s], and which test noticed it."""
     file = copy / mutant["file"]
@@ -59,14 +70,8 @@ def tried(mutant: dict[str, Any], copy: Path, data: str) -> tuple[str, float, st
     file.write_text(whole.replace(mutant["find"], mutant["replace"]), encoding="utf-8")
     begin = time.perf_counter()
     try:
-        tests = [f"tests/{name}" for name in mutant["tests"]]
-        done = subprocess.run(
-            [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", *tests],
-            cwd=copy, env={**os.environ, "PYTHONPATH": str(copy), "DRIFT_DATA": data, "PYTHONDONTWRITEBYTECODE": "1"},
-            capture_output=True, text=True, timeout=LIMIT,
-        )  # fmt: skip
-        verdict = {0: "survived", 1: "killed"}.get(done.returncode, "broken")
-        noticed = next((line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), "")
+        code, noticed = passes(mutant["tests"], copy, data)
+        verdict = {0: "survived", 1: "killed"}.get(code, "broken")
     except subprocess.TimeoutExpired:
         verdict, noticed = "killed", "did not end"
     finally:
@@ -81,6 +86,7 @@ def main() -> None:
     options.add_argument("--workers", type=int, default=1)
     options.add_argument("--done", type=Path, help="JSON file of results: read first, and added to")
     options.add_argument("--again", action="store_true", help="try those again that survived")
+    options.add_argument("--trust", action="store_true", help="do not see first whether all tests pass without a fault")
     given = options.parse_args()
     results: dict[str, Any] = {}
     if given.done and given.done.exists():
@@ -115,6 +121,13 @@ def main() -> None:
             if given.done:
                 given.done.write_text(json.dumps(results, indent=1))
 
+        if not given.trust:
+            copy = copies.get()
+            for name in sorted({name for _, mutant in waiting for name in mutant["tests"]}):
+                code, noticed = passes([name], copy, data)
+                if code != 0:
+                    sys.exit(f"tests/{name} fails without any fault: {noticed}")
+            copies.put(copy)
         list(pool.map(one, waiting))
     verdicts = [results[key][0] for key in keys]
     for key, mutant in zip(keys, mutants, strict=True):
