@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from drift import bound as bounds
-from drift import effective, fleet, flow, follow, optimise, output, plan_files, plan_text, turns
+from drift import effective, figures, fleet, flow, follow, optimise, output, plan_files, plan_text, turns
 from drift.case import Case
 from drift.effective import Count
 from drift.environment import Environment
@@ -191,7 +191,7 @@ def _flying(units: Sequence[Unit], rounds: int) -> list[Unit]:
 
 def _files(made: Plan, executed: Case, case: Case) -> list[output.Product]:
     """Return what a plan hands to people."""
-    synthetic = any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes))
+    synthetic = figures.synthetic(case)
     taken = [sortie.name for sortie in case.sorties]
     notes = [
         f"{name} is not sent: it cannot search in this period, or would add nothing."

@@ -13,6 +13,7 @@ import drift
 from drift.status import Status
 from geo import sphere
 from geo.errors import UserError
+from geo.kept import Kept
 
 CASE = """
 start = "2024-03-05T00:20Z"
@@ -203,3 +204,14 @@ def test_memory_does_not_grow_with_the_number_of_forecasts(tmp_path: Path) -> No
             peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     # Each forecast has 24 columns of 3000 numbers of 4 bytes on the device: eighty that were never freed would be 22 MiB.
     assert peaks[1] - peaks[0] < 10 * 1024
+
+
+def test_what_lies_outside_a_kept_window_is_read_anew() -> None:
+    """Rows and columns in any order, and with gaps: a window gives places for those that it has, and none where one is missing."""
+    window = Kept((np.array([7, 4, 5]), np.array([0, 1, 9, 8])))
+    rows, columns = window.part((np.array([5, 7]), np.array([9, 0]))) or ()
+    assert (rows.tolist(), columns.tolist()) == ([2, 0], [2, 0])
+    inside = np.array([0, 9])
+    for outside in ([6], [3, 4], [8], [5, 40]):  # in a gap, before the first, after the last, far off
+        assert window.part((np.array(outside), inside)) is None
+    assert window.part((np.array([4]), np.array([1, 5]))) is None
