@@ -26,10 +26,6 @@ ROTATION = 7.292115e-5  # [rad/s] of the Earth (GRS80)
 METRES = sphere.RADIUS * np.pi / 180.0  # [m] in a degree of latitude
 
 
-def _centre(box: Box) -> tuple[float, float]:
-    return (box.west + box.east) / 2, (box.south + box.north) / 2
-
-
 def _east_of(lon: ArrayLike, reference: float) -> Array:
     """Longitudes [deg] relative to a reference, in [-180, 180)."""
     return np.asarray((np.asarray(lon, float) - reference + 180.0) % 360.0 - 180.0)
@@ -62,7 +58,7 @@ def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
     q = np.exp(-1.0 / boundary)
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
-        x = _east_of(lon, _centre(box)[0]) / width + 0.5
+        x = _east_of(lon, (box.west + box.east) / 2) / width + 0.5
         y = (np.asarray(lat, float) - box.south) / height
         decay = np.exp(-np.clip(x, -1, 2) / boundary)
         psi_y = np.pi * np.cos(np.pi * y) * (1 - x - decay + q * x)
@@ -77,11 +73,9 @@ def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
     return flow
 
 
-def inertial(
-    box: Box, speed: float = 0.3, mean_east: float = 0.05, mean_north: float = 0.0, lat: float | None = None
-) -> Flow:
+def inertial(box: Box, speed: float = 0.3, mean_east: float = 0.05, mean_north: float = 0.0, lat: float = 45.0) -> Flow:
     """An inertial oscillation [m/s] on a uniform mean flow, clockwise in the north, of the period at `lat` [deg]."""
-    f = 2 * ROTATION * np.sin(np.radians(_centre(box)[1] if lat is None else lat))
+    f = 2 * ROTATION * np.sin(np.radians(lat))
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
         still = 0.0 * (np.asarray(lon, float) + np.asarray(lat, float))
@@ -198,21 +192,29 @@ def _signed_distance(line: Array, lon: Array, lat: Array) -> Array:
     return np.asarray(sign * np.sqrt(best))
 
 
-def breeze(box: Box, speed: float = 7.0, toward: float = 300.0, sea_breeze: float = 2.0, swing: float = 20.0) -> Flow:
+def breeze(
+    box: Box,
+    speed: float = 7.0,
+    toward: float = 300.0,
+    sea_breeze: float = 2.0,
+    swing: float = 20.0,
+    middle: float = -88.7,
+) -> Flow:
     """A trade wind [m/s] toward a direction [deg], with a daily sea breeze and a slow synoptic swing [deg].
 
     The sea breeze turns clockwise once a day (northern hemisphere), the swing takes five days, the strength
-    breathes by a tenth over four, and both vary a little over hundreds of kilometres.
+    breathes by a tenth over four, and both vary a little over hundreds of kilometres. middle: longitude [deg] whence the
+    swing's wave, 25 degrees long, is counted; it breaks off opposite.
     """
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
-        x, y = np.broadcast_arrays(_east_of(lon, _centre(box)[0]), np.asarray(lat, float))
+        x, y = np.broadcast_arrays(_east_of(lon, middle), np.asarray(lat, float))
 
         def velocity(seconds: float) -> tuple[Array, Array]:
             days = seconds / DAY
             direction = np.radians(toward + swing * np.sin(2 * np.pi * (days / 5.0 + x / 25.0)))
             strength = speed * (1 + 0.1 * np.sin(2 * np.pi * (days / 4.0 - y / 20.0)))
-            turn = 2 * np.pi * (days + (x + _centre(box)[0]) / 360.0)  # by the sun
+            turn = 2 * np.pi * (days + (x + middle) / 360.0)  # by the sun
             east = strength * np.sin(direction) + sea_breeze * np.sin(turn)
             return east, strength * np.cos(direction) + sea_breeze * np.cos(turn)
 

@@ -181,11 +181,13 @@ def analytic(
     step = float(spacing or usual)
     width, height = box.east - box.west, box.north - box.south
     step = max(step, float(np.sqrt(width * height / MOST_NODES)))
-    south, north = max(box.south - step, -90.0), min(box.north + step, 90.0)
-    grown = box.grown(step, step)
-    nlon = max(2, int(np.ceil((grown.east - grown.west) / step - 1e-9)) + 1)
-    nlat = max(2, int(np.ceil((north - south) / step - 1e-9)) + 1)
-    grid = Grid(grown.west, south, (grown.east - grown.west) / (nlon - 1), (north - south) / (nlat - 1), nlon, nlat)
+    if box.east - box.west >= 360.0:
+        step = 360.0 / np.ceil(360.0 / step)
+    # Nodes stand at multiples of the step: where they stand must not depend on the box.
+    west = np.floor(box.west / step)
+    east = min(np.ceil(box.east / step), west + np.ceil(360.0 / step))
+    south, north = np.floor(max(box.south / step, -90 / step + 1)), np.ceil(min(box.north / step, 90 / step - 1))
+    grid = Grid(west * step, south * step, step, step, int(max(east - west, 1)) + 1, int(max(north - south, 1)) + 1)
     hour = np.timedelta64(3600, "s")
     first, last = sorted((_second(start), _second(end)))
     first = first.astype("datetime64[h]").astype("datetime64[s]")
@@ -201,7 +203,7 @@ def analytic(
         return result
 
     told = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
-    digest = hashlib.sha256(f"{kind} {told} {box} {step} {first} {last}".encode()).hexdigest()[:16]
+    digest = hashlib.sha256(f"{kind} {told} {grid} {first} {last}".encode()).hexdigest()[:16]
     notes = (f'SYNTHETIC: built-in flow "{kind}"{" with " + told if told else ""}, no observation or model',)
     missing = float((np.abs(grid.lat) > 89.0).mean())
     return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)

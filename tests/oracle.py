@@ -253,7 +253,7 @@ def gulf(since_2000: float, west: float, south: float, east: float, north: float
 
 
 def breeze(since_2000: float, middle: float) -> Field:
-    """Return the built-in wind "breeze" (geo/analytic.py); middle: longitude of the middle of the case's box [deg]."""
+    """Return the built-in wind "breeze" (geo/analytic.py); middle: the case's key, -88.7 unless told [deg]."""
 
     def at(t: float | Array, lon: Array, lat: Array) -> tuple[Array, Array]:
         days = (since_2000 + t) / DAY

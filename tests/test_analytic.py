@@ -99,6 +99,31 @@ def test_breeze_is_a_trade_wind_that_turns_daily() -> None:
     assert np.ptp(speed[:, 10, 10]) > 1.0
 
 
+@pytest.mark.parametrize("kind", ["gulf", "solid_rotation", "inertial", "breeze"])
+def test_a_flow_is_the_same_whatever_box_asks_for_it(kind: str) -> None:
+    """But a gyre, which fills its box."""
+    at = (-86.3, 25.7, 9.1e6)
+    assert velocity(kind, GULF, *at).tolist() == velocity(kind, Box(-88.0, 25.0, -71.0, 41.5), *at).tolist()
+
+
+def test_nodes_stand_where_they_stand_in_any_box() -> None:
+    """And their values are those of the flow; a box round the Earth has no seam."""
+    narrow, wide = (
+        forcing.analytic("wind", "breeze", box, START, END, spacing=0.7)
+        for box in (Box(-90.3, 24.1, -87.2, 26.9), Box(-93.9, 21.3, -85.1, 28.2))
+    )
+    both = [np.round(source.grid.lon / 0.7).astype(int).tolist() for source in (narrow, wide)]
+    rows = [np.round(source.grid.lat / 0.7).astype(int).tolist() for source in (narrow, wide)]
+    i, j = both[1].index(both[0][0]), rows[1].index(rows[0][0])
+    ny, nx = narrow.grid.nlat, narrow.grid.nlon
+    np.testing.assert_array_equal(narrow.read(3), wide.read(3)[j : j + ny, i : i + nx])
+    for source in (narrow, wide):
+        np.testing.assert_allclose(source.grid.lon / 0.7, np.round(source.grid.lon / 0.7), atol=1e-9)
+    assert narrow.grid.lon[0] <= -90.3 < narrow.grid.lon[1]
+    assert narrow.grid.lat[-2] < 26.9 <= narrow.grid.lat[-1]
+    assert forcing.analytic("current", "solid_rotation", Box(-180, -90, 180, 90), START, END, spacing=0.7).grid.seamless
+
+
 def test_antimeridian_and_poles() -> None:
     source = forcing.analytic("current", "solid_rotation", Box(175.0, 85.0, 190.0, 90.0), START, END)
     lat = source.grid.lat

@@ -173,8 +173,7 @@ def overdue_boat(rng: np.random.Generator, n: int) -> World:
         made(second, (4 * HOUR, 10 * HOUR), swamped["object"]),
         made(third, share * ends[-1] / (8 * KNOT), passage["object"]),
     ]
-    # The wind's wave stands in the middle of the case's box, which is that of its priors: the voyage's is the widest.
-    wind = oracle.breeze(zero, (-89 - 10 / 60 - 88 - 15 / 60) / 2)
+    wind = oracle.breeze(zero, -88.7)
     errors = Errors((0.31, 11 * HOUR), (2.0, 12 * HOUR))
     return World(clouds, 54 * HOUR, oracle.gulf(zero, -94, 23, -83, 32), wind, errors, coast, 1800.0)
 
