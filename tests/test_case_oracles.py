@@ -429,29 +429,41 @@ NAMES = (
     "covariance",
 )
 BUILT_IN = ("overdue_boat", "gulf_containers")
-FILED = ("norkyst_raft", "washington_piw", "biscay_drifter", "paria_boat", "paria", "washington_drums")
+SEARCHED = ("overdue_boat", "norkyst_raft")
+UNSEARCHED = ("gulf_containers", "washington_piw", "biscay_drifter", "paria_boat", "paria", "washington_drums")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", BUILT_IN + FILED)
-def test_case_is_what_a_second_opinion_says(
-    name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # Shares, means and second moments by scenario; no room beside standard errors of the difference.
-    rng = np.random.default_rng(20_260_601)
+def agrees(ours: list[Told], theirs: list[Told]) -> None:
+    """Shares, means and second moments by scenario; no room beside standard errors of the difference."""
+    for a, b in zip(ours, theirs, strict=True):
+        (here, e), (there, f) = numbers(a), numbers(b)
+        apart = (here - there) / np.maximum(np.hypot(e, f), 1e-300)
+        told = [f"{NAMES[k]}: {here[k]:.5g}, oracle {there[k]:.5g}: {z:+.1f} errors" for k, z in enumerate(apart)]
+        assert (np.abs(apart[here != there]) < SIGMAS).all(), told
+
+
+def world_of(
+    name: str, rng: np.random.Generator, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> tuple[World, tuple[float, float]]:
+    """Return the oracle's world of a case, and the place [deg] about which both are laid flat."""
     if name in BUILT_IN:
         world = globals()[name](rng, THEIRS)
     else:
         data = request.getfixturevalue("data")
         monkeypatch.setenv("DRIFT_DATA", str(data))
         world = globals()[name](rng, THEIRS, data)
-    about = (float(world.clouds[0].lon.mean()), float(world.clouds[0].lat.mean()))
+    return world, (float(world.clouds[0].lon.mean()), float(world.clouds[0].lat.mean()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", UNSEARCHED)
+def test_case_is_what_a_second_opinion_says(
+    name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(20_260_601)
+    world, about = world_of(name, rng, request, monkeypatch)
     settings = {"sortie": "[]"} | ({"coast": "{}"} if name == "paria" else {})
-    for a, b in zip(ours(name, about, settings)[0], theirs(world, rng, about), strict=True):
-        (here, e), (there, f) = numbers(a), numbers(b)
-        apart = (here - there) / np.maximum(np.hypot(e, f), 1e-300)
-        told = [f"{NAMES[k]}: {here[k]:.5g}, oracle {there[k]:.5g}: {z:+.1f} errors" for k, z in enumerate(apart)]
-        assert (np.abs(apart[here != there]) < SIGMAS).all(), told
+    agrees(ours(name, about, settings)[0], theirs(world, rng, about))
 
 
 def searched(
@@ -548,23 +560,20 @@ def posterior(told: list[Told], weights: list[Array]) -> tuple[Array, Array]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["overdue_boat", "norkyst_raft"])
-def test_sorties_weigh_as_a_second_opinion_says(
+@pytest.mark.parametrize("name", SEARCHED)
+def test_case_and_its_sorties_are_what_a_second_opinion_says(
     name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Shares, mean, second moments and posteriors of the scenarios, given that all failed.
-    rng, data = np.random.default_rng(20_260_602), None
-    if name not in BUILT_IN:
-        data = request.getfixturevalue("data")
-        monkeypatch.setenv("DRIFT_DATA", str(data))
-    world = globals()[name](rng, THEIRS, *([data] if data else []))
-    about = (float(world.clouds[0].lon.mean()), float(world.clouds[0].lat.mean()))
+    # As they drift, then given that all sorties failed: shares, mean, second moments and posteriors of the scenarios.
+    rng = np.random.default_rng(20_260_602)
+    world, about = world_of(name, rng, request, monkeypatch)
     told, chances = searched(name, world, rng, about)
     prior = [
         one["weight"] if len(world.clouds) > 1 else 1.0 for one in ({"weight": 1} | s for s in table(name)["scenario"])
     ]
     there, f = posterior(told, [p * c / c.size for p, c in zip(prior, chances, strict=True)])
     tracks, here = ours(name, about, {})
+    agrees(tracks, told)
     mine, e = posterior(tracks, here)
     apart = (mine - there) / np.maximum(np.hypot(e, f), 1e-300)
     names = (*NAMES, *(one["name"] for one in table(name)["scenario"]))
