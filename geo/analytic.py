@@ -5,7 +5,6 @@ velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s]. Its clock is abso
 whenever a run starts.
 """
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -109,7 +108,6 @@ SHELF = (
     (-83.7, 27.6), (-83.0, 26.0), (-82.4, 24.7), (-80.9, 24.6), (-80.1, 25.4), (-80.0, 27.0), (-80.6, 30.5),
 )  # fmt: skip
 HALF = 38e3  # [m] half width of the jet
-NUDGE = 1e-3  # [deg] of the streamfunction's central differences: error below 1e-6 of the flow
 TIDE = 86_164.1  # [s] period of K1, nearly inertial in the Gulf
 
 
@@ -120,42 +118,42 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     distance from its axis (a smoothed polyline, whose corners leave kinks of a few degrees), an eddy a Gaussian; the streamfunction goes to zero over the shelf. An invention that
     looks like the Gulf; it forecasts nothing. Other waters have only its tide.
     """
-    axis, shelf = _smooth(LOOP), _smooth(SHELF)
-
-    def streamfunction(lon: Array, lat: Array) -> Callable[[float], Array]:
-        """[m2/s], with east = -d/dy and north = d/dx."""
-        side = _signed_distance(axis, lon, lat)
-        deep = 0.5 + 0.5 * np.tanh((_signed_distance(shelf, lon, lat) - 20e3) / 40e3)
-        near = np.hypot(_east_of(lon, -88.0) * 0.9, lat - 25.0) / 14.0  # the Gulf is all there is
-        deep = deep * np.exp(-(np.clip(near - 0.7, 0, None) ** 2) / 0.02)
-
-        def psi(seconds: float) -> Array:
-            days = seconds / DAY
-            loop = side + 12e3 * np.sin(2 * np.pi * days / 27.0)  # the loop breathes
-            total = speed * HALF * (1 + np.tanh(loop / HALF))  # no transport to the left: the shelf lies there
-            phase = 2 * np.pi * days / 60.0  # eddies wander round their places: any date's flow is alike
-            for e_lon, e_lat, radius, swirl, west, north in EDDIES:
-                squeeze = np.cos(np.radians(e_lat))
-                c_lon = e_lon - west * 5e3 * np.sin(phase) / (METRES * squeeze)
-                c_lat = e_lat + north * 5e3 * np.cos(phase) / METRES
-                dx, dy = (lon - c_lon) * METRES * squeeze, (lat - c_lat) * METRES
-                r = radius * 1e3  # where the swirl is fastest
-                total = total - swirl * r * np.exp(0.5 - (dx * dx + dy * dy) / (2 * r * r))
-            return np.asarray(total * deep)
-
-        return psi
+    squeeze = np.cos(np.radians(26.0))  # all is reckoned in a plane about 26 N: x = lon * squeeze * METRES
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
         x, y = np.broadcast_arrays(-88.0 + _east_of(lon, -88.0), np.asarray(lat, float))
-        step = 2 * NUDGE * METRES
-        beside = streamfunction(x + NUDGE, y), streamfunction(x - NUDGE, y)
-        above, below = streamfunction(x, y + NUDGE), streamfunction(x, y - NUDGE)
+        side, side_x, side_y = _beside(_smooth(LOOP), squeeze, x, y)
+        edge, edge_x, edge_y = _beside(_smooth(SHELF), squeeze, x, y)
+        depth = np.tanh((edge - 20e3) / 40e3)
+        off = np.hypot((x + 88.0) * 0.9, y - 25.0) / 14.0
+        far = np.clip(off - 0.7, 0, None)
+        fade = np.exp(-(far**2) / 0.02)  # the Gulf is all there is
+        deep = (0.5 + 0.5 * depth) * fade
+        fall = -100.0 * far / (np.maximum(off, 0.7) * 14.0**2 * METRES) * deep
+        rise = (0.5 - 0.5 * depth * depth) / 40e3 * fade
+        deep_x = rise * edge_x + fall * 0.81 * (x + 88.0) / squeeze
+        deep_y = rise * edge_y + fall * (y - 25.0)
         cosine = np.cos(np.radians(y))
 
         def velocity(seconds: float) -> tuple[Array, Array]:
+            days = seconds / DAY
+            loop = np.tanh((side + 12e3 * np.sin(2 * np.pi * days / 27.0)) / HALF)  # the loop breathes
+            psi = speed * HALF * (1 + loop)  # [m2/s]; no transport to the left: the shelf lies there
+            psi_x, psi_y = (speed * (1 - loop * loop) * d for d in (side_x, side_y))
+            phase = 2 * np.pi * days / 60.0  # eddies wander round their places: any date's flow is alike
+            for e_lon, e_lat, radius, swirl, west, north in EDDIES:
+                narrow = np.cos(np.radians(e_lat))
+                c_lon = e_lon - west * 5e3 * np.sin(phase) / (METRES * narrow)
+                c_lat = e_lat + north * 5e3 * np.cos(phase) / METRES
+                dx, dy = (x - c_lon) * METRES * narrow, (y - c_lat) * METRES
+                r = radius * 1e3  # where the swirl is fastest
+                eddy = swirl * r * np.exp(0.5 - (dx * dx + dy * dy) / (2 * r * r))
+                psi = psi - eddy
+                psi_x = psi_x + eddy * dx / (r * r) * (narrow / squeeze)
+                psi_y = psi_y + eddy * dy / (r * r)
             turn = 2 * np.pi * seconds / TIDE
-            east = -(above(seconds) - below(seconds)) / step
-            north = (beside[0](seconds) - beside[1](seconds)) / (step * cosine)
+            east = -(psi_y * deep + psi * deep_y)
+            north = (psi_x * deep + psi * deep_x) * (squeeze / cosine)
             return east + tide * np.cos(turn), north - tide * np.sin(turn)
 
         return velocity
@@ -172,24 +170,33 @@ def _smooth(line: tuple[tuple[float, float], ...]) -> Array:
     return points
 
 
-def _signed_distance(line: Array, lon: Array, lat: Array) -> Array:
-    """Return the distance [m] to a polyline's lines, positive to its right, in a plane about 26 N."""
-    squeeze = np.cos(np.radians(26.0))
-    ends = line * np.array([squeeze, 1.0]) * METRES
-    x, y = lon * squeeze * METRES, lat * METRES
-    best = np.full(np.shape(lon), np.inf)
-    sign = np.ones(np.shape(lon))
-    for k, ((ax, ay), (bx, by)) in enumerate(itertools.pairwise(ends)):
-        ux, uy = bx - ax, by - ay
-        t = ((x - ax) * ux + (y - ay) * uy) / (ux * ux + uy * uy)
-        low = -np.inf if k == 0 else 0.0  # the ends go on straight
-        t = np.clip(t, low, np.inf if k == len(ends) - 2 else 1.0)
-        dx, dy = x - ax - t * ux, y - ay - t * uy
+def _beside(line: Array, squeeze: float, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+    """Return the distance [m] to a polyline, whose ends go on straight, positive to its right, and its derivatives by x and y."""
+    plane = np.array([squeeze, 1.0]) * METRES
+    ends, x, y = line * plane, lon * plane[0], lat * plane[1]
+    way = np.diff(ends, axis=0)
+    low, high = np.zeros(len(way)), np.ones(len(way))
+    low[0], high[-1] = -np.inf, np.inf
+
+    def off(k: Any) -> tuple[Array, Array]:
+        """Return what leads to the points from the nearest of segment k."""
+        dx, dy, ux, uy = x - ends[k, 0], y - ends[k, 1], way[k, 0], way[k, 1]
+        t = np.clip((dx * ux + dy * uy) / (ux * ux + uy * uy), low[k], high[k])
+        return dx - t * ux, dy - t * uy
+
+    best, nearest = np.full(np.shape(lon), np.inf), np.zeros(np.shape(lon), int)
+    for k in range(len(way)):
+        dx, dy = off(k)
         square = dx * dx + dy * dy
-        nearer = square < best
-        best = np.where(nearer, square, best)
-        sign = np.where(nearer, np.sign(ux * -dy + uy * dx), sign)
-    return np.asarray(sign * np.sqrt(best))
+        nearest[square < best] = k
+        best = np.minimum(best, square)
+    dx, dy = off(nearest)
+    ux, uy = way[nearest, 0], way[nearest, 1]
+    right = np.sign(uy * dx - ux * dy)
+    far, long = np.sqrt(best), np.hypot(ux, uy)
+    on = far < 1e-3  # there the derivatives are those of the segment
+    by = np.where(on, long, np.maximum(far, 1e-3))
+    return right * far, np.where(on, uy, right * dx) / by, np.where(on, -ux, right * dy) / by
 
 
 def breeze(
