@@ -25,9 +25,9 @@ T0 = 1_795_000_000 // 3600 * 3600
 METRE = 1 / np.radians(1) / sphere.RADIUS  # [deg] on the equator
 
 
-def land(*polygons: shapely.Polygon) -> shoreline.Coast:
-    box = Box(-1.5, -1.5, 1.5, 1.5)
-    return shoreline.build(Shore(np.array(polygons, object), "test", (), box), Box(-1.2, -1.2, 1.2, 1.2))
+def land(*polygons: shapely.Polygon, lat: float = 0.0) -> shoreline.Coast:
+    box = Box(-1.5, lat - 1.5, 1.5, lat + 1.5)
+    return shoreline.build(Shore(np.array(polygons, object), "test", (), box), Box(-1.2, lat - 1.2, 1.2, lat + 1.2))
 
 
 def jagged(edge: float) -> shapely.Polygon:
@@ -88,18 +88,19 @@ def test_arrivals_with_diffusion_follow_the_inverse_gaussian_law(step: int) -> N
     assert not shoreline.is_land(shore, ensemble.lon.to_numpy(), ensemble.lat.to_numpy()).any()
 
 
-@pytest.mark.parametrize(("away", "speed"), [(800.0, 0.2), (150.0, -0.02), (1500.0, 0.4)])
-def test_one_step_lands_by_the_inverse_gaussian_law(away: float, speed: float) -> None:
+@pytest.mark.parametrize(
+    ("away", "speed", "lat"), [(800.0, 0.2, 0.1), (150.0, -0.02, 0.1), (1500.0, 0.4, -48.7), (150.0, -0.02, 67.3)]
+)
+def test_one_step_lands_by_the_inverse_gaussian_law(away: float, speed: float, lat: float) -> None:
     """Whether the shore is met within a single step of an hour, and when: near its begin, near its end, or by going over it.
 
     Brownian motion with drift u meets a line at distance a by time t with the distribution of an inverse Gaussian time; where the
     drift leads away, with that of its mirror times exp(2 a u / sigma^2).
     """
     n, dt, diffusivity = 100_000, 3600, 3.0  # a step's walk of 147 m
-    shore = land(shapely.Polygon([(0, -1.4), (1.4, -1.4), (1.4, 1.4), (0, 1.4)]))
-    ensemble, _ = drift_on(
-        shore, (speed, 0.0), n, (-away * METRE, 0.1), dt, dt, physics=kernel.Physics(diffusivity=diffusivity)
-    )
+    shore = land(shapely.box(0, lat - 1.4, 1.4, lat + 1.4), lat=lat)
+    west = -away * METRE / np.cos(np.radians(lat))
+    ensemble, _ = drift_on(shore, (speed, 0.0), n, (west, lat), dt, dt, physics=kernel.Physics(diffusivity=diffusivity))
     ashore = ensemble.status.to_numpy() == Status.ASHORE
     sigma2 = 2 * diffusivity
     shape, mean = away**2 / sigma2, away / abs(speed)
