@@ -285,6 +285,18 @@ def test_objects_are_copied_evenly_where_particles_are_few() -> None:
     assert set(each.stands) == {2, 3}
 
 
+def test_what_was_not_found_is_the_likelier_to_have_been_destroyed() -> None:
+    """All lay where they would have been found with probability 0.8, had they not been destroyed, as half were; none was."""
+    worlds, n, destroyed, pod = 400, 20, 0.5, 0.8
+    fates = spill(worlds, [n], [(w * n + k, 0, 0, FOREVER) for w in range(worlds) for k in range(n)])
+    still = Reporting(np.zeros(3), 0.0, np.ones(worlds))
+    told = weigh(fates, known(numbers([10], None, [destroyed]), [], [Patrol((0,), 5, pod)], worlds, 5, reporting=still))
+    drawn = realise.realise(fates, told, 4, 3)
+    share = destroyed / (1 - (1 - destroyed) * pod)  # Bayes
+    found = np.concatenate([each.destroyed for each in drawn]).mean() / 10
+    assert abs(found - share) < 4 * np.sqrt(share * (1 - share) / (10 * worlds * 3))
+
+
 def test_those_not_found_are_drawn_by_their_chance() -> None:
     """Half of the particles were found with probability 0.8: of the unfound, one in six lies there."""
     worlds, n = 500, 60
