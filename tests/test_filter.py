@@ -17,6 +17,7 @@ from drift import ensemble as record
 from drift.environment import open_for
 from drift.search import Search
 from drift.sortie import Area, Contact, Fix, Law, Legs, Resampling, Sortie, Watch
+from drift.status import Status
 from geo import sphere
 from geo.errors import UserError
 from kernels import runtime, sweep
@@ -101,7 +102,7 @@ WEST, SOUTH, WIDE, HIGH = 179.84, -0.2, 0.32, 0.4
 
 
 def _target():
-    """Return twelve sorties on whole cells and two contacts, and the exact posterior of cells with its log evidence.
+    """Return twelve sorties on whole cells and three contacts, and the exact posterior of cells with its log evidence.
 
     The contact that may be false comes last: its belief is about what is known then.
     """
@@ -129,13 +130,17 @@ def _target():
     fine = 16  # midpoints across a cell
     y = SOUTH + HIGH * (np.arange(CELLS * fine) + 0.5) / (CELLS * fine)
     x = WEST + WIDE * (np.arange(CELLS * fine) + 0.5) / (CELLS * fine)
-    for k, (lon, lat, std, belief) in enumerate([(180.02, 0.03, 9000.0, 1.0), (179.95, -0.05, 6000.0, 0.6)]):
+    told = [(180.02, 0.03, 9000.0, 1.0, 0.0), (180.07, 0.11, 5000.0, 1.0, 4e-9), (179.95, -0.05, 6000.0, 0.6, 0.0)]
+    for k, (lon, lat, std, belief, false) in enumerate(told):
+        fixes = (Fix(lon, lat),)
         contacts.append(
-            Contact(f"c{k}", hours(2 + 3 * k), "position", belief, fixes=(Fix(lon, lat),), major=std, minor=std)
+            Contact(
+                f"c{k}", hours(2 + 1.5 * k), "position", belief, fixes=fixes, major=std, minor=std, false_density=false
+            )
         )
         east, north = (x - lon) * METRES, (y - lat) * METRES  # at the equator, to 1e-5
         density = stats.norm.pdf(north[:, None], scale=std) * stats.norm.pdf(east[None, :], scale=std)
-        density = density.reshape(CELLS, fine, CELLS, fine).mean(axis=(1, 3))
+        density = density.reshape(CELLS, fine, CELLS, fine).mean(axis=(1, 3)) + false
         # within a cell the product of both contacts is not that of their means: 1e-3 of it at this size
         exact_before = exact.copy()
         if belief < 1:
@@ -169,6 +174,40 @@ def test_exact_bayes(tmp_path, n):
     print(
         f"n {n}: total variation {variation:.5f}, theory {expected:.5f}; log evidence {search.updates.log_evidence:.5f}, exact {evidence:.5f}"
     )
+
+
+def test_sorties_together_find_what_their_failures_leave_out(tmp_path):
+    """Cumulative POS is 1 less the chance that all fail: areas that overlap, so that neither sums nor products of others do."""
+    lon = WEST + WIDE * np.array([[0.0, 0.5, 0.5, 0.0], [0.25, 0.75, 0.75, 0.25], [0.0, 1.0, 1.0, 0.0]])
+    lat = SOUTH + HIGH * np.array([0.0, 0.0, 1.0, 1.0])
+    coverage = (0.9, 1.3, 0.4)
+    sorties = tuple(
+        Sortie(f"s{k}", "", hours(k), hours(k + 1.1), Law("random"), (1.0,), area=Area(tuple(lon[k]), tuple(lat)), coverage=(c,))
+        for k, c in enumerate(coverage)
+    )  # fmt: skip
+    n = 40_000
+    search, _, _ = run(load(tmp_path, STILL + BOX, sorties=sorties, particles=n))
+    a, b, c = coverage
+    quarters = np.array([a, a + b, b, 0.0]) + c
+    missed = np.exp(-quarters).mean()
+    error = np.sqrt(np.var(np.exp(-quarters)) / n)
+    assert abs(search.updates.all[-1].cumulative[-1] - (1 - missed)) < 4 * error
+    middle = np.exp(-np.array([a, a + b, b, 0.0]))
+    assert abs(search.updates.all[1].cumulative[-1] - (1 - middle.mean())) < 4 * np.sqrt(np.var(middle) / n)
+
+
+def test_what_has_left_cannot_be_seen(tmp_path):
+    """Beyond the domain nobody knows where it is: such a particle can be no contact; one that leaves later can."""
+    text = FLOW.replace('until = "+1 h"', "").replace(
+        "[coast]", "[domain]\nwest = 179.8\nsouth = 59.9\neast = -179.9\nnorth = 60.2\n[coast]"
+    )
+    fix = Contact("seen", hours(1.5), "position", fixes=(Fix(180.0, 60.0),), major=8000.0, minor=8000.0)
+    _, ensemble, _ = run(load(tmp_path, "max_lost = 1" + text, contacts=(fix,)))
+    left = ensemble.status.to_numpy() == Status.LEFT
+    before = left & (ensemble.ended.to_numpy() <= 1.5 * 3600)
+    assert before.sum() > 20
+    assert (left & ~before).sum() > 20
+    np.testing.assert_array_equal(np.isneginf(ensemble.log_weight.to_numpy()), before)
 
 
 # A Kalman filter: a normal prior, a random walk, three fixes with error.

@@ -467,7 +467,27 @@ def test_what_stands_still_until_the_last_times_is_water(tmp_path: Path) -> None
     """A river that starts to flow after three quarters of the file: all eight slices count, to the last."""
     u, v = fields()
     u[:13, 50:70, 10:20], v[:13, 50:70, 10:20] = 0.0, 0.0
-    assert forcing.open_source("current", saved(tmp_path / "a.nc", u, v)).missing == 0
+    source = forcing.open_source("current", saved(tmp_path / "a.nc", u, v))
+    assert source.missing == 0
+    assert all(np.isfinite(source.read(k)).all() for k in (0, 12, 16))
+
+
+def test_water_that_flows_due_east_makes_no_land_of_a_few_still_points(tmp_path: Path) -> None:
+    """A quarter of one component is zero, but only 30 points of 7,381 are in both: too few to be land."""
+    u, v = fields()
+    u[:, 10:40] = 0.0
+    v[:, 12, 10:40] = 0.0
+    source = forcing.open_source("current", saved(tmp_path / "a.nc", u, v))
+    assert np.isfinite(source.read(5)).all()
+
+
+def test_a_calm_is_no_land(tmp_path: Path) -> None:
+    """Winds blow over land too, and are zero in a calm that lasts."""
+    u, v = fields()
+    u[:, 50:70, 10:20], v[:, 50:70, 10:20] = 0.0, 0.0
+    path = saved(tmp_path / "a.nc", 20 * u, 20 * v)
+    source = forcing.open_source("wind", path, variables={"east": "uo", "north": "vo"})
+    assert (source.read(5)[50:70, 10:20] == 0.0).all()
 
 
 def test_what_is_filled_does_not_depend_on_the_box(tmp_path: Path) -> None:
