@@ -252,14 +252,19 @@ def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, 
     if "degree" in str(data[name].attrs.get("units", "")).lower():
         angle = np.radians(angle)
     angle = np.where(np.isfinite(angle), angle, np.nan)
-    angle = np.arctan2(_halved(np.sin(angle), lon.shape), _halved(np.cos(angle), lon.shape))
     seen = rotation.curved_angle(lon, lat)
+
+    def at_points(turn: Array) -> Array:
+        return np.asarray(np.arctan2(_halved(np.sin(turn), lon.shape), _halved(np.cos(turn), lon.shape)))
+
     for factor, remark in ((1.0, f'"{name}" gives'), (np.pi / 180.0, f'"{name}", in degrees, gives')):
-        apart = np.abs((angle * factor - seen + np.pi) % (2 * np.pi) - np.pi)
+        turn = at_points(angle * factor)
+        apart = np.abs((turn - seen + np.pi) % (2 * np.pi) - np.pi)
         known = apart[np.isfinite(apart)]
         if known.size and np.median(known) < np.radians(3.0):
             notes.append(f"{remark} the direction of the grid's x axis")
-            return np.asarray(np.where(np.isfinite(angle), angle * factor, seen))
+            return np.asarray(np.where(np.isfinite(turn), turn, seen))
+    angle = at_points(angle)
     if "angle" in chosen:
         notes.append(f'"{name}" does not fit the points, but the case asks for it')
         return np.asarray(angle)

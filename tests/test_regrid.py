@@ -66,6 +66,14 @@ def test_same_field_on_every_grid(kind: str, box: Box | None, tmp_path: Path) ->
         assert source.grid.box.east >= box.east
 
 
+@pytest.mark.parametrize("angle", ["rad", "deg"])
+def test_a_files_own_angle_is_taken_in_radians_or_degrees(angle: str, tmp_path: Path) -> None:
+    """It has no units where it is in degrees; without a word on it directions would be computed from the points."""
+    source = forcing.open_source("current", writers.roms(tmp_path / "a.nc", own_points=True, angle=angle))
+    said = '"angle", in degrees, gives' if angle == "deg" else '"angle" gives'
+    assert any(f"{said} the direction of the grid's x axis" in note for note in source.notes)
+
+
 def test_tolerance_can_fail() -> None:
     """A rotation wrong by one degree would not pass: the tolerance is below what it does to 0.9 m/s."""
     assert writers.tolerance() < 0.9 * np.radians(1.0)

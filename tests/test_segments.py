@@ -224,6 +224,18 @@ def test_nearest_against_brute_force(fiji):
     assert tested > 20
 
 
+def test_far_north_the_sphere_tells_which_is_nearest():
+    """By a plane the island 20 degrees east is farther than the one to the north; by the great circle it is nearer."""
+    east, north = shapely.box(20.0, 79.99, 20.01, 80.0), shapely.box(-0.01, 83.465, 0.01, 83.475)
+    built = coast_of([east, north], Box(-5, 79, 25, 85))
+    cut = segments.cut(built)
+    away = [EARTH.inv(0.0, 80.0, 20.0, 80.0)[2], EARTH.inv(0.0, 80.0, 0.0, 83.465)[2]]
+    assert away[0] < away[1] < 20 * np.cos(np.radians(80.0)) * DEGREE
+    segment, distance = segments.nearest(cut, built, 0.0, 80.0)
+    assert distance == pytest.approx(away[0], abs=1.0)
+    assert shapely.get_coordinates(cut.lines[segment])[:, 0].min() > 19
+
+
 def test_nearest_from_both_sides_of_180(fiji):
     cut = segments.cut(fiji)
     here, there = segments.nearest(cut, fiji, 180.0, -17.2), segments.nearest(cut, fiji, -180.0, -17.2)

@@ -1,5 +1,7 @@
 """The sphere in float64 against pyproj; the kernel's exponential map against the sphere in float64."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from pyproj import Geod
 
 from geo import sphere
+from geo.box import Box
 from kernels import sphere as kernel
 
 GEOD = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
@@ -74,3 +77,28 @@ def test_a_slow_drifter_does_not_stall_at_180_degrees() -> None:
         kernel.displace(lon, lat, np.array([6], np.float32), np.array([0], np.float32))
     moved = ((lon.astype(np.int64) - start) % 2**32) * sphere.UNIT * sphere.RADIUS
     assert moved[0] == pytest.approx(600, abs=100 * 0.005)
+
+
+def test_a_track_is_a_great_circle_in_pieces_no_longer_than_asked() -> None:
+    corners = np.array([[178.0, 61.0], [-171.0, 63.5], [-171.2, 40.0]])
+    lon, lat = np.degrees(sphere.track(*np.radians(corners).T, 20_000.0))
+    earth = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
+    length = np.array(earth.inv(lon[:-1], lat[:-1], lon[1:], lat[1:])[2])
+    assert length.max() <= 20_000.0 + 1e-3
+    at = 0
+    for (x0, y0), (x1, y1) in itertools.pairwise(corners):
+        count = int(np.ceil(earth.inv(x0, y0, x1, y1)[2] / 20_000.0))
+        between = np.array(earth.npts(x0, y0, x1, y1, count - 1))
+        away = earth.inv(lon[at + 1 : at + count], lat[at + 1 : at + count], *between.T)[2]
+        assert np.max(away) < 1e-3
+        at += count
+    assert at == len(lon) - 1
+
+
+def test_a_box_that_grows_over_the_antimeridian_begins_within_the_degrees() -> None:
+    grown = Box(-179.5, 10.0, -170.0, 20.0).grown(2.0, 1.5)
+    assert (grown.west, grown.south, grown.east, grown.north) == (178.5, 8.5, 192.0, 21.5)
+    grown = Box(170.0, -88.0, 185.0, 3.0).grown(3.0, 4.0)
+    assert (grown.west, grown.south, grown.east, grown.north) == (167.0, -90.0, 188.0, 7.0)
+    grown = Box(-30.0, 0.0, 320.0, 1.0).grown(5.0, 1.0)
+    assert (grown.west, grown.east) == (-180.0, 180.0)
