@@ -170,6 +170,14 @@ def test_containment_is_uniform_whatever_the_law():
     assert stats.kstest(found, "uniform").pvalue > 1e-3
 
 
+def test_of_places_as_dense_as_the_drifters_half_counts() -> None:
+    """All at one place are alike: the drifter's rank among them is in the middle, as that of places equal in a coordinate."""
+    still = np.zeros(50)
+    assert scores.containment(still, still, np.full(50, 1 / 50)) == pytest.approx(0.5)
+    values = np.array([-3.0, 0.0, 0.0, 0.0, 2.0])
+    assert scores.rank(values, np.full(5, 0.2)) == pytest.approx((1 + (3 + 1) / 2) / 6)
+
+
 def test_columns_along_the_track_are_a_current_by_time(tmp_path):
     """The same forecast, particle for particle, as of a case that has the columns' values as a table of its own."""
     track = simulated(1, 9, hours=30)[0]
