@@ -196,6 +196,21 @@ def test_sorties_together_find_what_their_failures_leave_out(tmp_path):
     assert abs(search.updates.all[1].cumulative[-1] - (1 - middle.mean())) < 4 * np.sqrt(np.var(middle) / n)
 
 
+def test_weights_as_if_no_sortie_had_been_flown_hold_what_was_seen(tmp_path):
+    """They are those of the same run without its sorties: by them it is told what ran out of the domain."""
+    fix = Contact(
+        "seen", hours(1.5), "position", fixes=(Fix(180.03, 60.01),), major=5000.0, minor=3000.0, orientation=0.7
+    )
+    track = legs([(-4000, -2000), (4000, -2000), (4000, 2000), (-4000, 2000)], 1.7, 10.0)
+    case = load(tmp_path, FLOW, contacts=(fix,))
+    seen, both = (run(dataclasses.replace(case, sorties=s))[:2] for s in ((), (flown("square", track, Law(), 900.0),)))
+    expected = seen[1].log_weight.to_numpy().astype(np.float64)
+    found = both[0].unsearched
+    np.testing.assert_allclose(found - found.max(), expected - expected.max(), atol=1e-5)
+    assert np.ptp(expected) > 1
+    assert np.ptp(both[1].log_weight.to_numpy() - expected) > 0.5
+
+
 def test_what_has_left_cannot_be_seen(tmp_path):
     """Beyond the domain nobody knows where it is: such a particle can be no contact; one that leaves later can."""
     text = FLOW.replace('until = "+1 h"', "").replace(

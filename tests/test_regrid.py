@@ -10,7 +10,7 @@ import pytest
 import writers
 import xarray as xr
 
-from geo import forcing, layout, rotation
+from geo import forcing, layout, rotation, sphere
 from geo.box import Box
 from geo.forcing import Source
 from geo.grid import sample
@@ -101,6 +101,21 @@ def test_plane_axes_against_pyproj_convergence() -> None:
     np.testing.assert_allclose((angle - checked + 180) % 360 - 180, 0, atol=1e-3)
     np.testing.assert_allclose(axes[:, 2], -axes[:, 1], atol=1e-6)  # conformal: y is x turned left
     np.testing.assert_allclose(axes[:, 3], axes[:, 0], atol=1e-6)
+
+
+def test_axes_of_a_plane_whose_x_grows_to_the_west() -> None:
+    """By small steps of the plane itself, on the sphere: x and y are left-handed there."""
+    crs = "+proj=laea +lat_0=70 +lon_0=-20 +R=6371007 +axis=wnu +type=crs"
+    projection = pyproj.Transformer.from_crs(crs, "+proj=longlat +R=6371007 +type=crs", always_xy=False)
+    plane = layout.Plane(np.zeros(2), np.zeros(2), np.zeros(2, int), np.zeros(2, int), projection)
+    lon, lat = np.array([-31.0, -12.0, 4.0]), np.array([66.0, 74.0, 59.0])
+    axes = rotation.plane_axes(plane, lon, lat)
+    x, y = plane.to_plane(lon, lat)
+    assert (np.diff(x) < 0).all()
+    for k, (dx, dy) in enumerate(((1.0, 0.0), (0.0, 1.0))):
+        ahead, behind = plane.to_lonlat(x + dx, y + dy), plane.to_lonlat(x - dx, y - dy)
+        way = np.stack(sphere.offset(*np.radians(behind), *np.radians(ahead)), -1)
+        np.testing.assert_allclose(axes[:, 2 * k : 2 * k + 2], way / np.hypot(*way.T)[:, None], atol=2e-6)
 
 
 def test_curved_angle_at_80_north_and_over_the_antimeridian() -> None:
