@@ -21,6 +21,7 @@ from geo import forcing, memory, reader, shore
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import Source
+from geo.kept import Finished, Shelf
 from geo.shore import Shore
 from kernels import coast as device_coast
 
@@ -58,6 +59,7 @@ class Waters:
         self._files = files
         self._kept: dict[int, reader.Opened] = {}
         self._cuts: dict[tuple[int, Box], Source] = {}
+        self._finished = Finished()
         self._lands: dict[tuple[str, Any], tuple[Shore, shoreline.Coast | None]] = {}
         self._shores: dict[int, tuple[shoreline.Coast, device_coast.DeviceCoast]] = {}
 
@@ -75,7 +77,7 @@ class Waters:
         self._cuts[key] = found
         if len(self._cuts) > CUTS:
             del self._cuts[next(iter(self._cuts))]
-        return replace(found, name=spec.name)
+        return replace(found, name=spec.name, shelf=Shelf(key, self._finished))
 
     def coast(self, case: Case, box: Box) -> tuple[Shore, shoreline.Coast | None] | None:
         """Return the land and coast of these waters, as far as a case would have it in a box; None where that differs."""
