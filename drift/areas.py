@@ -96,12 +96,12 @@ def _choose(
         logs = []
         for (half, _), there in zip(pairs, where, strict=True):
             mass = halves[half][0]
-            smooth = np.zeros(mass.shape[1:])
+            smooth = np.zeros(there.size)
             for i, one in enumerate(guides[half]):
                 if one is not None:
-                    smooth += density.spread(mass[i], one, start * 2.0**step, media[i])
-            floor = 1e-6 * smooth.sum() / smooth.size  # a particle off the map costs much, but not everything
-            logs.append(np.log(smooth.ravel()[there] + floor))
+                    smooth += density.spread(mass[i], one, start * 2.0**step, media[i], there)
+            floor = 1e-6 * mass.sum() / mass[0].size  # a particle off the map costs much, but not everything
+            logs.append(np.log(smooth + floor))
         return np.concatenate(logs)
 
     def gain(finer: Array, coarser: Array) -> float:

@@ -144,7 +144,7 @@ def test_kernel_variance_follows_the_particles_it_should_hold():
     mass[121, 133] = 1.0
     for level, wanted in ((0, 1.0), (1, 5.5), (2, 23.5), (3, 95.5)):
         number = [np.full(r.shape, 1e9 if i >= level else 1e-9) for i, r in enumerate(where.reach)]
-        smooth = density.spread(mass, density.Histogram((mass,), tuple(number)), 10.0, where)
+        smooth = density.spread(mass, density.Histogram(tuple(number)), 10.0, where)
         offsets = np.arange(256) - np.array([[121], [133]])
         for axis in (0, 1):
             along = smooth.sum(axis=1 - axis)
