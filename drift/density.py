@@ -161,42 +161,42 @@ def wider(first: Array, area: Array) -> tuple[Array, ...]:
     return tuple(levels)
 
 
-def histogram(mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None) -> Histogram:
-    """Return the pyramids of deposited weights w and of w^2, each (nlat, nlon); more: see `wider`, as they are without it.
+def histogram(cells: Array, mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None) -> Histogram:
+    """Return the pyramids of deposited weights w and of w^2 in cells (flat indices), each (n,).
 
-    The effective number is that over `more`: so many times as many are then in a kernel.
+    The effective number is that over `more` (see `wider`; as they are without it): so many times as many are then in a kernel.
     """
     numbers = []
     for level, reach in enumerate(where.reach):
         variance = 1.5 - 0.5 / 4**level  # of the kernel, in this level's cells: Gauss plus down and up
-        held = np.flatnonzero(mass > 0)
-        first, second = mass.ravel()[held], squares.ravel()[held]
-        number = np.divide(variance * first**2, second, out=np.zeros(held.size), where=second > 0)
+        number = np.divide(variance * mass**2, squares, out=np.zeros(cells.size), where=squares > 0)
         numbers.append(np.zeros(reach.shape))
-        numbers[-1].ravel()[held] = number if more is None else number / more[level].ravel()[held]
+        numbers[-1].ravel()[cells] = number if more is None else number / more[level].ravel()[cells]
         if level + 1 < len(where.reach):
-            mass, squares = _raised(held, first, reach.shape), _raised(held, second, reach.shape)
+            first, second = (_raised(cells, values, numbers[-1].shape).ravel() for values in (mass, squares))
+            cells = np.flatnonzero(first > 0)
+            mass, squares = first[cells], second[cells]
     return Histogram(tuple(numbers))
 
 
-def spread(mass: Array, guide: Histogram, m: float, where: Medium, at: Array | None = None) -> Array:
-    """Return mass (nlat, nlon) smoothed by kernels that hold `m` effective particles of the guide.
+def spread(
+    cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Array | None = None
+) -> Array:
+    """Return mass in cells (flat indices, n) as a map (nlat, nlon), smoothed by kernels that hold `m` effective particles of the guide.
 
-    at: flat indices of the cells whose values alone are wanted, (n,), and returned. Linear in mass: the maps of scenarios add up to
+    at: flat indices of the cells whose values alone are wanted, and returned, (k,). Linear in mass: the maps of scenarios add up to
     that of all. The total is kept to rounding.
     """
     staying: list[tuple[Array, Array]] = []  # by level: in which cells mass is smoothed there, and how much
-    for level, number in enumerate(guide.number):
-        held = np.flatnonzero(mass > 0)
-        values = mass.ravel()[held]
-        if level + 1 == len(guide.number):
-            staying.append((held, values))
-            break
+    for number in guide.number[:-1]:
         # wanted variance / this level's = m / number, between 1 and 4: shares of this and the next level make it
-        share = np.clip((4 - m / np.maximum(number.ravel()[held], m / 8)) / 3, 0, 1)
+        share = np.clip((4 - m / np.maximum(number.ravel()[cells], m / 8)) / 3, 0, 1)
         stays = share > 0
-        staying.append((held[stays], (values * share)[stays]))
-        mass = _raised(held, values * (1 - share), number.shape)
+        staying.append((cells[stays], (mass * share)[stays]))
+        rest = _raised(cells, mass * (1 - share), number.shape).ravel()
+        cells = np.flatnonzero(rest > 0)
+        mass = rest[cells]
+    staying.append((cells, mass))
     if at is not None:
         return np.asarray(_smoothed(staying, where, 0, at) * where.allowed.ravel()[at])
     if where.few is None:
@@ -263,10 +263,11 @@ def ranked(density: Array) -> Array:
     return np.asarray(occupied[np.argsort(-density.ravel()[occupied], kind="stable")])
 
 
-def calibrate(mass: Array, area: Array, unseen: Array) -> Calibration:
-    """Return the calibration of a map (nlat, nlon) by the deposit of particles that it has not seen."""
-    order = ranked(mass / area[:, None])
-    inside, seen = np.cumsum(mass.ravel()[order]), np.cumsum(unseen.ravel()[order]) / unseen.sum()
+def calibrate(mass: Array, area: Array, cells: Array, unseen: Array) -> Calibration:
+    """Return the calibration of a map (nlat, nlon) by the deposit (n,) in cells (flat indices) of particles that it has not seen."""
+    order, held = ranked(mass / area[:, None]), np.zeros(mass.size)
+    held[cells] = unseen
+    inside, seen = np.cumsum(mass.ravel()[order]), np.cumsum(held[order]) / unseen.sum()
     share = np.interp(KNOTS, np.concatenate([[0.0], inside / inside[-1]]), np.concatenate([[0.0], seen]))
     share[-1] = 1.0
     return Calibration(share)

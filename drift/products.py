@@ -284,7 +284,7 @@ def group(n: int) -> Array:
 
 def _map(window: Cells, made: areas.Deposits, land: Array | None, shares: tuple[float, ...]) -> areas.Area:
     """Return the map of one snapshot on its own cells."""
-    return areas.build(window, made, _media(made.mass.sum(axis=0), land), shares)
+    return areas.build(window, made, _media(made, window.shape, land), shares)
 
 
 def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
@@ -296,48 +296,41 @@ def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, depos
     amount, heaviest = cells.fixed(weight), float(weight.max())
     level = bool(weight.min() == heaviest)
     square = amount if level else cells.fixed(weight * (weight / heaviest))
+    held = np.flatnonzero(deposit(lon, lat, amount, window) > 0)
 
-    def sums(code: Array, number: int, *amounts: Array) -> list[Array]:
-        """Deposits of each class of particles, shape (number, nlat, nlon), for each kind of amount."""
-        made = [np.zeros((number, *window.shape)) for _ in amounts]
+    def sums(code: Array, number: int, amounts: Array) -> Array:
+        """Deposits of each class of particles in the cells that hold any, shape (number, n)."""
+        made = np.zeros((number, held.size))
         order = np.argsort(code, kind="stable")
-        ends = np.searchsorted(code[order], np.arange(number + 1))
-        for i in range(number):
-            some = order[ends[i] : ends[i + 1]]
+        for out, some in zip(made, np.split(order, np.searchsorted(code[order], np.arange(1, number))), strict=True):
             if len(some):
-                x, y = lon[some], lat[some]
-                for out, values in zip(made, amounts, strict=True):
-                    out[i] = deposit(x, y, values[some], window) / cells.ONE
+                out[:] = deposit(lon[some], lat[some], amounts[some], window).ravel()[held] / cells.ONE
         return made
 
     code = group(len(one.lon))[index] * media + ashore
-    shape = (4, media, *window.shape)
-    if level:
-        mass = sums(code, 4 * media, amount)[0].reshape(shape)
-        squares = mass * heaviest
-    else:
-        parts = sums(code, 4 * media, amount, square)
-        mass, squares = parts[0].reshape(shape), parts[1].reshape(shape) * heaviest
-    if scenarios == 1:
-        by_scenario = mass.sum(axis=0)[None]
-    else:
+    mass = sums(code, 4 * media, amount).reshape(4, media, -1)
+    squares = (mass if level else sums(code, 4 * media, square).reshape(4, media, -1)) * heaviest
+    by_scenario = mass.sum(axis=0)[None]
+    if scenarios > 1:
         of_scenario = one.scenario[index].astype(np.int16) * media + ashore
-        by_scenario = sums(of_scenario, media * scenarios, amount)[0].reshape(scenarios, media, *window.shape)
-    return areas.Deposits(mass, squares, by_scenario)
+        by_scenario = sums(of_scenario, media * scenarios, amount).reshape(scenarios, media, -1)
+    return areas.Deposits(held, mass, squares, by_scenario)
 
 
-def _media(mass: Array, land: Array | None) -> list[density.Medium]:
+def _media(made: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
     """Return where the object can be adrift and ashore: in water joined to a particle's, and along its shoreline."""
+    mass = made.mass.sum(axis=0)
     if land is None:
-        return [density.medium(np.ones(mass.shape[1:], bool))] * len(mass)
+        return [density.medium(np.ones(shape, bool))] * len(mass)
     basins, count = ndimage.label(~land)  # a kernel reaches across a spit, but not into a bay that holds nobody
     holds = np.zeros(count + 1, bool)
-    holds[np.unique(basins[mass.sum(axis=0) > 0])] = True
+    holds[np.unique(basins.ravel()[made.cells])] = True
     holds[0] = False
     water = holds[basins]
-    adrift = density.medium(water | (mass[0] > 0))
-    if len(mass) == 1:
-        return [adrift]
-    square = np.ones((3, 3), bool)
-    shore = ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square)
-    return [adrift, density.medium(shore | (mass[1] > 0))]
+    allowed = [water.copy()]
+    if len(mass) > 1:
+        square = np.ones((3, 3), bool)
+        allowed.append(ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square))
+    for where, weights in zip(allowed, mass, strict=True):
+        where.ravel()[made.cells[weights > 0]] = True
+    return [density.medium(where) for where in allowed]

@@ -112,7 +112,18 @@ def spread_example(allowed, m=20.0, seed=2):
     rng = np.random.default_rng(seed)
     mass = rng.poisson(0.7 * rng.random(allowed.shape) ** 8, allowed.shape) * allowed * 1e-4
     where = density.medium(allowed)
-    return mass, density.spread(mass, density.histogram(mass, mass * 1e-4, where), m, where), where
+    return mass, spread(mass, histogram(mass, where), m, where), where
+
+
+def histogram(mass, where):
+    """That of particles of weight 1e-4."""
+    held = np.flatnonzero(mass)
+    return density.histogram(held, mass.ravel()[held], mass.ravel()[held] * 1e-4, where)
+
+
+def spread(mass, guide, m, where):
+    held = np.flatnonzero(mass)
+    return density.spread(held, mass.ravel()[held], guide, m, where)
 
 
 @pytest.mark.parametrize("shape", [(33, 58), (64, 47), (17, 16), (9, 5)])
@@ -131,8 +142,8 @@ def test_smoothing_is_linear_so_scenarios_add_up():
     allowed = np.ones((40, 52), bool)
     mass, smooth, where = spread_example(allowed)
     part = mass * (np.random.default_rng(3).random(mass.shape) < 0.3)
-    guide = density.histogram(mass, mass * 1e-4, where)
-    both = density.spread(part, guide, 20.0, where) + density.spread(mass - part, guide, 20.0, where)
+    guide = histogram(mass, where)
+    both = spread(part, guide, 20.0, where) + spread(mass - part, guide, 20.0, where)
     np.testing.assert_allclose(both, smooth, rtol=1e-10, atol=1e-20)
 
 
@@ -144,7 +155,7 @@ def test_kernel_variance_follows_the_particles_it_should_hold():
     mass[121, 133] = 1.0
     for level, wanted in ((0, 1.0), (1, 5.5), (2, 23.5), (3, 95.5)):
         number = [np.full(r.shape, 1e9 if i >= level else 1e-9) for i, r in enumerate(where.reach)]
-        smooth = density.spread(mass, density.Histogram(tuple(number)), 10.0, where)
+        smooth = spread(mass, density.Histogram(tuple(number)), 10.0, where)
         offsets = np.arange(256) - np.array([[121], [133]])
         for axis in (0, 1):
             along = smooth.sum(axis=1 - axis)
