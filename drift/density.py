@@ -31,6 +31,8 @@ KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 1
 FEW = 8  # times as many cells has a grid, and it is worth while to look at those alone that count
 PARTS = np.array([9, 3, 3, 1]) / 16  # of a cell's mass go to four cells of the next level: see _above
 REACH = 4  # cells, and standard deviations, as far as a kernel reaches
+BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
+BELL /= BELL.sum()
 WIDER = 4.0  # times as many particles are in the kernels of the densest cells as in those of the thinnest
 PER_KERNEL = 0.07  # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
 
@@ -54,7 +56,10 @@ def typical_spacing(x: Array, y: Array, probability: Array) -> float:
 
 def _coarser(fine: Array) -> Array:
     """Return the sums of a grid on one of half as many cells, by weights 1 3 3 1 / 4 along each axis."""
-    fine = np.pad(fine, [(0, size % 2) for size in fine.shape]) if fine.shape[0] % 2 or fine.shape[1] % 2 else fine
+    if fine.shape[0] % 2:
+        fine = np.concatenate([fine, np.zeros((1, fine.shape[1]))])
+    if fine.shape[1] % 2:
+        fine = np.concatenate([fine, np.zeros((len(fine), 1))], axis=1)
     even, odd = fine[0::2], fine[1::2]
     half = 0.75 * (even + odd)
     half[1:] += 0.25 * odd[:-1]
@@ -113,7 +118,8 @@ def _raised(cells: Array, values: Array, shape: tuple[int, int]) -> Array:
 
 def _gauss(values: Array) -> Array:
     """Return values smoothed by a standard deviation of one cell; zero outside."""
-    return np.asarray(ndimage.gaussian_filter(values, 1.0, mode="constant", truncate=float(REACH)))
+    along = ndimage.correlate1d(values, BELL, 0, mode="constant")
+    return np.asarray(ndimage.correlate1d(along, BELL, 1, mode="constant"))
 
 
 @dataclass(frozen=True)
@@ -259,8 +265,15 @@ class Calibration:
 
 def ranked(density: Array) -> Array:
     """Return flat indices of the cells with any probability, densest first; ties in order of the index."""
-    occupied = np.flatnonzero(density)
-    return np.asarray(occupied[np.argsort(-density.ravel()[occupied], kind="stable")])
+    occupied = np.flatnonzero(density > 0)
+    sparse = -density.ravel()[occupied]
+    order = np.argsort(sparse)  # twice as fast as a stable sort: ties, which are few, are brought into order afterwards
+    level = sparse[order]
+    tied = level[1:] == level[:-1]
+    if tied.any():
+        run = np.flatnonzero(np.append(tied, False) | np.append(False, tied))
+        order[run] = order[run][np.lexsort((order[run], level[run]))]
+    return np.asarray(occupied[order])
 
 
 def calibrate(mass: Array, area: Array, cells: Array, unseen: Array) -> Calibration:
