@@ -191,19 +191,27 @@ def containment(mass: Array, area: Array, calibration: density.Calibration) -> t
     )
 
 
-def contour(one: Area, share: float) -> shapely.MultiPolygon:
-    """Return the outline [deg, unwrapped] of the area that holds `share`, with its holes.
+def contours(one: Area) -> list[shapely.MultiPolygon]:
+    """Return the outlines [deg, unwrapped] of the areas that hold the shares, with their holes."""
+    height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
+    each = zip(one.thresholds.tolist(), one.areas.tolist(), strict=True)
+    return [_contour(one.cells, height, threshold, wanted) for threshold, wanted in each]
+
+
+def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
+    """Return the outline of what is denser [1/m2] than a threshold, given as its logarithm: about so large an area [m2].
 
     The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
     cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge.
     """
-    which = one.shares.index(share)
-    threshold, wanted = float(one.thresholds[which]), float(one.areas[which])
-    height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
+    near = height > np.exp(threshold - 3)  # no line is drawn farther out than from a cell of these to the next
+    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
+    height = height[south : rows[-1] + 2, west : columns[-1] + 2]
     # what lies far below the threshold, and empty cells, count as e^-4 of it: the line stays near the cells that matter
     field = np.pad(np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4)
-    lon, lat = one.cells.lon(), one.cells.lat()
-    dlon, dlat = (one.cells.width, one.cells.height) * np.array(360.0 / sphere.TURN)
+    lon, lat = cells.lon()[west : columns[-1] + 2], cells.lat()[south : rows[-1] + 2]
+    dlon, dlat = (cells.width, cells.height) * np.array(360.0 / sphere.TURN)
     lon = np.concatenate([[lon[0] - dlon], lon, [lon[-1] + dlon]])
     lat = np.concatenate([[lat[0] - dlat], lat, [lat[-1] + dlat]])
     generator: Callable[..., contourpy.ContourGenerator] = contourpy.contour_generator

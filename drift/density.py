@@ -263,9 +263,9 @@ class Calibration:
         return np.asarray(np.interp(share, self.share, KNOTS))
 
 
-def ranked(density: Array) -> Array:
-    """Return flat indices of the cells with any probability, densest first; ties in order of the index."""
-    occupied = np.flatnonzero(density > 0)
+def ranked(density: Array, least: float = 0.0) -> Array:
+    """Return flat indices of the cells with any probability, densest first; ties in order of the index. least: so dense at least."""
+    occupied = np.flatnonzero((density > 0) & (density >= least))
     sparse = -density.ravel()[occupied]
     order = np.argsort(sparse)  # twice as fast as a stable sort: ties, which are few, are brought into order afterwards
     level = sparse[order]
@@ -278,9 +278,10 @@ def ranked(density: Array) -> Array:
 
 def calibrate(mass: Array, area: Array, cells: Array, unseen: Array) -> Calibration:
     """Return the calibration of a map (nlat, nlon) by the deposit (n,) in cells (flat indices) of particles that it has not seen."""
-    order, held = ranked(mass / area[:, None]), np.zeros(mass.size)
+    density, held = mass / area[:, None], np.zeros(mass.size)
     held[cells] = unseen
+    order = ranked(density, density.ravel()[cells[unseen > 0]].min())  # farther out nothing of it is left
     inside, seen = np.cumsum(mass.ravel()[order]), np.cumsum(held[order]) / unseen.sum()
-    share = np.interp(KNOTS, np.concatenate([[0.0], inside / inside[-1]]), np.concatenate([[0.0], seen]))
+    share = np.interp(KNOTS, np.concatenate([[0.0], inside / mass.sum()]), np.concatenate([[0.0], seen]))
     share[-1] = 1.0
     return Calibration(share)

@@ -6,9 +6,8 @@ released is in the account (`status_probability`, which adds up to 1) but on no 
 antimeridian, from the grid's western edge eastward.
 """
 
-from collections import deque
-from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +83,15 @@ class _Cloud:
     spacing: float  # bandwidth [binary angle units]
 
 
+@dataclass(frozen=True)
+class _Laid:
+    """What a snapshot leaves in its own cells, and which of these are land (nlat, nlon); None where none is."""
+
+    cells: Cells
+    deposits: areas.Deposits
+    land: Array | None
+
+
 def build(
     snapshots: Sequence[Snapshot],
     *,
@@ -101,29 +109,46 @@ def build(
     shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are made on cells
     that divide its cells, as far as there is anything: areas and containment count what lies outside it.
     """
+    return begin(
+        snapshots, scenarios=scenarios, is_land=is_land, deposit=deposit, shares=shares, grid=grid
+    )()
+
+
+def begin(
+    snapshots: Sequence[Snapshot],
+    *,
+    scenarios: Sequence[str],
+    is_land: IsLand | None = None,
+    deposit: Deposit = cells.deposit,
+    shares: tuple[float, ...] = SHARES,
+    grid: Cells | None = None,
+) -> Callable[[], Forecast]:
+    """Return what does the rest of `build`, in any thread: `is_land` and `deposit`, which may need the device, have been asked."""
     centre = _reference(snapshots)
     clouds = [_cloud(one, centre) for one in snapshots]
     windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
     land = _Land(is_land, common)
-    maps: list[areas.Area | None] = []
-    with ThreadPoolExecutor(AT_ONCE) as pool:  # the device deposits one time while the host smooths those before it
-        pending: deque[tuple[int, Future[areas.Area]]] = deque()
-        for k, (one, cloud, window) in enumerate(zip(snapshots, clouds, windows, strict=True)):
-            maps.append(None)
-            if cloud is not None and window is not None:
-                made = _deposits(one, cloud, window, len(scenarios), deposit)
-                pending.append((k, pool.submit(_map, window, made, land.on(window), shares)))
-            while len(pending) > (AT_ONCE if k + 1 < len(snapshots) else 0):
-                done, future = pending.popleft()
-                maps[done] = future.result()
+    laid = [
+        None
+        if cloud is None or window is None
+        else _Laid(window, _deposits(one, cloud, window, len(scenarios), deposit), land.on(window))
+        for one, cloud, window in zip(snapshots, clouds, windows, strict=True)
+    ]
     bandwidths = None if grid is None else [None if cloud is None else cloud.spacing for cloud in clouds]
-    contours = tuple(
-        Contour(one.time, share, float(size), areas.contour(made, share))
-        for one, made in zip(snapshots, maps, strict=True)
-        if made is not None
-        for share, size in zip(shares, made.areas, strict=True)
-    )
-    return Forecast(dataset.build(snapshots, scenarios, common, maps, shares, bandwidths), contours)
+
+    def rest() -> Forecast:
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            made = list(pool.map(lambda one: None if one is None else _map(one, shares), laid))
+        contours = tuple(
+            Contour(one.time, share, float(size), line)
+            for one, drawn in zip(snapshots, made, strict=True)
+            if drawn is not None
+            for share, size, line in zip(shares, drawn[0].areas, drawn[1], strict=True)
+        )
+        maps = [None if drawn is None else drawn[0] for drawn in made]
+        return Forecast(dataset.build(snapshots, scenarios, common, maps, shares, bandwidths), contours)
+
+    return rest
 
 
 def _reference(snapshots: Sequence[Snapshot]) -> int:
@@ -282,9 +307,10 @@ def group(n: int) -> Array:
     return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
 
 
-def _map(window: Cells, made: areas.Deposits, land: Array | None, shares: tuple[float, ...]) -> areas.Area:
-    """Return the map of one snapshot on its own cells."""
-    return areas.build(window, made, _media(made, window.shape, land), shares)
+def _map(laid: _Laid, shares: tuple[float, ...]) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
+    """Return the map of one snapshot on its own cells, and the outlines of its areas."""
+    made = areas.build(laid.cells, laid.deposits, _media(laid.deposits, laid.cells.shape, laid.land), shares)
+    return made, areas.contours(made)
 
 
 def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
