@@ -58,7 +58,10 @@ def _guides(
     cells: Array, mass: Array, squares: Array, media: Sequence[density.Medium], more: More = None
 ) -> list[density.Histogram]:
     """Return what guides the kernels of each medium, from weights and squared weights (media, n) in cells."""
-    return [density.histogram(cells[w > 0], w[w > 0], s[w > 0], where, more) for w, s, where in zip(mass, squares, media, strict=True)]
+    return [
+        density.histogram(cells[w > 0], w[w > 0], s[w > 0], where, more)
+        for w, s, where in zip(mass, squares, media, strict=True)
+    ]
 
 
 def _spread(

@@ -167,7 +167,9 @@ def wider(first: Array, area: Array) -> tuple[Array, ...]:
     return tuple(levels)
 
 
-def histogram(cells: Array, mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None) -> Histogram:
+def histogram(
+    cells: Array, mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None
+) -> Histogram:
     """Return the pyramids of deposited weights w and of w^2 in cells (flat indices), each (n,).
 
     The effective number is that over `more` (see `wider`; as they are without it): so many times as many are then in a kernel.
@@ -179,15 +181,14 @@ def histogram(cells: Array, mass: Array, squares: Array, where: Medium, more: tu
         numbers.append(np.zeros(reach.shape))
         numbers[-1].ravel()[cells] = number if more is None else number / more[level].ravel()[cells]
         if level + 1 < len(where.reach):
-            first, second = (_raised(cells, values, numbers[-1].shape).ravel() for values in (mass, squares))
+            shape = (reach.shape[0], reach.shape[1])
+            first, second = (_raised(cells, values, shape).ravel() for values in (mass, squares))
             cells = np.flatnonzero(first > 0)
             mass, squares = first[cells], second[cells]
     return Histogram(tuple(numbers))
 
 
-def spread(
-    cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Array | None = None
-) -> Array:
+def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Array | None = None) -> Array:
     """Return mass in cells (flat indices, n) as a map (nlat, nlon), smoothed by kernels that hold `m` effective particles of the guide.
 
     at: flat indices of the cells whose values alone are wanted, and returned, (k,). Linear in mass: the maps of scenarios add up to
@@ -265,7 +266,7 @@ class Calibration:
 
 def ranked(density: Array, least: float = 0.0) -> Array:
     """Return flat indices of the cells with any probability, densest first; ties in order of the index. least: so dense at least."""
-    occupied = np.flatnonzero((density > 0) & (density >= least))
+    occupied = np.flatnonzero(density >= least if least > 0 else density > 0)
     sparse = -density.ravel()[occupied]
     order = np.argsort(sparse)  # twice as fast as a stable sort: ties, which are few, are brought into order afterwards
     level = sparse[order]

@@ -28,6 +28,7 @@ Array = npt.NDArray[Any]
 Report = Callable[[str, float], None]
 Maps = bool | Literal["last"]
 
+AHEAD = 2  # forecasts at most that drift before the maps of one are done
 NOTHING = np.empty((0, 0))
 
 
@@ -63,7 +64,7 @@ def run_many(
 
     cases: of `drift.load` and `drift.vary`; they need have nothing in common. datasets: the xarray.Datasets that any of them
     names. maps: False for particles alone, "last" for the map of each forecast's last output, True for all its maps, as
-    `drift.run` makes them; maps are made while the next forecast drifts, which is then made before a forecast is given. report is told what is being done and how many forecasts are done, as a share.
+    `drift.run` makes them; maps are made while the next forecasts drift, so that a forecast comes when AHEAD more have drifted. report is told what is being done and how many forecasts are done, as a share.
     A case that cannot be forecast gives a Brief with `error`, a UserError, and the others go on. Spills have no forecast in
     brief: theirs is such an error. Raises UserError where no case can run, for the backend say.
     """
@@ -76,8 +77,8 @@ def run_many(
 
 def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: Report) -> Iterator[Brief]:
     shared = divide(cases, datasets)[::-1]  # each is let go of with its last case
-    before: list[Future[Brief]] = []  # the forecast whose map is being made while the next one drifts
-    with ThreadPoolExecutor(1, "maps") as pool:
+    before: list[Future[Brief]] = []  # forecasts whose maps are being made while the next one drifts
+    with ThreadPoolExecutor(AHEAD, "maps") as pool:
         for number, case in enumerate(cases):
             with runtime.alone():  # not while the caller has its turn
                 try:
@@ -85,7 +86,7 @@ def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: 
                 except UserError as error:
                     made, rest = _refused(case, error), None
             before.append(pool.submit(_mapped, made, rest))
-            while len(before) > (1 if maps and number + 1 < len(cases) else 0):
+            while len(before) > (AHEAD if maps and number + 1 < len(cases) else 0):
                 done = before.pop(0).result()
                 tell("forecasts", (number + 1 - len(before)) / len(cases))
                 yield done

@@ -109,9 +109,7 @@ def build(
     shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are made on cells
     that divide its cells, as far as there is anything: areas and containment count what lies outside it.
     """
-    return begin(
-        snapshots, scenarios=scenarios, is_land=is_land, deposit=deposit, shares=shares, grid=grid
-    )()
+    return begin(snapshots, scenarios=scenarios, is_land=is_land, deposit=deposit, shares=shares, grid=grid)()
 
 
 def begin(

@@ -18,7 +18,9 @@ from kernels import runtime
 
 Launch = Callable[..., None]
 
-_known: dict[tuple, tuple[Any, Any]] = {}  # by kernel and compile-time arguments: what was compiled, and its machine code
+_known: dict[
+    tuple, tuple[Any, Any]
+] = {}  # by kernel and compile-time arguments: what was compiled, and its machine code
 
 
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
@@ -39,11 +41,12 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
 
         return launch
     program = impl.get_runtime().prog
-    given = tuple(v for a, v in zip(primal.arguments, args, strict=True) if isinstance(a.annotation, template))
-    if (primal, *given) not in _known:
+    each = zip(primal.arguments, args, strict=True)
+    key = (primal, *(value for argument, value in each if isinstance(argument.annotation, template)))
+    if key not in _known:
         made = primal.compiled_kernels[primal.ensure_compiled(*args)]
-        _known[primal, *given] = made, program.compile_kernel(program.config(), program.get_device_caps(), made)
-    compiled, code = _known[primal, *given]
+        _known[key] = made, program.compile_kernel(program.config(), program.get_device_caps(), made)
+    compiled, code = _known[key]
     context = compiled.make_launch_context()
     real = [(a, v) for a, v in zip(primal.arguments, args, strict=True) if not isinstance(a.annotation, template)]
     arrays = []
