@@ -147,6 +147,57 @@ def test_smoothing_is_linear_so_scenarios_add_up():
     np.testing.assert_allclose(both, smooth, rtol=1e-10, atol=1e-20)
 
 
+def kernel(size):
+    """(coarse, size): weights 1 3 3 1 / 4 of cells in those half as fine, what would lie beyond the edge in the last one."""
+    made = np.zeros(((size + 1) // 2, size))
+    for fine in range(size):
+        for offset, part in zip((-1, 0, 1, 2), (1, 3, 3, 1), strict=True):
+            for coarse in range(-1, len(made) + 1):
+                if fine == 2 * coarse + offset:
+                    made[min(max(coarse, 0), len(made) - 1), fine] += part / 4
+    return made
+
+
+@pytest.mark.parametrize("shape", [(33, 58), (64, 47), (19, 21)])
+def test_few_cells_climb_and_are_read_as_all_are(shape):
+    """Sparse and dense sums, and interpolation, against matrices; rounding of a dozen additions."""
+    rng = np.random.default_rng(6)
+    rows, columns = kernel(shape[0]), kernel(shape[1])
+    for share in (0.02, 0.9):  # under and over the share from which on it is done for all cells
+        fine = rng.random(shape) * (rng.random(shape) < share)
+        fine[0, -1] = fine[-1, 0] = 1.0
+        held = np.flatnonzero(fine)
+        np.testing.assert_allclose(
+            density._raised(held, fine.ravel()[held], shape), rows @ fine @ columns.T, rtol=1e-14
+        )
+    coarse = rng.random(((shape[0] + 1) // 2, (shape[1] + 1) // 2))
+    np.testing.assert_allclose(density._finer(coarse, shape), rows.T @ coarse @ columns, rtol=1e-14)
+
+
+def test_cells_that_are_asked_for_have_the_values_of_the_map():
+    """On a grid so large that some levels are read at few cells and some whole; land thin enough to be few cells, and not."""
+    rng = np.random.default_rng(8)
+    shape = (130, 171)
+    strip = np.abs(np.arange(shape[0])[:, None] - 60 - np.arange(shape[1]) // 5) < 5
+    for allowed in (np.ones(shape, bool), strip):
+        where = density.medium(allowed)
+        assert (where.few is None) == allowed.all()
+        mass = rng.poisson(0.4 * rng.random(shape) ** 8, shape) * allowed * 1e-4
+        mass[40:43, 55] = 5e-3 * allowed[40:43, 55]  # a pile, whose kernels are the narrowest
+        smooth = spread(mass, histogram(mass, where), 12.0, where)
+        assert smooth.sum() == pytest.approx(mass.sum(), rel=1e-12)
+        held, asked = np.flatnonzero(mass), rng.choice(mass.size, 300, replace=False)
+        few = density.spread(held, mass.ravel()[held], histogram(mass, where), 12.0, where, asked)
+        np.testing.assert_allclose(few, smooth.ravel()[asked], rtol=1e-10, atol=1e-18)
+
+
+def test_ties_are_ranked_in_order_of_the_index():
+    values = np.round(np.random.default_rng(4).random((61, 47)), 2)
+    expected = sorted(np.flatnonzero(values), key=lambda k: (-values.ravel()[k], k))
+    assert density.ranked(values).tolist() == expected
+    assert density.ranked(values, 0.25).tolist() == [k for k in expected if values.ravel()[k] >= 0.25]
+
+
 def test_kernel_variance_follows_the_particles_it_should_hold():
     # far from edges one kernel of level l has variance 1.5 4^l - 0.5 cells: Gauss 4^l, down and up 4^l - 1 over 2
     allowed = np.ones((256, 256), bool)
