@@ -108,7 +108,9 @@ def told(title: str, made: Iterable[Any], count: int, spent: dict[str, float]) -
     refused = [one.error for one in made if getattr(one, "error", None)]
     wall, own, total = (clock() - begin for clock, begin in zip(clocks, begun, strict=True))
     parts = "  ".join(f"{name} {1000 * spent.get(name, 0.0) / count:5.1f}" for _, name in PHASES)
-    print(f"{title:46} {count / wall:6.1f} a second  own {1000 * own / count:6.1f} all {1000 * total / count:6.1f} ms   {parts}  {refused[:1] or ''}")
+    print(
+        f"{title:46} {count / wall:6.1f} a second  own {1000 * own / count:6.1f} all {1000 * total / count:6.1f} ms   {parts}  {refused[:1] or ''}"
+    )
 
 
 def main() -> None:
@@ -130,7 +132,9 @@ def main() -> None:
                 cases[place] = folder / f"{len(cases)}.toml"
                 text = CASE.format(particles=given.particles, folder=folder, lon=lon, lat=lat, coast=coast)
                 cases[place].write_text(text)
-        print("[ms] of the main thread by phase; open_for: files and coast, prepare: all of the start, begin: of the maps what needs the device")
+        print(
+            "[ms] of the main thread by phase; open_for: files and coast, prepare: all of the start, begin: of the maps what needs the device"
+        )
         for place, path in cases.items():
             some = varied(drift.load(path), given.forecasts)
             few = max(given.forecasts // 8, 1)

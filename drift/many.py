@@ -2,7 +2,7 @@
 
 What the cases have in common is made once: their files are opened, surveyed and decoded once, their coast is built once. A
 forecast of many is the forecast that `drift.run` makes of its case alone, bit for bit, whoever else is among them and
-in whatever order. Forecasts come one by one, so that ten thousand need no more memory than one; one that is refused says
+in whatever order. Forecasts come one by one, so that ten thousand need no more memory than one (with maps: three); one that is refused says
 why, and the next goes on.
 """
 
