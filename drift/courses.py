@@ -6,7 +6,7 @@ the nearest water within HARBOUR. Aircraft fly straight on and need nothing of t
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +30,7 @@ LEAST_ROOM = 5_000.0  # [m]
 SCRAP = 100.0  # [m] pieces of legs that are shorter are left out
 FAR_ROUND = 3.0  # times the straight way and ROUND_MORE, beyond which the way to the next piece is not looked for
 ROUND_MORE = 4_000.0  # [m]
+SEAM = 0.01  # [m] between tiles of the barrier, which their rounding may leave
 SAMPLES = 7  # along each side of a rectangle, to tell how much of it is sea
 
 
@@ -82,6 +83,8 @@ class Sailed:
     searching: Array  # bool (k - 1,)
     elapsed: Array  # (k,) [s] since the first point
     cut: tuple[int, ...]  # which of the legs it was given are cut, or left out, from 0
+    out: float  # [m] that the way from the base to the first point does not exceed
+    home: float  # [m] likewise from the last point to where it returns; inf without a way
 
 
 def prepare(
@@ -113,9 +116,10 @@ def prepare(
     if sea.keeps > seas.CLEAR or (shoals is not None and len(shoals)):
         close = seas.build(polygons, where) or seas.build(polygons, where, 0.0, shoals) or sea
     main = _main(sea, flat[2:])
-    out, home = (_harbour(sea, close, place, main) for place in (unit.base, unit.return_to))
+    out = home = _harbour(sea, close, unit.base, main)
     said = [_said("leaves", out, sea)]
     if unit.return_to != unit.base:
+        home = _harbour(sea, close, unit.return_to, main)
         said.append(_said("returns to", home, sea))
     return Course(sea, out, home, where.box), " ".join(words for words in said if words)
 
@@ -221,14 +225,21 @@ def both(course: Course, first: Place, last: Place) -> tuple[tuple[Place, ...], 
 
 def distance(course: Course, harbour: Harbour, point: Place) -> float:
     """Return a length [m] that the way from a harbour to a position [deg] does not exceed; inf without a way."""
-    end = course.sea.flat(*np.array([point]).T)[0]
-    node = seas.joined(course.sea, harbour.far, end)
-    if node is None:
+    sea, gate = course.sea, harbour.approach[-1]
+    end = sea.flat(*np.array([point]).T)[0]
+    node = seas.around(sea, harbour.far, end)
+    if not node.size:
         return math.inf
-    gate = harbour.approach[-1]
-    if seas.clear(course.sea, gate[None], end[None])[0]:
+    places = sea.at(node)
+    # The straight way, and those over nodes near by
+    begins = np.concatenate([[1], np.zeros(len(node), int)])
+    ends = np.concatenate([[0], 2 + np.arange(len(node))])
+    straight, *seen = seas.sees(sea, np.concatenate([[end, gate], places]), begins, ends)
+    if not any(seen):
+        return math.inf
+    if straight:
         return harbour.ashore + harbour.close + float(np.hypot(*(end - gate)))
-    return float(harbour.far[node] + np.hypot(*(_node(course.sea, node) - end)))
+    return float((harbour.far[node] + np.hypot(*(places - end).T))[np.array(seen)].min())
 
 
 def crosses(course: Course, lon: Array, lat: Array) -> bool:
@@ -246,57 +257,86 @@ def sail(course: Course, lon: Array, lat: Array, search_speed: float, transit_sp
     sea = course.sea
     if not sea.holds(sea.flat(lon, lat)):
         return None
-    points: list[Array] = []
-    searching: list[bool] = []
-    cut: list[int] = []
-    last = -1
-    for k, pieces in enumerate(_pieces(sea, lon, lat)):
-        if len(pieces) != 1 or not pieces[0][1]:
-            cut.append(k)
-        for piece, _ in pieces:
-            size = float(np.hypot(*(piece[1] - piece[0])))
-            if size < SCRAP and len(pieces) > 1:
-                continue
-            if not points:
-                if not math.isfinite(distance(course, course.out, tuple(sea.round(piece[:1])[0]))):
-                    continue
-                points.append(piece[0])
-            elif (apart := float(np.hypot(*(piece[0] - points[-1])))) > 1.0:
-                most = min(FAR_ROUND * apart + ROUND_MORE, size / search_speed * transit_speed)
-                found = seas.near(sea, points[-1], piece[0], most, blocked=last == k)
-                if found is None:
-                    cut.append(k)
-                    continue
-                points += list(found[1:])
-                searching += [False] * (len(found) - 1)
-            points.append(piece[1])
-            searching.append(True)
-            last = k
-    if not any(searching):
+    legs = _pieces(sea, lon, lat)
+    cut = {k for k, (_, whole) in enumerate(legs) if not whole}
+    parts = [
+        (k, piece)
+        for k, (pieces, _) in enumerate(legs)
+        for piece in pieces
+        if len(pieces) == 1 or _size(piece) >= SCRAP
+    ]
+    out = math.inf
+    while parts and math.isinf(out := distance(course, course.out, tuple(sea.round(parts[0][1][:1])[0]))):
+        cut.add(parts.pop(0)[0])
+    if not parts:
         return None
+    ways = _between(sea, parts, transit_speed / search_speed)
+    kept = [0, *(j for _, j in ways)]
+    cut |= {k for j, (k, _) in enumerate(parts) if j not in kept}
+    points = [parts[0][1]]
+    searching = [True]
+    for (_, j), way in ways.items():
+        points += [way[1:], parts[j][1][1:]]
+        searching += [False] * (len(way) - 1) + [True]
     seen = np.array(searching)
-    place = _unwrapped(sea.round(np.array(points)))
+    place = _unwrapped(sea.round(np.concatenate(points)))
+    home = distance(course, course.home, (float(place[-1, 0]), float(place[-1, 1])))
     steps = sphere.distance(*np.radians(place[:-1].T), *np.radians(place[1:].T))
     # Whole seconds, as a case file has them, so that what is scored is what is told
     lasts = np.maximum(np.ceil(steps / np.where(seen, search_speed, transit_speed)), 1.0)
     elapsed = np.concatenate([[0.0], np.cumsum(lasts)])
-    return Sailed(place[:, 0], place[:, 1], seen, elapsed, tuple(sorted(set(cut))))
+    return Sailed(place[:, 0], place[:, 1], seen, elapsed, tuple(sorted(cut)), out, home)
 
 
-def _pieces(sea: Sea, lon: Array, lat: Array) -> list[list[tuple[Array, bool]]]:
-    """Return for each leg its pieces that are clear, as their ends (2, 2) [m] and whether the piece is the whole leg."""
+def _size(piece: Array) -> float:
+    return float(np.hypot(*(piece[1] - piece[0])))
+
+
+def _between(sea: Sea, parts: Sequence[tuple[int, Array]], speeds: float) -> dict[tuple[int, int], Array]:
+    """Return the ways (k, 2) [m] from the end of each piece to the begin of the next, by their numbers, in order.
+
+    parts: number of the leg and ends (2, 2) [m] of each piece; speeds: of transit to search. Pieces to which no way is near are left out.
+    """
+    begin, end = (np.array([piece[k] for _, piece in parts]) for k in (0, 1))
+    leg = np.array([k for k, _ in parts])
+    straight = np.hypot(*(begin[None] - end[:, None]).transpose(2, 0, 1))  # from the end of each to the begin of each
+    most = np.minimum(FAR_ROUND * straight + ROUND_MORE, np.hypot(*(end - begin).T) * speeds)
+    known: dict[tuple[int, int], Array | None] = {}
+    while True:
+        # A piece is taken to be reached until it is known that it is not: few questions, of many ways each
+        string, last = [], 0
+        for j in range(1, len(parts)):
+            if known.get((last, j), end) is not None and straight[last, j] <= max(most[last, j], 1.0):
+                string.append((last, j))
+                last = j
+        asked = [gap for gap in string if gap not in known]
+        if not asked:
+            return {gap: way for gap in string if (way := known[gap]) is not None}
+        i, j = np.array(asked).T
+        ways = seas.nears(sea, end[i], begin[j], most[i, j], leg[i] == leg[j])
+        # To a piece that begins where the last one ends there is nothing to go
+        known |= {gap: end[[gap[0]]] if straight[gap] <= 1.0 else way for gap, way in zip(asked, ways, strict=True)}
+
+
+def _pieces(sea: Sea, lon: Array, lat: Array) -> list[tuple[list[Array], bool]]:
+    """Return for each leg its pieces that are clear, as their ends (2, 2) [m], and whether that is the whole leg."""
+    number = np.arange(len(lon) - 1)
+    which, x, y = seas.followed(sea, sea.flat(lon, lat), number, number + 1)
+    lines = shapely.linestrings(np.column_stack(sea.plane.flat(x, y)), indices=which)
+    leg, tile = sea.tree.query(lines, predicate="intersects")
+    dry, met = shapely.get_parts(shapely.intersection(lines[leg], sea.skin[tile]), return_index=True)
+    met, dry = leg[met[shapely.get_type_id(dry) == 1]], dry[shapely.get_type_id(dry) == 1]
+    ends = [shapely.line_locate_point(lines[met], shapely.get_point(dry, k)) for k in (0, -1)]
     found = []
-    for k in range(len(lon) - 1):
-        x, y = sphere.track(np.radians(lon[k : k + 2]), np.radians(lat[k : k + 2]), seas.PIECE)
-        line = shapely.LineString(np.column_stack(sea.plane.flat(x, y)))
-        met = sea.tree.query(line, predicate="intersects")
-        whole = np.array([line.coords[0], line.coords[-1]])
-        if not met.size:
-            found.append([(whole, True)])
-            continue
-        rest = shapely.get_parts(shapely.difference(line, shapely.union_all(sea.skin[met])))
-        ends = [np.array([part.coords[0], part.coords[-1]]) for part in rest if part.length > 0]
-        found.append([(end, False) for end in sorted(ends, key=lambda end: float(np.hypot(*(end[0] - whole[0]))))])
+    for k, line in enumerate(lines):
+        own = met == k
+        # Along the leg, from where land ends to where it begins again; tiles that touch are one land
+        begin, end = np.minimum(*ends)[own], np.maximum(*ends)[own]
+        order = np.argsort(begin)
+        wet = np.concatenate([[0.0], np.maximum.accumulate(end[order])]), np.append(begin[order], line.length)
+        some = wet[1] - wet[0] > SEAM
+        points = [shapely.get_coordinates(shapely.line_interpolate_point(line, at[some])) for at in wet]
+        found.append((list(np.stack(points, axis=1)), not own.any()))
     return found
 
 

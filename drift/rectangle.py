@@ -137,12 +137,9 @@ def _sail(crew: Crew, row: Array, flown: Flown, k: int) -> None:
             return
         whole.length[k] = length
         made = cut(crew, laid(crew, row, whole, k))
-        if made is None or not math.isfinite(
-            courses.distance(crew.course, crew.course.home, (float(made.lon[-1]), float(made.lat[-1])))
-        ):
+        if made is None or math.isinf(made.home):
             return
-        first = (float(made.lon[0]), float(made.lat[0]))
-        there = crew.reach.leaves + courses.distance(crew.course, crew.course.out, first) / unit.transit_speed
+        there = crew.reach.leaves + made.out / unit.transit_speed
         start, room = (float(v) for v in crew.reach.slot(there + row[WAIT]))
         took = float(made.elapsed[-1])
         sought = float(np.diff(made.elapsed)[made.searching].sum())
