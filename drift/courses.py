@@ -225,21 +225,25 @@ def both(course: Course, first: Place, last: Place) -> tuple[tuple[Place, ...], 
 
 def distance(course: Course, harbour: Harbour, point: Place) -> float:
     """Return a length [m] that the way from a harbour to a position [deg] does not exceed; inf without a way."""
+    return float(distances(course, harbour, course.sea.flat(*np.array([point]).T))[0])
+
+
+def distances(course: Course, harbour: Harbour, points: Array) -> Array:
+    """Return lengths [m] that the ways from a harbour to points (n, 2) [m] do not exceed, (n,); inf without a way."""
     sea, gate = course.sea, harbour.approach[-1]
-    end = sea.flat(*np.array([point]).T)[0]
-    node = seas.around(sea, harbour.far, end)
-    if not node.size:
-        return math.inf
-    places = sea.at(node)
-    # The straight way, and those over nodes near by
-    begins = np.concatenate([[1], np.zeros(len(node), int)])
-    ends = np.concatenate([[0], 2 + np.arange(len(node))])
-    straight, *seen = seas.sees(sea, np.concatenate([[end, gate], places]), begins, ends)
-    if not any(seen):
-        return math.inf
-    if straight:
-        return harbour.ashore + harbour.close + float(np.hypot(*(end - gate)))
-    return float((harbour.far[node] + np.hypot(*(places - end).T))[np.array(seen)].min())
+    nodes = [seas.around(sea, harbour.far, point) for point in points]
+    # Of each the straight way, and those over nodes near by
+    many = np.array([len(node) for node in nodes], int)
+    node, own = np.concatenate([np.empty(0, int), *nodes]), np.repeat(np.arange(len(points)), many)
+    places, each = np.concatenate([points, sea.at(node), gate[None]]), np.arange(len(points))
+    begin = np.concatenate([np.full(len(points), len(places) - 1), own])
+    end = np.concatenate([each, len(points) + np.arange(len(node))])
+    seen = seas.sees(sea, places, begin, end)
+    over = np.full(len(points), math.inf)
+    lengths = harbour.far[node] + np.hypot(*(places[end[len(points) :]] - points[own]).T)
+    np.minimum.at(over, own, np.where(seen[len(points) :], lengths, math.inf))
+    straight = seen[: len(points)] & np.isfinite(over)
+    return np.where(straight, harbour.ashore + harbour.close + np.hypot(*(points - gate).T), over)
 
 
 def crosses(course: Course, lon: Array, lat: Array) -> bool:
@@ -249,95 +253,119 @@ def crosses(course: Course, lon: Array, lat: Array) -> bool:
     return not course.sea.holds(points) or bool(course.sea.tree.query(hull, predicate="intersects").size)
 
 
-def sail(course: Course, lon: Array, lat: Array, search_speed: float, transit_speed: float) -> Sailed | None:
-    """Return legs through points [deg] as a boat can sail them; None where it can sail none of them.
+def sail(
+    course: Course, several: Sequence[tuple[Array, Array]], search_speed: float, transit_speed: float
+) -> list[Sailed | None]:
+    """Return several searches' legs through points (lon, lat) [deg] as a boat can sail them; None where it can sail none of them.
 
     A piece is left out where it is shorter than SCRAP, where going to it takes longer than searching it, and where no way is near.
     """
     sea = course.sea
-    if not sea.holds(sea.flat(lon, lat)):
-        return None
-    legs = _pieces(sea, lon, lat)
-    cut = {k for k, (_, whole) in enumerate(legs) if not whole}
+    flat = [sea.flat(*points) for points in several]
+    legs = _pieces(sea, [points if sea.holds(points) else points[:0] for points in flat])
+    cut = [{k for k, (_, whole) in enumerate(own) if not whole} for own in legs]
     parts = [
-        (k, piece)
-        for k, (pieces, _) in enumerate(legs)
-        for piece in pieces
-        if len(pieces) == 1 or _size(piece) >= SCRAP
+        [(k, one) for k, (ends, _) in enumerate(own) for one in ends if len(ends) == 1 or _size(one) >= SCRAP]
+        for own in legs
     ]
-    out = math.inf
-    while parts and math.isinf(out := distance(course, course.out, tuple(sea.round(parts[0][1][:1])[0]))):
-        cut.add(parts.pop(0)[0])
-    if not parts:
-        return None
+    out = np.full(len(several), math.inf)
+    while asked := [n for n, own in enumerate(parts) if own and math.isinf(out[n])]:
+        out[asked] = distances(course, course.out, np.array([parts[n][0][1][0] for n in asked]))
+        for n in asked:
+            if math.isinf(out[n]):
+                cut[n].add(parts[n].pop(0)[0])
+    can = [n for n, own in enumerate(parts) if own]
+    home = np.full(len(several), math.inf)
+    made: list[Sailed | None] = [None] * len(several)
     ways = _between(sea, parts, transit_speed / search_speed)
-    kept = [0, *(j for _, j in ways)]
-    cut |= {k for j, (k, _) in enumerate(parts) if j not in kept}
-    points = [parts[0][1]]
-    searching = [True]
-    for (_, j), way in ways.items():
-        points += [way[1:], parts[j][1][1:]]
-        searching += [False] * (len(way) - 1) + [True]
-    seen = np.array(searching)
-    place = _unwrapped(sea.round(np.concatenate(points)))
-    home = distance(course, course.home, (float(place[-1, 0]), float(place[-1, 1])))
-    steps = sphere.distance(*np.radians(place[:-1].T), *np.radians(place[1:].T))
-    # Whole seconds, as a case file has them, so that what is scored is what is told
-    lasts = np.maximum(np.ceil(steps / np.where(seen, search_speed, transit_speed)), 1.0)
-    elapsed = np.concatenate([[0.0], np.cumsum(lasts)])
-    return Sailed(place[:, 0], place[:, 1], seen, elapsed, tuple(sorted(cut)), out, home)
+    if can:
+        last = [parts[n][ways[n][-1][0] if ways[n] else 0][1][1] for n in can]
+        home[can] = distances(course, course.home, np.array(last))
+    for n in can:
+        kept = {0, *(j for j, _ in ways[n])}
+        cut[n] |= {k for j, (k, _) in enumerate(parts[n]) if j not in kept}
+        points, searching = [parts[n][0][1]], [True]
+        for j, way in ways[n]:
+            points += [way[1:], parts[n][j][1][1:]]
+            searching += [False] * (len(way) - 1) + [True]
+        seen = np.array(searching)
+        place = _unwrapped(sea.round(np.concatenate(points)))
+        steps = sphere.distance(*np.radians(place[:-1].T), *np.radians(place[1:].T))
+        # Whole seconds, as a case file has them, so that what is scored is what is told
+        lasts = np.maximum(np.ceil(steps / np.where(seen, search_speed, transit_speed)), 1.0)
+        elapsed = np.concatenate([[0.0], np.cumsum(lasts)])
+        made[n] = Sailed(place[:, 0], place[:, 1], seen, elapsed, tuple(sorted(cut[n])), float(out[n]), float(home[n]))
+    return made
 
 
 def _size(piece: Array) -> float:
     return float(np.hypot(*(piece[1] - piece[0])))
 
 
-def _between(sea: Sea, parts: Sequence[tuple[int, Array]], speeds: float) -> dict[tuple[int, int], Array]:
-    """Return the ways (k, 2) [m] from the end of each piece to the begin of the next, by their numbers, in order.
+def _between(sea: Sea, several: Sequence[Sequence[tuple[int, Array]]], speeds: float) -> list[list[tuple[int, Array]]]:
+    """Return for each search the pieces that are reached after its first, by number, and the ways (k, 2) [m] there from the one before.
 
-    parts: number of the leg and ends (2, 2) [m] of each piece; speeds: of transit to search. Pieces to which no way is near are left out.
+    several: of each search the number of the leg and the ends (2, 2) [m] of each piece; speeds: of transit to search.
     """
-    begin, end = (np.array([piece[k] for _, piece in parts]) for k in (0, 1))
-    leg = np.array([k for k, _ in parts])
-    straight = np.hypot(*(begin[None] - end[:, None]).transpose(2, 0, 1))  # from the end of each to the begin of each
-    most = np.minimum(FAR_ROUND * straight + ROUND_MORE, np.hypot(*(end - begin).T) * speeds)
+    pieces = [piece for parts in several for _, piece in parts]
+    search = [n for n, parts in enumerate(several) for _ in parts]
+    leg = [k for parts in several for k, _ in parts]
+    far = [_size(piece) * speeds for piece in pieces]  # that it is worth going, to search it
+    first = np.cumsum([0, *(len(parts) for parts in several)])
     known: dict[tuple[int, int], Array | None] = {}
     while True:
         # A piece is taken to be reached until it is known that it is not: few questions, of many ways each
         string, last = [], 0
-        for j in range(1, len(parts)):
-            if known.get((last, j), end) is not None and straight[last, j] <= max(most[last, j], 1.0):
-                string.append((last, j))
+        for j in range(1, len(pieces)):
+            away = math.dist(pieces[last][1], pieces[j][0])
+            if search[j] != search[last]:
                 last = j
-        asked = [gap for gap in string if gap not in known]
+            elif away <= max(far[j], 1.0) and known.get((last, j), pieces[j]) is not None:
+                string.append((last, j, away))
+                last = j
+        asked = [gap for gap in string if gap[:2] not in known]
         if not asked:
-            return {gap: way for gap in string if (way := known[gap]) is not None}
-        i, j = np.array(asked).T
-        ways = seas.nears(sea, end[i], begin[j], most[i, j], leg[i] == leg[j])
-        # To a piece that begins where the last one ends there is nothing to go
-        known |= {gap: end[[gap[0]]] if straight[gap] <= 1.0 else way for gap, way in zip(asked, ways, strict=True)}
+            break
+        begin, end = np.array([pieces[i][1] for i, _, _ in asked]), np.array([pieces[j][0] for _, j, _ in asked])
+        straight = np.array([gap[2] for gap in asked])
+        most = np.minimum(FAR_ROUND * straight + ROUND_MORE, [far[j] for _, j, _ in asked])
+        ways = seas.nears(sea, begin, end, most, np.array([leg[i] == leg[j] for i, j, _ in asked]))
+        for k, (i, j, _) in enumerate(asked):
+            known[i, j] = ways[k] if straight[k] > 1.0 else begin[k : k + 1]  # there is nothing to go
+    found: list[list[tuple[int, Array]]] = [[] for _ in several]
+    for i, j, _ in string:
+        way = known[i, j]
+        assert way is not None
+        found[search[j]].append((j - int(first[search[j]]), way))
+    return found
 
 
-def _pieces(sea: Sea, lon: Array, lat: Array) -> list[tuple[list[Array], bool]]:
-    """Return for each leg its pieces that are clear, as their ends (2, 2) [m], and whether that is the whole leg."""
-    number = np.arange(len(lon) - 1)
-    which, x, y = seas.followed(sea, sea.flat(lon, lat), number, number + 1)
+def _pieces(sea: Sea, several: Sequence[Array]) -> list[list[tuple[list[Array], bool]]]:
+    """Return for each leg of searches through points (n, 2) [m] its pieces that are clear, as their ends (2, 2) [m], and whether it is whole."""
+    legs: list[list[tuple[list[Array], bool]]] = [[] for _ in several]
+    search = np.repeat(np.arange(len(several)), [len(points) for points in several])
+    number = np.flatnonzero(search[1:] == search[:-1])
+    if not number.size:
+        return legs
+    which, x, y = seas.followed(sea, np.concatenate(several), number, number + 1)
     lines = shapely.linestrings(np.column_stack(sea.plane.flat(x, y)), indices=which)
     leg, tile = sea.tree.query(lines, predicate="intersects")
     dry, met = shapely.get_parts(shapely.intersection(lines[leg], sea.skin[tile]), return_index=True)
     met, dry = leg[met[shapely.get_type_id(dry) == 1]], dry[shapely.get_type_id(dry) == 1]
     ends = [shapely.line_locate_point(lines[met], shapely.get_point(dry, k)) for k in (0, -1)]
-    found = []
-    for k, line in enumerate(lines):
+    wet = [[0.0, float(length)] for length in shapely.length(lines)]  # where land ends and begins again along each leg
+    for k in np.unique(met):
         own = met == k
-        # Along the leg, from where land ends to where it begins again; tiles that touch are one land
-        begin, end = np.minimum(*ends)[own], np.maximum(*ends)[own]
-        order = np.argsort(begin)
-        wet = np.concatenate([[0.0], np.maximum.accumulate(end[order])]), np.append(begin[order], line.length)
-        some = wet[1] - wet[0] > SEAM
-        points = [shapely.get_coordinates(shapely.line_interpolate_point(line, at[some])) for at in wet]
-        found.append((list(np.stack(points, axis=1)), not own.any()))
-    return found
+        first, last = np.minimum(*ends)[own], np.maximum(*ends)[own]
+        order = np.argsort(first)
+        begin = np.concatenate([[0.0], np.maximum.accumulate(last[order])])
+        end = np.append(first[order], wet[k][1])
+        wet[k] = np.column_stack([begin, end])[end - begin > SEAM].ravel().tolist()
+    line = np.repeat(lines, [len(at) for at in wet])
+    points = shapely.get_coordinates(shapely.line_interpolate_point(line, np.concatenate(wet))).reshape(-1, 2, 2)
+    for k, own in enumerate(np.split(points, np.cumsum([len(at) // 2 for at in wet])[:-1])):
+        legs[search[number[k]]].append((list(own), not (met == k).any()))
+    return legs
 
 
 def _unwrapped(place: Array) -> Array:

@@ -9,6 +9,7 @@ The way round what lies across a leg is sought among all corners of an ellipse: 
 Works on a plane round the region's middle, some 500 km wide at the most; refuses nothing.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -299,7 +300,7 @@ def _taut(sea: Sea, several: Sequence[Array]) -> list[tuple[Array | None, float]
     points = np.concatenate(several)
     size = np.array([len(one) for one in several])
     begin = np.cumsum(size) - size
-    pairs = [np.triu_indices(n, 1) for n in size]
+    pairs = [_pairs(int(n)) for n in size]
     i, j = (np.concatenate([pair[k] + at for pair, at in zip(pairs, begin, strict=True)]) for k in (0, 1))
     free = sees(sea, points, i, j)
     i, j = i[free], j[free]
@@ -312,6 +313,13 @@ def _taut(sea: Sea, several: Sequence[Array]) -> list[tuple[Array | None, float]
             way.append(int(before[row, way[-1]]))
         found.append((points[way[::-1]] if way[-1] == at else None, float(far[row, at + 1])))
     return found
+
+
+@functools.cache
+def _pairs(count: int) -> tuple[Array, Array]:
+    """Return all pairs of so many numbers, the lower first: asked for often, and for few counts."""
+    i, j = np.triu_indices(count, 1)
+    return i, j
 
 
 def near(sea: Sea, begin: Array, end: Array, most: float, blocked: bool = False) -> Array | None:
