@@ -36,7 +36,8 @@ class Area:
     probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
     containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
     areas: [m2] of the shares; held_out: share of unseen particles inside them; thresholds: logarithms of their least
-    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen.
+    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen. coarse: calibration of the map summed into
+    the cells that all times share: along a shore, where half of what is smoothed lies beside the cells that hold all, it is another.
     """
 
     cells: Cells
@@ -48,6 +49,7 @@ class Area:
     per_kernel: float
     thresholds: Array
     calibration: density.Calibration
+    coarse: density.Calibration
 
 
 More = tuple[Array, ...] | None  # density.wider
@@ -120,19 +122,42 @@ def _choose(
 
 
 def _calibrated(
-    mass: Array, squares: Array, unseen: Array, area: Array, m: float, media: Sequence[density.Medium], more: More
+    mass: Array,
+    squares: Array,
+    unseen: Array,
+    cells: Cells,
+    k: int,
+    m: float,
+    media: Sequence[density.Medium],
+    more: More,
 ) -> Array:
-    """Return the calibration at density.KNOTS of a map by deposits (media, nlat, nlon) that it has not seen."""
-    return density.calibrate(_map(mass, squares, m, media, more), area, unseen.sum(axis=0)).share
+    """Return the calibrations at density.KNOTS, (2, knots), of a map and of it summed by k, by deposits that it has not seen."""
+    made, seen = _map(mass, squares, m, media, more), unseen.sum(axis=0)
+    fine = density.calibrate(made, cells.area(), seen).share
+    if k == 1:
+        return np.stack([fine, fine])
+    return np.stack([fine, density.calibrate(summed(made, k), coarser(cells, k).area(), summed(seen, k)).share])
+
+
+def coarser(cells: Cells, k: int) -> Cells:
+    """Return the cells that hold k by k of these."""
+    return Cells(cells.lon0, cells.lat0, k * cells.width, k * cells.height, cells.nlon // k, cells.nlat // k)
+
+
+def summed(values: Array, k: int) -> Array:
+    """Return sums over k by k cells, shape (..., nlat / k, nlon / k)."""
+    nlat, nlon = (length // k for length in values.shape[-2:])
+    return np.asarray(values.reshape(*values.shape[:-2], nlat, k, nlon, k).sum(axis=(-3, -1)))
 
 
 def build(
-    cells: Cells, deposits: Deposits, media: Sequence[density.Medium], shares: tuple[float, ...] = SHARES
+    cells: Cells, deposits: Deposits, media: Sequence[density.Medium], shares: tuple[float, ...] = SHARES, k: int = 1
 ) -> Area:
     """Return the map of one snapshot, with the areas that hold some shares of it.
 
     The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3). Then each group in turn calibrates a map of
     the other three, smoothed by the same bandwidth; `held_out` checks each group with the calibration of the others.
+    k: cells to the side of those that all times share.
     """
     area = cells.area()
     groups = deposits.mass.sum(axis=(1, 2, 3))
@@ -140,7 +165,8 @@ def build(
     effective = groups.sum() ** 2 / squares.sum()
     m = density.PER_KERNEL * effective ** (2 / 3)
     more: More = density.wider(_map(mass, squares, density.WIDER * m, media), area)
-    calibration, held = density.Calibration(density.KNOTS), np.full(len(shares), np.nan)
+    calibration = coarse = density.Calibration(density.KNOTS)
+    held = np.full(len(shares), np.nan)
     if groups.min() > 0:
         halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
         # The same bandwidth: particles per kernel go with their number.
@@ -152,7 +178,8 @@ def build(
                     mass - deposits.mass[i],
                     squares - deposits.squares[i],
                     deposits.mass[i],
-                    area,
+                    cells,
+                    k,
                     0.75 * m,
                     media,
                     more,
@@ -160,7 +187,8 @@ def build(
                 for i in range(4)
             ]
         )
-        calibration = density.Calibration(np.average(folds, axis=0, weights=groups))
+        calibration, coarse = (density.Calibration(one) for one in np.average(folds, axis=0, weights=groups))
+        folds = folds[:, 0]
         weights = groups * (1 - np.eye(4))
         others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
         checks = [
@@ -179,7 +207,7 @@ def build(
     contained, levels, sizes, heights = containment(total, area, calibration)
     thresholds = np.interp(shares, levels[1:], np.log(heights))
     sizes = np.interp(shares, levels, sizes)
-    return Area(cells, shares, probability, contained, sizes, held, m, thresholds, calibration)
+    return Area(cells, shares, probability, contained, sizes, held, m, thresholds, calibration, coarse)
 
 
 def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
@@ -203,7 +231,9 @@ def contour(one: Area, share: float) -> shapely.MultiPolygon:
     """Return the outline [deg, unwrapped] of the area that holds `share`, with its holes.
 
     The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
-    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge.
+    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge. Along a shore,
+    a cell or two wide, it keeps nearer to the shoreline than its cells do, and holds more than they: 50 % of 20,000 stranded particles
+    on a wavy shore 58 %, 75 % 76, 95 % 98; of 60 % of them 54, 75 and 95.
     """
     which = one.shares.index(share)
     threshold, wanted = float(one.thresholds[which]), float(one.areas[which])

@@ -112,7 +112,7 @@ def build(
             maps.append(None)
             if cloud is not None and window is not None:
                 made = _deposits(one, cloud, window, len(scenarios), deposit)
-                pending.append((k, pool.submit(_map, window, made, land.on(window), shares)))
+                pending.append((k, pool.submit(_map, window, made, land.on(window), shares, common)))
             while len(pending) > (AT_ONCE if k + 1 < len(snapshots) else 0):
                 done, future = pending.popleft()
                 maps[done] = future.result()
@@ -282,9 +282,11 @@ def group(n: int) -> Array:
     return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
 
 
-def _map(window: Cells, made: areas.Deposits, land: Array | None, shares: tuple[float, ...]) -> areas.Area:
-    """Return the map of one snapshot on its own cells."""
-    return areas.build(window, made, _media(made.mass.sum(axis=0), land), shares)
+def _map(
+    window: Cells, made: areas.Deposits, land: Array | None, shares: tuple[float, ...], common: Cells
+) -> areas.Area:
+    """Return the map of one snapshot on its own cells, of which `common` are multiples."""
+    return areas.build(window, made, _media(made.mass.sum(axis=0), land), shares, common.width // window.width)
 
 
 def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
