@@ -18,12 +18,13 @@ MANY = 20_000  # effective particles from which one half alone tells which bandw
 
 @dataclass(frozen=True)
 class Deposits:
-    """What the particles of one snapshot leave in the cells, in units of probability.
+    """What the particles of one snapshot leave in the cells that hold any (flat indices, n), in units of probability.
 
-    mass, squares: weights and squared weights by group and medium (adrift; ashore if any is), shape (4, media, nlat, nlon).
-    scenario: weights by scenario and medium, shape (scenarios, media, nlat, nlon).
+    mass, squares: weights and squared weights by group and medium (adrift; ashore if any is), shape (4, media, n).
+    scenario: weights by scenario and medium, shape (scenarios, media, n).
     """
 
+    cells: Array
     mass: Array
     squares: Array
     scenario: Array
@@ -55,18 +56,34 @@ class Area:
 More = tuple[Array, ...] | None  # density.wider
 
 
-def _map(mass: Array, squares: Array, m: float, media: Sequence[density.Medium], more: More = None) -> Array:
-    """Return the smooth map of all media together, shape (nlat, nlon), from (media, nlat, nlon)."""
-    parts = [
-        density.spread(mass[i], density.histogram(mass[i], squares[i], media[i], more), m, media[i])
-        for i in range(len(media))
-        if mass[i].any()
+def _guides(
+    cells: Array, mass: Array, squares: Array, media: Sequence[density.Medium], more: More = None
+) -> list[density.Histogram]:
+    """Return what guides the kernels of each medium, from weights and squared weights (media, n) in cells."""
+    return [
+        density.histogram(cells[w > 0], w[w > 0], s[w > 0], where, more)
+        for w, s, where in zip(mass, squares, media, strict=True)
     ]
-    return np.asarray(sum(parts[1:], parts[0]))
+
+
+def _spread(
+    cells: Array,
+    mass: Array,
+    guides: Sequence[density.Histogram],
+    m: float,
+    media: Sequence[density.Medium],
+    at: Array | None = None,
+) -> Array:
+    """Return the smooth map of all media together from weights (media, n) in cells, (nlat, nlon) or at flat indices (k,)."""
+    total = np.zeros(media[0].allowed.shape if at is None else at.size)
+    for weights, guide, where in zip(mass, guides, media, strict=True):
+        if weights.any():
+            total += density.spread(cells[weights > 0], weights[weights > 0], guide, m, where, at)
+    return total
 
 
 def _choose(
-    halves: list[tuple[Array, Array]], media: Sequence[density.Medium], start: float, more: More
+    cells: Array, halves: list[tuple[Array, Array]], media: Sequence[density.Medium], start: float, more: More
 ) -> tuple[float, More]:
     """Return the number of particles per kernel under which each half best foretells the other.
 
@@ -77,33 +94,24 @@ def _choose(
     effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
     pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
 
-    def guided(more: More) -> list[list[density.Histogram | None]]:
-        return [
-            [
-                density.histogram(mass[i], squares[i], media[i], more) if mass[i].any() else None
-                for i in range(len(media))
-            ]
-            for mass, squares in halves
-        ]
+    def guided(more: More) -> list[list[density.Histogram]]:
+        return [_guides(cells, *half, media, more) for half in halves]
 
     plain = guided(None)
     weights, where = [], []
     for _, other in pairs:
-        seen = halves[other][0].sum(axis=0).ravel()
-        where.append(np.flatnonzero(seen))
-        weights.append(seen[where[-1]])
+        seen = halves[other][0].sum(axis=0)
+        where.append(cells[seen > 0])
+        weights.append(seen[seen > 0])
     weight = np.concatenate(weights)
 
-    def score(step: int, guides: list[list[density.Histogram | None]] = plain) -> Array:
+    def score(step: int, guides: list[list[density.Histogram]] = plain) -> Array:
         logs = []
         for (half, _), there in zip(pairs, where, strict=True):
             mass = halves[half][0]
-            smooth = np.zeros(mass.shape[1:])
-            for i, one in enumerate(guides[half]):
-                if one is not None:
-                    smooth += density.spread(mass[i], one, start * 2.0**step, media[i])
-            floor = 1e-6 * smooth.sum() / smooth.size  # a particle off the map costs much, but not everything
-            logs.append(np.log(smooth.ravel()[there] + floor))
+            smooth = _spread(cells, mass, guides[half], start * 2.0**step, media, there)
+            # a particle off the map costs much, but not everything
+            logs.append(np.log(smooth + 1e-6 * mass.sum() / media[0].allowed.size))
         return np.concatenate(logs)
 
     def gain(finer: Array, coarser: Array) -> float:
@@ -121,22 +129,14 @@ def _choose(
     return start * 2.0**best, more if gain(score(best, guided(more)), score_best) > -2 else None
 
 
-def _calibrated(
-    mass: Array,
-    squares: Array,
-    unseen: Array,
-    cells: Cells,
-    k: int,
-    m: float,
-    media: Sequence[density.Medium],
-    more: More,
-) -> Array:
-    """Return the calibrations at density.KNOTS, (2, knots), of a map and of it summed by k, by deposits that it has not seen."""
-    made, seen = _map(mass, squares, m, media, more), unseen.sum(axis=0)
-    fine = density.calibrate(made, cells.area(), seen).share
+def _calibrated(made: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
+    """Return the calibrations at density.KNOTS, (2, knots), of a map and of it summed by k, by what it has not seen in cells (n,)."""
+    fine = density.calibrate(made, cells.area(), held, unseen).share
     if k == 1:
         return np.stack([fine, fine])
-    return np.stack([fine, density.calibrate(summed(made, k), coarser(cells, k).area(), summed(seen, k)).share])
+    wide, (row, column) = coarser(cells, k), np.divmod(held, cells.nlon)
+    there, which = np.unique((row // k) * wide.nlon + column // k, return_inverse=True)
+    return np.stack([fine, density.calibrate(summed(made, k), wide.area(), there, np.bincount(which, unseen)).share])
 
 
 def coarser(cells: Cells, k: int) -> Cells:
@@ -159,47 +159,40 @@ def build(
     the other three, smoothed by the same bandwidth; `held_out` checks each group with the calibration of the others.
     k: cells to the side of those that all times share.
     """
-    area = cells.area()
-    groups = deposits.mass.sum(axis=(1, 2, 3))
+    area, held = cells.area(), deposits.cells
+
+    def smooth(mass: Array, squares: Array, m: float, more: More) -> Array:
+        return _spread(held, mass, _guides(held, mass, squares, media, more), m, media)
+
+    groups = deposits.mass.sum(axis=(1, 2))
     mass, squares = deposits.mass.sum(axis=0), deposits.squares.sum(axis=0)
     effective = groups.sum() ** 2 / squares.sum()
     m = density.PER_KERNEL * effective ** (2 / 3)
-    more: More = density.wider(_map(mass, squares, density.WIDER * m, media), area)
+    more: More = density.wider(smooth(mass, squares, density.WIDER * m, None), area)
     calibration = coarse = density.Calibration(density.KNOTS)
-    held = np.full(len(shares), np.nan)
+    share_held = np.full(len(shares), np.nan)
     if groups.min() > 0:
         halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
         # The same bandwidth: particles per kernel go with their number.
-        m, more = _choose(halves, media, max(m / 2, 2.0), more)
+        m, more = _choose(held, halves, media, max(m / 2, 2.0), more)
         m *= 2
-        folds = np.stack(
-            [
-                _calibrated(
-                    mass - deposits.mass[i],
-                    squares - deposits.squares[i],
-                    deposits.mass[i],
-                    cells,
-                    k,
-                    0.75 * m,
-                    media,
-                    more,
-                )
-                for i in range(4)
-            ]
-        )
-        calibration, coarse = (density.Calibration(one) for one in np.average(folds, axis=0, weights=groups))
-        folds = folds[:, 0]
+        both = []
+        for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
+            rest = smooth(mass - unseen, squares - their_squares, 0.75 * m, more)
+            both.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
+        calibration, coarse = (density.Calibration(one) for one in np.average(both, axis=0, weights=groups))
+        folds = [fold[0] for fold in both]
         weights = groups * (1 - np.eye(4))
         others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
         checks = [
             density.Calibration(fold).held(other.level(np.array(shares)))
             for fold, other in zip(folds, others, strict=True)
         ]
-        held = np.average(checks, axis=0, weights=groups)
-    guides = [density.histogram(mass[i], squares[i], media[i], more) for i in range(len(media))]
+        share_held = np.average(checks, axis=0, weights=groups)
+    guides = _guides(held, mass, squares, media, more)
     probability = np.stack(
         [
-            np.stack([density.spread(one[i], guides[i], m, media[i]) for i in range(len(media))])
+            np.stack([_spread(held, one[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])
             for one in deposits.scenario
         ]
     )
@@ -207,7 +200,7 @@ def build(
     contained, levels, sizes, heights = containment(total, area, calibration)
     thresholds = np.interp(shares, levels[1:], np.log(heights))
     sizes = np.interp(shares, levels, sizes)
-    return Area(cells, shares, probability, contained, sizes, held, m, thresholds, calibration, coarse)
+    return Area(cells, shares, probability, contained, sizes, share_held, m, thresholds, calibration, coarse)
 
 
 def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
@@ -227,21 +220,29 @@ def containment(mass: Array, area: Array, calibration: density.Calibration) -> t
     )
 
 
-def contour(one: Area, share: float) -> shapely.MultiPolygon:
-    """Return the outline [deg, unwrapped] of the area that holds `share`, with its holes.
+def contours(one: Area) -> list[shapely.MultiPolygon]:
+    """Return the outlines [deg, unwrapped] of the areas that hold the shares, with their holes."""
+    height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
+    each = zip(one.thresholds.tolist(), one.areas.tolist(), strict=True)
+    return [_contour(one.cells, height, threshold, wanted) for threshold, wanted in each]
+
+
+def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
+    """Return the outline of what is denser [1/m2] than a threshold, given as its logarithm: about so large an area [m2].
 
     The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
     cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge. Along a shore,
     a cell or two wide, it keeps nearer to the shoreline than its cells do, and holds more than they: 50 % of 20,000 stranded particles
     on a wavy shore 58 %, 75 % 76, 95 % 98; of 60 % of them 54, 75 and 95.
     """
-    which = one.shares.index(share)
-    threshold, wanted = float(one.thresholds[which]), float(one.areas[which])
-    height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
+    near = height > np.exp(threshold - 3)  # no line is drawn farther out than from a cell of these to the next
+    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
+    height = height[south : rows[-1] + 2, west : columns[-1] + 2]
     # what lies far below the threshold, and empty cells, count as e^-4 of it: the line stays near the cells that matter
     field = np.pad(np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4)
-    lon, lat = one.cells.lon(), one.cells.lat()
-    dlon, dlat = (one.cells.width, one.cells.height) * np.array(360.0 / sphere.TURN)
+    lon, lat = cells.lon()[west : columns[-1] + 2], cells.lat()[south : rows[-1] + 2]
+    dlon, dlat = (cells.width, cells.height) * np.array(360.0 / sphere.TURN)
     lon = np.concatenate([[lon[0] - dlon], lon, [lon[-1] + dlon]])
     lat = np.concatenate([[lat[0] - dlat], lat, [lat[-1] + dlat]])
     generator: Callable[..., contourpy.ContourGenerator] = contourpy.contour_generator

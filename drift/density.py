@@ -17,6 +17,7 @@ Sums are over fixed-point deposits or in one fixed order in float64: a map does 
 may reach across a spit narrower than itself: it knows water from land, not a way round.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +28,11 @@ from scipy import ndimage, spatial
 Array = npt.NDArray[Any]
 
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
+FEW = 8  # times as many cells has a grid, and it is worth while to look at those alone that count
+PARTS = np.array([9, 3, 3, 1]) / 16  # of a cell's mass go to four cells of the next level: see _above
 REACH = 4  # cells, and standard deviations, as far as a kernel reaches
+BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
+BELL /= BELL.sum()
 WIDER = 4.0  # times as many particles are in the kernels of the densest cells as in those of the thinnest
 PER_KERNEL = 0.07  # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
 
@@ -51,55 +56,82 @@ def typical_spacing(x: Array, y: Array, probability: Array) -> float:
 
 def _coarser(fine: Array) -> Array:
     """Return the sums of a grid on one of half as many cells, by weights 1 3 3 1 / 4 along each axis."""
-    for axis in (0, 1):
-        fine = np.moveaxis(fine, axis, 0)
-        if len(fine) % 2:
-            fine = np.concatenate([fine, np.zeros_like(fine[:1])])
-        even, odd = fine[0::2], fine[1::2]
-        coarse = 0.75 * (even + odd)
-        coarse[1:] += 0.25 * odd[:-1]
-        coarse[:-1] += 0.25 * even[1:]
-        coarse[0] += 0.25 * even[0]  # nothing is lost at the edge
-        coarse[-1] += 0.25 * odd[-1]
-        fine = np.moveaxis(coarse, 0, axis)
-    return fine
+    if fine.shape[0] % 2:
+        fine = np.concatenate([fine, np.zeros((1, fine.shape[1]))])
+    if fine.shape[1] % 2:
+        fine = np.concatenate([fine, np.zeros((len(fine), 1))], axis=1)
+    even, odd = fine[0::2], fine[1::2]
+    half = 0.75 * (even + odd)
+    half[1:] += 0.25 * odd[:-1]
+    half[:-1] += 0.25 * even[1:]
+    half[0] += 0.25 * even[0]  # nothing is lost at the edge
+    half[-1] += 0.25 * odd[-1]
+    even, odd = half[:, 0::2], half[:, 1::2]
+    coarse = 0.75 * (even + odd)
+    coarse[:, 1:] += 0.25 * odd[:, :-1]
+    coarse[:, :-1] += 0.25 * even[:, 1:]
+    coarse[:, 0] += 0.25 * even[:, 0]
+    coarse[:, -1] += 0.25 * odd[:, -1]
+    return np.asarray(coarse)
 
 
 def _finer(coarse: Array, shape: tuple[int, int]) -> Array:
     """Return linear interpolation onto twice as many cells: the transpose of `_coarser`."""
-    for axis, size in ((1, shape[1]), (0, shape[0])):
-        coarse = np.moveaxis(coarse, axis, 0)
-        fine = np.empty((2 * len(coarse), *coarse.shape[1:]))
-        fine[0::2] = 0.75 * coarse
-        fine[1::2] = fine[0::2]
-        fine[2::2] += 0.25 * coarse[:-1]
-        fine[0] += 0.25 * coarse[0]
-        fine[1:-1:2] += 0.25 * coarse[1:]
-        fine[-1] += 0.25 * coarse[-1]
-        coarse = np.moveaxis(fine[:size], 0, axis)
-    return coarse
+    near, far = 0.75 * coarse, 0.25 * coarse
+    half = np.empty((len(coarse), 2 * coarse.shape[1]))
+    half[:, 0] = near[:, 0] + far[:, 0]
+    half[:, 2::2] = near[:, 1:] + far[:, :-1]
+    half[:, 1:-1:2] = near[:, :-1] + far[:, 1:]
+    half[:, -1] = near[:, -1] + far[:, -1]
+    half = half[:, : shape[1]]
+    near, far = 0.75 * half, 0.25 * half
+    fine = np.empty((2 * len(coarse), shape[1]))
+    np.add(near[0], far[0], out=fine[0])
+    np.add(near[1:], far[:-1], out=fine[2::2])
+    np.add(near[:-1], far[1:], out=fine[1:-1:2])
+    np.add(near[-1], far[-1], out=fine[-1])
+    return fine[: shape[0]]
+
+
+def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
+    """Return the four cells of the next level among which each of some cells shares its mass by PARTS, (4, n), and its shape.
+
+    It is `_coarser` and `_finer` of a few cells, given and returned as flat indices.
+    """
+    coarse = ((shape[0] + 1) // 2, (shape[1] + 1) // 2)
+    row, column = np.divmod(cells, shape[1])
+    rows = (row // 2 * coarse[1], np.clip(row // 2 + 2 * (row % 2) - 1, 0, coarse[0] - 1) * coarse[1])
+    columns = (column // 2, np.clip(column // 2 + 2 * (column % 2) - 1, 0, coarse[1] - 1))
+    return np.stack([y + x for y in rows for x in columns]), coarse
+
+
+def _raised(cells: Array, values: Array, shape: tuple[int, int]) -> Array:
+    """Return `_coarser` of a grid that is zero but in some cells (flat indices, n)."""
+    if FEW * cells.size < shape[0] * shape[1]:
+        above, coarse = _above(cells, shape)
+        summed = np.bincount(above.ravel(), np.outer(PARTS, values).ravel(), coarse[0] * coarse[1])
+        return np.asarray(summed.reshape(coarse))
+    fine = np.zeros(shape[0] * shape[1])
+    fine[cells] = values
+    return _coarser(fine.reshape(shape))
 
 
 def _gauss(values: Array) -> Array:
     """Return values smoothed by a standard deviation of one cell; zero outside."""
-    return np.asarray(ndimage.gaussian_filter(values, 1.0, mode="constant", truncate=float(REACH)))
-
-
-def _window(values: Array) -> tuple[slice, slice]:
-    """Return the rows and columns that smoothed values can reach: beyond, all is zero."""
-    rows, columns = (np.flatnonzero(values.any(axis=axis)) for axis in (1, 0))
-    return (
-        slice(max(rows[0] - REACH, 0), rows[-1] + REACH + 1),
-        slice(max(columns[0] - REACH, 0), columns[-1] + REACH + 1),
-    )
+    along = ndimage.correlate1d(values, BELL, 0, mode="constant")
+    return np.asarray(ndimage.correlate1d(along, BELL, 1, mode="constant"))
 
 
 @dataclass(frozen=True)
 class Medium:
-    """Where mass may lie: allowed cells (nlat, nlon) and, for each level of the pyramid, the kernel's share on them."""
+    """Where mass may lie: allowed cells (nlat, nlon) and, for each level of the pyramid, the kernel's share on them.
+
+    few: the flat indices of the allowed cells, where they are few; None where they are not.
+    """
 
     allowed: Array
     reach: tuple[Array, ...]
+    few: Array | None
 
 
 def medium(allowed: Array) -> Medium:
@@ -107,15 +139,16 @@ def medium(allowed: Array) -> Medium:
     levels = [allowed.astype(np.float64)]
     while min(levels[-1].shape) >= 16:
         levels.append(_coarser(levels[-1]))
-    return Medium(allowed, tuple(_gauss(level) for level in levels))
+    cells = np.flatnonzero(allowed)
+    few = cells if FEW * cells.size < allowed.size else None
+    return Medium(allowed, tuple(_gauss(level) for level in levels), few)
 
 
 @dataclass(frozen=True)
 class Histogram:
-    """Deposits of one medium: mass, and mass times weight (their ratio gives the effective number), as pyramids."""
+    """Deposits of one medium: at each level of the pyramid the effective number of particles in a kernel about a cell."""
 
-    mass: tuple[Array, ...]
-    number: tuple[Array, ...]  # kernel's effective number of particles at each level
+    number: tuple[Array, ...]
 
 
 def wider(first: Array, area: Array) -> tuple[Array, ...]:
@@ -134,48 +167,86 @@ def wider(first: Array, area: Array) -> tuple[Array, ...]:
     return tuple(levels)
 
 
-def histogram(mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None) -> Histogram:
-    """Return the pyramids of deposited weights w and of w^2, each (nlat, nlon); more: see `wider`, as they are without it.
+def histogram(
+    cells: Array, mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None
+) -> Histogram:
+    """Return the pyramids of deposited weights w and of w^2 in cells (flat indices), each (n,).
 
-    The effective number is that over `more`: so many times as many are then in a kernel.
+    The effective number is that over `more` (see `wider`; as they are without it): so many times as many are then in a kernel.
     """
-    masses, second = [mass], squares
     numbers = []
-    for level in range(len(where.reach)):
+    for level, reach in enumerate(where.reach):
         variance = 1.5 - 0.5 / 4**level  # of the kernel, in this level's cells: Gauss plus down and up
-        there = second > 0
-        number = variance * np.where(there, masses[-1] ** 2 / np.where(there, second, 1), 0.0)
-        numbers.append(number if more is None else number / more[level])
+        number = np.divide(variance * mass**2, squares, out=np.zeros(cells.size), where=squares > 0)
+        numbers.append(np.zeros(reach.shape))
+        numbers[-1].ravel()[cells] = number if more is None else number / more[level].ravel()[cells]
         if level + 1 < len(where.reach):
-            masses.append(_coarser(masses[-1]))
-            second = _coarser(second)
-    return Histogram(tuple(masses), tuple(numbers))
+            shape = (reach.shape[0], reach.shape[1])
+            first, second = (_raised(cells, values, shape).ravel() for values in (mass, squares))
+            cells = np.flatnonzero(first > 0)
+            mass, squares = first[cells], second[cells]
+    return Histogram(tuple(numbers))
 
 
-def spread(mass: Array, guide: Histogram, m: float, where: Medium) -> Array:
-    """Return mass (nlat, nlon) smoothed by kernels that hold `m` effective particles of the guide.
+def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Array | None = None) -> Array:
+    """Return mass in cells (flat indices, n) as a map (nlat, nlon), smoothed by kernels that hold `m` effective particles of the guide.
 
-    Linear in mass: the maps of scenarios add up to that of all. The total is kept to rounding.
+    at: flat indices of the cells whose values alone are wanted, and returned, (k,). Linear in mass: the maps of scenarios add up to
+    that of all. The total is kept to rounding.
     """
-    staying, rest = [], mass
-    for level, number in enumerate(guide.number):
-        if level + 1 == len(guide.number):
-            staying.append(rest)
-            break
+    staying: list[tuple[Array, Array]] = []  # by level: in which cells mass is smoothed there, and how much
+    for number in guide.number[:-1]:
         # wanted variance / this level's = m / number, between 1 and 4: shares of this and the next level make it
-        share = np.clip((4 - m / np.maximum(number, m / 8)) / 3, 0, 1)
-        staying.append(rest * share)
-        rest = _coarser(rest - staying[-1])
-    smooth: Array | None = None
-    for stay, reach in zip(staying[::-1], where.reach[::-1], strict=True):
-        smooth = None if smooth is None else _finer(smooth, (stay.shape[0], stay.shape[1]))
-        if stay.any():
-            part = _window(stay)
-            own = np.divide(stay[part], reach[part], out=np.zeros_like(stay[part]), where=reach[part] > 0)
-            smooth = np.zeros_like(stay) if smooth is None else smooth
-            smooth[part] += _gauss(own)
-    assert smooth is not None or not mass.any()
-    return np.zeros_like(mass) if smooth is None else np.asarray(smooth * where.allowed)
+        share = np.clip((4 - m / np.maximum(number.ravel()[cells], m / 8)) / 3, 0, 1)
+        stays = share > 0
+        staying.append((cells[stays], (mass * share)[stays]))
+        rest = _raised(cells, mass * (1 - share), number.shape).ravel()
+        cells = np.flatnonzero(rest > 0)
+        mass = rest[cells]
+    staying.append((cells, mass))
+    if at is not None:
+        return np.asarray(_smoothed(staying, where, 0, at) * where.allowed.ravel()[at])
+    if where.few is None:
+        return np.asarray(_smoothed(staying, where, 0, None) * where.allowed)
+    smooth = np.zeros(where.allowed.shape)
+    smooth.ravel()[where.few] = _smoothed(staying, where, 0, where.few)
+    return smooth
+
+
+def _smoothed(staying: Sequence[tuple[Array, Array]], where: Medium, level: int, at: Array | None) -> Array:
+    """Return what stays at a level and above, smoothed there and brought down to it: everywhere, or at flat indices."""
+    reach, (cells, stay) = where.reach[level], staying[level]
+    shape = (reach.shape[0], reach.shape[1])
+    if not any(above[0].size for above in staying[level + 1 :]):
+        smooth = np.zeros(shape if at is None else at.size)
+    elif at is None:
+        smooth = _finer(_smoothed(staying, where, level + 1, None), shape)
+    else:
+        above, coarse = _above(at, shape)
+        wanted = np.zeros(coarse[0] * coarse[1], bool)
+        wanted[above] = True
+        few = np.flatnonzero(wanted)
+        if FEW * few.size < wanted.size:
+            values = np.zeros(wanted.size)
+            values[few] = _smoothed(staying, where, level + 1, few)
+        else:
+            values = _smoothed(staying, where, level + 1, None).ravel()
+        smooth = np.asarray(PARTS @ values[above])
+    if cells.size:
+        rows, columns = np.divmod(cells, shape[1])
+        south, west = max(rows.min() - REACH, 0), max(columns.min() - REACH, 0)  # beyond, all is zero
+        own = np.zeros((min(rows.max() + REACH + 1, shape[0]) - south, min(columns.max() + REACH + 1, shape[1]) - west))
+        share = reach.ravel()[cells]
+        own[rows - south, columns - west] = np.divide(stay, share, out=np.zeros(stay.size), where=share > 0)
+        own = _gauss(own)
+        if at is None:
+            smooth[south : south + own.shape[0], west : west + own.shape[1]] += own
+        else:
+            rows, columns = np.divmod(at, shape[1])
+            rows, columns = rows - south, columns - west
+            within = (rows >= 0) & (rows < own.shape[0]) & (columns >= 0) & (columns < own.shape[1])
+            smooth[within] += own[rows[within], columns[within]]
+    return smooth
 
 
 @dataclass(frozen=True)
@@ -193,16 +264,25 @@ class Calibration:
         return np.asarray(np.interp(share, self.share, KNOTS))
 
 
-def ranked(density: Array) -> Array:
-    """Return flat indices of the cells with any probability, densest first; ties in order of the index."""
-    occupied = np.flatnonzero(density)
-    return np.asarray(occupied[np.argsort(-density.ravel()[occupied], kind="stable")])
+def ranked(density: Array, least: float = 0.0) -> Array:
+    """Return flat indices of the cells with any probability, densest first; ties in order of the index. least: so dense at least."""
+    occupied = np.flatnonzero(density >= least if least > 0 else density > 0)
+    sparse = -density.ravel()[occupied]
+    order = np.argsort(sparse)  # twice as fast as a stable sort: ties, which are few, are brought into order afterwards
+    level = sparse[order]
+    tied = level[1:] == level[:-1]
+    if tied.any():
+        run = np.flatnonzero(np.append(tied, False) | np.append(False, tied))
+        order[run] = order[run][np.lexsort((order[run], level[run]))]
+    return np.asarray(occupied[order])
 
 
-def calibrate(mass: Array, area: Array, unseen: Array) -> Calibration:
-    """Return the calibration of a map (nlat, nlon) by the deposit of particles that it has not seen."""
-    order = ranked(mass / area[:, None])
-    inside, seen = np.cumsum(mass.ravel()[order]), np.cumsum(unseen.ravel()[order]) / unseen.sum()
-    share = np.interp(KNOTS, np.concatenate([[0.0], inside / inside[-1]]), np.concatenate([[0.0], seen]))
+def calibrate(mass: Array, area: Array, cells: Array, unseen: Array) -> Calibration:
+    """Return the calibration of a map (nlat, nlon) by the deposit (n,) in cells (flat indices) of particles that it has not seen."""
+    density, held = mass / area[:, None], np.zeros(mass.size)
+    held[cells] = unseen
+    order = ranked(density, density.ravel()[cells[unseen > 0]].min())  # farther out nothing of it is left
+    inside, seen = np.cumsum(mass.ravel()[order]), np.cumsum(held[order]) / unseen.sum()
+    share = np.interp(KNOTS, np.concatenate([[0.0], inside / mass.sum()]), np.concatenate([[0.0], seen]))
     share[-1] = 1.0
     return Calibration(share)

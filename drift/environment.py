@@ -24,6 +24,10 @@ from geo.shore import Shore
 FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
 STRONGEST_WIND = 25.0  # [m/s]
 COAST_MARGIN = 0.25  # [deg] more than a step
+FINEST_SHARE = (
+    1 / 8
+)  # of a box's width or height: the lattice on which the part of a source that is read for it ends is no coarser
+COARSEST = 4.0  # [deg] of that lattice
 PIECE = 50_000.0  # [m] how finely a voyage is followed for its box
 NEAR_REPORT = 1.0  # [deg] about a reported position that its place on land or water is told from
 POLEWARD = 89.0  # [deg] beyond, east and north lose their meaning: a particle there has left
@@ -111,6 +115,22 @@ def open_for(
             story = "[spill]" if case.spill else f'scenario "{scenario.name}"'
             _check_water(story, scenario, coast if land is whole else _about(scenario, whole, coast))
     return Environment(box, tuple(scenarios), shown, coast, land.notes)
+
+
+def part(box: Box) -> Box:
+    """Return what is read of a source for a box: all of it, out to the next lines of a lattice at most an eighth as wide as the box.
+
+    So cases that begin near each other see the same part of a source, on the same grid: for many forecasts it is made ready once.
+    """
+
+    def outward(low: float, high: float) -> tuple[float, float]:
+        step = min(2.0 ** math.floor(math.log2((high - low) * FINEST_SHARE)), COARSEST)
+        return math.floor(low / step) * step, math.ceil(high / step) * step
+
+    (west, east), (south, north) = outward(box.west, box.east), outward(box.south, box.north)
+    if east - west >= 360:
+        west, east = -180.0, 180.0
+    return Box(west, max(south, -90.0), east, min(north, 90.0))
 
 
 def bounds(case: Case) -> Box:
@@ -238,11 +258,11 @@ def _open(spec: ForcingSpec, box: Box, case: Case, held: Mapping[str, memory.Hel
         return replace(flow, name=spec.name)
     try:
         if common:
-            return common.source(spec, box)
+            return common.source(spec, part(box))
         return forcing.open_source(
             spec.quantity,
             list(spec.files) if spec.dataset is None else held[spec.dataset],
-            box=box,
+            box=part(box),
             name=spec.name,
             **source_options(spec),
         )

@@ -7,7 +7,8 @@ why, and the next goes on.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -27,6 +28,7 @@ Array = npt.NDArray[Any]
 Report = Callable[[str, float], None]
 Maps = bool | Literal["last"]
 
+AHEAD = 2  # forecasts at most that drift before the maps of one are done
 NOTHING = np.empty((0, 0))
 
 
@@ -62,7 +64,7 @@ def run_many(
 
     cases: of `drift.load` and `drift.vary`; they need have nothing in common. datasets: the xarray.Datasets that any of them
     names. maps: False for particles alone, "last" for the map of each forecast's last output, True for all its maps, as
-    `drift.run` makes them. report is told what is being done and how many forecasts are done, as a share.
+    `drift.run` makes them; maps are made while the next forecasts drift, so that a forecast comes when AHEAD more have drifted. report is told what is being done and how many forecasts are done, as a share.
     A case that cannot be forecast gives a Brief with `error`, a UserError, and the others go on. Spills have no forecast in
     brief: theirs is such an error. Raises UserError where no case can run, for the backend say.
     """
@@ -75,14 +77,23 @@ def run_many(
 
 def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: Report) -> Iterator[Brief]:
     shared = divide(cases, datasets)[::-1]  # each is let go of with its last case
-    for number, case in enumerate(cases):
-        with runtime.alone():  # not while the caller has its turn
-            try:
-                made = _forecast(case, _named(case, datasets), shared.pop(), maps)
-            except UserError as error:
-                made = _refused(case, error)
-        tell("forecasts", (number + 1) / len(cases))
-        yield made
+    before: list[Future[Brief]] = []  # forecasts whose maps are being made while the next one drifts
+    with ThreadPoolExecutor(AHEAD, "maps") as pool:
+        for number, case in enumerate(cases):
+            with runtime.alone():  # not while the caller has its turn
+                try:
+                    made, rest = _forecast(case, _named(case, datasets), shared.pop(), maps)
+                except UserError as error:
+                    made, rest = _refused(case, error), None
+            before.append(pool.submit(_mapped, made, rest))
+            while len(before) > (AHEAD if maps and number + 1 < len(cases) else 0):
+                done = before.pop(0).result()
+                tell("forecasts", (number + 1 - len(before)) / len(cases))
+                yield done
+
+
+def _mapped(made: Brief, rest: Callable[[], Forecast] | None) -> Brief:
+    return made if rest is None else replace(made, forecast=rest())
 
 
 def _named(case: Case, datasets: Mapping[str, Any]) -> dict[str, Any]:
@@ -95,8 +106,10 @@ def _refused(case: Case, error: UserError) -> Brief:
     return Brief(case, case.outputs[:0], *(NOTHING,) * 4, np.empty((0, 2)), error=error)
 
 
-def _forecast(case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Maps) -> Brief:
-    """Return the forecast of one case in its waters."""
+def _forecast(
+    case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Maps
+) -> tuple[Brief, Callable[[], Forecast] | None]:
+    """Return the forecast of one case in its waters, without maps, and what makes these in any thread."""
     if case.spill:
         raise UserError(
             f"{case.path.name}: has a [spill], which drift.run forecasts; run_many is for [[scenario]] tables"
@@ -112,15 +125,15 @@ def _forecast(case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Map
             seen = list(snapshots)
     finally:
         begin.scene.forcing.close()
-    made = None
+    rest = None
     if maps:
         is_land = start.land_of(begin.scene)
         names = [scenario.name for scenario in case.scenarios]
         wanted = seen if maps is True else seen[-1:]
-        made = products.build(
+        rest = products.begin(
             wanted, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
         )
-    return Brief(
+    brief = Brief(
         case,
         np.array([one.time for one in seen]),
         np.stack([one.lon for one in seen]) * (360.0 / sphere.TURN),
@@ -129,5 +142,5 @@ def _forecast(case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Map
         np.stack([one.probability for one in seen]),
         np.array([snapshot.means(one, len(case.scenarios)).all for one in seen]),
         begin.clock.step,
-        made,
     )
+    return brief, rest

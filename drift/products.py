@@ -6,9 +6,8 @@ released is in the account (`status_probability`, which adds up to 1) but on no 
 antimeridian, from the grid's western edge eastward.
 """
 
-from collections import deque
-from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +83,15 @@ class _Cloud:
     spacing: float  # bandwidth [binary angle units]
 
 
+@dataclass(frozen=True)
+class _Laid:
+    """What a snapshot leaves in its own cells, and which of these are land (nlat, nlon); None where none is."""
+
+    cells: Cells
+    deposits: areas.Deposits
+    land: Array | None
+
+
 def build(
     snapshots: Sequence[Snapshot],
     *,
@@ -101,29 +109,44 @@ def build(
     shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are made on cells
     that divide its cells, as far as there is anything: areas and containment count what lies outside it.
     """
+    return begin(snapshots, scenarios=scenarios, is_land=is_land, deposit=deposit, shares=shares, grid=grid)()
+
+
+def begin(
+    snapshots: Sequence[Snapshot],
+    *,
+    scenarios: Sequence[str],
+    is_land: IsLand | None = None,
+    deposit: Deposit = cells.deposit,
+    shares: tuple[float, ...] = SHARES,
+    grid: Cells | None = None,
+) -> Callable[[], Forecast]:
+    """Return what does the rest of `build`, in any thread: `is_land` and `deposit`, which may need the device, have been asked."""
     centre = _reference(snapshots)
     clouds = [_cloud(one, centre) for one in snapshots]
     windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
     land = _Land(is_land, common)
-    maps: list[areas.Area | None] = []
-    with ThreadPoolExecutor(AT_ONCE) as pool:  # the device deposits one time while the host smooths those before it
-        pending: deque[tuple[int, Future[areas.Area]]] = deque()
-        for k, (one, cloud, window) in enumerate(zip(snapshots, clouds, windows, strict=True)):
-            maps.append(None)
-            if cloud is not None and window is not None:
-                made = _deposits(one, cloud, window, len(scenarios), deposit)
-                pending.append((k, pool.submit(_map, window, made, land.on(window), shares, common)))
-            while len(pending) > (AT_ONCE if k + 1 < len(snapshots) else 0):
-                done, future = pending.popleft()
-                maps[done] = future.result()
+    laid = [
+        None
+        if cloud is None or window is None
+        else _Laid(window, _deposits(one, cloud, window, len(scenarios), deposit), land.on(window))
+        for one, cloud, window in zip(snapshots, clouds, windows, strict=True)
+    ]
     bandwidths = None if grid is None else [None if cloud is None else cloud.spacing for cloud in clouds]
-    contours = tuple(
-        Contour(one.time, share, float(size), areas.contour(made, share))
-        for one, made in zip(snapshots, maps, strict=True)
-        if made is not None
-        for share, size in zip(shares, made.areas, strict=True)
-    )
-    return Forecast(dataset.build(snapshots, scenarios, common, maps, shares, bandwidths), contours)
+
+    def rest() -> Forecast:
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            made = list(pool.map(lambda one: None if one is None else _map(one, shares, common), laid))
+        contours = tuple(
+            Contour(one.time, share, float(size), line)
+            for one, drawn in zip(snapshots, made, strict=True)
+            if drawn is not None
+            for share, size, line in zip(shares, drawn[0].areas, drawn[1], strict=True)
+        )
+        maps = [None if drawn is None else drawn[0] for drawn in made]
+        return Forecast(dataset.build(snapshots, scenarios, common, maps, shares, bandwidths), contours)
+
+    return rest
 
 
 def _reference(snapshots: Sequence[Snapshot]) -> int:
@@ -282,11 +305,11 @@ def group(n: int) -> Array:
     return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
 
 
-def _map(
-    window: Cells, made: areas.Deposits, land: Array | None, shares: tuple[float, ...], common: Cells
-) -> areas.Area:
-    """Return the map of one snapshot on its own cells, of which `common` are multiples."""
-    return areas.build(window, made, _media(made.mass.sum(axis=0), land), shares, common.width // window.width)
+def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
+    """Return the map of one snapshot on its own cells, of which `common` are multiples, and the outlines of its areas."""
+    media, k = _media(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
+    made = areas.build(laid.cells, laid.deposits, media, shares, k)
+    return made, areas.contours(made)
 
 
 def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
@@ -298,48 +321,41 @@ def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, depos
     amount, heaviest = cells.fixed(weight), float(weight.max())
     level = bool(weight.min() == heaviest)
     square = amount if level else cells.fixed(weight * (weight / heaviest))
+    held = np.flatnonzero(deposit(lon, lat, amount, window) > 0)
 
-    def sums(code: Array, number: int, *amounts: Array) -> list[Array]:
-        """Deposits of each class of particles, shape (number, nlat, nlon), for each kind of amount."""
-        made = [np.zeros((number, *window.shape)) for _ in amounts]
+    def sums(code: Array, number: int, amounts: Array) -> Array:
+        """Deposits of each class of particles in the cells that hold any, shape (number, n)."""
+        made = np.zeros((number, held.size))
         order = np.argsort(code, kind="stable")
-        ends = np.searchsorted(code[order], np.arange(number + 1))
-        for i in range(number):
-            some = order[ends[i] : ends[i + 1]]
+        for out, some in zip(made, np.split(order, np.searchsorted(code[order], np.arange(1, number))), strict=True):
             if len(some):
-                x, y = lon[some], lat[some]
-                for out, values in zip(made, amounts, strict=True):
-                    out[i] = deposit(x, y, values[some], window) / cells.ONE
+                out[:] = deposit(lon[some], lat[some], amounts[some], window).ravel()[held] / cells.ONE
         return made
 
     code = group(len(one.lon))[index] * media + ashore
-    shape = (4, media, *window.shape)
-    if level:
-        mass = sums(code, 4 * media, amount)[0].reshape(shape)
-        squares = mass * heaviest
-    else:
-        parts = sums(code, 4 * media, amount, square)
-        mass, squares = parts[0].reshape(shape), parts[1].reshape(shape) * heaviest
-    if scenarios == 1:
-        by_scenario = mass.sum(axis=0)[None]
-    else:
+    mass = sums(code, 4 * media, amount).reshape(4, media, -1)
+    squares = (mass if level else sums(code, 4 * media, square).reshape(4, media, -1)) * heaviest
+    by_scenario = mass.sum(axis=0)[None]
+    if scenarios > 1:
         of_scenario = one.scenario[index].astype(np.int16) * media + ashore
-        by_scenario = sums(of_scenario, media * scenarios, amount)[0].reshape(scenarios, media, *window.shape)
-    return areas.Deposits(mass, squares, by_scenario)
+        by_scenario = sums(of_scenario, media * scenarios, amount).reshape(scenarios, media, -1)
+    return areas.Deposits(held, mass, squares, by_scenario)
 
 
-def _media(mass: Array, land: Array | None) -> list[density.Medium]:
+def _media(made: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
     """Return where the object can be adrift and ashore: in water joined to a particle's, and along its shoreline."""
+    mass = made.mass.sum(axis=0)
     if land is None:
-        return [density.medium(np.ones(mass.shape[1:], bool))] * len(mass)
+        return [density.medium(np.ones(shape, bool))] * len(mass)
     basins, count = ndimage.label(~land)  # a kernel reaches across a spit, but not into a bay that holds nobody
     holds = np.zeros(count + 1, bool)
-    holds[np.unique(basins[mass.sum(axis=0) > 0])] = True
+    holds[np.unique(basins.ravel()[made.cells])] = True
     holds[0] = False
     water = holds[basins]
-    adrift = density.medium(water | (mass[0] > 0))
-    if len(mass) == 1:
-        return [adrift]
-    square = np.ones((3, 3), bool)
-    shore = ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square)
-    return [adrift, density.medium(shore | (mass[1] > 0))]
+    allowed = [water.copy()]
+    if len(mass) > 1:
+        square = np.ones((3, 3), bool)
+        allowed.append(ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square))
+    for where, weights in zip(allowed, mass, strict=True):
+        where.ravel()[made.cells[weights > 0]] = True
+    return [density.medium(where) for where in allowed]

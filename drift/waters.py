@@ -1,6 +1,7 @@
 """Waters that many cases share: their sources are opened once, slices that were read stay in memory, one coast serves all.
 
-Each case still sees the box, the crop and the grid that it would have alone: what is shared is what does not depend on them.
+Each case still sees the box, the crop and the grid that it would have alone: what is shared is what does not depend on them. Cases
+near each other have the same crop (environment.part): its slices are turned, regridded and filled once for all.
 A coast is exact wherever its grid begins, as long as its cells are of the finest size; a case whose prior reaches beyond the
 coast that it would have alone, or whose waters are too wide for the finest cells, gets its own.
 """
@@ -21,6 +22,7 @@ from geo import forcing, memory, reader, shore
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import Source
+from geo.kept import Finished, Shelf
 from geo.shore import Shore
 from kernels import coast as device_coast
 
@@ -58,6 +60,7 @@ class Waters:
         self._files = files
         self._kept: dict[int, reader.Opened] = {}
         self._cuts: dict[tuple[int, Box], Source] = {}
+        self._finished = Finished()
         self._lands: dict[tuple[str, Any], tuple[Shore, shoreline.Coast | None]] = {}
         self._shores: dict[int, tuple[shoreline.Coast, device_coast.DeviceCoast]] = {}
 
@@ -75,7 +78,7 @@ class Waters:
         self._cuts[key] = found
         if len(self._cuts) > CUTS:
             del self._cuts[next(iter(self._cuts))]
-        return replace(found, name=spec.name)
+        return replace(found, name=spec.name, shelf=Shelf(key, self._finished))
 
     def coast(self, case: Case, box: Box) -> tuple[Shore, shoreline.Coast | None] | None:
         """Return the land and coast of these waters, as far as a case would have it in a box; None where that differs."""

@@ -18,6 +18,7 @@ from geo import analytic as flows
 from geo.box import Box
 from geo.errors import UserError
 from geo.grid import Grid
+from geo.kept import Shelf
 
 EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for what does not vary in space
 MOST_NODES = 1_000_000  # of a built-in flow's tile
@@ -32,7 +33,8 @@ class Source:
     read: slice index (0 when steady) -> float32 C-contiguous (nlat, nlon, 2), true east and north [m/s], NaN missing;
     missing: share of nodes missing in the first slice; notes: how it was understood, in plain words;
     fingerprint: a hash of what is read, independent of where it lies;
-    domain: (nlat, nlon) nodes inside the source's own grid, None where all are: beyond it no value is missing for land.
+    domain: (nlat, nlon) nodes inside the source's own grid, None where all are: beyond it no value is missing for land;
+    shelf: where slices that are ready to be sampled stay for other forecasts, None: nowhere.
     """
 
     quantity: str
@@ -44,6 +46,7 @@ class Source:
     notes: tuple[str, ...]
     fingerprint: str
     domain: NDArray[np.bool_] | None = None
+    shelf: Shelf | None = None
 
 
 def open_source(

@@ -1,13 +1,16 @@
-"""Slices of a variable that stay in memory once they are read: for many forecasts from the same files."""
+"""Slices that stay in memory: of a variable as they are read, of a source as they are sampled; for many forecasts from the same files."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from geo.layout import Array, Index
 
-MOST = 2**28  # [bytes] of one component; the slice that was last asked for longest ago goes first
+MOST = (
+    2**28
+)  # [bytes] of one component, and of all finished slices; the slice that was last asked for longest ago goes first
 
 
 class Kept:
@@ -36,6 +39,50 @@ class Kept:
             while len(self._slices) > 1 and sum(values.nbytes for values, _ in self._slices.values()) > MOST:
                 del self._slices[next(iter(self._slices))]
             return got
+
+
+class Finished:
+    """Slices of parts of sources in true east and north, filled towards the coast: all that is left is to sample them.
+
+    Only what is the same in every bit may share a key: slices of one part of one source, filled equally deep.
+    """
+
+    def __init__(self) -> None:
+        self._slices: dict[Hashable, Array] = {}
+        self._size = 0  # [bytes]
+        self._guard = threading.Lock()
+
+    def find(self, key: Hashable) -> Array | None:
+        """Return the slice of a key; None where it is not there."""
+        with self._guard:
+            values = self._slices.pop(key, None)
+            if values is not None:
+                self._slices[key] = values
+            return values
+
+    def keep(self, key: Hashable, values: Array) -> None:
+        """Keep a slice, which nobody changes from now on."""
+        with self._guard:
+            self._size += values.nbytes - getattr(self._slices.pop(key, None), "nbytes", 0)
+            self._slices[key] = values
+            while len(self._slices) > 1 and self._size > MOST:
+                self._size -= self._slices.pop(next(iter(self._slices))).nbytes
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """Where the finished slices of one part of a source stand among those of others."""
+
+    part: Hashable
+    finished: Finished = field(repr=False)
+
+    def find(self, *key: Hashable) -> Array | None:
+        """Return a slice of this part; None where it is not there."""
+        return self.finished.find((self.part, *key))
+
+    def keep(self, values: Array, *key: Hashable) -> None:
+        """Keep a slice of this part."""
+        self.finished.keep((self.part, *key), values)
 
 
 def _places(index: Index) -> Index:

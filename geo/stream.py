@@ -55,9 +55,10 @@ class Slices:
     def __init__(self, source: Source, cells: int, ahead: int, pool: ThreadPoolExecutor) -> None:
         self.source, self.cells, self.ahead, self._pool = source, cells, ahead, pool
         self.seconds = source.times.astype("datetime64[s]").astype(np.int64)
-        self._steps = np.diff(self.seconds)
+        steps = np.diff(self.seconds)
         self._nodes: list[int] = self.seconds.tolist()  # a search of few in Python is faster than in NumPy
-        self._usual = float(np.median(self._steps)) if self._steps.size else 0.0
+        self._steps: list[int] = steps.tolist()
+        self._usual = float(np.median(steps)) if steps.size else 0.0
         self._reading: dict[int, Future[Array]] = {}
 
     def bracket(self, low: int, high: int) -> Bracket | None:
@@ -71,11 +72,11 @@ class Slices:
             return Bracket(float(low), float(high), 0.0, 1.0)
         i = min(bisect_right(nodes, low) - 1, len(nodes) - 2)
         j = max(bisect_left(nodes, high), i + 1)
-        if self._steps[i:j].max() > LONGEST_GAP * self._usual:
+        if max(self._steps[i:j]) > LONGEST_GAP * self._usual:
             return None
         if j > i + 1:
             return Bracket(float(low), float(high), 0.0, 1.0)
-        span = float(self._steps[i])
+        span = self._steps[i]
         return Bracket(i, j, (low - nodes[i]) / span, (high - nodes[i]) / span)
 
     def get(self, key: Key) -> Array:
@@ -85,22 +86,34 @@ class Slices:
             i = min(int(np.searchsorted(self.seconds, key, "right")) - 1, self.seconds.size - 2)
             weight = np.float32((key - self.seconds[i]) / self._steps[i])
             return np.asarray((1 - weight) * self.get(i) + weight * self.get(i + 1))
-        values = self._request(key).result()
-        self._request(key + self.ahead)
+        values = self._ready(key)
+        if values is None:
+            values = self._request(key).result()
+        if self._ready(key + self.ahead) is None:
+            self._request(key + self.ahead)
         for old in [k for k in self._reading if abs(k - key) > 2]:
             del self._reading[old]
         return values
 
+    def _ready(self, index: int) -> Array | None:
+        """Return a slice that another forecast has left; None where there is none."""
+        shelf = self.source.shelf
+        return None if shelf is None else shelf.find(self.cells, self._inside(index))
+
+    def _inside(self, index: int) -> int:
+        return min(max(index, 0), max(self.seconds.size, 1) - 1)
+
     def _request(self, index: int) -> Future[Array]:
-        last = max(self.seconds.size, 1) - 1
-        index = min(max(index, 0), last)
+        index = self._inside(index)
         if index not in self._reading:
             self._reading[index] = self._pool.submit(self._read, index)
         return self._reading[index]
 
     def _read(self, index: int) -> Array:
         values, grid = self.source.read(index), self.source.grid
-        if not self.cells:
-            return values
-        bands, inside = filling.bands(grid), self.source.domain
-        return filling.fill(values, self.cells, grid.seamless, reach=filling.REACH, bands=bands, within=inside)
+        if self.cells:
+            bands, inside = filling.bands(grid), self.source.domain
+            values = filling.fill(values, self.cells, grid.seamless, reach=filling.REACH, bands=bands, within=inside)
+        if self.source.shelf is not None:
+            self.source.shelf.keep(values, self.cells, index)
+        return values

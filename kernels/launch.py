@@ -18,6 +18,10 @@ from kernels import runtime
 
 Launch = Callable[..., None]
 
+_known: dict[
+    tuple, tuple[Any, Any]
+] = {}  # by kernel and compile-time arguments: what was compiled, and its machine code
+
 
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
     """Return a function that launches a kernel with these arguments, but for whole numbers named in `changing`, which it takes.
@@ -36,8 +40,13 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
             kernel(*own)
 
         return launch
-    compiled = primal.compiled_kernels[primal.ensure_compiled(*args)]
     program = impl.get_runtime().prog
+    each = zip(primal.arguments, args, strict=True)
+    key = (primal, *(value for argument, value in each if isinstance(argument.annotation, template)))
+    if key not in _known:
+        made = primal.compiled_kernels[primal.ensure_compiled(*args)]
+        _known[key] = made, program.compile_kernel(program.config(), program.get_device_caps(), made)
+    compiled, code = _known[key]
     context = compiled.make_launch_context()
     real = [(a, v) for a, v in zip(primal.arguments, args, strict=True) if not isinstance(a.annotation, template)]
     arrays = []
@@ -47,7 +56,6 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
         else:
             _set(context, place, argument.annotation, value)
     slots = [(next(k for k, (a, _) in enumerate(real) if a.name == name),) for name in changing]
-    code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
 
     def launch_bound(*values: int, kept: tuple = args) -> None:
         for slot, array in arrays:  # each time: a launch turns them into addresses

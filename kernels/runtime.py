@@ -4,6 +4,7 @@
 """
 
 import contextlib
+import ctypes
 import io
 import math
 import os
@@ -131,6 +132,7 @@ class Column(ti.ScalarNdarray):
         program = impl.get_runtime().prog
         self.arr = program.create_ndarray(dtype, (n,), layout=Layout.NULL, zero_fill=True, dbg_info=core.DebugInfo(""))
         self.shape = (n,)
+        self._host: np.ndarray | None = None
 
     def to_numpy(self) -> np.ndarray:
         """Return a copy on the host."""
@@ -144,9 +146,15 @@ class Column(ti.ScalarNdarray):
             self._memory()[:] = arr
 
     def _memory(self) -> np.ndarray:
-        kind = np.ctypeslib.as_ctypes_type(_NUMPY[self.dtype])
-        place = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(self.arr)
-        return np.ctypeslib.as_array((kind * self.shape[0]).from_address(place))
+        if self._host is None:
+            self._host = _memory(self.arr, self.shape[0], _KINDS[self.dtype])
+        return self._host
+
+
+def _memory(array, n: int, kind: type) -> np.ndarray:
+    """Return n numbers of a device array where they lie in the memory of a CPU, which keeps them no longer than the array lives."""
+    place = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(array)
+    return np.frombuffer((kind * n).from_address(place), kind)
 
 
 def empty(n: int, dtype=ti.f32) -> ti.Ndarray:
@@ -172,6 +180,13 @@ _DTYPES = {
     np.dtype(np.float64): ti.f64,
 }
 _NUMPY = {kind: dtype for dtype, kind in _DTYPES.items()}
+_KINDS = {kind: np.ctypeslib.as_ctypes_type(dtype) for kind, dtype in _NUMPY.items()}
+
+
+def pairs(nodes: ti.Ndarray) -> np.ndarray | None:
+    """Return an array of `empty_nodes` where it lies, each node as two pairs of float32 in 64 bits (n, 2); None but on a CPU."""
+    n = nodes.shape[0]
+    return _memory(nodes.arr, 2 * n, ctypes.c_int64).reshape(n, 2) if _started.get("backend") == "cpu" else None
 
 
 def upload(values: np.ndarray) -> ti.Ndarray:

@@ -129,7 +129,14 @@ class Tiles:
     def place(self, tile: int, values: np.ndarray, *, later: bool, shift: bool = False) -> None:
         """Put a slice (nlat, nlon, 2) [m/s] in as the later or earlier one; shift: the later becomes the earlier."""
         flat = np.ascontiguousarray(values, np.float32).reshape(-1)
-        _place(self.nodes, flat, self.offsets[tile], int(later), int(shift))
+        own = runtime.pairs(self.nodes)
+        if own is None:
+            _place(self.nodes, flat, self.offsets[tile], int(later), int(shift))
+            return
+        own = own[self.offsets[tile] : self.offsets[tile] + flat.size // 2]
+        if shift:
+            own[:, 0] = own[:, 1]
+        own[:, int(later)] = flat.view(np.int64)
 
     def blend(self, weights: list[tuple[float, float] | None]) -> None:
         """Set, per tile, the later slice's weight at begin and end of the step; None: nothing for this step."""

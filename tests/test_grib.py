@@ -18,9 +18,10 @@ import pytest
 import writers
 from pyproj import Geod
 
+import drift
 from drift import forcing as engine
 from drift.__main__ import main
-from geo import dataset, decoder, forcing, messages, waiting
+from geo import dataset, decoder, forcing, messages, sphere, waiting
 from geo import grid as grids
 from geo.child import FAREWELL
 from geo.errors import UserError
@@ -157,6 +158,33 @@ def test_grids(kind: str, along: bool, edition: int, tmp_path: Path) -> None:
     assert any("turned" in note or "rotated" in note for note in source.notes) == (
         along and kind not in ("regular", "mercator")
     )
+
+
+def test_each_of_many_forecasts_in_a_wind_along_the_grid_is_the_run_of_its_case_alone(tmp_path: Path) -> None:
+    parts = [one for hour in (0.0, 6.0) for one in pair(LAMBERT, along=True, hour=hour)]
+    text = f"""
+start = "2024-03-05T00:20Z"
+duration = "5 h"
+particles = 200
+max_lost = 1.0
+output.trajectories = 200
+coast = {{ source = "none" }}
+current = [{{ constant = {{ speed = "0.4 m/s", toward = 75 }} }}]
+wind = [{{ files = "{written(tmp_path / "wind.grib", parts)}" }}]
+uncertainty.wind = {{ std = "1.3 m/s", time = "7 h" }}
+[[scenario]]
+name = "raft"
+object = "LIFE-RAFT-DB-11"
+position = {{ at = [4.1, 58.9], error = "2 nmi" }}
+"""
+    (tmp_path / "raft.toml").write_text(text)
+    base = drift.load(tmp_path / "raft.toml")
+    cases = [base, drift.vary(base, {"seed": 3, "scenario.0.position.at": [4.12, 58.91]})]
+    for one, own in zip(drift.run_many(cases), cases, strict=True):
+        assert one.error is None
+        alone = drift.run(own).trajectories
+        assert (one.lon * (sphere.TURN / 360) == alone.lon.T).all()
+        assert (one.lat * (sphere.TURN / 360) == alone.lat.T).all()
 
 
 def test_points_are_eccodes_own(tmp_path: Path) -> None:

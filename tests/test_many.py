@@ -10,8 +10,9 @@ import writers
 import xarray as xr
 
 import drift
+from drift import environment
 from drift.status import Status
-from geo import sphere
+from geo import fill, sphere
 from geo.errors import UserError
 from geo.kept import Kept
 
@@ -105,6 +106,53 @@ def test_each_of_many_is_the_run_of_its_case_alone_to_the_bit(tmp_path: Path, gr
         same(one, drift.run(own))
 
 
+def shore_of(value: float, path: Path) -> Path:
+    """The regular grid with land east of a slanting line that runs through the clouds: zero there at all times, or missing."""
+    with xr.open_dataset(writers.regular(path.with_name("all_wet.nc"))) as opened:
+        sea = opened.load()
+    east, north = (next(name for name in sea.data_vars if name.startswith(key)) for key in ("u", "v"))
+    lon, lat = (sea[next(c for c in sea.coords if str(c).startswith(key))] for key in ("lon", "lat"))
+    dry = (lon + 0.4 * (lat - middle()[1])) > middle()[0] + 0.05
+    sea.assign({name: sea[name].where(~dry, value) for name in (east, north)}).to_netcdf(path)
+    return path
+
+
+OTHERS = {
+    "rotated pole": writers.rotated,
+    "curvilinear": writers.curved_true,
+    "land as zero": lambda path: shore_of(0.0, path),
+    "land as missing": lambda path: shore_of(np.nan, path),
+}
+
+
+@pytest.mark.parametrize("grid", OTHERS)
+def test_and_on_whatever_grid_and_shore(tmp_path: Path, grid: str) -> None:
+    lon, lat = middle()
+    base = case(tmp_path, OTHERS[grid](tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    cases = [base, drift.vary(base, {"seed": 9, "scenario.0.position.at": [lon + 0.02, lat]}), base]
+    for one, own in zip(drift.run_many(cases), cases, strict=True):
+        same(one, drift.run(own))
+
+
+def test_what_is_ready_to_be_sampled_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three slices, one current: ten cases that need the same part of it have each filled once, not ten times."""
+    filled = []
+    own = fill.fill
+    monkeypatch.setattr(
+        fill, "fill", lambda values, *given, **more: filled.append(values.shape) or own(values, *given, **more)
+    )
+    lon, lat = middle()
+    base = case(tmp_path, shore_of(np.nan, tmp_path / "current.nc"))
+    cases = [
+        drift.vary(base, {"seed": k, "scenario.0.position.at": [lon + 0.001 * k, lat], "clock.step": "30 min"})
+        for k in range(10)
+    ]
+    parts = {environment.part(environment.bounds(one)) for one in cases}
+    assert len(parts) == 1
+    assert all(one.error is None for one in drift.run_many(cases))
+    assert sum(shape[:2] > (2, 2) for shape in filled) == 3  # the wind is a table, the same everywhere
+
+
 def test_stranded_particles_too(tmp_path: Path) -> None:
     base = case(tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
     cases = varied(base)
@@ -188,6 +236,22 @@ def test_maps_are_those_of_a_run(tmp_path: Path) -> None:
     assert float(last.forecast.probability.sum()) == pytest.approx(float(mapped), abs=1e-5)  # float32 cells
     at_end = [float(alone.data[f"mean_{axis}"][-1]) for axis in ("lon", "lat")]
     assert none.mean[-1] == pytest.approx(at_end, abs=1e-9)
+
+
+def test_maps_of_many_come_in_order_and_are_those_of_each_alone(tmp_path: Path) -> None:
+    lon, lat = middle()
+    base = case(tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    cases = [drift.vary(base, {"seed": k, "particles": 200 + 50 * k}) for k in range(4)]
+    cases[2] = drift.vary(base, {"scenario.0.position.at": [lon + 0.14, lat + 0.11]})  # on land
+    told: list[float] = []
+    made = list(drift.run_many(cases, maps=True, report=lambda phase, share: told.append(share)))
+    assert told == [0.25, 0.5, 0.75, 1.0]
+    assert [one.case for one in made] == cases
+    assert made[2].error is not None
+    for one, own in zip(made, cases, strict=True):
+        if own is not cases[2]:
+            assert one.forecast is not None
+            assert one.forecast.data.identical(drift.run(own).forecast.data)
 
 
 def test_memory_does_not_grow_with_the_number_of_forecasts(tmp_path: Path) -> None:

@@ -113,7 +113,18 @@ def spread_example(allowed, m=20.0, seed=2):
     rng = np.random.default_rng(seed)
     mass = rng.poisson(0.7 * rng.random(allowed.shape) ** 8, allowed.shape) * allowed * 1e-4
     where = density.medium(allowed)
-    return mass, density.spread(mass, density.histogram(mass, mass * 1e-4, where), m, where), where
+    return mass, spread(mass, histogram(mass, where), m, where), where
+
+
+def histogram(mass, where):
+    """That of particles of weight 1e-4."""
+    held = np.flatnonzero(mass)
+    return density.histogram(held, mass.ravel()[held], mass.ravel()[held] * 1e-4, where)
+
+
+def spread(mass, guide, m, where):
+    held = np.flatnonzero(mass)
+    return density.spread(held, mass.ravel()[held], guide, m, where)
 
 
 @pytest.mark.parametrize("shape", [(33, 58), (64, 47), (17, 16), (9, 5)])
@@ -132,9 +143,60 @@ def test_smoothing_is_linear_so_scenarios_add_up():
     allowed = np.ones((40, 52), bool)
     mass, smooth, where = spread_example(allowed)
     part = mass * (np.random.default_rng(3).random(mass.shape) < 0.3)
-    guide = density.histogram(mass, mass * 1e-4, where)
-    both = density.spread(part, guide, 20.0, where) + density.spread(mass - part, guide, 20.0, where)
+    guide = histogram(mass, where)
+    both = spread(part, guide, 20.0, where) + spread(mass - part, guide, 20.0, where)
     np.testing.assert_allclose(both, smooth, rtol=1e-10, atol=1e-20)
+
+
+def kernel(size):
+    """(coarse, size): weights 1 3 3 1 / 4 of cells in those half as fine, what would lie beyond the edge in the last one."""
+    made = np.zeros(((size + 1) // 2, size))
+    for fine in range(size):
+        for offset, part in zip((-1, 0, 1, 2), (1, 3, 3, 1), strict=True):
+            for coarse in range(-1, len(made) + 1):
+                if fine == 2 * coarse + offset:
+                    made[min(max(coarse, 0), len(made) - 1), fine] += part / 4
+    return made
+
+
+@pytest.mark.parametrize("shape", [(33, 58), (64, 47), (19, 21)])
+def test_few_cells_climb_and_are_read_as_all_are(shape):
+    """Sparse and dense sums, and interpolation, against matrices; rounding of a dozen additions."""
+    rng = np.random.default_rng(6)
+    rows, columns = kernel(shape[0]), kernel(shape[1])
+    for share in (0.02, 0.9):  # under and over the share from which on it is done for all cells
+        fine = rng.random(shape) * (rng.random(shape) < share)
+        fine[0, -1] = fine[-1, 0] = 1.0
+        held = np.flatnonzero(fine)
+        np.testing.assert_allclose(
+            density._raised(held, fine.ravel()[held], shape), rows @ fine @ columns.T, rtol=1e-14
+        )
+    coarse = rng.random(((shape[0] + 1) // 2, (shape[1] + 1) // 2))
+    np.testing.assert_allclose(density._finer(coarse, shape), rows.T @ coarse @ columns, rtol=1e-14)
+
+
+def test_cells_that_are_asked_for_have_the_values_of_the_map():
+    """On a grid so large that some levels are read at few cells and some whole; land thin enough to be few cells, and not."""
+    rng = np.random.default_rng(8)
+    shape = (130, 171)
+    strip = np.abs(np.arange(shape[0])[:, None] - 60 - np.arange(shape[1]) // 5) < 5
+    for allowed in (np.ones(shape, bool), strip):
+        where = density.medium(allowed)
+        assert (where.few is None) == allowed.all()
+        mass = rng.poisson(0.4 * rng.random(shape) ** 8, shape) * allowed * 1e-4
+        mass[40:43, 55] = 5e-3 * allowed[40:43, 55]  # a pile, whose kernels are the narrowest
+        smooth = spread(mass, histogram(mass, where), 12.0, where)
+        assert smooth.sum() == pytest.approx(mass.sum(), rel=1e-12)
+        held, asked = np.flatnonzero(mass), rng.choice(mass.size, 300, replace=False)
+        few = density.spread(held, mass.ravel()[held], histogram(mass, where), 12.0, where, asked)
+        np.testing.assert_allclose(few, smooth.ravel()[asked], rtol=1e-10, atol=1e-18)
+
+
+def test_ties_are_ranked_in_order_of_the_index():
+    values = np.round(np.random.default_rng(4).random((61, 47)), 2)
+    expected = sorted(np.flatnonzero(values), key=lambda k: (-values.ravel()[k], k))
+    assert density.ranked(values).tolist() == expected
+    assert density.ranked(values, 0.25).tolist() == [k for k in expected if values.ravel()[k] >= 0.25]
 
 
 def test_kernel_variance_follows_the_particles_it_should_hold():
@@ -145,7 +207,7 @@ def test_kernel_variance_follows_the_particles_it_should_hold():
     mass[121, 133] = 1.0
     for level, wanted in ((0, 1.0), (1, 5.5), (2, 23.5), (3, 95.5)):
         number = [np.full(r.shape, 1e9 if i >= level else 1e-9) for i, r in enumerate(where.reach)]
-        smooth = density.spread(mass, density.Histogram((mass,), tuple(number)), 10.0, where)
+        smooth = spread(mass, density.Histogram(tuple(number)), 10.0, where)
         offsets = np.arange(256) - np.array([[121], [133]])
         for axis in (0, 1):
             along = smooth.sum(axis=1 - axis)
