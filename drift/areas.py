@@ -37,7 +37,8 @@ class Area:
     probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
     containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
     areas: [m2] of the shares; held_out: share of unseen particles inside them; thresholds: logarithms of their least
-    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen.
+    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen. coarse: calibration of the map summed into
+    the cells that all times share: along a shore, where half of what is smoothed lies beside the cells that hold all, it is another.
     """
 
     cells: Cells
@@ -49,6 +50,7 @@ class Area:
     per_kernel: float
     thresholds: Array
     calibration: density.Calibration
+    coarse: density.Calibration
 
 
 More = tuple[Array, ...] | None  # density.wider
@@ -127,13 +129,35 @@ def _choose(
     return start * 2.0**best, more if gain(score(best, guided(more)), score_best) > -2 else None
 
 
+def _calibrated(made: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
+    """Return the calibrations at density.KNOTS, (2, knots), of a map and of it summed by k, by what it has not seen in cells (n,)."""
+    fine = density.calibrate(made, cells.area(), held, unseen).share
+    if k == 1:
+        return np.stack([fine, fine])
+    wide, (row, column) = coarser(cells, k), np.divmod(held, cells.nlon)
+    there, which = np.unique((row // k) * wide.nlon + column // k, return_inverse=True)
+    return np.stack([fine, density.calibrate(summed(made, k), wide.area(), there, np.bincount(which, unseen)).share])
+
+
+def coarser(cells: Cells, k: int) -> Cells:
+    """Return the cells that hold k by k of these."""
+    return Cells(cells.lon0, cells.lat0, k * cells.width, k * cells.height, cells.nlon // k, cells.nlat // k)
+
+
+def summed(values: Array, k: int) -> Array:
+    """Return sums over k by k cells, shape (..., nlat / k, nlon / k)."""
+    nlat, nlon = (length // k for length in values.shape[-2:])
+    return np.asarray(values.reshape(*values.shape[:-2], nlat, k, nlon, k).sum(axis=(-3, -1)))
+
+
 def build(
-    cells: Cells, deposits: Deposits, media: Sequence[density.Medium], shares: tuple[float, ...] = SHARES
+    cells: Cells, deposits: Deposits, media: Sequence[density.Medium], shares: tuple[float, ...] = SHARES, k: int = 1
 ) -> Area:
     """Return the map of one snapshot, with the areas that hold some shares of it.
 
     The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3). Then each group in turn calibrates a map of
     the other three, smoothed by the same bandwidth; `held_out` checks each group with the calibration of the others.
+    k: cells to the side of those that all times share.
     """
     area, held = cells.area(), deposits.cells
 
@@ -145,17 +169,19 @@ def build(
     effective = groups.sum() ** 2 / squares.sum()
     m = density.PER_KERNEL * effective ** (2 / 3)
     more: More = density.wider(smooth(mass, squares, density.WIDER * m, None), area)
-    calibration, share_held = density.Calibration(density.KNOTS), np.full(len(shares), np.nan)
+    calibration = coarse = density.Calibration(density.KNOTS)
+    share_held = np.full(len(shares), np.nan)
     if groups.min() > 0:
         halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
         # The same bandwidth: particles per kernel go with their number.
         m, more = _choose(held, halves, media, max(m / 2, 2.0), more)
         m *= 2
-        folds = []
+        both = []
         for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
             rest = smooth(mass - unseen, squares - their_squares, 0.75 * m, more)
-            folds.append(density.calibrate(rest, area, held, unseen.sum(axis=0)).share)
-        calibration = density.Calibration(np.average(folds, axis=0, weights=groups))
+            both.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
+        calibration, coarse = (density.Calibration(one) for one in np.average(both, axis=0, weights=groups))
+        folds = [fold[0] for fold in both]
         weights = groups * (1 - np.eye(4))
         others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
         checks = [
@@ -174,7 +200,7 @@ def build(
     contained, levels, sizes, heights = containment(total, area, calibration)
     thresholds = np.interp(shares, levels[1:], np.log(heights))
     sizes = np.interp(shares, levels, sizes)
-    return Area(cells, shares, probability, contained, sizes, share_held, m, thresholds, calibration)
+    return Area(cells, shares, probability, contained, sizes, share_held, m, thresholds, calibration, coarse)
 
 
 def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
@@ -205,7 +231,9 @@ def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> sh
     """Return the outline of what is denser [1/m2] than a threshold, given as its logarithm: about so large an area [m2].
 
     The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
-    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge.
+    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge. Along a shore,
+    a cell or two wide, it keeps nearer to the shoreline than its cells do, and holds more than they: 50 % of 20,000 stranded particles
+    on a wavy shore 58 %, 75 % 76, 95 % 98; of 60 % of them 54, 75 and 95.
     """
     near = height > np.exp(threshold - 3)  # no line is drawn farther out than from a cell of these to the next
     rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))

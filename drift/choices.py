@@ -101,7 +101,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     legs, cut = whole.pattern.legs, tuple[int, ...]()
     start = float(legs.time[0])
     if flown.sailed[0] is not None:
-        made = rectangle.cut(crew, whole)
+        (made,) = rectangle.cut(crew, [whole])
         assert made is not None  # it was made of the same legs before
         legs = passage.through(start + made.elapsed, made.lon, made.lat, made.searching.tolist())
         # Every other leg of a pattern is a cross leg

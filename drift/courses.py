@@ -6,7 +6,7 @@ the nearest water within HARBOUR. Aircraft fly straight on and need nothing of t
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +30,7 @@ LEAST_ROOM = 5_000.0  # [m]
 SCRAP = 100.0  # [m] pieces of legs that are shorter are left out
 FAR_ROUND = 3.0  # times the straight way and ROUND_MORE, beyond which the way to the next piece is not looked for
 ROUND_MORE = 4_000.0  # [m]
+SEAM = 0.01  # [m] between tiles of the barrier, which their rounding may leave
 SAMPLES = 7  # along each side of a rectangle, to tell how much of it is sea
 
 
@@ -82,6 +83,8 @@ class Sailed:
     searching: Array  # bool (k - 1,)
     elapsed: Array  # (k,) [s] since the first point
     cut: tuple[int, ...]  # which of the legs it was given are cut, or left out, from 0
+    out: float  # [m] that the way from the base to the first point does not exceed
+    home: float  # [m] likewise from the last point to where it returns; inf without a way
 
 
 def prepare(
@@ -113,9 +116,10 @@ def prepare(
     if sea.keeps > seas.CLEAR or (shoals is not None and len(shoals)):
         close = seas.build(polygons, where) or seas.build(polygons, where, 0.0, shoals) or sea
     main = _main(sea, flat[2:])
-    out, home = (_harbour(sea, close, place, main) for place in (unit.base, unit.return_to))
+    out = home = _harbour(sea, close, unit.base, main)
     said = [_said("leaves", out, sea)]
     if unit.return_to != unit.base:
+        home = _harbour(sea, close, unit.return_to, main)
         said.append(_said("returns to", home, sea))
     return Course(sea, out, home, where.box), " ".join(words for words in said if words)
 
@@ -221,14 +225,25 @@ def both(course: Course, first: Place, last: Place) -> tuple[tuple[Place, ...], 
 
 def distance(course: Course, harbour: Harbour, point: Place) -> float:
     """Return a length [m] that the way from a harbour to a position [deg] does not exceed; inf without a way."""
-    end = course.sea.flat(*np.array([point]).T)[0]
-    node = seas.joined(course.sea, harbour.far, end)
-    if node is None:
-        return math.inf
-    gate = harbour.approach[-1]
-    if seas.clear(course.sea, gate[None], end[None])[0]:
-        return harbour.ashore + harbour.close + float(np.hypot(*(end - gate)))
-    return float(harbour.far[node] + np.hypot(*(_node(course.sea, node) - end)))
+    return float(distances(course, harbour, course.sea.flat(*np.array([point]).T))[0])
+
+
+def distances(course: Course, harbour: Harbour, points: Array) -> Array:
+    """Return lengths [m] that the ways from a harbour to points (n, 2) [m] do not exceed, (n,); inf without a way."""
+    sea, gate = course.sea, harbour.approach[-1]
+    nodes = [seas.around(sea, harbour.far, point) for point in points]
+    # Of each the straight way, and those over nodes near by
+    many = np.array([len(node) for node in nodes], int)
+    node, own = np.concatenate([np.empty(0, int), *nodes]), np.repeat(np.arange(len(points)), many)
+    places, each = np.concatenate([points, sea.at(node), gate[None]]), np.arange(len(points))
+    begin = np.concatenate([np.full(len(points), len(places) - 1), own])
+    end = np.concatenate([each, len(points) + np.arange(len(node))])
+    seen = seas.sees(sea, places, begin, end)
+    over = np.full(len(points), math.inf)
+    lengths = harbour.far[node] + np.hypot(*(places[end[len(points) :]] - points[own]).T)
+    np.minimum.at(over, own, np.where(seen[len(points) :], lengths, math.inf))
+    straight = seen[: len(points)] & np.isfinite(over)
+    return np.where(straight, harbour.ashore + harbour.close + np.hypot(*(points - gate).T), over)
 
 
 def crosses(course: Course, lon: Array, lat: Array) -> bool:
@@ -238,66 +253,119 @@ def crosses(course: Course, lon: Array, lat: Array) -> bool:
     return not course.sea.holds(points) or bool(course.sea.tree.query(hull, predicate="intersects").size)
 
 
-def sail(course: Course, lon: Array, lat: Array, search_speed: float, transit_speed: float) -> Sailed | None:
-    """Return legs through points [deg] as a boat can sail them; None where it can sail none of them.
+def sail(
+    course: Course, several: Sequence[tuple[Array, Array]], search_speed: float, transit_speed: float
+) -> list[Sailed | None]:
+    """Return several searches' legs through points (lon, lat) [deg] as a boat can sail them; None where it can sail none of them.
 
     A piece is left out where it is shorter than SCRAP, where going to it takes longer than searching it, and where no way is near.
     """
     sea = course.sea
-    if not sea.holds(sea.flat(lon, lat)):
-        return None
-    points: list[Array] = []
-    searching: list[bool] = []
-    cut: list[int] = []
-    last = -1
-    for k, pieces in enumerate(_pieces(sea, lon, lat)):
-        if len(pieces) != 1 or not pieces[0][1]:
-            cut.append(k)
-        for piece, _ in pieces:
-            size = float(np.hypot(*(piece[1] - piece[0])))
-            if size < SCRAP and len(pieces) > 1:
-                continue
-            if not points:
-                if not math.isfinite(distance(course, course.out, tuple(sea.round(piece[:1])[0]))):
-                    continue
-                points.append(piece[0])
-            elif (apart := float(np.hypot(*(piece[0] - points[-1])))) > 1.0:
-                most = min(FAR_ROUND * apart + ROUND_MORE, size / search_speed * transit_speed)
-                found = seas.near(sea, points[-1], piece[0], most, blocked=last == k)
-                if found is None:
-                    cut.append(k)
-                    continue
-                points += list(found[1:])
-                searching += [False] * (len(found) - 1)
-            points.append(piece[1])
-            searching.append(True)
-            last = k
-    if not any(searching):
-        return None
-    seen = np.array(searching)
-    place = _unwrapped(sea.round(np.array(points)))
-    steps = sphere.distance(*np.radians(place[:-1].T), *np.radians(place[1:].T))
-    # Whole seconds, as a case file has them, so that what is scored is what is told
-    lasts = np.maximum(np.ceil(steps / np.where(seen, search_speed, transit_speed)), 1.0)
-    elapsed = np.concatenate([[0.0], np.cumsum(lasts)])
-    return Sailed(place[:, 0], place[:, 1], seen, elapsed, tuple(sorted(set(cut))))
+    flat = [sea.flat(*points) for points in several]
+    legs = _pieces(sea, [points if sea.holds(points) else points[:0] for points in flat])
+    cut = [{k for k, (_, whole) in enumerate(own) if not whole} for own in legs]
+    parts = [
+        [(k, one) for k, (ends, _) in enumerate(own) for one in ends if len(ends) == 1 or _size(one) >= SCRAP]
+        for own in legs
+    ]
+    out = np.full(len(several), math.inf)
+    while asked := [n for n, own in enumerate(parts) if own and math.isinf(out[n])]:
+        out[asked] = distances(course, course.out, np.array([parts[n][0][1][0] for n in asked]))
+        for n in asked:
+            if math.isinf(out[n]):
+                cut[n].add(parts[n].pop(0)[0])
+    can = [n for n, own in enumerate(parts) if own]
+    home = np.full(len(several), math.inf)
+    made: list[Sailed | None] = [None] * len(several)
+    ways = _between(sea, parts, transit_speed / search_speed)
+    if can:
+        last = [parts[n][ways[n][-1][0] if ways[n] else 0][1][1] for n in can]
+        home[can] = distances(course, course.home, np.array(last))
+    for n in can:
+        kept = {0, *(j for j, _ in ways[n])}
+        cut[n] |= {k for j, (k, _) in enumerate(parts[n]) if j not in kept}
+        points, searching = [parts[n][0][1]], [True]
+        for j, way in ways[n]:
+            points += [way[1:], parts[n][j][1][1:]]
+            searching += [False] * (len(way) - 1) + [True]
+        seen = np.array(searching)
+        place = _unwrapped(sea.round(np.concatenate(points)))
+        steps = sphere.distance(*np.radians(place[:-1].T), *np.radians(place[1:].T))
+        # Whole seconds, as a case file has them, so that what is scored is what is told
+        lasts = np.maximum(np.ceil(steps / np.where(seen, search_speed, transit_speed)), 1.0)
+        elapsed = np.concatenate([[0.0], np.cumsum(lasts)])
+        made[n] = Sailed(place[:, 0], place[:, 1], seen, elapsed, tuple(sorted(cut[n])), float(out[n]), float(home[n]))
+    return made
 
 
-def _pieces(sea: Sea, lon: Array, lat: Array) -> list[list[tuple[Array, bool]]]:
-    """Return for each leg its pieces that are clear, as their ends (2, 2) [m] and whether the piece is the whole leg."""
-    found = []
-    for k in range(len(lon) - 1):
-        x, y = sphere.track(np.radians(lon[k : k + 2]), np.radians(lat[k : k + 2]), seas.PIECE)
-        line = shapely.LineString(np.column_stack(sea.plane.flat(x, y)))
-        met = sea.tree.query(line, predicate="intersects")
-        whole = np.array([line.coords[0], line.coords[-1]])
-        if not met.size:
-            found.append([(whole, True)])
-            continue
-        rest = shapely.get_parts(shapely.difference(line, shapely.union_all(sea.skin[met])))
-        ends = [np.array([part.coords[0], part.coords[-1]]) for part in rest if part.length > 0]
-        found.append([(end, False) for end in sorted(ends, key=lambda end: float(np.hypot(*(end[0] - whole[0]))))])
+def _size(piece: Array) -> float:
+    return float(np.hypot(*(piece[1] - piece[0])))
+
+
+def _between(sea: Sea, several: Sequence[Sequence[tuple[int, Array]]], speeds: float) -> list[list[tuple[int, Array]]]:
+    """Return for each search the pieces that are reached after its first, by number, and the ways (k, 2) [m] there from the one before.
+
+    several: of each search the number of the leg and the ends (2, 2) [m] of each piece; speeds: of transit to search.
+    """
+    pieces = [piece for parts in several for _, piece in parts]
+    search = [n for n, parts in enumerate(several) for _ in parts]
+    leg = [k for parts in several for k, _ in parts]
+    far = [_size(piece) * speeds for piece in pieces]  # that it is worth going, to search it
+    first = np.cumsum([0, *(len(parts) for parts in several)])
+    known: dict[tuple[int, int], Array | None] = {}
+    while True:
+        # A piece is taken to be reached until it is known that it is not: few questions, of many ways each
+        string, last = [], 0
+        for j in range(1, len(pieces)):
+            away = math.dist(pieces[last][1], pieces[j][0])
+            if search[j] != search[last]:
+                last = j
+            elif away <= max(far[j], 1.0) and known.get((last, j), pieces[j]) is not None:
+                string.append((last, j, away))
+                last = j
+        asked = [gap for gap in string if gap[:2] not in known]
+        if not asked:
+            break
+        begin, end = np.array([pieces[i][1] for i, _, _ in asked]), np.array([pieces[j][0] for _, j, _ in asked])
+        straight = np.array([gap[2] for gap in asked])
+        most = np.minimum(FAR_ROUND * straight + ROUND_MORE, [far[j] for _, j, _ in asked])
+        ways = seas.nears(sea, begin, end, most, np.array([leg[i] == leg[j] for i, j, _ in asked]))
+        for k, (i, j, _) in enumerate(asked):
+            known[i, j] = ways[k] if straight[k] > 1.0 else begin[k : k + 1]  # there is nothing to go
+    found: list[list[tuple[int, Array]]] = [[] for _ in several]
+    for i, j, _ in string:
+        way = known[i, j]
+        assert way is not None
+        found[search[j]].append((j - int(first[search[j]]), way))
     return found
+
+
+def _pieces(sea: Sea, several: Sequence[Array]) -> list[list[tuple[list[Array], bool]]]:
+    """Return for each leg of searches through points (n, 2) [m] its pieces that are clear, as their ends (2, 2) [m], and whether it is whole."""
+    legs: list[list[tuple[list[Array], bool]]] = [[] for _ in several]
+    search = np.repeat(np.arange(len(several)), [len(points) for points in several])
+    number = np.flatnonzero(search[1:] == search[:-1])
+    if not number.size:
+        return legs
+    which, x, y = seas.followed(sea, np.concatenate(several), number, number + 1)
+    lines = shapely.linestrings(np.column_stack(sea.plane.flat(x, y)), indices=which)
+    leg, tile = sea.tree.query(lines, predicate="intersects")
+    dry, met = shapely.get_parts(shapely.intersection(lines[leg], sea.skin[tile]), return_index=True)
+    met, dry = leg[met[shapely.get_type_id(dry) == 1]], dry[shapely.get_type_id(dry) == 1]
+    ends = [shapely.line_locate_point(lines[met], shapely.get_point(dry, k)) for k in (0, -1)]
+    wet = [[0.0, float(length)] for length in shapely.length(lines)]  # where land ends and begins again along each leg
+    for k in np.unique(met):
+        own = met == k
+        first, last = np.minimum(*ends)[own], np.maximum(*ends)[own]
+        order = np.argsort(first)
+        begin = np.concatenate([[0.0], np.maximum.accumulate(last[order])])
+        end = np.append(first[order], wet[k][1])
+        wet[k] = np.column_stack([begin, end])[end - begin > SEAM].ravel().tolist()
+    line = np.repeat(lines, [len(at) for at in wet])
+    points = shapely.get_coordinates(shapely.line_interpolate_point(line, np.concatenate(wet))).reshape(-1, 2, 2)
+    for k, own in enumerate(np.split(points, np.cumsum([len(at) // 2 for at in wet])[:-1])):
+        legs[search[number[k]]].append((list(own), not (met == k).any()))
+    return legs
 
 
 def _unwrapped(place: Array) -> Array:

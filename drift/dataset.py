@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift import areas, density, effective
+from drift import areas, effective
 from drift.cells import Array, Cells
 from drift.snapshot import Means, Snapshot, mapped, means
 from drift.status import Status
@@ -238,18 +238,14 @@ def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, 
 def _coarsened(one: areas.Area, grid: Cells) -> tuple[Array, Cells]:
     """Return the map summed into cells of the common size, and these."""
     k = grid.width // one.cells.width
-    nlat, nlon = one.cells.nlat // k, one.cells.nlon // k
-    part = one.probability
-    if k > 1:
-        part = part.reshape(*part.shape[:2], nlat, k, nlon, k).sum(axis=(3, 5))
-    return part, Cells(one.cells.lon0, one.cells.lat0, grid.width, grid.height, nlon, nlat)
+    return areas.summed(one.probability, k) if k > 1 else one.probability, areas.coarser(one.cells, k)
 
 
 def _containment(one: areas.Area, total: Array, area: Array) -> Array:
     """Return the containment on the common cells: the map's own, or anew from the sums of finer cells."""
     if total.shape == one.cells.shape:
         return one.containment
-    return areas.containment(total, area, density.Calibration(one.calibration.share))[0]
+    return areas.containment(total, area, one.coarse)[0]
 
 
 def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:

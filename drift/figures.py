@@ -104,7 +104,7 @@ def figures(
                 )
                 for slot, visits in patrolling.by_patrol(planned)
             ]
-            rest |= {"title": f"Planned patrols: {case.title}", "patrolled": "planned patrol"}
+            rest |= {"title": f"Planned patrols: {case.title}", "patrolled": "planned patrol", "near": True}
             drawn["patrols.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     if updates is not None:
         bare = {name: common[name] for name in ("title", "particles", "footer", "attributes", "caution")}

@@ -40,7 +40,8 @@ def text(made: PatrolPlan, after: Aftermath, run: str, synthetic: bool) -> str:
     for note in (
         "Found: expected numbers, those left out that the public reports or that are taken away before the patrol comes; on a second "
         "visit, what the first leaves and what has come since.",
-        f"A stretch is visited at most {patrolling.VISITS} times, whole. Ways between stretches are not counted.",
+        f"A stretch is visited at most {patrolling.VISITS} times, whole. Ways between stretches are not counted. "
+        f"Stretches that would add under {100 * patrolling.TRIFLE:g} % to a patrol are left out.",
         "Afterwards append patrols.toml to the case, with what was done, and each object found as a [[find]].",
     ):
         lines += _fill(f"- {note}", 3, 5)

@@ -28,6 +28,7 @@ Real = npt.NDArray[np.float64]
 
 VISITS = 3  # of one stretch that a plan has at most
 CHOICES = 6_000  # sets of visits that are chosen from at once; of more, day by day
+TRIFLE = 0.01  # of what its patrol finds, that a visit must add
 LEAST = 1e-7  # of the best visit's worth under which a visit is not looked at
 SECONDS = 60.0  # that the solver may take
 GAP = 1e-4  # relative, at which it may stop
@@ -76,6 +77,7 @@ def plan(after: Aftermath) -> PatrolPlan:
     tables = {s: table(here, s, worth, slots) for s in sorted({s for slot in slots for s in slot.reachable})}
     length = after.posterior.known.length
     chosen, bound, daily = choose(tables, length, slots)
+    chosen = worthwhile(tables, slots, chosen)
     return _told(after, slots, chosen, bound, daily, worth)
 
 
@@ -111,6 +113,21 @@ def expected(lies: Real, detection: Sequence[float], visits: Sequence[int]) -> f
         total += float((lies[:, j] * missed)[come].sum()) * detection[j]
         missed = np.where(come, missed * (1 - detection[j]), missed)
     return total
+
+
+def worthwhile(
+    tables: dict[int, Real], slots: Sequence[Slot], chosen: dict[int, tuple[int, ...]]
+) -> dict[int, tuple[int, ...]]:
+    """Return visits without those that add less than TRIFLE to their patrol: they fill its length, and are not worth the way."""
+    detection = [slot.team.detection for slot in slots]
+    adds = {
+        (j, s): expected(tables[s], detection, some) - expected(tables[s], detection, [k for k in some if k != j])
+        for s, some in chosen.items()
+        for j in some
+    }
+    patrol = [sum(gain for (k, _), gain in adds.items() if k == j) for j in range(len(slots))]
+    kept = {s: tuple(j for j in some if adds[j, s] >= TRIFLE * patrol[j]) for s, some in chosen.items()}
+    return {s: some for s, some in kept.items() if some}
 
 
 def choose(

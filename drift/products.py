@@ -136,7 +136,7 @@ def begin(
 
     def rest() -> Forecast:
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            made = list(pool.map(lambda one: None if one is None else _map(one, shares), laid))
+            made = list(pool.map(lambda one: None if one is None else _map(one, shares, common), laid))
         contours = tuple(
             Contour(one.time, share, float(size), line)
             for one, drawn in zip(snapshots, made, strict=True)
@@ -305,9 +305,10 @@ def group(n: int) -> Array:
     return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
 
 
-def _map(laid: _Laid, shares: tuple[float, ...]) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
-    """Return the map of one snapshot on its own cells, and the outlines of its areas."""
-    made = areas.build(laid.cells, laid.deposits, _media(laid.deposits, laid.cells.shape, laid.land), shares)
+def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
+    """Return the map of one snapshot on its own cells, of which `common` are multiples, and the outlines of its areas."""
+    media, k = _media(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
+    made = areas.build(laid.cells, laid.deposits, media, shares, k)
     return made, areas.contours(made)
 
 

@@ -6,6 +6,7 @@ Legs are whole: n legs of L - S and n - 1 cross legs of S are n L - S of track, 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -108,12 +109,14 @@ def _at_sea(crew: Crew, rows: Array, flown: Flown, sailed: bool) -> Flown:
     if not sailed or crew.random:
         return flown
     flown = Flown(*(np.array(values) for values in flown))
+    cross = []
     for k in np.flatnonzero(possible):
         legs = laid(crew, rows[k], flown, int(k)).pattern.legs
         if courses.crosses(crew.course, np.array(legs.lon), np.array(legs.lat)) or not _in_time(
             crew, flown, legs, int(k)
         ):
-            _sail(crew, rows[k], flown, int(k))
+            cross.append(int(k))
+    _sail(crew, rows, flown, cross)
     return flown
 
 
@@ -126,39 +129,34 @@ def _in_time(crew: Crew, flown: Flown, legs: Legs, k: int) -> bool:
     return crew.reach.leaves + there <= crew.zero + float(flown.start[k]) and math.isfinite(home)
 
 
-def _sail(crew: Crew, row: Array, flown: Flown, k: int) -> None:
-    """Give rectangle k legs cut at the coast and a length with which they fill its time; none that is possible if none fits."""
-    assert crew.course is not None
-    unit, length, most = crew.unit, float(flown.length[k]), -1.0
+def _sail(crew: Crew, rows: Array, flown: Flown, which: list[int]) -> None:
+    """Give rectangles legs cut at the coast and a length with which they fill their time; none that is possible if none fits."""
     whole = flown._replace(length=flown.length.copy())
-    flown.possible[k] = False
+    most = np.full(len(rows), SHORTEST)
+    flown.possible[which] = False
     for _ in range(FITS):
-        if length < SLIMMEST * flown.spacing[k]:
+        which = [k for k in which if whole.length[k] >= SLIMMEST * flown.spacing[k]]
+        if not which:
             return
-        whole.length[k] = length
-        made = cut(crew, laid(crew, row, whole, k))
-        if made is None or not math.isfinite(
-            courses.distance(crew.course, crew.course.home, (float(made.lon[-1]), float(made.lat[-1])))
-        ):
-            return
-        first = (float(made.lon[0]), float(made.lat[0]))
-        there = crew.reach.leaves + courses.distance(crew.course, crew.course.out, first) / unit.transit_speed
-        start, room = (float(v) for v in crew.reach.slot(there + row[WAIT]))
-        took = float(made.elapsed[-1])
-        sought = float(np.diff(made.elapsed)[made.searching].sum())
-        if took <= room and sought > max(most, SHORTEST):
-            most = sought
-            flown.length[k], flown.start[k], flown.duration[k], flown.possible[k] = (
-                length,
-                start - crew.zero,
-                took,
-                True,
-            )
-            x, y = crew.plane.flat(np.radians(made.lon), np.radians(made.lat))
-            flown.sailed[k] = np.column_stack([flown.start[k] + made.elapsed, x, y, np.append(made.searching, False)])
-        if FULL * room <= took <= room:
-            return
-        length *= 0.995 * room / took
+        made = cut(crew, [laid(crew, rows[k], whole, k) for k in which])
+        again = []
+        for k, one in zip(which, made, strict=True):
+            if one is None or math.isinf(one.home):
+                continue
+            there = crew.reach.leaves + one.out / crew.unit.transit_speed
+            start, room = (float(v) for v in crew.reach.slot(there + rows[k, WAIT]))
+            took = float(one.elapsed[-1])
+            sought = float(np.diff(one.elapsed)[one.searching].sum())
+            if took <= room and sought > most[k]:
+                most[k] = sought
+                flown.length[k], flown.start[k], flown.duration[k] = whole.length[k], start - crew.zero, took
+                flown.possible[k] = True
+                x, y = crew.plane.flat(np.radians(one.lon), np.radians(one.lat))
+                flown.sailed[k] = np.column_stack([flown.start[k] + one.elapsed, x, y, np.append(one.searching, False)])
+            if not FULL * room <= took <= room:
+                whole.length[k] *= 0.995 * room / took
+                again.append(k)
+        which = again
 
 
 class Laid(NamedTuple):
@@ -181,12 +179,11 @@ def laid(crew: Crew, row: Array, flown: Flown, k: int) -> Laid:
     return Laid((lon, lat), turn, corner, patterns.parallel((lon, lat), *size, turn, spacing, start, speed, corner))
 
 
-def cut(crew: Crew, whole: Laid) -> Sailed | None:
-    """Return a boat's legs cut at the coast; None where it can sail none."""
+def cut(crew: Crew, whole: Sequence[Laid]) -> list[Sailed | None]:
+    """Return a boat's legs of several rectangles cut at the coast; None where it can sail none."""
     assert crew.course is not None
-    legs = whole.pattern.legs
-    speeds = crew.unit.search_speed, crew.unit.transit_speed
-    return courses.sail(crew.course, np.array(legs.lon), np.array(legs.lat), *speeds)
+    legs = [(np.array(one.pattern.legs.lon), np.array(one.pattern.legs.lat)) for one in whole]
+    return courses.sail(crew.course, legs, crew.unit.search_speed, crew.unit.transit_speed)
 
 
 def share(crew: Crew, rows: Array, flown: Flown) -> Array:

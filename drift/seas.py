@@ -9,6 +9,7 @@ The way round what lies across a leg is sought among all corners of an ellipse: 
 Works on a plane round the region's middle, some 500 km wide at the most; refuses nothing.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,7 +59,7 @@ class Sea:
     south: float
     step: float  # [m] between nodes
     open: Array  # bool (ny, nx): a node is in the water
-    graph: sparse.csr_array  # (ny * nx, ny * nx) lengths of clear arcs [m]
+    graph: sparse.csr_array  # (ny * nx, ny * nx) lengths of clear arcs [m], each in one direction
     part: Array  # int (ny * nx,) number of the water that a node belongs to
 
     def flat(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
@@ -75,6 +76,11 @@ class Sea:
         ny, nx = self.open.shape
         low = np.array([self.west, self.south])
         return bool(np.all((points >= low) & (points <= low + self.step * (np.array([nx, ny]) - 1))))
+
+    def at(self, node: Array) -> Array:
+        """Return places [m] of nodes, (n, 2)."""
+        nx = self.open.shape[1]
+        return np.column_stack([self.west + self.step * (node % nx), self.south + self.step * (node // nx)])
 
     @property
     def nodes(self) -> Array:
@@ -226,12 +232,12 @@ def _graph(
         there = (slice(max(north, 0), ny - max(-north, 0)), slice(east, nx))
         both = open_[here] & open_[there]
         a, b = number[here][both], number[there][both]
-        free = ~crossing.crossings(device, lon[a], lat[a], lon[b] - lon[a], lat[b] - lat[a]).hit
+        free = np.isinf(crossing.meets(device, lon[a], lat[a], lon[b] - lon[a], lat[b] - lat[a]))
         rows.append(a[free])
         columns.append(b[free])
         lengths.append(np.full(int(free.sum()), step * math.hypot(east, north)))
-    ends, many = (np.concatenate(rows + columns), np.concatenate(columns + rows)), np.concatenate(lengths + lengths)
-    return sparse.csr_array((many, ends), shape=(ny * nx, ny * nx))
+    ends = np.concatenate(rows), np.concatenate(columns)
+    return sparse.csr_array((np.concatenate(lengths), ends), shape=(ny * nx, ny * nx))
 
 
 def wet(sea: Sea, points: Array) -> Array:
@@ -241,21 +247,36 @@ def wet(sea: Sea, points: Array) -> Array:
 
 def clear(sea: Sea, begin: Array, end: Array) -> Array:
     """Return whether great circles between points [m], (n, 2) each, keep clear of the barrier, bool (n,); begins are in the water."""
-    if not len(begin):
+    number = np.arange(len(begin))
+    return sees(sea, np.concatenate([begin, end]), number, number + len(begin))
+
+
+def sees(sea: Sea, points: Array, i: Array, j: Array) -> Array:
+    """Return whether great circles from points[i] to points[j] [m], (n,) each, keep clear; those from which they begin are in the water."""
+    if not len(i):
         return np.zeros(0, bool)
-    first, last = sea.plane.round(*begin.T), sea.plane.round(*end.T)
-    east, north = sphere.offset(*first, *last)
-    count = np.maximum(np.ceil(np.hypot(east, north) / PIECE).astype(int), 1)
-    which = np.repeat(np.arange(len(begin)), count)
-    k = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    which, lon, lat = followed(sea, points, i, j)
+    x, y = sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat))
+    step = np.flatnonzero(which[1:] == which[:-1])
+    hit = np.isfinite(crossing.meets(sea.wet, x[step], y[step], x[step + 1] - x[step], y[step + 1] - y[step]))
+    return np.asarray(np.bincount(which[step], hit, len(i)) == 0)
 
-    def at(share: Array) -> tuple[Array, Array]:
-        x, y = sphere.destination(first[0][which], first[1][which], share * east[which], share * north[which])
-        return sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
 
-    (ax, ay), (bx, by) = at(k / count[which]), at((k + 1) / count[which])
-    hit = crossing.crossings(sea.wet, ax, ay, bx - ax, by - ay).hit
-    return np.asarray(np.bincount(which, hit, len(begin)) == 0)
+def followed(sea: Sea, points: Array, i: Array, j: Array) -> tuple[Array, Array, Array]:
+    """Return which great circle, from 0, and (lon, lat) [rad] of points at most PIECE apart along those from points[i] to points[j] [m]."""
+    lon, lat = sea.plane.round(*points.T)
+    # On the plane lengths are at least what they are on the sphere
+    count = np.maximum(np.ceil(np.hypot(*(points[j] - points[i]).T) / PIECE).astype(int), 1)
+    which = np.repeat(np.arange(len(i)), count + 1)
+    k = np.arange(len(which)) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
+    end = np.where(k == count[which], j[which], i[which])
+    x, y = lon[end], lat[end]
+    between = (k > 0) & (k < count[which])
+    if between.any():
+        share, a, b = (k / count[which])[between], i[which[between]], j[which[between]]
+        east, north = sphere.offset(lon[a], lat[a], lon[b], lat[b])
+        x[between], y[between] = sphere.destination(lon[a], lat[a], share * east, share * north)
+    return which, x, y
 
 
 def length(sea: Sea, points: Array) -> float:
@@ -271,52 +292,81 @@ def apart(sea: Sea, a: Array, b: Array) -> Array:
 
 def taut(sea: Sea, begin: Array, end: Array, corners: Array) -> Array | None:
     """Return the shortest way (k, 2) from a point to another that turns at some of these corners only; None without one."""
-    points = np.concatenate([[begin, end], corners])
-    i, j = np.triu_indices(len(points), 1)
-    free = clear(sea, points[i], points[j])
+    return _taut(sea, [np.concatenate([[begin, end], corners])])[0][0]
+
+
+def _taut(sea: Sea, several: Sequence[Array]) -> list[tuple[Array | None, float]]:
+    """Return for each set of points (k, 2) the shortest way from the first to the second by others of it, None without one, and its length."""
+    points = np.concatenate(several)
+    size = np.array([len(one) for one in several])
+    begin = np.cumsum(size) - size
+    pairs = [_pairs(int(n)) for n in size]
+    i, j = (np.concatenate([pair[k] + at for pair, at in zip(pairs, begin, strict=True)]) for k in (0, 1))
+    free = sees(sea, points, i, j)
     i, j = i[free], j[free]
     graph = sparse.csr_array((np.maximum(apart(sea, points[i], points[j]), 1e-3), (i, j)), shape=(len(points),) * 2)
-    far, before = csgraph.dijkstra(graph, directed=False, indices=0, return_predecessors=True)
-    if not np.isfinite(far[1]):
-        return None
-    way = [1]
-    while way[-1] != 0:
-        way.append(int(before[way[-1]]))
-    return np.asarray(points[way[::-1]])
+    far, before = csgraph.dijkstra(graph, directed=False, indices=begin, return_predecessors=True)
+    found: list[tuple[Array | None, float]] = []
+    for row, at in enumerate(begin):
+        way = [int(at) + 1]
+        while before[row, way[-1]] >= 0:
+            way.append(int(before[row, way[-1]]))
+        found.append((points[way[::-1]] if way[-1] == at else None, float(far[row, at + 1])))
+    return found
+
+
+@functools.cache
+def _pairs(count: int) -> tuple[Array, Array]:
+    """Return all pairs of so many numbers, the lower first: asked for often, and for few counts."""
+    i, j = np.triu_indices(count, 1)
+    return i, j
 
 
 def near(sea: Sea, begin: Array, end: Array, most: float, blocked: bool = False) -> Array | None:
-    """Return the shortest way between points [m] that are near each other; None if it is longer than `most` [m].
+    """Return the shortest way between points [m] that are near each other; None if it is longer than `most` [m]. See `nears`."""
+    return nears(sea, begin[None], end[None], np.array([most]), np.array([blocked]))[0]
+
+
+def nears(sea: Sea, begin: Array, end: Array, most: Array, blocked: Array) -> list[Array | None]:
+    """Return the shortest ways between pairs of points [m], (n, 2) each, that are near each other; None for one longer than `most` [m].
 
     All ways of at most a length lie in the ellipse whose foci are their ends: with all of its corners the way is the shortest. Where
     there are more than FEW, those nearest to the straight line are tried, and a longer way may be found, or none. blocked: it is known
     that the straight line is.
     """
-    straight = float(np.hypot(*(end - begin)))
-    if straight > most * 1.001:
-        return None
-    if not blocked and clear(sea, begin[None], end[None])[0]:
-        return np.stack([begin, end])
-    for reach in (1.15 * straight, 1.5 * straight + 200, 2.5 * straight + 1000, most):
-        reach = min(reach, most)
-        at = np.array(sea.near.query_ball_point((begin + end) / 2, reach / 2), int)
-        points = sea.corners[at]
-        points = points[np.hypot(*(points - begin).T) + np.hypot(*(points - end).T) <= reach]
-        crowd = len(points) > FEW
-        if crowd:
-            line = shapely.LineString([begin, end])
-            points = points[np.argsort(shapely.distance(shapely.points(points), line), kind="stable")[:FEW]]
-        found = taut(sea, begin, end, points)
-        if found is not None and length(sea, found) <= reach:
-            return found
-        if crowd or reach == most:
+    found: list[Array | None] = [None] * len(begin)
+    straight = np.hypot(*(end - begin).T)
+    left = np.flatnonzero(straight <= most)
+    ask = left[~blocked[left]]
+    direct = ask[clear(sea, begin[ask], end[ask])]
+    for k in direct:
+        found[k] = np.stack([begin[k], end[k]])
+    left = np.setdiff1d(left, direct)
+    for times, more in ((1.15, 0.0), (1.5, 200.0), (2.5, 1000.0), (math.inf, 0.0)):
+        if not left.size:
             break
-    return None
+        reach = np.minimum(times * straight[left] + more, most[left])
+        sets, last = [], reach == most[left]
+        middle = (begin[left] + end[left]) / 2
+        for row, at in enumerate(sea.near.query_ball_point(middle, reach / 2)):
+            a, b, points = begin[left[row]], end[left[row]], sea.corners[np.array(at, int)]
+            points = points[np.hypot(*(points - a).T) + np.hypot(*(points - b).T) <= reach[row]]
+            if len(points) > FEW:
+                last[row] = True
+                away = shapely.distance(shapely.points(points), shapely.LineString([a, b]))
+                points = points[np.argsort(away, kind="stable")[:FEW]]
+            sets.append(np.concatenate([[a, b], points]))
+        for k, most_of, (way, size) in zip(left, reach, _taut(sea, sets), strict=True):
+            if size <= most_of:
+                found[k] = way
+                last[left == k] = True
+        left = left[~last]
+    return found
 
 
 def distances(sea: Sea, begin: int) -> tuple[Array, Array]:
     """Return how far [m] each node is from a node by sea (inf where there is no way), and by which node the way comes, (n,) each."""
-    far, before = csgraph.dijkstra(sea.graph, indices=begin, return_predecessors=True)
+    far, before = csgraph.dijkstra(sea.graph, directed=False, indices=begin, return_predecessors=True)
     return np.asarray(far), np.asarray(before)
 
 
@@ -382,8 +432,8 @@ def seen(sea: Sea, point: Array) -> Array:
     x, y = sphere.destination(lon, lat, np.outer(np.sin(bearing), far), np.outer(np.cos(bearing), far))
     x, y = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
     a, b = (x[:, :-1].ravel(), y[:, :-1].ravel()), (x[:, 1:].ravel(), y[:, 1:].ravel())
-    met = crossing.crossings(sea.wet, *a, b[0] - a[0], b[1] - a[1])
-    ends = np.where(met.hit, met.fraction, np.inf).reshape(RAYS, count) * PIECE + far[:-1]
+    met = crossing.meets(sea.wet, *a, b[0] - a[0], b[1] - a[1]).astype(float)
+    ends = met.reshape(RAYS, count) * PIECE + far[:-1]
     reach = ends.min(axis=1)
     reach = np.minimum(np.minimum(np.roll(reach, 1), np.roll(reach, -1)), reach)
     which = np.rint(np.arctan2(east, north) * (RAYS / (2 * math.pi))).astype(int) % RAYS
@@ -412,19 +462,23 @@ def sampled(sea: Sea, grid: Array, points: Array) -> Array:
     return best
 
 
-def joined(sea: Sea, far: Array, point: Array) -> int | None:
-    """Return the node by which a point [m] is nearest to where distances were reckoned from, of those that it sees near by; None without."""
+def around(sea: Sea, far: Array, point: Array) -> Array:
+    """Return the nodes about a point [m] that have a distance."""
     ny, nx = sea.open.shape
     column, row = (math.floor((v - w) / sea.step) for v, w in zip(point, (sea.west, sea.south), strict=True))
     j, i = np.meshgrid(np.arange(column - 2, column + 4), np.arange(row - 2, row + 4))
-    inside = (j >= 0) & (j < nx) & (i >= 0) & (i < ny)
-    node = (i * nx + j)[inside]
-    node = node[np.isfinite(far[node])]
-    if not node.size or not wet(sea, point[None])[0]:
-        return None
-    places = np.column_stack([sea.west + sea.step * (node % nx), sea.south + sea.step * (node // nx)])
+    node = (i * nx + j)[(j >= 0) & (j < nx) & (i >= 0) & (i < ny)]
+    return np.asarray(node[np.isfinite(far[node])])
+
+
+def joined(sea: Sea, far: Array, point: Array) -> int | None:
+    """Return the node by which a point [m] is nearest to where distances were reckoned from, of those that it sees near by; None without."""
+    node = around(sea, far, point)
+    places = sea.at(node)
+    # Nodes are in the water: a point on land sees none
     total = np.where(
         clear(sea, np.broadcast_to(point, places.shape), places), far[node] + np.hypot(*(places - point).T), np.inf
     )
-    best = int(np.argmin(total))
-    return int(node[best]) if np.isfinite(total[best]) else None
+    if not np.isfinite(total).any():
+        return None
+    return int(node[np.argmin(total)])

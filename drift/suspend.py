@@ -3,7 +3,8 @@
 All is given that nothing has been found. Standard errors are of the particles alone, not of the survival times, which are
 less sure than these. The further days are a rough figure, neither a plan nor a bound: random search, its effort divided
 without limit where it adds most (Koopman 1980, Search and Screening, ch. 3; Charnes and Cooper 1958), on one map, which is
-held while the object drifts on. Within a scenario, when the object went adrift is taken to tell nothing of where it is.
+held while the object drifts on. What that does to them is not known, and is more than what the particles do: their text and picture
+bear no error. Within a scenario, when the object went adrift is taken to tell nothing of where it is.
 """
 
 from collections.abc import Sequence
@@ -65,6 +66,7 @@ class Suspension:
     effective: float  # particles that it stands on
     further: tuple[Further, ...]  # a planned search, or days of effort as flown; empty: nothing to go by
     how: str  # what `further` is made from
+    planned: bool  # it is a plan, on particles that drift on: not days on a map that is held
     standing: Standing
 
     @property
@@ -120,6 +122,7 @@ def build(
         effective=here.effective,
         further=(),
         how="",
+        planned=plan is not None,
         standing=here,
     )
     now = _seconds(here.time, start)

@@ -41,16 +41,31 @@ def draw(
         figure.text(0.02, 0.825, page.fit(warning, 160), fontsize=9, weight="bold", color=LAST_KNOWN, va="center")
     if caution:
         page.banner(figure, 0.985, 0.95, "right", 10, caution)
-    axes = [figure.add_axes((left, 0.2, 0.265, 0.54)) for left in (0.05, 0.38, 0.715)]
-    _alive(axes[0], told)
-    _left(axes[1], told)
-    _further(axes[2], told)
+    panels = [_alive, _left, _further] if told.mortal else [_left, _further]
+    wide, high = (0.265, 0.54) if told.mortal else (0.43, 0.56)  # without survival times no line needs a legend above
+    for panel, left in zip(panels, (0.05, 0.38, 0.715) if told.mortal else (0.05, 0.55), strict=True):
+        panel(figure.add_axes((left, 0.2, wide, high)), told)
     _legend(figure, told)
-    note = "Errors shown are of the particles, not of the survival times. Nothing here recommends: see suspend.txt for what each figure is."
-    figure.text(0.02, 0.045, note, fontsize=8, color=GREY, va="center")
+    figure.text(0.02, 0.055, page.fit(_note(told), 230), fontsize=8, color=GREY, va="center")
     if footer:
         figure.text(0.02, 0.015, page.fit(footer, 210), fontsize=7, color=GREY)
     page.save(canvas, path, f"Suspend: {title}", attributes, dpi=120)
+
+
+def _note(told: Suspension) -> str:
+    """Return what the errors that are drawn hold, and why there are none."""
+    said = []
+    if told.mortal:
+        said.append("The band is of the particles alone: survival times are far less sure.")
+    else:
+        said.append("Who may be alive is not drawn: no scenario has survival times.")
+    if told.further:
+        said.append(
+            "Whiskers: two standard errors of the particles, not of winds, currents and sweep widths."
+            if told.planned
+            else "Days bear no errors: their map is held still, which makes later days look better than they are."
+        )
+    return " ".join([*said, "Nothing here recommends: see suspend.txt."])
 
 
 def _prepare(ax: Axes, head: str) -> None:
@@ -74,10 +89,6 @@ def _seconds(times: Array) -> Array:
 def _alive(ax: Axes, told: Suspension) -> None:
     """Draw the probability of being alive by time, by scenario and of all, with two standard errors."""
     _prepare(ax, "Probability of being alive")
-    if not told.mortal:
-        ax.set_axis_off()
-        ax.text(0, 0.9, "no survival times are told", fontsize=10, color=INK, transform=ax.transAxes)
-        return
     x = _seconds(told.times)
     for s in range(len(told.scenarios) if len(told.scenarios) > 1 else 0):
         colour, dashes, _ = STROKES[s % len(STROKES)]
@@ -135,7 +146,10 @@ def _left(ax: Axes, told: Suspension) -> None:
 
 
 def _further(ax: Axes, told: Suspension) -> None:
-    """Draw the probability that searching on finds, and finds alive, by its end, with two standard errors."""
+    """Draw the probability that searching on finds, and finds alive, by its end; that of a plan with two standard errors.
+
+    Days on a map that is held err by more than their particles do, and by how much is not known: whiskers would hide it.
+    """
     _prepare(ax, "Searching on from now")
     if not told.further:
         ax.set_axis_off()
@@ -151,22 +165,21 @@ def _further(ax: Axes, told: Suspension) -> None:
     wide = 0.72 / len(series)
     for k, (value, error, colour, word) in enumerate(series):
         at = x + (k - (len(series) - 1) / 2) * wide
-        ax.bar(at, value, wide * 0.95, facecolor=colour, edgecolor=INK, linewidth=0.8, label=word, zorder=3,
-               yerr=2 * np.array(error), error_kw={"ecolor": INK, "elinewidth": 0.9, "capsize": 2, "zorder": 4})  # fmt: skip
+        ax.bar(at, value, wide * 0.95, facecolor=colour, edgecolor=INK, linewidth=0.8, label=word, zorder=3)
+        above = 2 * np.array(error) * told.planned
+        if told.planned:
+            ax.errorbar(at, value, above, fmt="none", ecolor=INK, elinewidth=0.9, capsize=2, zorder=4)
         if len(x) <= 4:
             for i, v in enumerate(value):
-                ax.text(
-                    at[i], v + 2 * error[i] + 0.015, share(float(v)), fontsize=7.5, color=INK, ha="center", va="bottom"
-                )
-    ax.set_xlim(-0.6, max(len(x), 3) - 0.4)
+                ax.text(at[i], v + above[i] + 0.015, share(float(v)), fontsize=7.5, color=INK, ha="center", va="bottom")
+    middle, half = (len(x) - 1) / 2, max(len(x), 3) / 2
+    ax.set_xlim(middle - half - 0.1, middle + half + 0.1)
     ax.set_xticks(
         x, labels=[f"{units.group(one.until)[:6]}Z" for one in told.further], rotation=30 if len(x) > 4 else 0
     )
     _percents(ax)
     ax.set_ylim(0, 1.2)  # what stands above a bar of 100 % stays within the frame, and the words above that
-    planned = (
-        "the plan of plan.txt" if told.how.startswith("the plan") else "each day as the last 24 h, random search: rough"
-    )
+    planned = "the plan of plan.txt" if told.planned else "each day as the last 24 h, map held: rough"
     ax.text(0.02, 0.97, planned, fontsize=8, color=INK, va="top", transform=ax.transAxes, zorder=6,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5})  # fmt: skip
     ax.legend(

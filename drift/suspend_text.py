@@ -147,21 +147,25 @@ def _further(told: Suspension) -> list[str]:
     lines = _fill(f"{told.how[:1].upper()}{told.how[1:]}.", 3)
     if not told.further:
         return lines
+
+    def told_as(value: float, error: float) -> str:
+        return give_or_take(value, error) if told.planned else share(value)
+
     head = f"   {'Until':16}{'Found':>18}"
     if told.mortal:
         head += f"{'Found alive':>18}{'Alive, not found':>19}"
     lines += ["", head]
     for one in told.further:
-        row = f"   {units.group(one.until):16}{give_or_take(one.pos, one.pos_error):>18}"
+        row = f"   {units.group(one.until):16}{told_as(one.pos, one.pos_error):>18}"
         if told.mortal:
-            row += f"{give_or_take(one.alive, one.alive_error):>18}{share(one.waiting):>19}"
+            row += f"{told_as(one.alive, one.alive_error):>18}{share(one.waiting):>19}"
         lines.append(row)
     lines += ["", *_fill("Probabilities counted from now, each row with those above it.", 3)]
-    if len(told.further) > 1 or told.how.startswith(tuple("0123456789")):
+    if not told.planned:
         lines += _fill(
             "It is a rough figure, neither a plan nor a bound: the map is held while the object drifts on and spreads, which makes "
-            "later days look better than they are. Regular tracks find more than random search does, and effort cannot be "
-            "divided without limit. drift plan makes a plan.",
+            "later days look better than they are. How much better is not known, so no errors are given. Regular tracks find more "
+            "than random search does, and effort cannot be divided without limit. drift plan makes a plan.",
             3,
         )
     return lines

@@ -69,7 +69,7 @@ class _Shown:
     number: Array  # expected
     sooner: Array  # median time of the first arrival [s since 1970]
     lines: list[list[Array]]  # of each stretch, its parts' (n, 2) [deg]
-    worst: Array  # indices in the data
+    worst: Array  # those that are listed, indices in the data
     rank: Array  # of these, as the tables number them: stretches that are not drawn have theirs too
 
 
@@ -88,24 +88,27 @@ def draw(
     finds: Sequence[Mark] = (),
     patrols: Sequence[Patrolled] = (),
     patrolled: str = "patrolled",
+    near: bool = False,
     warning: str | None = None,
 ) -> None:
     """Draw a washup (see drift.washup.build) at its last output time.
 
     polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. footer,
     attributes, caution: as in drift.maps.draw_map. finds: where objects were found, each labelled by its number; numbers are of those not yet found. patrols: drawn
-    beside the coast, the last of them with day, time and detection; patrolled: what they are called.
+    beside the coast, the last of them with name, day, time and detection; patrolled: what they are called. near: the maps show what is
+    patrolled, and of the rest what lies about it, and the table lists that.
     warning: printed on the page, in red.
     """
     figure, canvas = page.figure(WIDTH, HEIGHT)
-    shown = _shown(data, segments)
+    near = near and any(one.segments for one in patrols)
+    shown = _shown(data, segments, {int(k) for one in patrols for k in one.segments} if near else None)
     bottom, count = 0.465, _count(data)
     high = MAP[1] - ROW * count.few
     walked = [
         [np.array(part.coords) for k in one.segments for part in shapely.get_parts(segments.lines[k])]
         for one in patrols
     ]
-    here = _extent(segments, shown, marks, walked, MAP[0] * WIDTH / (high * HEIGHT))
+    here = _extent(segments, shown, marks, walked, MAP[0] * WIDTH / (high * HEIGHT), near)
     land = chart.land_path(here, polygons, 1000)
     most = float(shown.number.max(initial=0.0)) or 1.0
     numbers = (most / 10**DECADES, most)
@@ -125,7 +128,10 @@ def draw(
         _patrolled(ax, here, walked)
         _coast(ax, here, shown, values, widths, scale, colours)
         fx, fy = here.project(np.array([m.lon for m in finds]), np.array([m.lat for m in finds]))
-        ax.plot(fx, fy, "^", markersize=7, markerfacecolor="white", markeredgecolor=layers.LAST_KNOWN, zorder=9)
+        some = _within(here, fx, fy)
+        ax.plot(
+            fx[some], fy[some], "^", markersize=7, markerfacecolor="white", markeredgecolor=layers.LAST_KNOWN, zorder=9
+        )
         beside = _told(here, patrols, walked) if left < 0.1 else []
         _points(ax, canvas, here, data, shown, marks, finds, beside)
     if len(shown.index):
@@ -146,7 +152,8 @@ def draw(
         ticks = labels.round_times(*times, 6)
         bar.set_xticks(ticks, labels=[_short(tick) for tick in ticks])
         _chart(figure, data, shown)
-        _key(figure, (known_as, len(marks)), patrolled if patrols else "")
+        there = [mark for mark in marks if _within(here, *here.project(mark.lon, mark.lat))]
+        _key(figure, (known_as, len(there)), patrolled if patrols else "")
     else:
         text = (
             f"None of the {_spills(data)} simulated spills puts any object ashore by {_moment(data['time'].values[-1])}"
@@ -168,7 +175,8 @@ def draw(
     page.save(canvas, path, title, attributes, dpi=140)
 
 
-def _shown(data: xr.Dataset, segments: Segments) -> _Shown:
+def _shown(data: xr.Dataset, segments: Segments, told: set[int] | None) -> _Shown:
+    """Return what is drawn; told: numbers of the stretches that are listed instead of the worst of all."""
     ever, number = data["ever"].values, data["expected"].values[-1]
     order = washup.worst(data)
     drawn = np.flatnonzero(ever[order] >= min(LEAST, 0.1 * ever.max(initial=0.0)))
@@ -176,21 +184,29 @@ def _shown(data: xr.Dataset, segments: Segments) -> _Shown:
     lines = [
         [np.array(part.coords) for part in shapely.get_parts(segments.lines[i])] for i in data["segment"].values[index]
     ]
+    listed = drawn if told is None else np.flatnonzero(np.isin(data["segment"].values[order], list(told)))
     return _Shown(
         index=index[::-1],
         number=number[index[::-1]],
         sooner=data["first_arrival"].values[1, index[::-1]],
         lines=lines[::-1],
-        worst=index[:WORST],
-        rank=drawn[:WORST] + 1,
+        worst=order[listed[:WORST]],
+        rank=listed[:WORST] + 1,
     )
 
 
 def _extent(
-    segments: Segments, shown: _Shown, marks: Sequence[Mark], walked: Sequence[list[Array]], aspect: float
+    segments: Segments,
+    shown: _Shown,
+    marks: Sequence[Mark],
+    walked: Sequence[list[Array]],
+    aspect: float,
+    near: bool,
 ) -> Frame:
-    """Return the frame of the stretches that are drawn, or of all if none is, of what was patrolled, and of the marks."""
-    points = np.concatenate([part for parts in (*shown.lines, *walked) for part in parts] or [np.empty((0, 2))])
+    """Return the frame of the stretches that are drawn, or of all if none is, of what was patrolled, and of the marks; near: of patrols alone."""
+    lines = walked if near else (*shown.lines, *walked)
+    marks = [] if near else marks
+    points = np.concatenate([part for parts in lines for part in parts] or [np.empty((0, 2))])
     if not len(points):
         points = np.column_stack([segments.lon, segments.lat]).reshape(-1, 2)
     points = np.concatenate([points, np.array([(mark.lon, mark.lat) for mark in marks]).reshape(-1, 2)])
@@ -198,7 +214,8 @@ def _extent(
         points = np.zeros((1, 2))
     turn = np.radians(points[:, 0])
     middle = float(np.degrees(np.arctan2(np.sin(turn).mean(), np.cos(turn).mean())))
-    return chart.frame((points[:, 0] - middle + 180) % 360 - 180 + middle, points[:, 1], aspect, 0.06, least=5000.0)
+    lon, margin = (points[:, 0] - middle + 180) % 360 - 180 + middle, 0.3 if near else 0.06
+    return chart.frame(lon, points[:, 1], aspect, margin, least=5000.0)
 
 
 def _dark_is_more() -> Colormap:
@@ -235,11 +252,14 @@ def _points(
     texts: list[labels.Point] = []
     badge = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
     x, y = here.project(data["lon"].values[shown.worst], data["lat"].values[shown.worst])
+    some = _within(here, x, y)
+    x, y = x[some], y[some]
     ax.plot(x, y, "o", markersize=3.6, markerfacecolor="white", markeredgecolor=INK, markeredgewidth=0.8, zorder=8)
-    for rank, px, py in zip(shown.rank, x, y, strict=True):
+    for rank, px, py in zip(shown.rank[some], x, y, strict=True):
         style = {"fontsize": 8.5, "weight": "bold", "color": INK, "bbox": badge}
         texts.append((float(px), float(py), f"{rank}", style))
     must = len(texts)
+    marks, finds = ([m for m in own if _within(here, *here.project(m.lon, m.lat))] for own in (marks, finds))
     for mark in marks:
         layers.mark_point(ax, here, mark, 8)
         mx, my = here.project(mark.lon, mark.lat)
@@ -258,6 +278,11 @@ def _points(
     labels.place(ax, canvas, texts, taken, must=set(range(must)))
 
 
+def _within(here: Frame, x: Array, y: Array) -> Array:
+    """Return whether points [m] are on a map."""
+    return np.asarray((here.x[0] <= x) & (x <= here.x[1]) & (here.y[0] <= y) & (y <= here.y[1]))
+
+
 def _patrolled(ax: Axes, here: Frame, walked: Sequence[list[Array]]) -> None:
     """Draw what was patrolled as a wide band under the coast."""
     parts = [np.column_stack(here.project(*part.T)) for parts in walked for part in parts]
@@ -266,13 +291,14 @@ def _patrolled(ax: Axes, here: Frame, walked: Sequence[list[Array]]) -> None:
 
 
 def _told(here: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array]]) -> list[labels.Point]:
-    """Return what is written beside the last of the patrols: day, time and detection, at the middle of their stretches."""
+    """Return what is written beside the last of the patrols: name, day, time and detection, at the middle of their longest stretch."""
     found: list[labels.Point] = []
     order = sorted(range(len(patrols)), key=lambda k: patrols[k].time)[-TOLD:]
     for k in order:
-        points = np.concatenate(walked[k])
-        x, y = here.project(*points[len(points) // 2])
-        words = f"{units.group(patrols[k].time)[:6]}Z {100 * patrols[k].detection:.0f} %"
+        longest = max(walked[k], key=lambda part: float(shapely.LineString(part).length))
+        x, y = here.project(*longest[len(longest) // 2])
+        told = f"{units.group(patrols[k].time)[:6]}Z {100 * patrols[k].detection:.0f} %"
+        words = f"{page.fit(patrols[k].name, 22)}\n{told}"
         found.append((float(x), float(y), words, {"fontsize": 8, "color": PATROL_INK, "weight": "bold"}))
     return found
 

@@ -258,6 +258,25 @@ def _crossings(
         )
 
 
+@ti.kernel
+def _meets(
+    lon: Ints,
+    lat: Ints,
+    dlon: Ints,
+    dlat: Ints,
+    fraction: Reals,
+    cell: Bytes,
+    start: Ints,
+    edge: Ints,
+    frame: Frame,
+):
+    for i in range(lon.shape[0]):
+        if not is_clear(lon[i], lat[i], ti.max(abs(dlon[i]), abs(dlat[i])), cell, frame):
+            at, _ = _first(lon[i], lat[i], ti.cast(dlon[i], ti.i64), ti.cast(dlat[i], ti.i64), cell, start, edge, frame)
+            if at != NEVER:
+                fraction[i] = ti.cast(at, ti.f32) * ti.cast(1.0 / ONE, ti.f32)
+
+
 class Crossings(NamedTuple):
     """What happened to steps, shape (n,) each."""
 
@@ -275,6 +294,15 @@ def wet(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     if lon.size:
         _wet(lon, lat, out, coast.cell, coast.start, coast.edge, coast.frame)
     return out == 1
+
+
+def meets(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray, dlat: np.ndarray) -> np.ndarray:
+    """Return at which fraction steps from wet points [binary angles], shape (n,), first touch the coast; inf of those that do not."""
+    steps = [np.ascontiguousarray(a, np.int32) for a in (lon, lat, dlon, dlat)]
+    fraction = np.full(steps[0].size, np.inf, np.float32)
+    if fraction.size:
+        _meets(*steps, fraction, coast.cell, coast.start, coast.edge, coast.frame)
+    return fraction
 
 
 def crossings(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray, dlat: np.ndarray) -> Crossings:

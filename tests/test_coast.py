@@ -147,7 +147,11 @@ def test_degenerate_steps_agree_with_shapely():
         found = crossing.crossings(device, lon, lat, dlon, dlat)
         still = (dlon == 0) & (dlat == 0)
         way = segments(lon, lat, dlon, dlat)
-        np.testing.assert_array_equal(found.hit, np.where(still, False, shapely.intersects(exact, way)))
+        touches = np.where(still, False, shapely.intersects(exact, way))
+        np.testing.assert_array_equal(found.hit, touches)
+        met = crossing.meets(device, lon, lat, dlon, dlat)
+        np.testing.assert_array_equal(np.isfinite(met), touches)
+        np.testing.assert_array_equal(met[touches], found.fraction[touches])
         assert not shapely.intersects_xy(exact, found.lon, found.lat).any()
         touch = shapely.distance(shapely.intersection(way, exact), shapely.points(lon, lat))[found.hit]
         reached = (found.fraction * np.hypot(dlon, dlat))[found.hit]

@@ -258,10 +258,18 @@ def test_legs_are_cut_at_the_coast_and_sailed_round_it() -> None:
     assert said == ""
     east, north = np.array([-6000, 6000, 6000, -6000, -6000, 6000]), np.array([-200, -200, 400, 400, 3000, 3000])
     lon, lat = local()(east, north, inverse=True)
-    lon = AT[0] + (np.asarray(lon) - AT[0] + 180) % 360 - 180
-    made = courses.sail(course, lon, np.asarray(lat), 8.0, 12.0)
+    lon, lat = AT[0] + (np.asarray(lon) - AT[0] + 180) % 360 - 180, np.asarray(lat)
+    (made,) = courses.sail(course, [(lon, lat)], 8.0, 12.0)
     assert made is not None
     assert made.cut == (0, 1, 2, 4)  # legs into the eastern land too; the cross leg in it is gone
+    # What is told of a search is the same in company: reversed, on land, and out of the region
+    inland = lon[0] + (lon[1] - lon[0]) * np.array([0.93, 0.99])
+    several = [(lon[::-1], lat[::-1]), (inland, lat[:2]), (lon, lat + 5), (lon, lat)]
+    (back,), *others, same = courses.sail(course, several[:1], 8.0, 12.0), *courses.sail(course, several, 8.0, 12.0)
+    assert back is not None
+    np.testing.assert_array_equal(back.elapsed, others[0].elapsed)
+    np.testing.assert_array_equal(same.elapsed, made.elapsed)
+    assert others[1:] == [None, None]
     assert courses.on_land(polygons, made.lon, made.lat) == 0
     x, y = local()(made.lon, made.lat)
     pattern = shapely.LineString(np.column_stack([east, north]))
@@ -281,7 +289,7 @@ def test_legs_are_cut_at_the_coast_and_sailed_round_it() -> None:
     wide = np.array([degrees(shape) for shape in (shapely.affinity.scale(islet, 2.5, 2.5), shapes[1])])
     less, _ = courses.prepare(boat(base=base, return_to=base), lambda box: wide, np.array([AT, (AT[0] + 0.2, AT[1])]))
     assert less is not None
-    made = courses.sail(less, lon, np.asarray(lat), 8.0, 12.0)
+    (made,) = courses.sail(less, [(lon, lat)], 8.0, 12.0)
     assert made is not None
     assert made.cut == (0, 1, 2, 4)
     assert made.searching.tolist() == [True, False, True, True, True]

@@ -1,15 +1,17 @@
 """The decision to suspend: against closed forms, a brute-force Monte Carlo, another optimiser and Bayes by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.container import ErrorbarContainer
 from scipy import integrate, optimize, stats
 
 import drift
-from drift import check, flow, survival, suspend, suspend_text
+from drift import check, flow, page, survival, suspend, suspend_chart, suspend_text
 from drift.sortie import Survival
 from geo.errors import UserError
 
@@ -251,6 +253,34 @@ def test_a_day_like_the_last_one(tmp_path: Path) -> None:
     for word in ("western third", "Hayward, Eckerson and Collis 1975", "neither a plan nor a bound"):
         assert word in " ".join(text.split())
     assert (tmp_path / "out" / "suspend.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("mortal", [True, False])
+def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mortal: bool
+) -> None:
+    """What holding the map does to later days is not in the particles: +- would promise it. A plan's sorties meet particles that drift on."""
+    drawn: list[Any] = []
+    monkeypatch.setattr(page, "save", lambda canvas, *args, **more: drawn.append(canvas.figure))
+    told = flow.suspension(run(tmp_path, particles=2000))
+    assert told is not None
+    assert len(told.further) > 1
+    if not mortal:
+        told = replace(told, bases=(None, None))
+    for planned in (False, True):
+        some = replace(told, planned=planned)
+        *_, words = suspend_text.text(some, "Title", "run").split("4  SEARCHING ON")
+        assert ("+-" in words) == planned
+        assert ("no errors are given" in " ".join(words.split())) == (not planned)
+        suspend_chart.draw(some, tmp_path / "suspend.png", title="Title")
+        axes = drawn[-1].axes
+        assert [ax.get_title(loc="left") for ax in axes] == [
+            *(["Probability of being alive"] if mortal else []), "Searched so far", "Searching on from now"
+        ]  # fmt: skip
+        assert any(isinstance(one, ErrorbarContainer) for one in axes[-1].containers) == planned
+        notes = " ".join(text.get_text() for text in drawn[-1].texts)
+        assert ("no scenario has survival times" in notes) == (not mortal)
+        assert ("held still" in notes) == (not planned)
 
 
 def test_survival_times_alone_are_told_from_the_start(tmp_path: Path) -> None:

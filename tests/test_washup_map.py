@@ -186,6 +186,23 @@ def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
     assert [text for text in said if text in ("(1)", "(2)", "(3)")] == ["(1)", "(3)"] * 3
 
 
+def test_what_is_planned_is_shown_near_and_listed_alone(tmp_path, monkeypatch):
+    """A map of all of a long coast shows no patrol: what is framed and listed is what is patrolled, numbered as in the tables."""
+    said = words(monkeypatch)
+    where, land = coast(-95.0, 29.0, 12)
+    made = spill(where, [4, 5, 9])
+    table = washup_tables.records(made)
+    ranks = dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True))
+    walked = [washup_map.Patrolled("east", np.datetime64("1973-11-22T09:30:00"), 0.65, [9])]
+    options = {"title": "T", "polygons": [land], "patrols": walked, "finds": [layers.Mark(-94.6, 29.0, "far")]}
+    for near, count in ((False, 3), (True, 1)):
+        said.clear()
+        washup_map.draw(made, where, tmp_path / "near.png", near=near, **options)
+        assert said.count(f"({ranks[9]})") == 3  # on both maps, and in the table
+        assert sum(text in ("(1)", "(2)", "(3)") for text in said) == 3 * count
+        assert ("▲far" in said) == (not near)
+
+
 def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     said = words(monkeypatch)
     where, land = coast(-95.0, 29.0, 12)
@@ -196,7 +213,7 @@ def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     washup_map.draw(spill(where, [4, 5]), where, tmp_path / "with.png", patrols=walked, **options)
     for text in ("▲1", "▲2"):
         assert said.count(text) == 2  # on both maps
-    assert said.count("220930Z 65 %") == said.count("220930Z 40 %") == said.count("patrolled") == 1
+    assert said.count("east\n220930Z 65 %") == said.count("west\n220930Z 40 %") == said.count("patrolled") == 1
     band = np.array([0x4F, 0xA3, 0xD1]) * 0.55
     with Image.open(tmp_path / "with.png") as picture:
         colours = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(float)
