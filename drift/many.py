@@ -64,7 +64,8 @@ def run_many(
 
     cases: of `drift.load` and `drift.vary`; they need have nothing in common. datasets: the xarray.Datasets that any of them
     names. maps: False for particles alone, "last" for the map of each forecast's last output, True for all its maps, as
-    `drift.run` makes them; maps are made while the next forecasts drift, so that a forecast comes when AHEAD more have drifted. report is told what is being done and how many forecasts are done, as a share.
+    `drift.run` makes them; maps are made while the next forecasts drift, so that a forecast comes when AHEAD more have
+    drifted. report is told what is being done and how many forecasts are done, as a share.
     A case that cannot be forecast gives a Brief with `error`, a UserError, and the others go on. Spills have no forecast in
     brief: theirs is such an error. Raises UserError where no case can run, for the backend say.
     """
@@ -93,7 +94,10 @@ def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: 
 
 
 def _mapped(made: Brief, rest: Callable[[], Forecast] | None) -> Brief:
-    return made if rest is None else replace(made, forecast=rest())
+    try:
+        return made if rest is None else replace(made, forecast=rest())
+    except UserError as error:
+        return _refused(made.case, error)
 
 
 def _named(case: Case, datasets: Mapping[str, Any]) -> dict[str, Any]:

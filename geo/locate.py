@@ -264,9 +264,8 @@ def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, 
         if known.size and np.median(known) < np.radians(3.0):
             notes.append(f"{remark} the direction of the grid's x axis")
             return np.asarray(np.where(np.isfinite(turn), turn, seen))
-    angle = at_points(angle)
     if "angle" in chosen:
         notes.append(f'"{name}" does not fit the points, but the case asks for it')
-        return np.asarray(angle)
+        return at_points(angle)
     notes.append(f'"{name}" does not fit the points: directions are computed from them')
     return None
