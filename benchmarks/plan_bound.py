@@ -159,7 +159,7 @@ def by_hand(tracks: Tracks, units: list[Unit], spec: PlanSpec, manner: str) -> f
 
         hope, now = left[few].copy(), float(can.leaves - tracks.time[0])
         end = float(spec.until.astype(np.int64)) - tracks.time[0] - reaches.MARGIN
-        nodes: list[tuple[float, float, float]] = []
+        nodes: list[tuple[float, float, float, float]] = []  # (time, x, y, whether it seeks)
         spot = base
         while now < end - 60:
             here, way = where(now)
@@ -174,7 +174,7 @@ def by_hand(tracks: Tracks, units: list[Unit], spec: PlanSpec, manner: str) -> f
                     break
                 here, _ = where(now)
                 spot, until = here[:, best].mean(axis=1), min(now + can.search, end)
-                nodes.append((now, *spot))
+                nodes.append((now, *spot, 1.0))
                 continue
             gone = np.hypot(
                 *(np.array([np.bincount(which.ravel(), v) for v in here]) / np.bincount(which.ravel()) - spot[:, None])
@@ -198,7 +198,7 @@ def by_hand(tracks: Tracks, units: list[Unit], spec: PlanSpec, manner: str) -> f
                 if long * share < 1.0:
                     continue
                 spot, now = spot + leg * share, now + long * share / speed
-                nodes.append((now, *spot))
+                nodes.append((now, *spot, 1.0))
                 hope[np.hypot(*(where(min(now, time[-1]))[0] - spot[:, None])) < 0.7 * width] *= 0.4
             if nodes[-1][0] < now + 1e-9 and len(legs) == 1 and float(np.hypot(*legs[0])) < 1.0:
                 now += 60.0  # it is there already

@@ -266,7 +266,7 @@ def chased(some: Tracks, one: Unit, hours: float, against: bool) -> float:
         return np.stack([v[k, few] + share * (v[k + 1, few] - v[k, few]) for v in (x, y)])
 
     place = at(0.0).mean(axis=1)
-    nodes = [(0.0, *place)]
+    nodes = [(0.0, *place, 1.0)]
     while now < end - 1:
         here = at(now)
         apart = np.hypot(*(here - place[:, None]))
@@ -280,7 +280,7 @@ def chased(some: Tracks, one: Unit, hours: float, against: bool) -> float:
             long = max(float(np.hypot(*(goal - place))), 1.0)
             share = min(1.0, (end - now) * one.search_speed / long)
             place, now = place + share * (goal - place), now + share * long / one.search_speed
-            nodes.append((now, *place))
+            nodes.append((now, *place, 1.0))
             left *= 1 - 0.8 * (np.hypot(*(at(min(now, time[-1])) - place[:, None])) < one.sweep_width[0])
     swarm = rectangles.swarm(time, x, y, np.ones(x.shape), some.scenario)
     return float(some.weight @ sweeps.found(swarm, crew.table, np.array(nodes), crew.width, np.ones(1))[0][:, 0])
@@ -335,7 +335,7 @@ def test_a_prior_along_a_line_much_narrower_than_long(name: str) -> None:
     plane = record.plane(some)
     path = np.column_stack(plane.flat(*record.sphere.destination(*np.radians(PLACE), *nodes.T)))
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    one_way = np.column_stack([way / way[-1] * 2 * HOUR, path])
+    one_way = np.column_stack([way / way[-1] * 2 * HOUR, path, np.ones(len(path))])
     own = plane.flat(some.lon * record.sphere.UNIT, some.lat * record.sphere.UNIT)
     swarm = rectangles.swarm(some.time - some.time[0], *own, np.ones(own[0].shape), some.scenario)
     for law in (Law(), Law("definite_range")):

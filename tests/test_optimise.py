@@ -221,6 +221,11 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     both, _ = sweeps.found(swarm, None, node, np.array([width]), np.ones(1))
     np.testing.assert_allclose(1 - both, (1 - parts[0]) * (1 - parts[1]), atol=2e-6)
     assert both.sum() < chance.sum()
+    short = node[:, :3]  # was read as other nodes, of other times and places
+    with pytest.raises(ValueError, match=r"shape \(5, 3\)"):
+        sweeps.found(swarm, None, short, np.array([width]), np.ones(1))
+    with pytest.raises(ValueError, match=r"shape \(5, 3\)"):
+        sweeps.gains(swarm, None, [short], np.array([width]), np.ones(1), np.ones((40, 1)), np.zeros((40, 1)))
 
 
 def test_smeared_legs_are_the_mean_of_legs() -> None:
