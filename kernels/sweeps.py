@@ -164,7 +164,8 @@ def gains(
     m = particles.scenario.shape[0]
     sums = np.zeros(len(paths) * -(-m // BLOCK), np.float32)
     node, widths, factors, weight, rest = (
-        np.ascontiguousarray(v, np.float32).reshape(-1) for v in (_nodes(np.concatenate(paths)), width, factor, before, later)
+        np.ascontiguousarray(v, np.float32).reshape(-1)
+        for v in (_nodes(np.concatenate(paths)), width, factor, before, later)
     )
     curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
     _gains(
