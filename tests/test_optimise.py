@@ -9,7 +9,7 @@ import shapely
 from plans import BEGIN, HOUR, NMI, PLACE, cloud, spec, speed_for, unit
 from scipy import special
 
-from drift import bound, optimise, patterns, rectangle, together
+from drift import bound, choices, optimise, patterns, rectangle, together
 from drift import reach as reaches
 from drift import tracks as record
 from drift.sortie import Law, Survival
@@ -141,6 +141,20 @@ def test_daylight_and_spacing() -> None:
     none = optimise.plan(cloud(512, STD), [one], replace(spec(), begin=BEGIN + np.timedelta64(1, "h")), 3, [None])
     assert none.taskings == ()
     assert none.seen == 0
+
+
+def test_a_unit_that_comes_when_all_is_found_finds_nothing() -> None:
+    """Definite range, far wider than the cloud: the first finds all. The second found 1 - 0 / 0, which is no probability."""
+    one, place = unit(30.0, 2, 5 * NMI, Law("definite_range")), record.Plane(*np.radians(PLACE))
+    crew = rectangle.crew(one, reaches.reach(one, spec(), PLACE), place, float(BEGIN.astype(int)), np.ones(1))
+    x, y = np.random.default_rng(6).normal(0, 100, (2, 50))
+    swarm = rectangles.swarm(
+        np.array([0, 4 * HOUR]), x + np.zeros((2, 1)), y + np.zeros((2, 1)), np.ones((2, 50)), np.zeros(50)
+    )
+    stage = choices.Stage(50, swarm, np.full(50, 0.02), np.ones(1), True, 0.0)
+    rows = [np.array([300.0, -200, 0.4, math.log(5 * NMI), math.log(1.5), wait, 1, -1]) for wait in (0.0, 1800.0)]
+    made = choices.taskings([choices.choose(crew, row, stage) for row in rows], stage.weight, stage.nodes)
+    assert [one.pos for one in made] == [1, 0]
 
 
 def test_alive_is_worth_going_at_once() -> None:
