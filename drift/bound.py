@@ -1,4 +1,4 @@
-"""How much a plan could find at the most: what effort that can be divided at will would find.
+"""How much a plan could find at the most, estimated: what effort that can be divided at will would find.
 
 Effort f [s] of search by unit, time bin and box gives every particle i in the box the coverage f W_i (v + s_i) / area, W that of its
 own scenario, v the unit's speed and s_i the particle's: a leg against its drift. Its chance of being found is at most b(C_i), C_i all its
@@ -10,10 +10,11 @@ For any slopes y no plan exceeds the sum of w_i b*(y_i) + max over g of sum of w
 only, at each time, the greatest density of particles weighted by y: a unit spends its time in the bins whose best box gains most. f is
 found by projected gradients with momentum (Beck and Teboulle 2009, doi:10.1137/080716542).
 
-What is taken for granted: a particle goes straight from one time of its track to the next; its density is even within a box; and in
-a bin of time the greatest densities are at most those when the cloud is densest. Boxes are drawn as tight as the particles in them, so that
-density is rather too high than too low, and bins are as short as the particles' motion against each other asks for. Both errors are of second order
-in the size of boxes and bins, and noise outweighs them: too few particles a box look like places worth a visit, which raises the bound.
+That would be proven if densities were known. They are estimated, and so is the bound. What is taken for granted: a particle goes straight from one time
+of its track to the next; its density is even within a box; and in a bin of time the greatest densities are at most those when the cloud is densest. Boxes
+are drawn as tight as the particles in them, so that density is rather too high than too low, and cut where particles are plainly uneven; bins are as short
+as the particles' motion against each other asks for. What unevenness is left makes the bound too low by second order in the size of boxes and bins; noise makes it
+too high, for boxes that are too dense by chance look worth a visit, and outweighs that (tests/test_bound.py). Where density has no limit, as r^-1.5 about a point, it does not.
 """
 
 from collections.abc import Sequence
@@ -33,7 +34,7 @@ from kernels import allocate
 Array = npt.NDArray[Any]
 
 BOXES = 160  # a bin, at least, where there are particles enough
-LEAST = 16.0  # effective particles in a box before it is divided: fewer tell nothing of its density
+LEAST = 16.0  # effective particles in a box before it is divided: 8 make it too dense by two thirds, 64 are too wide (tests/test_bound.py)
 FEWEST, MOST = 6, 24  # bins of time
 STRAIN = 0.5  # sides of a box that its particles move apart in a bin, unless that takes too many bins
 TRIAL = 4096  # particles on which that is measured
@@ -59,7 +60,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Bound:
-    """No plan finds more than `value`."""
+    """No plan should find more than `value`."""
 
     value: float
     spread: float  # what the divided effort finds, on the particles that it was found on
@@ -78,7 +79,7 @@ class Bins:
 
 
 def bound(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]) -> Bound:
-    """Return the upper bound of what any plan of these units, laws and times finds on these tracks."""
+    """Return the estimated upper bound of what any plan of these units, laws and times finds on these tracks."""
     some = np.flatnonzero(tracks.weight > 0)
     tracks = record.sort(record.take(tracks, some, tracks.weight[some]))
     field, budget, area = _field(tracks, units, spec, survival)

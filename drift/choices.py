@@ -89,7 +89,8 @@ def taskings(chosen: Sequence[Choice], weight: Array, nodes: Array) -> tuple[Tas
     made = []
     for choice in ordered:
         missed = left * (1 - choice.find.chance)
-        made.append(_tasking(choice, float(1 - weight @ missed.sum(axis=1) / (weight @ left.sum(axis=1)))))
+        before = float(weight @ left.sum(axis=1))
+        made.append(_tasking(choice, 1 - float(weight @ missed.sum(axis=1)) / before if before > 0 else 0.0))
         left = missed
     return tuple(made)
 

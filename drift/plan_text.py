@@ -92,7 +92,7 @@ def rough(plan: Plan) -> list[str]:
 
 
 def worth(plan: Plan) -> str:
-    """Return in a line what a plan is worth and what none could exceed, or why that is not known.
+    """Return in a line what a plan is worth and the estimated bound of all plans, or why there is none.
 
     The bound is rounded up; with three digits where two tell no difference.
     """
@@ -103,7 +103,7 @@ def worth(plan: Plan) -> str:
     if plan.bound is None:
         return f"{value}; no bound: {plan.unbounded}" if plan.unbounded else value
     error = f" (+-{_up(2 * plan.bound_error, digits):.{digits}f})" if plan.bound_error > 0 else ""
-    return f"{value}; no plan can exceed {_up(plan.bound, digits):.{digits}f}{error}"
+    return f"{value}; estimated bound {_up(plan.bound, digits):.{digits}f}{error}"
 
 
 def chance(value: float, digits: int = 2) -> str:
@@ -126,9 +126,9 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         rows.append(
             (
                 "Bound",
-                f"{_up(plan.bound, 3):.3f} on the particles that the plan was made on, of which it finds {plan.seen:.3f}: "
-                f"{100 * plan.seen / plan.bound:.0f} %. The particles that its worth is told of are others: two standard errors "
-                f"of sampling are {_up(2 * plan.bound_error, 3):.3f}",
+                f"An estimate: no plan of these units, laws and times is expected to find more than {_up(plan.bound, 3):.3f} of the particles "
+                f"that this one was made on. It finds {plan.seen:.3f} of those: {100 * plan.seen / plan.bound:.0f} %. The particles that its "
+                f"worth is told of are others: two standard errors of sampling are {_up(2 * plan.bound_error, 3):.3f}",
             )
         )
     if plan.spec.rounds > 1 and plan.bound is not None:

@@ -72,7 +72,7 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
     survival = [scenario.survival for scenario in case.scenarios]
     tasked: list[Tasking] = []
     units, executed = list(case.units), case
-    seen, proposal, found, boats, first = 1.0, None, None, None, 0.0
+    seen, left, proposal, found, boats, first = 0.0, 1.0, None, None, None, 0.0
     for number in range(1, spec.rounds + 1):
         with clock.phase("follow"):
             tracks = follow.follow(executed, where)
@@ -92,7 +92,8 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
         if not more:
             break
         tasked += more
-        seen *= 1 - proposal.seen
+        seen += left * proposal.seen
+        left *= math.prod(1 - tasking.pos for tasking in proposal.taskings)  # found dead, it is found too
         units = _again(units, more)
         executed = _with(case, tasked)
     if proposal is None or found is None or boats is None or not tasked:
@@ -117,14 +118,14 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
     value = alive if spec.objective == "alive" else pos
     scored_on = _scored(result, executed, spec.begin)
     error = _error(found.value, first, value, scored_on)
-    why = bounds.silent(found.value, first, error, 1 - seen, value)
+    why = bounds.silent(found.value, first, error, seen, value)
     made = Plan(
         spec=spec,
         taskings=named,
         value=value,
         pos=pos,
         by_scenario=1 - missed[:-1],
-        seen=1 - seen,
+        seen=seen,
         bound=None if why else found.value,
         bound_error=error,
         unbounded=why,

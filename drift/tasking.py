@@ -1,4 +1,4 @@
-"""A plan: what each unit is to do next, what that is worth, and what no plan could exceed."""
+"""A plan: what each unit is to do next, what that is worth, and an estimated bound of what any plan is."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -58,7 +58,9 @@ class Plan:
     pos: float  # there: 1 - evidence of executing it
     by_scenario: Array  # (scenarios,) POS given each scenario, there
     seen: float  # on the particles that it was made on: what exceeds `value` is optimism
-    bound: float | None  # no plan of these units, laws and times finds more of the particles that it was made on
+    bound: (
+        float | None
+    )  # estimated: no plan of these units, laws and times should find more of the particles that it was made on
     bound_error: float  # standard error of `bound` less `value`, each of which is a mean over particles of its own
     alternatives: tuple[Alternative, ...]
     scenarios: tuple[str, ...]

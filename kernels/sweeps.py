@@ -137,6 +137,13 @@ def _found(
                 found[i * nodes + k] = 1.0 - ti.exp(-exponent)
 
 
+def _nodes(path: np.ndarray) -> np.ndarray:
+    """Return a path as it is; the kernels step through four numbers a node, and would read any others as nonsense."""
+    if path.ndim != 2 or path.shape[1] != 4:
+        raise ValueError(f"a path has nodes (time, x, y, seeks), shape (k, 4); this one has shape {path.shape}")
+    return path
+
+
 def _extent(points: np.ndarray) -> np.ndarray:
     """Return the middle and half the sides of the box of points (k, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
@@ -157,7 +164,8 @@ def gains(
     m = particles.scenario.shape[0]
     sums = np.zeros(len(paths) * -(-m // BLOCK), np.float32)
     node, widths, factors, weight, rest = (
-        np.ascontiguousarray(v, np.float32).reshape(-1) for v in (np.concatenate(paths), width, factor, before, later)
+        np.ascontiguousarray(v, np.float32).reshape(-1)
+        for v in (_nodes(np.concatenate(paths)), width, factor, before, later)
     )
     curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
     _gains(
@@ -183,7 +191,7 @@ def found(
     """Return 1 - miss for each particle and node, float32 (m, nodes), and what finding it then is worth, (m,), of one path."""
     m = particles.scenario.shape[0]
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
-    node, widths, factors = (np.ascontiguousarray(v, np.float32).reshape(-1) for v in (path, width, factor))
+    node, widths, factors = (np.ascontiguousarray(v, np.float32).reshape(-1) for v in (_nodes(path), width, factor))
     curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
     _found(table is None, particles.time.shape[0], *particles, node, curve, widths, factors, b, worth)
     return b.reshape(m, -1), worth

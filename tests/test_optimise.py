@@ -9,7 +9,7 @@ import shapely
 from plans import BEGIN, HOUR, NMI, PLACE, cloud, spec, speed_for, unit
 from scipy import special
 
-from drift import bound, optimise, patterns, rectangle, together
+from drift import bound, choices, optimise, patterns, rectangle, together
 from drift import reach as reaches
 from drift import tracks as record
 from drift.sortie import Law, Survival
@@ -143,6 +143,20 @@ def test_daylight_and_spacing() -> None:
     assert none.seen == 0
 
 
+def test_a_unit_that_comes_when_all_is_found_finds_nothing() -> None:
+    """Definite range, far wider than the cloud: the first finds all. The second found 1 - 0 / 0, which is no probability."""
+    one, place = unit(30.0, 2, 5 * NMI, Law("definite_range")), record.Plane(*np.radians(PLACE))
+    crew = rectangle.crew(one, reaches.reach(one, spec(), PLACE), place, float(BEGIN.astype(int)), np.ones(1))
+    x, y = np.random.default_rng(6).normal(0, 100, (2, 50))
+    swarm = rectangles.swarm(
+        np.array([0, 4 * HOUR]), x + np.zeros((2, 1)), y + np.zeros((2, 1)), np.ones((2, 50)), np.zeros(50)
+    )
+    stage = choices.Stage(50, swarm, np.full(50, 0.02), np.ones(1), True, 0.0)
+    rows = [np.array([300.0, -200, 0.4, math.log(5 * NMI), math.log(1.5), wait, 1, -1]) for wait in (0.0, 1800.0)]
+    made = choices.taskings([choices.choose(crew, row, stage) for row in rows], stage.weight, stage.nodes)
+    assert [one.pos for one in made] == [1, 0]
+
+
 def test_alive_is_worth_going_at_once() -> None:
     """A cloud that draws together is best searched late, unless nobody lives that long."""
     tight, wide = cloud(4096, 2 * NMI, hours=10, bins=10), cloud(4096, 12 * NMI, hours=10, bins=10)
@@ -221,6 +235,11 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     both, _ = sweeps.found(swarm, None, node, np.array([width]), np.ones(1))
     np.testing.assert_allclose(1 - both, (1 - parts[0]) * (1 - parts[1]), atol=2e-6)
     assert both.sum() < chance.sum()
+    short = node[:, :3]  # was read as other nodes, of other times and places
+    with pytest.raises(ValueError, match=r"shape \(5, 3\)"):
+        sweeps.found(swarm, None, short, np.array([width]), np.ones(1))
+    with pytest.raises(ValueError, match=r"shape \(5, 3\)"):
+        sweeps.gains(swarm, None, [short], np.array([width]), np.ones(1), np.ones((40, 1)), np.zeros((40, 1)))
 
 
 def test_smeared_legs_are_the_mean_of_legs() -> None:

@@ -161,7 +161,7 @@ def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, wor
 def test_a_plan_shows_its_figures(tmp_path, search, words):
     plan = searches.plan()
     plan_map.draw(search[0], plan, tmp_path / "a.png", **COMMON)
-    assert "Plan: POS 0.46; no plan can exceed 0.53 (+-0.01)" in words
+    assert "Plan: POS 0.46; estimated bound 0.53 (+-0.01)" in words
     assert "A-1 CG 1503\n222330Z" in words
     assert "5 legs, spacing 3.00 nmi, creep 228T" in words
     near = searches.search()[0].data["time"].values[plan_map.nearest(search[0], plan)]
