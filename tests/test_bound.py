@@ -48,7 +48,7 @@ def any_legs(c: np.ndarray) -> np.ndarray:
     return 1 - np.exp(-4 * c * c / np.pi) + c * special.erfc(2 * c / np.sqrt(np.pi))
 
 
-@pytest.mark.parametrize("u", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("u", [0.6, 1.9])
 def test_a_circular_normal(u: float) -> None:
     """Koopman 1957: 1 - (1 + u) e^-u; a disc searched once: 1 - exp(-u^2 / 2). Never below, and little above."""
     optima = [(Law("random"), 1 - (1 + u) * np.exp(-u)), (Law("definite_range"), 1 - np.exp(-u * u / 2))]

@@ -8,6 +8,7 @@ import pytest
 
 import drift
 from drift import flow, planning
+from drift.tasking import Plan
 from geo.errors import UserError
 
 CASE = """
@@ -71,15 +72,22 @@ def case_of(folder: Path, rounds: int = 1, objective: str = "pos") -> drift.Case
     return drift.load(folder / "two.toml")
 
 
-def test_executing_a_plan_fails_as_often_as_it_said(tmp_path: Path) -> None:
-    made, result = planning.plan(case_of(tmp_path), tmp_path / "out")
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Plan, drift.Result]:
+    """The plan of one round for POS, and the folder of its case and files."""
+    folder = tmp_path_factory.mktemp("planned")
+    return folder, *planning.plan(case_of(folder), folder / "out")
+
+
+def test_executing_a_plan_fails_as_often_as_it_said(planned: tuple[Path, Plan, drift.Result]) -> None:
+    folder, made, result = planned
     assert made.bound is not None
     assert 0.2 < made.seen <= made.bound  # of the same particles: no slack
     assert made.pos == made.value <= made.bound + 2 * made.bound_error  # of others
     assert 0 < made.bound_error < 0.02
     # As a debrief would do it: the plan's tables appended to the case, and run.
-    executed = tmp_path / "executed.toml"
-    executed.write_text((tmp_path / "two.toml").read_text() + "\n" + (tmp_path / "out/plan.toml").read_text())
+    executed = folder / "executed.toml"
+    executed.write_text((folder / "two.toml").read_text() + "\n" + (folder / "out/plan.toml").read_text())
     again = drift.run(drift.load(executed))
     assert again.updates is not None
     evidence = sum(update.log_evidence[-1] for update in again.updates.all if update.name != "before")
@@ -89,13 +97,14 @@ def test_executing_a_plan_fails_as_often_as_it_said(tmp_path: Path) -> None:
     miss = [1 - pos for pos in made.by_scenario]
     before = again.updates.all[0].posterior
     assert posterior[0] == pytest.approx(before[0] * miss[0] / (before[0] * miss[0] + before[1] * miss[1]), abs=1e-3)
-    assert "estimated bound" in (tmp_path / "out/plan.txt").read_text()
+    assert "estimated bound" in (folder / "out/plan.txt").read_text()
 
 
-def test_rounds_are_planned_on_the_failure_of_those_before(tmp_path: Path) -> None:
-    case = case_of(tmp_path, rounds=2)
-    made, _ = planning.plan(case)
-    one, _ = planning.plan(case_of(tmp_path))
+def test_rounds_are_planned_on_the_failure_of_those_before(
+    tmp_path: Path, planned: tuple[Path, Plan, drift.Result]
+) -> None:
+    made, _ = planning.plan(case_of(tmp_path, rounds=2))
+    one = planned[1]
     planes = [tasking for tasking in made.taskings if tasking.unit.name == "plane"]
     assert [tasking.round for tasking in planes] == [1, 2]
     assert planes[1].takeoff >= planes[0].home + 1800
