@@ -19,10 +19,11 @@ import numpy as np
 from scipy import stats
 
 import drift
-from drift import aftermath, environment, evidence, finds, forecast, landings, start
-from drift.prior import elapsed
-from drift.realise import realise
-from drift.spool import Spool
+from drift.motion import environment, forecast, landings, start
+from drift.motion.prior import elapsed
+from drift.motion.spool import Spool
+from drift.spill import aftermath, evidence, finds
+from drift.spill.realise import realise
 from kernels import runtime
 
 FINDS = (0, 1, 5, 20)

@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 import drift
-from drift import environment, start
+from drift.motion import environment, start
 from kernels import advance as kernel
 from kernels import runtime
 

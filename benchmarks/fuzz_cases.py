@@ -18,7 +18,7 @@ from typing import Any
 
 import watched
 
-from drift.case import tomllib
+from drift.case.case import tomllib
 
 EVERYTHING = """
 title = "everything"

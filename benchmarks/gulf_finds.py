@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 import drift
-from drift import finds, washup
-from drift.prior import elapsed
-from drift.realise import realise
+from drift.motion.prior import elapsed
+from drift.spill import finds, washup
+from drift.spill.realise import realise
 
 
 def main() -> None:

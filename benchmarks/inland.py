@@ -12,8 +12,8 @@ import time
 import numpy as np
 
 import drift
-from drift import ensemble as record
-from drift import environment, forecast, prior, start
+from drift.motion import ensemble as record
+from drift.motion import environment, forecast, prior, start
 from geo import coast as shoreline
 from geo import sphere
 from kernels import runtime

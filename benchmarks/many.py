@@ -19,7 +19,8 @@ import numpy as np
 import xarray as xr
 
 import drift
-from drift import environment, forecast, prior, products, start
+from drift.forecast import products
+from drift.motion import environment, forecast, prior, start
 
 CASE = """
 start = "2026-11-21T00:00Z"

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 import drift
-from drift import environment, forecast, start
+from drift.motion import environment, forecast, start
 from geo import sphere
 from kernels import runtime
 

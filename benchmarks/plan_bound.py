@@ -28,12 +28,13 @@ from moving_cases import scaled
 from rich.console import Console
 from rich.table import Table
 
-from drift import bound, flow, follow, optimise, planning, rectangle, together
-from drift import reach as reaches
-from drift import tracks as record
-from drift.case import Case
-from drift.sortie import Law, PlanSpec, Survival, Unit
-from drift.tracks import Tracks
+from drift import flow
+from drift.case.case import Case
+from drift.planner import bound, follow, optimise, planning, rectangle, together
+from drift.planner import reach as reaches
+from drift.planner import tracks as record
+from drift.planner.tracks import Tracks
+from drift.search.sortie import Law, PlanSpec, Survival, Unit
 from geo import sphere
 from geo.errors import UserError
 from kernels import rectangles, runtime, sweeps

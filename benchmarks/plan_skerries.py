@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import drift
-from drift import courses, planning, subareas
+from drift.planner import courses, planning, subareas
 from geo import shore
 from geo.box import Box
 

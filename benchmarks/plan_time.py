@@ -18,7 +18,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from drift import bound, case, environment, follow, optimise
+from drift.case import case
+from drift.motion import environment
+from drift.planner import bound, follow, optimise
 from kernels import runtime
 
 TEXT = """

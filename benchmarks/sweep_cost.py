@@ -12,9 +12,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from drift import detection, paths, patterns
-from drift import ensemble as record
-from drift.sortie import Law
+from drift.motion import ensemble as record
+from drift.search import detection, paths, patterns
+from drift.search.sortie import Law
 from geo import sphere
 from kernels import runtime, sweep
 

@@ -20,7 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from drift import ensemble as record
+from drift.motion import ensemble as record
 from geo import coast as shoreline
 from geo import shore, sphere
 from geo.box import Box

@@ -10,8 +10,8 @@ import sys
 
 import numpy as np
 
-from drift import ensemble as record
-from drift import leeway
+from drift.motion import ensemble as record
+from drift.motion import leeway
 from kernels import prior as kernel
 from kernels import runtime
 from kernels.noise import key

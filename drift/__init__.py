@@ -9,8 +9,8 @@ cases = [drift.vary(case, {"seed": k}) for k in range(100)]
 for one in drift.run_many(cases): ...  # many forecasts, forcing and coast opened once: see drift.many
 result.washup                       # of a spill: xarray.Dataset by stretch of coast and time
 drift.results("results")            # paths of a finished run's files, once all are as it wrote them
-drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters, and how they went: see drift.verification
-drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.fitting
+drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters, and how they went: see drift.drifters.verification
+drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.drifters.fitting
 drift.trace(case)                   # of a spill: where it may have come from, backward from its finds
 """
 
@@ -20,17 +20,17 @@ from typing import Any
 # Public names and where they live; found on first use, so that `drift --help` does not wait for Taichi.
 _HOMES = {
     "Brief": "drift.many",
-    "Case": "drift.case",
+    "Case": "drift.case.case",
     "Result": "drift.flow",
     "UserError": "geo.errors",
-    "fit_errors": "drift.fitting",
-    "load": "drift.case",
-    "results": "drift.publication",
+    "fit_errors": "drift.drifters.fitting",
+    "load": "drift.case.case",
+    "results": "drift.output.publication",
     "run": "drift.flow",
     "run_many": "drift.many",
     "trace": "drift.flow",
-    "vary": "drift.case",
-    "verify": "drift.verification",
+    "vary": "drift.case.case",
+    "verify": "drift.drifters.verification",
 }
 __all__ = [
     "Brief",

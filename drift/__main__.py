@@ -15,7 +15,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drift import interrupt, terminal
+from drift.cli import terminal
+from drift.output import interrupt
 from geo.errors import UserError
 
 BACKENDS = ("cpu", "cuda", "vulkan", "metal")
@@ -209,7 +210,7 @@ def _dispatch(argv: Sequence[str] | None) -> int:
 
 
 def _load(given: argparse.Namespace) -> Any:
-    from drift import case
+    from drift.case import case
 
     try:
         os.getcwd()
@@ -234,7 +235,9 @@ def _changes(given: argparse.Namespace) -> dict[str, str]:
 
 def _run(given: argparse.Namespace) -> None:
     with _started(given, "forecast") as (case, out, options):
-        from drift import flow, outcome, tables
+        from drift import flow
+        from drift.cli import outcome
+        from drift.forecast import tables
 
         result = flow.run(case, out, **options)
     facts = result.summary["run"]
@@ -246,7 +249,9 @@ def _run(given: argparse.Namespace) -> None:
 
 def _plan(given: argparse.Namespace) -> None:
     with _started(given, "plan") as (case, out, options):
-        from drift import flow, outcome, patrol_files, planning
+        from drift import flow
+        from drift.cli import outcome
+        from drift.planner import patrol_files, planning
 
         if case.spill:
             patrols, result = flow.patrol(case, out, **options)
@@ -263,7 +268,9 @@ def _plan(given: argparse.Namespace) -> None:
 
 def _origin(given: argparse.Namespace) -> None:
     with _started(given, "origin") as (case, out, options):
-        from drift import flow, origin, outcome
+        from drift import flow
+        from drift.backtrack import origin
+        from drift.cli import outcome
 
         found = flow.trace(case, out, **options)
     terminal.facts(case.title, outcome.origin(origin.summary(found), origin.warnings(found)))
@@ -279,7 +286,7 @@ def _verify(given: argparse.Namespace) -> None:
         "particles": given.particles,
     }
     with _started(given, "verify") as (case, out, options):
-        from drift import verification, verification_text
+        from drift.drifters import verification, verification_text
 
         made = verification.verify(case, given.drifters, out, **drifters, **options)
     terminal.facts(case.title, verification_text.facts(made))
@@ -290,7 +297,7 @@ def _fit_errors(given: argparse.Namespace) -> None:
     drifters = _drifters(given)
     with interrupt.leaving_at_once():  # nothing is written
         case = _load(given)
-        from drift import fitting, fitting_text
+        from drift.drifters import fitting, fitting_text
 
         made = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
     terminal.facts(f"{case.title}: errors that suit the drifters", fitting_text.facts(made))
@@ -299,7 +306,7 @@ def _fit_errors(given: argparse.Namespace) -> None:
 
 def _drifters(given: argparse.Namespace) -> dict[str, Any]:
     """Return how a file of drifters is to be read."""
-    from drift import drifter_files
+    from drift.drifters import drifter_files
 
     return {
         "columns": drifter_files.mapped(given.columns),
@@ -310,7 +317,7 @@ def _drifters(given: argparse.Namespace) -> dict[str, Any]:
 
 def _quantity(text: str, unit: str, option: str, example: str) -> float:
     """Return what an option says in SI; raise UserError unless it is above zero."""
-    from drift import units
+    from drift.case import units
 
     try:
         number = units.quantity(text, unit, "quantity", example)
@@ -329,7 +336,9 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
         out = given.out or Path(f"{case.path.stem}-{kind}")
         if given.threads is not None and given.threads < 1:
             raise UserError(f"--threads {given.threads} must be at least 1")
-        from drift import flow, outlook, progress  # noqa: F401 - flow: what is slow to import is imported here
+        from drift import flow  # noqa: F401 - flow: what is slow to import is imported here
+        from drift.cli import progress
+        from drift.motion import outlook
         from kernels import runtime
 
         cores = runtime.cores()
@@ -358,7 +367,7 @@ def _check(given: argparse.Namespace) -> None:
 
 
 def _cases(given: argparse.Namespace) -> None:
-    from drift import case
+    from drift.case import case
 
     table = terminal.table("Name", "Title")
     for name, title in case.shipped():
@@ -367,7 +376,7 @@ def _cases(given: argparse.Namespace) -> None:
 
 
 def _objects(given: argparse.Namespace) -> None:
-    from drift import leeway
+    from drift.motion import leeway
 
     words = " ".join(given.words)
     found = leeway.search(words)
@@ -399,7 +408,7 @@ def _info(given: argparse.Namespace) -> None:
             _check_plot(given.plot)
         options: dict[str, Any] = {}
         if given.changes:
-            from drift import case, sources
+            from drift.case import case, sources
 
             spec = case.source(given.quantity or "current", given.files, _changes(given))
             options = sources.options(spec)
@@ -418,7 +427,7 @@ def _info(given: argparse.Namespace) -> None:
 def _draw(source: Any, path: Path) -> None:
     import matplotlib
 
-    from drift import maps
+    from drift.forecast import maps
     from geo import notation, shore
 
     _check_plot(path)

@@ -5,10 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from drift import aftermath, environment, outlook, start, summary, suspend, tables, turns, units
-from drift.case import Case
-from drift.spill import Spill
-from drift.units import NMI
+from drift import summary, turns
+from drift.case import units
+from drift.case.case import Case
+from drift.case.spill import Spill
+from drift.case.units import NMI
+from drift.forecast import tables
+from drift.motion import environment, outlook, start
+from drift.search import suspend
+from drift.spill import aftermath
 from geo import shore
 from geo.segments import Segments
 from kernels import runtime

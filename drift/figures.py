@@ -9,17 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from drift import aftermath, fleet, patrolling, summary, tables, uncertainty, units
-from drift.aftermath import Aftermath
-from drift.case import Case
-from drift.environment import Environment
-from drift.origin import Origin
-from drift.patrolling import PatrolPlan
-from drift.products import Forecast
-from drift.scenario import AreaPrior, PositionPrior
-from drift.suspend import Suspension
-from drift.tasking import Plan
-from drift.updates import Updates
+from drift import summary
+from drift.backtrack.origin import Origin
+from drift.case import uncertainty, units
+from drift.case.case import Case
+from drift.case.scenario import AreaPrior, PositionPrior
+from drift.forecast import tables
+from drift.forecast.products import Forecast
+from drift.motion.environment import Environment
+from drift.planner import fleet, patrolling
+from drift.planner.patrolling import PatrolPlan
+from drift.planner.tasking import Plan
+from drift.search.suspend import Suspension
+from drift.search.updates import Updates
+from drift.spill import aftermath
+from drift.spill.aftermath import Aftermath
 
 Figure = Callable[[Path], None]
 
@@ -36,16 +40,13 @@ def figures(
     planned: PatrolPlan | None = None,
 ) -> dict[str, Figure]:
     """Return, by file name, what draws each picture to a path."""
-    from drift import (  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
-        evidence_map,
+    from drift.forecast import (  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
         layers,
         maps,
-        plan_map,
-        search_map,
-        suspend_chart,
-        unit_sheet,
-        washup_map,
     )
+    from drift.planner import plan_map, unit_sheet
+    from drift.search import evidence_map, search_map, suspend_chart
+    from drift.spill import washup_map
 
     attributes = summary.attributes(case, where)
     known_as, short = ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
@@ -142,7 +143,8 @@ def caution(case: Case) -> str:
 
 def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[str, Figure]:
     """Return, by file name, what draws where a spill may have come from."""
-    from drift import layers, origin_map
+    from drift.backtrack import origin_map
+    from drift.forecast import layers
 
     assert case.spill is not None
     attributes = summary.attributes(case, where)

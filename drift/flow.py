@@ -11,46 +11,29 @@ from typing import Any
 
 import numpy as np
 
-from drift import (
-    aftermath,
-    effective,
-    environment,
-    evidence,
-    figures,
-    forecast,
-    off_grid,
-    origin,
-    output,
-    patrol_files,
-    patrolling,
-    plan_text,
-    prior,
-    products,
-    search_tables,
-    silence,
-    start,
-    summary,
-    suspend,
-    suspend_text,
-    tables,
-    turns,
-    weights,
-)
-from drift import ensemble as record
-from drift.aftermath import Aftermath, Drifted
-from drift.case import Case
-from drift.environment import Environment
-from drift.landings import Landings
-from drift.patrolling import PatrolPlan
-from drift.products import Forecast
-from drift.search import Search
-from drift.snapshot import Snapshot
-from drift.spool import Spool
-from drift.standing import Standing, standing
-from drift.start import Start
-from drift.status import Status
-from drift.tasking import Plan
-from drift.updates import Updates
+from drift import figures, summary, turns
+from drift.backtrack import origin
+from drift.case.case import Case
+from drift.forecast import effective, off_grid, products, tables
+from drift.forecast.products import Forecast
+from drift.motion import ensemble as record
+from drift.motion import environment, forecast, prior, silence, start, weights
+from drift.motion.environment import Environment
+from drift.motion.landings import Landings
+from drift.motion.snapshot import Snapshot
+from drift.motion.spool import Spool
+from drift.motion.start import Start
+from drift.motion.status import Status
+from drift.output import output
+from drift.planner import patrol_files, patrolling, plan_text
+from drift.planner.patrolling import PatrolPlan
+from drift.planner.tasking import Plan
+from drift.search import search_tables, suspend, suspend_text
+from drift.search.search import Search
+from drift.search.standing import Standing, standing
+from drift.search.updates import Updates
+from drift.spill import aftermath, evidence
+from drift.spill.aftermath import Aftermath, Drifted
 from geo import digest
 from geo.errors import UserError
 from kernels import deposit, runtime
@@ -78,7 +61,7 @@ class Result:
 
     @property
     def washup(self) -> Any:
-        """What comes ashore where and when, an xarray.Dataset (see drift.washup); None without a spill."""
+        """What comes ashore where and when, an xarray.Dataset (see drift.spill.washup); None without a spill."""
         return self.aftermath.washup if self.aftermath else None
 
 

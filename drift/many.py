@@ -14,12 +14,14 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from drift import flow, forecast, prior, products, snapshot, start
-from drift.case import Case
-from drift.products import Forecast
-from drift.search import Search
-from drift.spool import Spool
-from drift.waters import Waters, divide
+from drift import flow
+from drift.case.case import Case
+from drift.forecast import products
+from drift.forecast.products import Forecast
+from drift.motion import forecast, prior, snapshot, start
+from drift.motion.spool import Spool
+from drift.motion.waters import Waters, divide
+from drift.search.search import Search
 from geo import sphere
 from geo.errors import UserError
 from kernels import deposit, runtime
@@ -43,7 +45,7 @@ class Brief:
     times: npt.NDArray[np.datetime64]  # of the outputs, UTC, shape (outputs,)
     lon: Array  # [deg] -180 to 180
     lat: Array
-    status: Array  # uint8, drift.status.Status: 0 is adrift, 1 ashore
+    status: Array  # uint8, drift.motion.status.Status: 0 is adrift, 1 ashore
     probability: Array  # adds up to 1 over the particles, of all statuses
     mean: Array  # (outputs, 2) lon, lat [deg] of the mean of those adrift or ashore; NaN where there are none
     step: int = 0  # [s]

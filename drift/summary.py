@@ -3,12 +3,12 @@
 from importlib import metadata
 from typing import Any
 
-from drift import uncertainty
-from drift.case import Case
-from drift.ensemble import Account
-from drift.environment import Environment
-from drift.start import Start
-from drift.status import Status
+from drift.case import uncertainty
+from drift.case.case import Case
+from drift.motion.ensemble import Account
+from drift.motion.environment import Environment
+from drift.motion.start import Start
+from drift.motion.status import Status
 from geo import digest
 from kernels import runtime
 

@@ -23,7 +23,7 @@ FARTHEST = 5.0e8  # [binary angle unit] 42 degrees: a step that is longer, next 
 NEVER = 2.0e9  # [s]
 ASIDE = 200.0  # [m] across which a divergence is measured, to either side
 
-ADRIFT, ASHORE, OUTSIDE, LEFT, SUNK, PENDING = range(6)  # drift.status.Status
+ADRIFT, ASHORE, OUTSIDE, LEFT, SUNK, PENDING = range(6)  # drift.motion.status.Status
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x3 = ti.types.vector(3, ti.f32)
@@ -488,7 +488,7 @@ def mover(
 ) -> Move:
     """Return a function that moves the slots [first, last) of an ensemble over one lattice step, in place.
 
-    ensemble: a drift.ensemble.Ensemble. ranges: first and last tile of currents, winds and Stokes drift. direction: of all
+    ensemble: a drift.motion.ensemble.Ensemble. ranges: first and last tile of currents, winds and Stokes drift. direction: of all
     its steps. velocity: a function of the outline of `drift`, so that the order of the scheme can be measured on an analytic flow.
     A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the forcing or the domain.
     """

@@ -106,7 +106,7 @@ class Field:
 
     cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much finding a particle after a bin is worth less, (b, m) (POS: 1 at the last bin, else
     0); pace: speed of a particle [m/s] (b, m); sweep: sweep width times speed [m2/s] (scenarios, units); slowness:
-    one over the speed of each unit [s/m], 0 where a particle's own pace does not count; curve: value, slope and conjugate of drift.concave, and its step of coverage.
+    one over the speed of each unit [s/m], 0 where a particle's own pace does not count; curve: value, slope and conjugate of drift.planner.concave, and its step of coverage.
     """
 
     def __init__(self, cell, cells: int, fall, pace, scenario, weight, sweep, slowness, curve, step: float):

@@ -6,8 +6,8 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
-from drift.sortie import Law, PlanSpec, Unit
-from drift.tracks import Tracks
+from drift.planner.tracks import Tracks
+from drift.search.sortie import Law, PlanSpec, Unit
 from geo import sphere
 
 NMI, HOUR = 1852.0, 3600.0

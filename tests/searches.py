@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 
-from drift import products
-from drift.sortie import Area, Contact, Fix, Law, Legs, PlanSpec, Sortie, Unit, Watch
-from drift.status import Status
-from drift.tasking import Alternative, Plan, Tasking
-from drift.updates import Update, Updates
+from drift.forecast import products
+from drift.motion.status import Status
+from drift.planner.tasking import Alternative, Plan, Tasking
+from drift.search.sortie import Area, Contact, Fix, Law, Legs, PlanSpec, Sortie, Unit, Watch
+from drift.search.updates import Update, Updates
 from geo import sphere
 
 NMI, KNOT = 1852.0, 1852.0 / 3600

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import drift
-from drift import forcing as engine
+from drift.motion import forcing as engine
 from geo import address, dataset, forcing, waiting
 from geo.child import FAREWELL
 from geo.errors import UserError

@@ -9,11 +9,11 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 
 import drift
-from drift import ensemble as record
-from drift import environment, forecast
-from drift.forcing import Forcing, Sources
-from drift.forecast import Clock, Scene
-from drift.status import Status
+from drift.motion import ensemble as record
+from drift.motion import environment, forecast
+from drift.motion.forcing import Forcing, Sources
+from drift.motion.forecast import Clock, Scene
+from drift.motion.status import Status
 from geo import coast as shoreline
 from geo import forcing, sphere
 from geo.box import Box

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from drift import publication
 from drift.__main__ import main
+from drift.output import publication
 
 CASE = """
 title = "trial"

@@ -8,11 +8,12 @@ import shapely
 from scipy import stats
 
 import drift
-from drift import ensemble as record
-from drift import forecast, release
-from drift.forcing import Forcing, Sources
-from drift.forecast import Clock, Scene
-from drift.status import Status
+from drift.motion import ensemble as record
+from drift.motion import forecast
+from drift.motion.forcing import Forcing, Sources
+from drift.motion.forecast import Clock, Scene
+from drift.motion.status import Status
+from drift.spill import release
 from geo import coast as shoreline
 from geo import forcing, sphere
 from geo.box import Box

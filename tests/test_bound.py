@@ -9,11 +9,12 @@ import pytest
 from plans import HOUR, NMI, PLACE, cloud, moving, spec, speed_for, tracks, unit
 from scipy import integrate, optimize, special
 
-from drift import bound, boxes, concave, detection, optimise, rectangle
-from drift import reach as reaches
-from drift import tracks as record
-from drift.sortie import Law, Survival, Unit
-from drift.tracks import Tracks
+from drift.planner import bound, boxes, concave, optimise, rectangle
+from drift.planner import reach as reaches
+from drift.planner import tracks as record
+from drift.planner.tracks import Tracks
+from drift.search import detection
+from drift.search.sortie import Law, Survival, Unit
 from kernels import allocate, rectangles, sweeps
 
 STD = 5 * NMI

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drift import case, leeway, scenario, sources
+from drift.case import case, scenario, sources
+from drift.motion import leeway
 from geo import sphere
 from geo.box import Box
 from geo.errors import UserError

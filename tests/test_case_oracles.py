@@ -21,10 +21,11 @@ import xarray as xr
 from oracle import DAY, HOUR, KNOT, NMI, Array, Cloud, Coast, Errors, Field
 from scipy import stats
 
-from drift import case, flow
-from drift.status import Status
+from drift import flow
+from drift.case import case
+from drift.motion.status import Status
 
-CASES = Path(case.__file__).parents[1] / "cases"
+CASES = Path(case.__file__).parents[2] / "cases"
 OURS, THEIRS = 20_000, 2_500  # particles, in all; a scenario
 HALF = np.sqrt(2 * np.log(2))  # radius that holds half of a round normal, in standard deviations
 COMPARED = 140  # numbers that this file compares; three standard errors on each would be exceeded by chance once in three files

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from drift import case, expect, flow, tables
+from drift import flow
+from drift.case import case, expect
+from drift.forecast import tables
 
 NAMES = [name for name, _ in case.shipped()]
-CASES = Path(case.__file__).parents[1] / "cases"
+CASES = Path(case.__file__).parents[2] / "cases"
 
 
 @pytest.mark.slow
@@ -52,4 +54,4 @@ def test_data_are_asked_for_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(case.UserError, match="environment variable DRIFT_DATA; set it: export DRIFT_DATA="):
         case.load("norkyst_raft")
     assert not os.environ.get("DRIFT_DATA")
-    assert case.load("overdue_boat").path == Path(case.__file__).parents[1] / "cases" / "overdue_boat.toml"
+    assert case.load("overdue_boat").path == Path(case.__file__).parents[2] / "cases" / "overdue_boat.toml"

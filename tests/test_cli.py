@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 from drift import __main__ as cli
-from drift import terminal
+from drift.cli import terminal
 
 
 def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:

@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from drift import containment, density, products
-from drift.snapshot import Snapshot
+from drift.forecast import containment, density, products
+from drift.motion.snapshot import Snapshot
 from geo import sphere
 from geo.errors import UserError
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drift import daylight
+from drift.planner import daylight
 
 
 def seconds(text: str) -> float:

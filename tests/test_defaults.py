@@ -10,8 +10,12 @@ import writers
 import xarray as xr
 
 import drift
-from drift import figures, flow, follow, forecast, page, uncertainty
+from drift import figures, flow
 from drift.__main__ import main
+from drift.case import uncertainty
+from drift.maps import page
+from drift.motion import forecast
+from drift.planner import follow
 from geo import sphere
 from geo.errors import UserError
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from drift import detection
-from drift.sortie import Law
+from drift.search import detection
+from drift.search.sortie import Law
 
 
 def test_a_curve_is_as_wide_as_its_integral_on_both_sides() -> None:

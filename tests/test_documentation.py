@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from drift import scenario
-from drift.contact_input import BearingTable, ContactTable, PlaceTable, RangeTable
-from drift.pattern_input import NEEDS, PatternTable, RegionTable
-from drift.plan_input import PlanTable, ResamplingTable, UnitTable
-from drift.sensor_input import ConditionsTable, SensorTable
-from drift.sortie_input import MarkerTable, SortieTable, WatchTable
+from drift.case import scenario
+from drift.case.contact_input import BearingTable, ContactTable, PlaceTable, RangeTable
+from drift.case.pattern_input import NEEDS, PatternTable, RegionTable
+from drift.case.plan_input import PlanTable, ResamplingTable, UnitTable
+from drift.case.sensor_input import ConditionsTable, SensorTable
+from drift.case.sortie_input import MarkerTable, SortieTable, WatchTable
 
 if sys.version_info >= (3, 11):
     import tomllib

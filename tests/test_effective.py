@@ -17,21 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import drift
-from drift import (
-    beyond,
-    effective,
-    evidence_map,
-    layers,
-    maps,
-    plan_files,
-    plan_map,
-    plan_text,
-    products,
-    spool,
-    tables,
-)
-from drift.effective import Count
-from drift.status import Status
+from drift.forecast import beyond, effective, layers, maps, products, tables
+from drift.forecast.effective import Count
+from drift.motion import spool
+from drift.motion.status import Status
+from drift.planner import plan_files, plan_map, plan_text
+from drift.search import evidence_map
 from geo import sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of

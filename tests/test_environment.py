@@ -7,7 +7,7 @@ import pytest
 from pyproj import Geod
 
 import drift
-from drift import environment, leeway
+from drift.motion import environment, leeway
 from geo import sphere
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drift import estimate
+from drift.spill import estimate
 
 WORLDS = 400
 

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from drift import case as cases
-from drift import debris, forecast, leeway, paths, resample, start
-from drift import ensemble as record
-from drift.environment import open_for
-from drift.search import Search
-from drift.sortie import Area, Contact, Fix, Law, Legs, Resampling, Sortie, Watch
-from drift.status import Status
+from drift.case import case as cases
+from drift.motion import ensemble as record
+from drift.motion import forecast, leeway, resample, start
+from drift.motion.environment import open_for
+from drift.motion.status import Status
+from drift.search import debris, paths
+from drift.search.search import Search
+from drift.search.sortie import Area, Contact, Fix, Law, Legs, Resampling, Sortie, Watch
 from geo import sphere
 from geo.errors import UserError
 from kernels import runtime, sweep

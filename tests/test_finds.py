@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, special, stats
 
-from drift import borrow, exposure, finds, realise
-from drift.exposure import Patrol, Reporting
-from drift.fates import FOREVER, Fates, Stays
-from drift.finds import Adrift, AtSea, Find, Known, Numbers
-from drift.status import Status
+from drift.motion.status import Status
+from drift.spill import borrow, exposure, finds, realise
+from drift.spill.exposure import Patrol, Reporting
+from drift.spill.fates import FOREVER, Fates, Stays
+from drift.spill.finds import Adrift, AtSea, Find, Known, Numbers
 from geo import sphere
 from geo.errors import UserError
 

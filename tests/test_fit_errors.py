@@ -9,9 +9,11 @@ import xarray as xr
 from scipy import stats
 
 import drift
-from drift import __main__, along, clusters, error_law, fitting, hold_out, units
-from drift.drifters import Track
-from drift.error_law import Law
+from drift import __main__
+from drift.case import units
+from drift.drifters import along, clusters, error_law, fitting, hold_out
+from drift.drifters.drifters import Track
+from drift.drifters.error_law import Law
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import drift
-from drift.status import Status
+from drift.motion.status import Status
 from geo import coast as shoreline
 from geo import shore, sphere
 from geo.box import Box
@@ -104,7 +104,7 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
 
 
 def test_a_picture_that_cannot_be_drawn_costs_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from drift import maps
+    from drift.forecast import maps
 
     def broken(*_: object, **__: object) -> None:
         raise ValueError("Axis limits cannot be NaN")

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drift import ensemble as record
-from drift import forecast
-from drift.forcing import Forcing, Sources
-from drift.forecast import Clock, Scene
-from drift.status import Status
+from drift.motion import ensemble as record
+from drift.motion import forecast
+from drift.motion.forcing import Forcing, Sources
+from drift.motion.forecast import Clock, Scene
+from drift.motion.status import Status
 from geo import forcing, sphere
 from geo.forcing import Source
 from geo.grid import Grid

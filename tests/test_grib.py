@@ -19,8 +19,8 @@ import writers
 from pyproj import Geod
 
 import drift
-from drift import forcing as engine
 from drift.__main__ import main
+from drift.motion import forcing as engine
 from geo import dataset, decoder, forcing, messages, sphere, waiting
 from geo import grid as grids
 from geo.child import FAREWELL

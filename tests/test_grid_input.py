@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drift import off_grid, products
-from drift.grid_input import GridTable
-from drift.snapshot import Snapshot
+from drift.case.grid_input import GridTable
+from drift.forecast import off_grid, products
+from drift.motion.snapshot import Snapshot
 from geo import sphere
 from geo.errors import UserError
 

@@ -13,8 +13,8 @@ import test_bad_input
 import xarray as xr
 
 import drift
-from drift import spool
 from drift.__main__ import main
+from drift.motion import spool
 from geo import dataset, describe, forcing
 from geo.errors import UserError
 
@@ -109,7 +109,7 @@ def test_plots(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
 def test_a_plot_that_fails_half_way_leaves_the_one_of_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from drift import maps
+    from drift.forecast import maps
 
     def full(path: Path, *arguments: Any, **more: Any) -> None:
         path.write_bytes(b"half")

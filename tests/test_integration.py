@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from flows import FLOWS, Flow
 
-from drift import ensemble as record
+from drift.motion import ensemble as record
 from geo import sphere
 from geo.grid import Grid
 from kernels import advance as kernel

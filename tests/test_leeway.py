@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from drift import ensemble as record
-from drift import leeway, prior
+from drift.motion import ensemble as record
+from drift.motion import leeway, prior
 from geo import sphere
 from geo.errors import UserError
 from geo.grid import Grid

@@ -5,8 +5,8 @@ import pytest
 from pyproj import Geod
 from scipy import stats
 
-from drift import likelihood
-from drift.sortie import Area, Contact, Fix, Watch
+from drift.search import likelihood
+from drift.search.sortie import Area, Contact, Fix, Watch
 from geo import sphere
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)

@@ -10,8 +10,8 @@ import writers
 import xarray as xr
 
 import drift
-from drift import environment
-from drift.status import Status
+from drift.motion import environment
+from drift.motion.status import Status
 from geo import fill, sphere
 from geo.errors import UserError
 from geo.kept import Kept

@@ -12,8 +12,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from drift import chart, labels, layers, maps, products
-from drift.status import Status
+from drift.forecast import layers, maps, products
+from drift.maps import chart, labels
+from drift.motion.status import Status
 from geo import sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
@@ -263,5 +264,5 @@ def test_provenance_is_in_the_picture(tmp_path):
 
 
 def test_pyplot_stays_out():
-    program = "import sys, drift.maps; sys.exit('matplotlib.pyplot' in sys.modules)"
+    program = "import sys, drift.forecast.maps; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

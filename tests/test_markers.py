@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drift.forcing import Forcing, Sources
-from drift.markers import Marker
+from drift.motion.forcing import Forcing, Sources
+from drift.search.markers import Marker
 from geo import forcing, sphere
 from kernels import runtime
 

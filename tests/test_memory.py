@@ -16,7 +16,8 @@ import xarray as xr
 from dask.callbacks import Callback
 
 import drift
-from drift import check, environment
+from drift import check
+from drift.motion import environment
 from geo import forcing, memory
 from geo.errors import UserError
 from geo.forcing import Source

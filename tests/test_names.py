@@ -17,7 +17,12 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drift import case, figures, output, page, plan_files, spill, tables
+from drift import figures
+from drift.case import case, spill
+from drift.forecast import tables
+from drift.maps import page
+from drift.output import output
+from drift.planner import plan_files
 from geo.errors import UserError
 
 RUNS = ["=1+1", "+1+1", "-cmd|' /C calc'!A0", "@SUM(A1)", "\t=1", "\r=1", "  =1", "＝1", "=HYPERLINK(\"http://x\",\"y\")"]  # fmt: skip

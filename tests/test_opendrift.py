@@ -7,11 +7,11 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
 
-from drift import ensemble as record
-from drift import forecast, leeway, prior
-from drift.forcing import Forcing, Sources
-from drift.forecast import Clock, Scene
-from drift.status import Status
+from drift.motion import ensemble as record
+from drift.motion import forecast, leeway, prior
+from drift.motion.forcing import Forcing, Sources
+from drift.motion.forecast import Clock, Scene
+from drift.motion.status import Status
 from geo import forcing, sphere
 from geo.box import Box
 from kernels import advance as kernel

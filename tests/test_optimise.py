@@ -9,10 +9,11 @@ import shapely
 from plans import BEGIN, HOUR, NMI, PLACE, cloud, spec, speed_for, unit
 from scipy import special
 
-from drift import bound, choices, optimise, patterns, rectangle, together
-from drift import reach as reaches
-from drift import tracks as record
-from drift.sortie import Law, Survival
+from drift.planner import bound, choices, optimise, rectangle, together
+from drift.planner import reach as reaches
+from drift.planner import tracks as record
+from drift.search import patterns
+from drift.search.sortie import Law, Survival
 from geo import sphere
 from kernels import rectangles, sweeps
 

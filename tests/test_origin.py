@@ -8,15 +8,16 @@ import pytest
 import shapely
 from scipy import stats
 
-from drift import case as cases
-from drift import ensemble as record
-from drift import forecast, origin, tracks_back
-from drift import release as objects
-from drift import worlds as drawn_worlds
-from drift.environment import Environment
-from drift.forcing import Forcing, Sources
-from drift.forecast import Clock, Scene
-from drift.status import Status
+from drift.backtrack import origin, tracks_back
+from drift.case import case as cases
+from drift.motion import ensemble as record
+from drift.motion import forecast
+from drift.motion.environment import Environment
+from drift.motion.forcing import Forcing, Sources
+from drift.motion.forecast import Clock, Scene
+from drift.motion.status import Status
+from drift.spill import release as objects
+from drift.spill import worlds as drawn_worlds
 from geo import coast as shoreline
 from geo import forcing, segments, sphere
 from geo.box import Box

@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from drift import layers, origin_map
-from drift.origin import Origin
+from drift.backtrack import origin_map
+from drift.backtrack.origin import Origin
+from drift.forecast import layers
 from geo import sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of

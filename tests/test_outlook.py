@@ -8,8 +8,9 @@ import pyproj
 import pytest
 import xarray as xr
 
-from drift import case, environment
 from drift.__main__ import main
+from drift.case import case
+from drift.motion import environment
 from geo import stream
 from geo.box import Box
 

@@ -15,8 +15,9 @@ import pytest
 import shapely
 import xarray as xr
 
-from drift import output, products, tables
-from drift.status import Status
+from drift.forecast import products, tables
+from drift.motion.status import Status
+from drift.output import output
 from geo import sphere
 from geo.errors import UserError
 

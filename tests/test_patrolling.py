@@ -10,11 +10,13 @@ from test_finds import scattered, spill
 from test_spill import DAY, METRE, case_of, sampled
 
 import drift
-from drift import aftermath, exposure, flow, patrolling
-from drift.exposure import Patrol, Reporting
-from drift.fates import FOREVER
-from drift.patrolling import Slot
-from drift.spill import Team
+from drift import flow
+from drift.case.spill import Team
+from drift.planner import patrolling
+from drift.planner.patrolling import Slot
+from drift.spill import aftermath, exposure
+from drift.spill.exposure import Patrol, Reporting
+from drift.spill.fates import FOREVER
 from geo.errors import UserError
 
 START = np.datetime64("2026-11-21T00:00:00")

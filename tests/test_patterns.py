@@ -14,8 +14,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drift import passage, patterns
-from drift.sortie import Area, Legs
+from drift.search import passage, patterns
+from drift.search.sortie import Area, Legs
 from geo import sphere
 
 NMI = 1852.0

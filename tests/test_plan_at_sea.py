@@ -11,9 +11,9 @@ import pytest
 import shapely
 
 import drift
-from drift import courses, planning, subareas, unit_sheet
-from drift.case import Case
-from drift.tasking import Plan
+from drift.case.case import Case
+from drift.planner import courses, planning, subareas, unit_sheet
+from drift.planner.tasking import Plan
 from geo import shore
 from geo.box import Box
 from geo.errors import UserError
@@ -85,7 +85,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Plan]:
     return folder, made
 
 
-def one(made: Plan, name: str) -> drift.tasking.Tasking:
+def one(made: Plan, name: str) -> drift.planner.tasking.Tasking:
     return next(task for task in made.taskings if task.unit.name == name)
 
 

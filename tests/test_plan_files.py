@@ -15,8 +15,11 @@ import pytest
 import searches
 import shapely
 
-from drift import passage, plan_files, sortie_input, tables
-from drift.sortie import Law
+from drift.case import sortie_input
+from drift.forecast import tables
+from drift.planner import plan_files
+from drift.search import passage
+from drift.search.sortie import Law
 from geo import sphere
 
 if sys.version_info >= (3, 11):

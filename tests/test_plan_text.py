@@ -9,7 +9,7 @@ import pyproj
 import pytest
 import searches
 
-from drift import plan_text, subareas
+from drift.planner import plan_text, subareas
 from geo import sphere
 
 GEOD = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)

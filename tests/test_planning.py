@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import drift
-from drift import flow, planning
-from drift.tasking import Plan
+from drift import flow
+from drift.planner import planning
+from drift.planner.tasking import Plan
 from geo.errors import UserError
 
 CASE = """

@@ -5,13 +5,13 @@ import pytest
 import shapely
 from scipy import stats
 
-from drift import ensemble as record
-from drift import prior
-from drift.case import Case
-from drift.leeway import Drifter, Line
-from drift.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
-from drift.sortie import Resampling
-from drift.uncertainty import ForcingError
+from drift.case.case import Case
+from drift.case.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
+from drift.case.uncertainty import ForcingError
+from drift.motion import ensemble as record
+from drift.motion import prior
+from drift.motion.leeway import Drifter, Line
+from drift.search.sortie import Resampling
 from geo import coast as shoreline
 from geo import sphere
 from geo.box import Box

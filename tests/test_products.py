@@ -5,8 +5,9 @@ import pytest
 import shapely
 import xarray as xr
 
-from drift import cells, density, products, shares
-from drift.status import Status
+from drift.case import shares
+from drift.forecast import cells, density, products
+from drift.motion.status import Status
 from geo import sphere
 
 LON, LAT = -87.3, 28.1  # [deg] where the test clouds lie

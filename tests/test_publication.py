@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import drift
-from drift import hidden, manifest, publication
+from drift.output import hidden, manifest, publication
 from geo.errors import UserError
 
 Files = dict[str, str]

@@ -14,8 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from drift import evidence_map, maps, plan_map, search_map
-from drift.updates import Update, Updates
+from drift.forecast import maps
+from drift.planner import plan_map
+from drift.search import evidence_map, search_map
+from drift.search.updates import Update, Updates
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
 
@@ -277,7 +279,5 @@ def test_the_same_search_gives_the_same_bytes(tmp_path, search):
 
 
 def test_pyplot_stays_out():
-    program = (
-        "import sys, drift.search_map, drift.evidence_map, drift.plan_map; sys.exit('matplotlib.pyplot' in sys.modules)"
-    )
+    program = "import sys, drift.search.search_map, drift.search.evidence_map, drift.planner.plan_map; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -13,8 +13,9 @@ import pytest
 import searches
 import shapely
 
-from drift import search_shapes, search_tables, tables
-from drift.updates import Update, Updates
+from drift.forecast import tables
+from drift.search import search_shapes, search_tables
+from drift.search.updates import Update, Updates
 from geo import sphere
 
 GEOD = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)

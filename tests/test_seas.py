@@ -14,9 +14,9 @@ import xarray as xr
 from scipy.sparse import csgraph
 from shapely.ops import substring
 
-from drift import courses, seas
-from drift.depth import Depth, shoals
-from drift.tracks import Plane
+from drift.planner import courses, seas
+from drift.planner.depth import Depth, shoals
+from drift.planner.tracks import Plane
 from geo import shore, sphere
 from geo.box import Box
 from geo.errors import UserError

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drift import case, passage, patterns
-from drift.case import Case
-from drift.sortie import Contact, Law, Legs, Sortie, Unit
+from drift.case import case
+from drift.case.case import Case
+from drift.search import passage, patterns
+from drift.search.sortie import Contact, Law, Legs, Sortie, Unit
 from geo.errors import UserError
 
 NMI, KNOT, FOOT = 1852.0, 1852.0 / 3600.0, 0.3048

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import drift
-from drift import aftermath, washup
+from drift.spill import aftermath, washup
 from geo import sphere
 
 DAY = 86_400

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drift import case, evidence, flow, release
+from drift import flow
 from drift.__main__ import main
+from drift.case import case
+from drift.spill import evidence, release
 from geo.errors import UserError
 
 HEAD = """

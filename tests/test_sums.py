@@ -9,7 +9,7 @@ import xarray as xr
 
 import drift
 from drift import check
-from drift.status import Status
+from drift.motion.status import Status
 from geo import sphere
 from geo.errors import UserError
 from geo.grid import Grid

@@ -11,8 +11,11 @@ from matplotlib.container import ErrorbarContainer
 from scipy import integrate, optimize, stats
 
 import drift
-from drift import check, flow, page, survival, suspend, suspend_chart, suspend_text
-from drift.sortie import Survival
+from drift import check, flow
+from drift.case import survival
+from drift.maps import page
+from drift.search import suspend, suspend_chart, suspend_text
+from drift.search.sortie import Survival
 from geo.errors import UserError
 
 HOUR = 3600.0

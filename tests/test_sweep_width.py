@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from drift import sweep_width
-from drift.sweep_width import FOOT, KINDS, KNOT, NMI, Conditions
+from drift.search import sweep_width
+from drift.search.sweep_width import FOOT, KINDS, KNOT, NMI, Conditions
 from geo.errors import UserError
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drift import ensemble as record
+from drift.motion import ensemble as record
 from geo import sphere
 from geo.grid import Grid
 from kernels import advance as kernel

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drift import units
+from drift.case import units
 from geo import notation
 
 

@@ -11,8 +11,9 @@ import xarray as xr
 from scipy import stats
 
 import drift
-from drift import __main__, drifter_files, drifters, scores, verification, verification_files, verification_text
-from drift.drifters import Track
+from drift import __main__
+from drift.drifters import drifter_files, drifters, scores, verification, verification_files, verification_text
+from drift.drifters.drifters import Track
 from geo.errors import UserError
 
 RADIUS = 6_371_008.8  # [m] of the sphere

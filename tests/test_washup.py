@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from drift import estimate, washup, washup_dataset, washup_tables
-from drift.fates import FOREVER, Fates, Realisation, Stays
-from drift.status import Status
+from drift.motion.status import Status
+from drift.spill import estimate, washup, washup_dataset, washup_tables
+from drift.spill.fates import FOREVER, Fates, Realisation, Stays
 from geo.segments import Segments
 
 START = np.datetime64("1973-11-21T18:00:00")

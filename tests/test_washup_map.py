@@ -10,9 +10,10 @@ from matplotlib.patches import BoxStyle
 from matplotlib.text import Text
 from PIL import Image
 
-from drift import layers, washup, washup_map, washup_tables
-from drift.fates import FOREVER, Fates, Realisation, Stays
-from drift.status import Status
+from drift.forecast import layers
+from drift.motion.status import Status
+from drift.spill import washup, washup_map, washup_tables
+from drift.spill.fates import FOREVER, Fates, Realisation, Stays
 from geo.segments import Segments
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of

@@ -8,8 +8,9 @@ import pytest
 from scipy import stats
 
 import drift
-from drift import leeway, release, worlds
-from drift.worlds import Proposal
+from drift.motion import leeway
+from drift.spill import release, worlds
+from drift.spill.worlds import Proposal
 from geo import coast as shoreline
 from geo import sphere
 from geo.box import Box

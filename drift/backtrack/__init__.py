@@ -1,0 +1,1 @@
+"""Where a spill came from, backward from its finds."""

@@ -1,0 +1,73 @@
+"""What a case expects of its own forecast: the [expect] table, held against the numbers of a run."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from drift.case import fields, units
+from geo import sphere
+
+NMI = units.NMI
+ROUNDING = 1e-12  # by which a sum of shares may exceed 1 in float64; seen: 7e-16
+
+
+class PlaceWithin(fields.Table):
+    """A position and the distance within which the forecast's mean is expected."""
+
+    of: fields.Position
+    distance: fields.Length
+
+
+def _percent(value: object) -> float:
+    try:
+        return float(str(value))
+    except ValueError:
+        raise ValueError(f"{value!r} is no percentage, like 90") from None
+
+
+Percent = Annotated[float, BeforeValidator(_percent)]
+
+
+class Expect(fields.Table):
+    """Ranges at the end of the run: shares by what became of the object, containment areas, the mean position."""
+
+    adrift: fields.ShareRange | None = None
+    ashore: fields.ShareRange | None = None
+    outside: fields.ShareRange | None = None
+    left: fields.ShareRange | None = None
+    area_50: fields.AreaRange | None = None  # [m2]
+    area_95: fields.AreaRange | None = None
+    areas: dict[Percent, fields.AreaRange] = Field(default_factory=dict)  # of any shares of output.areas [%]
+    mean_position_within: PlaceWithin | None = None
+
+    def by_percent(self) -> dict[float, tuple[float, float]]:
+        """Return the ranges of areas [m2] by the percentage that they hold."""
+        named = {50.0: self.area_50, 95.0: self.area_95}
+        return {percent: span for percent, span in named.items() if span is not None} | self.areas
+
+
+def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
+    """Return what a forecast's last output (see tables.numbers) misses, a line each; empty when all is as expected."""
+    missed = []
+    found = {name: end["probability"][name] for name in ("adrift", "ashore", "outside", "left")}
+    spans = {name: getattr(expected, name) for name in found}
+    for percent, span in expected.by_percent().items():
+        found[f"area_{percent:g}"] = _square_metres(end["area_nmi2"][f"{percent:g}%"])
+        spans[f"area_{percent:g}"] = span
+    for name, value in found.items():
+        span = spans[name]
+        if span is not None and not span[0] <= value <= span[1] + ROUNDING:
+            missed.append(f"{name}: {value:.4g}, expected {span[0]:.4g} to {span[1]:.4g}")
+    place = expected.mean_position_within
+    if place is not None:
+        mean = end["mean"] or {"lon": np.nan, "lat": np.nan}
+        away = float(sphere.distance(*np.radians([*place.of, mean["lon"], mean["lat"]])))
+        if not away <= place.distance:
+            missed.append(f"mean position: {away:.0f} m from the one expected, more than {place.distance:.0f} m")
+    return missed
+
+
+def _square_metres(area_nmi2: float | None) -> float:
+    return float("nan") if area_nmi2 is None else area_nmi2 * NMI**2

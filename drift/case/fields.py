@@ -1,0 +1,211 @@
+"""Types of the case file's fields: what is written, checked and turned into SI at once.
+
+Each is an annotated type for a pydantic model. A refusal says what was given and what is allowed; messages.py says where.
+"""
+
+import difflib
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails
+
+from drift.case import units
+
+
+class Table(BaseModel):
+    """A table of the case file: frozen, and no key that it doesn't know."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=False)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
+        """Refuse unknown keys with the nearest known one, together with all else that is wrong in the table.
+
+        What only follows from an unknown key is left out: that the key it stands for is missing, and what the table as a
+        whole would lack.
+        """
+        if isinstance(data, cls):
+            return handler(data)
+        if not isinstance(data, dict):
+            raise ValueError(f"must be a table, not {data!r}")
+        known = [field.alias or name for name, field in cls.model_fields.items()]
+        unknown = {str(key): difflib.get_close_matches(str(key), known, n=1, cutoff=0.6) for key in data}
+        unknown = {key: near for key, near in unknown.items() if key not in known}
+        if not unknown:
+            return handler(data)
+        wrong = [
+            f'unknown key "{key}"; {f"""did you mean "{near[0]}"? """ if near else ""}Allowed: {", ".join(known)}'
+            for key, near in unknown.items()
+        ]
+        meant = {near[0] for near in unknown.values() if near}
+        other: list[InitErrorDetails] = []
+        try:
+            handler({key: value for key, value in data.items() if key in known})
+        except ValidationError as error:
+            other = [
+                _detail(found)
+                for found in error.errors(include_url=False)
+                if found["loc"] and not (found["type"] == "missing" and found["loc"][0] in meant)
+            ]
+        raise ValidationError.from_exception_data(cls.__name__, [*map(complaint, wrong), *other])
+
+
+def complaint(message: str) -> InitErrorDetails:
+    """Return a complaint about a whole table, one of several to raise together."""
+    return {"type": "value_error", "loc": (), "input": None, "ctx": {"error": ValueError(message)}}
+
+
+def refuse(table: BaseModel, messages: Sequence[str]) -> None:
+    """Refuse a table for all that is wrong with it, if anything is."""
+    if messages:
+        raise ValidationError.from_exception_data(type(table).__name__, [complaint(message) for message in messages])
+
+
+def _detail(found: Any) -> InitErrorDetails:
+    return {"type": found["type"], "loc": found["loc"], "input": found["input"], "ctx": found.get("ctx", {})}
+
+
+def one_of(table: BaseModel, names: tuple[str, ...]) -> str:
+    """Return which one of the named keys is given; none or several are refused."""
+    given = [name for name in names if getattr(table, name) is not None]
+    if len(given) != 1:
+        found = " and ".join(given) if given else "none"
+        raise ValueError(f"exactly one of {', '.join(names)} must be given; found {found}")
+    return given[0]
+
+
+def _quantity(
+    unit: str, what: str, example: str, low: float = 0.0, high: float = float("inf"), above: bool = False
+) -> BeforeValidator:
+    """Return a validator of a quantity in [low, high], or (low, high] where `above`."""
+
+    def check(value: object) -> float:
+        number = units.quantity(value, unit, what, example)
+        if number < low or (above and number == low):
+            raise ValueError(f"{what} {value!r} must be {'above' if above else 'at least'} {low:g} {unit}".rstrip())
+        if number > high:
+            raise ValueError(f"{what} {value!r} must be at most {high:g} {unit}".rstrip())
+        return number
+
+    return BeforeValidator(check)
+
+
+def pair_of(single: Callable[[object], float]) -> Callable[[object], tuple[float, float]]:
+    """Return a validator of [low, high], or of one value for both."""
+
+    def check(value: object) -> tuple[float, float]:
+        if not isinstance(value, list | tuple):
+            return single(value), single(value)
+        if len(value) != 2:
+            raise ValueError(f"{list(value)!r} must be one value or [low, high]")
+        return single(value[0]), single(value[1])
+
+    return check
+
+
+def _ordered(single: Callable[[object], float]) -> BeforeValidator:
+    def check(value: object) -> tuple[float, float]:
+        low, high = pair_of(single)(value)
+        if high < low:
+            raise ValueError(f"{value!r} must go from low to high")
+        return low, high
+
+    return BeforeValidator(check)
+
+
+def _direction(value: object) -> float:
+    degrees = units.quantity(value, "deg", "direction", "120 deg")
+    if not 0 <= degrees <= 360:
+        raise ValueError(f"direction {value!r} must be 0 to 360 degrees clockwise from true north")
+    return degrees
+
+
+def _sector(value: object) -> tuple[float, float]:
+    """Return a sector [deg], clockwise from its first to its second edge: [350, 20] is 30 degrees wide."""
+    first, second = pair_of(_direction)(value)
+    return first, second if second >= first else second + 360.0
+
+
+def count(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | float) or value % 1 != 0:
+        raise ValueError(f"{value!r} is not a whole number")
+    if abs(value) > 2**64:
+        raise ValueError(f"{str(value)[:20]}... is too large a number")
+    return int(value)
+
+
+def _jibe(value: object) -> float:
+    rate = value / 3600.0 if isinstance(value, int | float) else value  # bare numbers are per hour, as published
+    number = units.quantity(rate, "1/s", "jibing rate", "0.04 / h")
+    if not 0 <= number <= 1 / 60:
+        raise ValueError(f"jibing rate {value!r} must be 0 to 60 per hour")
+    return number
+
+
+def rate(value: object) -> float:
+    """Return a rate of events [1/s]."""
+    number = units.quantity(value, "1/s", "rate", "0.2 /day")
+    if not 0 <= number <= 1:
+        raise ValueError(f"rate {value!r} must be 0 to 1 per second")
+    return number
+
+
+def _share(value: object) -> float:
+    number = units.quantity(value, "", "share", "0.2")
+    if not 0 <= number <= 1:
+        raise ValueError(f"{value!r} must be a share, 0 to 1")
+    return number
+
+
+HALF_TURN = 2.0015e7  # [m] half the way round the Earth: no length in a case is longer
+
+_length = _quantity("m", "distance", "5 nmi", high=HALF_TURN)
+_area = _quantity("m^2", "area", "120 nmi2")
+
+Length = Annotated[float, _length]
+Depth = Annotated[float, _quantity("m", "depth", "0 m", high=12_000)]
+Speed = Annotated[float, _quantity("m/s", "speed", "12 kn", high=150)]
+WindSpeed = Annotated[float, _quantity("m/s", "wind", "12 kn", high=90)]
+CurrentError = Annotated[float, _quantity("m/s", "error of a current", "0.1 m/s", high=2.5)]
+WindError = Annotated[float, _quantity("m/s", "error of a wind", "1.5 m/s", high=20)]
+SignedSpeed = Annotated[float, _quantity("m/s", "speed", "2 cm/s", low=-150, high=150)]
+ShipSpeed = Annotated[float, _quantity("m/s", "speed", "8 kn", above=True, high=150)]
+_duration = _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)
+Duration = Annotated[float, _duration]
+Diffusivity = Annotated[float, _quantity("m^2/s", "diffusivity", "10 m2/s", high=1e4)]
+Timeout = Annotated[float, _quantity("s", "timeout", "60 s", low=1, high=3600)]
+Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.5, high=0.5)]
+Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]
+Weight = Annotated[float, _quantity("", "weight", "0.5")]
+Share = Annotated[float, BeforeValidator(_share)]
+
+
+def _label(value: object) -> object:
+    if isinstance(value, str) and (not value.strip() or not value.isprintable()):
+        raise ValueError(f"{value!r} must be one line of letters")
+    return value
+
+
+Label = Annotated[str, BeforeValidator(_label)]  # a title or name, as it will stand on maps and in tables
+Count = Annotated[int, BeforeValidator(count)]
+Rate = Annotated[float, BeforeValidator(_jibe)]
+Direction = Annotated[float, BeforeValidator(_direction)]
+Sector = Annotated[tuple[float, float], BeforeValidator(_sector)]
+LengthRange = Annotated[tuple[float, float], _ordered(_length.func)]
+AreaRange = Annotated[tuple[float, float], _ordered(_area.func)]
+DurationRange = Annotated[tuple[float, float], _ordered(_duration.func)]
+ShareRange = Annotated[tuple[float, float], _ordered(_share)]
+LengthPair = Annotated[tuple[float, float], BeforeValidator(pair_of(_length.func))]
+Position = Annotated[tuple[float, float], BeforeValidator(units.position)]  # (lon, lat) [deg]
+Longitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "EW"))]
+Latitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "NS"))]
+Time = Annotated[units.Instant, BeforeValidator(units.time)]

@@ -1,0 +1,68 @@
+"""What sorties, contacts and units must fit: the run, and each other's names; and how a refusal says which one it was."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drift.case import units
+from drift.case.mistakes import Mistakes
+from drift.case.scenario import Scenario
+from geo.errors import UserError
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a sortie must fit: the run's times, its scenarios and the folder of its files."""
+
+    start: np.datetime64
+    end: np.datetime64
+    scenarios: Sequence[Scenario]
+    folder: Path
+
+    def check(self, first: np.datetime64, last: np.datetime64) -> None:
+        """Refuse times outside the run."""
+        if first < self.start or last > self.end:
+            when = units.group(first) if first == last else f"{units.group(first)} to {units.group(last)}"
+            raise ValueError(
+                f"{when} is outside the run, {units.group(self.start)} to {units.group(self.end)}; change its times, or "
+                "the case's start, duration or end"
+            )
+
+
+def named(given: Sequence[str | None], what: str) -> list[str]:
+    """Return names, "sortie 2" for the second where it has none; refuse a name that comes twice."""
+    names = numbered(given, what)
+    again = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if again:
+        raise UserError(*(f'{what} "{name}": two {what}s have this name; give each its own' for name in again))
+    return names
+
+
+def numbered(given: Sequence[str | None], what: str) -> list[str]:
+    """Return names, "sortie 2" for the second where it has none."""
+    return [name or f"{what} {number}" for number, name in enumerate(given, 1)]
+
+
+def all_told(
+    makers: Sequence[Callable[[str, Run], Any]], given: Sequence[str | None], what: str, run: Run
+) -> list[Any]:
+    """Return what tables make, one after the other; raise one UserError for all that is wrong with any of them."""
+    wrong, made = Mistakes(), []
+    with wrong.gathered():
+        named(given, what)
+    for make, name in zip(makers, numbered(given, what), strict=True):
+        with wrong.gathered():
+            made.append(told(make, name, what, run))
+    wrong.refuse()
+    return made
+
+
+def told(make: Callable[[str, Run], Any], name: str, what: str, run: Run) -> Any:
+    """Return what a table makes; its refusals say which table it was."""
+    try:
+        return make(name, run)
+    except (ValueError, UserError) as error:
+        raise UserError(f'{what} "{name}": {error}') from None

@@ -1,0 +1,87 @@
+"""A grid of the user's own for all outputs, so that runs can be subtracted cell by cell: output.grid of a case."""
+
+import math
+import re
+from typing import Annotated
+
+from pydantic import BeforeValidator, model_validator
+
+from drift.case import fields, units
+from drift.forecast.cells import Cells
+from geo import sphere
+
+MOST_CELLS = 1_000_000
+FEWEST = 8  # cells each way
+QUANTUM = 16  # [binary angle unit] 0.15 m, of which cells are a whole number: maps are made on cells of half, down to 1/16, the size
+POLEWARD = 89.0  # [deg]
+DEGREES = re.compile(r"\s*([0-9.]+)\s*(deg|degrees?|°)\s*")
+
+Spacing = tuple[float, str]  # of cells, "deg" or "m"
+
+
+def _spacing(value: object) -> Spacing:
+    if isinstance(value, str) and (match := DEGREES.fullmatch(value)):
+        try:
+            number, unit = float(match[1]), "deg"
+        except ValueError:
+            number, unit = 0.0, "deg"
+    else:
+        number, unit = units.quantity(value, "m", "spacing", "0.02 deg"), "m"
+    if number <= 0:
+        raise ValueError(f'{value!r} must be above 0, like "0.02 deg", "1 nmi" or "500 m"')
+    return number, unit
+
+
+class GridTable(fields.Table):
+    """The output.grid table: its edges, and how wide and high cells are."""
+
+    west: fields.Longitude
+    south: fields.Latitude
+    east: fields.Longitude
+    north: fields.Latitude
+    spacing: Annotated[Spacing, BeforeValidator(_spacing)]
+
+    @model_validator(mode="after")
+    def proper(self) -> "GridTable":
+        """Refuse a grid of no cells, of too few or too many."""
+        if self.south >= self.north:
+            raise ValueError(f"south {self.south:g} is not below north {self.north:g}")
+        if max(abs(self.south), abs(self.north)) > POLEWARD:
+            raise ValueError(f"reaches beyond {POLEWARD:g} degrees of latitude, where there is no forecast")
+        made = self.cells()
+        told = f"{self._told()} makes {made.nlon:,} x {made.nlat:,} cells"
+        if min(made.shape) < FEWEST:
+            raise ValueError(
+                f"{told}; at least {FEWEST} each way tell where something is: widen it, or make spacing smaller"
+            )
+        if made.nlon * made.nlat > MOST_CELLS:
+            larger = math.sqrt(made.nlon * made.nlat / MOST_CELLS)
+            raise ValueError(
+                f"{told}; at most {MOST_CELLS:,}: make spacing {math.ceil(10 * larger) / 10:g} times as large"
+            )
+        return self
+
+    def cells(self) -> Cells:
+        """Return the cells: from the south-west corner on, as many as cover the box."""
+        number, unit = self.spacing
+        high = number if unit == "deg" else math.degrees(number / sphere.RADIUS)
+        shrink = 1.0 if unit == "deg" else math.cos(math.radians((self.south + self.north) / 2))
+        west = (self.west + 180) % 360 - 180
+        span = (self.east - west) % 360 or 360.0
+        width, height = (_whole(size) for size in (high / shrink, high))
+        units_a_degree = sphere.TURN / 360
+        lon0, lat0 = (round(edge * units_a_degree) for edge in (west, self.south))
+        # A last cell of under a hundredth of its size is rounding.
+        columns, rows = (
+            max(math.ceil(size * units_a_degree / cell - 0.01), 1)
+            for size, cell in ((span, width), (self.north - self.south, height))
+        )
+        return Cells(lon0, lat0, width, height, min(columns, sphere.TURN // width), rows)
+
+    def _told(self) -> str:
+        number, unit = self.spacing
+        return f"a spacing of {number:g} {unit} over {self.west:g}..{self.east:g} E, {self.south:g}..{self.north:g} N"
+
+
+def _whole(degrees: float) -> int:
+    return max(round(degrees * sphere.TURN / 360 / QUANTUM), 1) * QUANTUM

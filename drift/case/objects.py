@@ -1,0 +1,82 @@
+"""Objects as a case describes them: a leeway class, own leeway lines, plain windage, an immersion level, or water."""
+
+import numpy as np
+from pydantic import model_validator
+
+from drift.case import fields
+from drift.motion import leeway
+from drift.motion.leeway import Drifter, Line
+from geo.errors import UserError
+
+LEAST_IMMERSION = 0.05
+
+
+class LineTable(fields.Table):
+    """A leeway line as written."""
+
+    slope: fields.Slope
+    offset: fields.SignedSpeed = 0.0
+    std: fields.Speed = 0.0
+
+    def line(self) -> Line:
+        """Return the line."""
+        return Line(self.slope, self.offset, self.std)
+
+
+class ObjectTable(fields.Table):
+    """An object: a class by name, own leeway lines, or plain windage."""
+
+    name: str | None = None
+    downwind: LineTable | None = None
+    right: LineTable | None = None
+    left: LineTable | None = None
+    windage: fields.Windage | None = None
+    spread: fields.Windage = 0.0
+    immersion: fields.ShareRange | None = None
+
+    @model_validator(mode="after")
+    def one_kind(self) -> "ObjectTable":
+        """Refuse half a description, and two at once."""
+        if self.immersion is not None:
+            if self.downwind or self.windage is not None or self.right or self.left or self.spread:
+                raise ValueError("immersion alone says how the object answers the wind; leave the other keys out")
+            if self.immersion[0] < LEAST_IMMERSION:
+                raise ValueError(
+                    f"immersion {self.immersion[0]:g} must be {LEAST_IMMERSION:g} to 1, the share under water"
+                )
+        elif self.downwind is None and self.windage is None:
+            if self.right or self.left or self.spread or self.name is None:
+                raise ValueError('give a class ("PIW-1"), { downwind, right, left }, { windage, spread } or "water"')
+            try:
+                leeway.find(self.name)
+            except UserError as error:
+                raise ValueError(str(error)) from None
+        elif self.downwind is not None and self.downwind.slope < 0:
+            raise ValueError(
+                f"downwind slope {100 * self.downwind.slope:g} % must be 0 to 50 %: no wind draws an object towards itself"
+            )
+        elif self.downwind is not None and self.windage is not None:
+            raise ValueError("give either downwind, right and left or windage, not both")
+        if self.windage is not None and (self.right or self.left):
+            raise ValueError("right and left belong to downwind; windage has no crosswind lines")
+        if (self.right is None) != (self.left is None):
+            raise ValueError("give both right and left, or neither; the mirror image has slope and offset negated")
+        if self.spread and self.windage is None:
+            raise ValueError("spread belongs to windage; a leeway line has its own std")
+        return self
+
+    def drifter(self) -> Drifter:
+        """Return what drifts."""
+        still = Line()
+        if self.immersion is not None:
+            low, high = self.immersion
+            mean = float(np.mean(leeway.windage(np.linspace(low, high, 1001))))
+            words = f"Immersed to {low:.0%}" + (f" to {high:.0%}" if high > low else "")
+            return Drifter(self.name or "immersed", words, Line(mean), still, still, immersion=self.immersion)
+        if self.windage is not None:
+            down = Line(self.windage, spread=self.spread)
+            return Drifter(self.name or "windage", f"Windage {100 * self.windage:g} %", down, still, still)
+        if self.downwind is not None:
+            right, left = (line.line() if line else still for line in (self.right, self.left))
+            return Drifter(self.name or "own lines", "Leeway of the case", self.downwind.line(), right, left)
+        return leeway.find(str(self.name))

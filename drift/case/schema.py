@@ -1,0 +1,236 @@
+"""The case file as written: its tables, each key with its type, its default and what it refuses.
+
+Scenarios, objects, sources, errors and expectations have files of their own; here is what holds them together.
+"""
+
+import os
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from drift.case import fields, shares, units
+from drift.case.contact_input import ContactTable
+from drift.case.expect import Expect
+from drift.case.grid_input import GridTable
+from drift.case.plan_input import PlanTable, ResamplingTable, UnitTable
+from drift.case.scenario import ScenarioTable
+from drift.case.sortie_input import SortieTable
+from drift.case.sources import SourceTable
+from drift.case.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
+from drift.case.uncertainty import Uncertainty, UncertaintyTable
+from geo.box import Box
+
+BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 92 on the device, the rest on the host
+
+
+class OutputTable(fields.Table):
+    """The [output] table as written."""
+
+    every: fields.Duration | None = None
+    times: list[fields.Time] | None = None
+    trajectories: fields.Count = 200
+    grid: GridTable | None = None
+    areas: Annotated[tuple[float, ...], BeforeValidator(shares.percents)] = tuple(
+        100 * share for share in shares.SHARES
+    )
+
+    @model_validator(mode="after")
+    def one_way(self) -> "OutputTable":
+        """Refuse two ways of giving the times."""
+        if self.every is not None and self.times is not None:
+            raise ValueError("give every or times, not both")
+        if self.trajectories < 0:
+            raise ValueError(f"trajectories {self.trajectories} must be at least 0")
+        return self
+
+    def fractions(self) -> tuple[float, ...]:
+        """Return the shares whose areas are asked for."""
+        return tuple(percent / 100 for percent in self.areas)
+
+
+def _step(value: object) -> int | None:
+    if value == "auto":
+        return None
+    seconds = units.quantity(value, "s", "step", "10 min")
+    if seconds < 1 or seconds != round(seconds) or seconds > 86_400:
+        raise ValueError(f'{value!r} must be "auto" or a whole number of seconds, 1 s to 24 h')
+    return int(seconds)
+
+
+class ClockTable(fields.Table):
+    """The [clock] table as written."""
+
+    step: Annotated[int | None, BeforeValidator(_step)] = None
+    scheme: Literal["rk2", "rk4"] = "rk4"
+    tolerance: Annotated[fields.Length, Field(gt=0)] = 20.0
+
+
+class DomainTable(fields.Table):
+    """The [domain] table as written."""
+
+    west: fields.Longitude
+    south: fields.Latitude
+    east: fields.Longitude
+    north: fields.Latitude
+
+    @model_validator(mode="after")
+    def proper(self) -> "DomainTable":
+        """Refuse an empty box."""
+        if self.south >= self.north:
+            raise ValueError(f"south {self.south:g} is not below north {self.north:g}")
+        return self
+
+    def box(self) -> Box:
+        """Return the box; one whose east is not east of its west lies across the antimeridian or goes round."""
+        west = (self.west + 180) % 360 - 180
+        return Box(west, self.south, west + ((self.east - west) % 360 or 360.0), self.north)
+
+
+def _lakes(value: object) -> bool | str:
+    if not isinstance(value, bool | str):
+        raise ValueError(f"{value!r} must be true, false or a file of lakes")
+    return value
+
+
+class CoastTable(fields.Table):
+    """The [coast] table as written."""
+
+    source: str = "gshhg"
+    lakes: Annotated[Any, BeforeValidator(_lakes)] = False
+    behaviour: Literal["strand", "refloat", "slide"] = "strand"
+    half_life: fields.Duration | None = None
+    offing: Annotated[fields.Length, Field(gt=0, le=2000)] = 100.0
+
+    @model_validator(mode="after")
+    def one_behaviour(self) -> "CoastTable":
+        """Refuse a half-life of what does not refloat, and refloating without one."""
+        if (self.half_life is None) == (self.behaviour == "refloat"):
+            raise ValueError('behaviour = "refloat" needs a half_life, like "12 h"; no other behaviour has one')
+        return self
+
+
+class DepthTable(fields.Table):
+    """The [depth] table as written: where boats have too little water."""
+
+    file: str
+    variable: fields.Label | None = None
+    positive: Literal["up", "down"] | None = None
+
+
+def _particles(value: object) -> int:
+    number = fields.count(value)
+    if number < 1:
+        raise ValueError(f"{number} particles; at least 1")
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**34
+    if number > min(memory // BYTES_PER_PARTICLE, 2**31 - 1):
+        most = min(memory // BYTES_PER_PARTICLE, 2**31 - 1)
+        raise ValueError(
+            f"{number:,} particles need {number * BYTES_PER_PARTICLE / 2**30:,.0f} GiB of memory; this machine has "
+            f"{memory / 2**30:.1f} GiB, enough for at most {most:,}"
+        )
+    return number
+
+
+class CaseTable(fields.Table):
+    """The case file as written."""
+
+    title: fields.Label | None = None
+    start: fields.Time
+    duration: fields.Duration | None = None
+    end: fields.Time | None = None
+    direction: Literal["forward", "backward"] = "forward"
+    particles: Annotated[int, BeforeValidator(_particles)] = 100_000
+    seed: fields.Count = 1
+    max_lost: fields.Share = 0.2
+    output: OutputTable = OutputTable()
+    clock: ClockTable = ClockTable()
+    domain: DomainTable | None = None
+    coast: CoastTable = CoastTable()
+    depth: DepthTable | None = None
+    current: list[SourceTable] = Field(default_factory=list)
+    wind: list[SourceTable] = Field(default_factory=list)
+    stokes: list[SourceTable] = Field(default_factory=list)
+    uncertainty: Uncertainty = UncertaintyTable()
+    scenario: list[ScenarioTable] = Field(default_factory=list)
+    spill: SpillTable | None = None
+    find: list[FindTable] = Field(default_factory=list)
+    patrol: list[PatrolTable] = Field(default_factory=list)
+    patrol_unit: list[PatrolUnitTable] = Field(default_factory=list)
+    sortie: list[SortieTable] = Field(default_factory=list)
+    contact: list[ContactTable] = Field(default_factory=list)
+    unit: list[UnitTable] = Field(default_factory=list)
+    plan: PlanTable = PlanTable()
+    resampling: ResamplingTable = ResamplingTable()
+    expect: Expect = Expect()
+
+    @field_validator("seed")
+    @classmethod
+    def fits(cls, value: int) -> int:
+        """Refuse a seed that the generator's 64-bit key does not hold."""
+        if not 0 <= value < 2**63:
+            raise ValueError(f"{value} must be 0 to 2^63 - 1")
+        return value
+
+    @field_validator("start")
+    @classmethod
+    def absolute(cls, value: units.Instant) -> units.Instant:
+        """Refuse a start that is relative to itself."""
+        if not isinstance(value, np.datetime64):
+            raise ValueError('cannot be relative; write it like "211830ZNOV26"')
+        return value
+
+    @model_validator(mode="after")
+    def whole(self) -> "CaseTable":
+        """Refuse a case of nothing, one of two kinds, and one whose times don't fit its direction."""
+        wrong = [*self._subject(), *self._backward(), *self._span()]
+        fields.refuse(self, wrong)
+        return self
+
+    def _subject(self) -> list[str]:
+        if bool(self.scenario) == (self.spill is not None):
+            return ["give either [[scenario]] tables, of one object, or a [spill] of many"]
+        wrong = []
+        if self.spill is None and (self.find or self.patrol or self.patrol_unit):
+            wrong.append("[[find]], [[patrol]] and [[patrol_unit]] belong to a [spill]")
+        if self.spill is not None and "particles" in self.model_fields_set:
+            wrong.append("particles: a spill has spill.worlds times spill.per_world of them; give those")
+        if self.spill is not None and (given := self._of_a_search()):
+            wrong.append(f"{given} belongs to a search with [[scenario]] tables; a [spill] has [[find]] and [[patrol]]")
+        return wrong
+
+    def _backward(self) -> list[str]:
+        given = self._of_a_search() if self.direction == "backward" and self.spill is None else ""
+        return [f"{given} belongs to a forward run: a search and its plan go with the time"] if given else []
+
+    def _of_a_search(self) -> str:
+        """Return the first table that belongs to a search, "" without one."""
+        given = [f"[[{key}]]" for key in ("sortie", "contact", "unit") if getattr(self, key)]
+        given += [f"[{key}]" for key in ("plan", "resampling") if key in self.model_fields_set]
+        return given[0] if given else ""
+
+    def _span(self) -> list[str]:
+        try:
+            fields.one_of(self, ("duration", "end"))
+        except ValueError as error:
+            return [str(error)]
+        start, end = self.begin(), self.finish()
+        if end == start:
+            return [f"end {units.group(end)} is the start: nothing to forecast"]
+        if (end < start) == (self.direction == "backward"):
+            return []
+        fault = "before" if end < start else "after"
+        cure = 'an end after the start, or direction = "backward"' if end < start else "an end before the start"
+        return [f"end {units.group(end)} is {fault} start {units.group(start)} in a {self.direction} run; give {cure}"]
+
+    def begin(self) -> np.datetime64:
+        """Return the start."""
+        assert isinstance(self.start, np.datetime64)  # absolute
+        return self.start
+
+    def finish(self) -> np.datetime64:
+        """Return the end."""
+        if self.end is not None:
+            return units.resolve(self.end, self.begin())
+        span = np.timedelta64(round(self.duration or 0.0), "s")
+        return self.begin() - span if self.direction == "backward" else self.begin() + span

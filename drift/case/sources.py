@@ -1,0 +1,302 @@
+"""Where a case takes its winds and currents from: files, a dataset in memory, a constant, a table, or a built-in flow.
+
+Nothing is opened here; geo.forcing does that. A constant or a table is what was reported on scene, so that the first
+hour of a case needs no file. Currents go toward, winds come from; the case file says which with the key it uses.
+"""
+
+import glob
+import itertools
+import math
+import os
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from drift.case import fields, units
+from geo.errors import UserError
+from geo.quantities import FASTEST, SPOKEN
+
+Quantity = Literal["current", "wind", "stokes"]
+
+SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
+
+ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Report:
+    """A vector by time, as reported on scene: UTC times, strictly increasing, true east and north [m/s]."""
+
+    times: tuple[np.datetime64, ...]
+    east: tuple[float, ...]
+    north: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Slices:
+    """Times stated by the user: of the first slice, and from one to the next."""
+
+    start: np.datetime64  # [s] UTC
+    every: np.timedelta64  # [s]
+
+
+@dataclass(frozen=True)
+class ForcingSpec:
+    """One source of a quantity; exactly one of files, dataset, constant, table and analytic is given."""
+
+    name: str
+    quantity: Quantity
+    files: tuple[str, ...] = ()  # absolute paths of files that exist, or addresses
+    dataset: str | None = None  # the name of an xarray.Dataset that the run is given
+    constant: tuple[float, float] | None = None  # true east, north [m/s]
+    table: Report | None = None
+    analytic: str | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)  # of the built-in flow, SI
+    variables: Mapping[str, str] | None = None
+    units: str | None = None
+    depth: float | None = None  # [m]
+    steady: bool = False
+    times: Slices | None = None  # in place of the files' own
+    fill: int = 3  # cells filled from wet neighbours toward the coast
+    plausible: bool = False  # the user vouches for the speeds in the files
+    timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
+    add: bool = False  # added to what the sources without it give by priority
+
+
+class Vector(fields.Table):
+    """A reported wind or current: speed with the direction it comes from or goes toward, or east and north."""
+
+    speed: fields.Speed | None = None
+    from_: fields.Direction | None = Field(None, alias="from")
+    toward: fields.Direction | None = None
+    east: fields.SignedSpeed | None = None
+    north: fields.SignedSpeed | None = None
+
+    @model_validator(mode="after")
+    def complete(self) -> "Vector":
+        """Refuse what leaves the vector open or says it twice."""
+        given = {name for name in ("speed", "from_", "toward", "east", "north") if getattr(self, name) is not None}
+        if given not in ({"speed", "from_"}, {"speed", "toward"}, {"east", "north"}):
+            found = ", ".join(sorted(name.rstrip("_") for name in given)) or "nothing"
+            raise ValueError(
+                f"give speed and from (winds), or speed and toward (currents), or east and north; found {found}"
+            )
+        return self
+
+    def components(self) -> tuple[float, float]:
+        """Return true (east, north) [m/s]."""
+        if self.speed is None:
+            return self.east or 0.0, self.north or 0.0
+        toward = math.radians(self.toward if self.toward is not None else (self.from_ or 0.0) + 180.0)
+        return self.speed * math.sin(toward), self.speed * math.cos(toward)
+
+
+class TimedVector(Vector):
+    """A row of a table by time."""
+
+    time: fields.Time
+
+
+class StatedTimes(fields.Table):
+    """Times in place of a file's own."""
+
+    start: fields.Time
+    every: fields.Duration
+
+    def stated(self, start: np.datetime64) -> Slices:
+        """Return the record, for a case that starts at `start`."""
+        return Slices(units.resolve(self.start, start), np.timedelta64(round(self.every), "s"))
+
+
+def _paths(value: Any) -> Any:
+    return (value,) if isinstance(value, str) else value
+
+
+def _indices(value: Any) -> Any:
+    """Return a table of names with its whole numbers, indices along a dimension, as text."""
+    if not isinstance(value, dict):
+        return value
+    return {k: str(v) if isinstance(v, int) and not isinstance(v, bool) else v for k, v in value.items()}
+
+
+def _parameters(value: Any) -> dict[str, float]:
+    if not isinstance(value, dict):
+        raise ValueError(f"must be a table, not {value!r}")
+    return {key: _base(number) for key, number in value.items()}
+
+
+def _base(value: object) -> float:
+    """Return a parameter of a built-in flow in SI base units, whatever its kind."""
+    if isinstance(value, str) and (match := units.NUMBER.fullmatch(value)) and match[2]:
+        try:
+            if units.TOWER.search(match[2]):
+                raise ValueError
+            return float(units.registry().Quantity(value).to_base_units().magnitude)
+        except Exception:
+            raise ValueError(f'"{value}" is not a quantity') from None
+    return units.quantity(value, "", "number", "0.5 m/s")
+
+
+def options(spec: ForcingSpec) -> dict[str, Any]:
+    """Return how a source's files are to be read, as `geo.forcing.open_source` takes it."""
+    return {
+        "variables": spec.variables,
+        "units": spec.units,
+        "times": {"start": spec.times.start, "interval": spec.times.every} if spec.times else None,
+        "steady": spec.steady,
+        "depth": spec.depth,
+        "plausible": spec.plausible,
+        "timeout": spec.timeout,
+    }
+
+
+class SourceTable(fields.Table):
+    """A [[current]], [[wind]] or [[stokes]] table as written."""
+
+    name: fields.Label | None = None
+    files: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(_paths)] | None = None
+    dataset: fields.Label | None = None
+    constant: Vector | None = None
+    table: list[TimedVector] | None = None
+    analytic: str | None = None
+    parameters: Annotated[dict[str, float], BeforeValidator(_parameters)] = Field(default_factory=dict)
+    variables: Annotated[dict[str, str] | None, BeforeValidator(_indices)] = None
+    units: str | None = None
+    depth: fields.Depth | None = None
+    steady: bool = False
+    times: StatedTimes | None = None
+    fill: fields.Count = 3
+    plausible: bool = False
+    timeout: fields.Timeout = 60.0
+    add: bool = False
+
+    @field_validator("fill")
+    @classmethod
+    def few(cls, value: int) -> int:
+        """Refuse a fill that would invent a current far inland."""
+        if not 0 <= value <= 20:
+            raise ValueError(f"{value} cells; must be 0 to 20")
+        return value
+
+    @model_validator(mode="after")
+    def one_kind(self) -> "SourceTable":
+        """Refuse two kinds of source in one table, and keys that belong to another kind."""
+        kind = fields.one_of(self, ("files", "dataset", "constant", "table", "analytic"))
+        if kind not in ("files", "dataset"):
+            for key in ("variables", "units", "depth", "steady", "times", "plausible"):
+                if key in self.model_fields_set:
+                    raise ValueError(f"{key} belongs to files and to a dataset; this source is {kind}")
+        if kind != "files" and "timeout" in self.model_fields_set:
+            raise ValueError(f"timeout belongs to files at an address; this source is {kind}")
+        if kind != "analytic" and self.parameters:
+            raise ValueError(f"parameters belong to analytic; this source is {kind}")
+        if self.files is not None and not self.files:
+            raise ValueError("files is empty")
+        if self.steady and self.times:
+            raise ValueError("steady and times exclude each other: a steady field has no times")
+        return self
+
+    def spec(self, quantity: Quantity, number: int, start: np.datetime64, folder: Path) -> ForcingSpec:
+        """Return the source with paths made absolute and times resolved.
+
+        number: its place among the sources of its quantity, from 1. folder: what relative paths start from. Raises
+        ValueError where a stated speed is more than any such quantity has.
+        """
+        if quantity == "wind" and self.depth is not None:
+            raise ValueError(
+                "depth belongs to [[current]] and [[stokes]]; name a wind's level by its index, in variables"
+            )
+        ceiling = FASTEST[quantity]
+        for place, speed in self._speeds():
+            if speed > ceiling:
+                raise ValueError(
+                    f"{place}: {speed:.4g} m/s is too fast for a {SPOKEN[quantity]}; at most {ceiling:g} m/s"
+                )
+        return ForcingSpec(
+            name=self.name or f"{quantity} {number}",
+            quantity=quantity,
+            files=tuple(path for written in self.files or () for path in found(written, folder)),
+            dataset=self.dataset,
+            constant=self.constant.components() if self.constant else None,
+            table=_report(self.table, start) if self.table is not None else None,
+            analytic=self.analytic,
+            parameters=self.parameters,
+            variables=self.variables,
+            units=self.units,
+            depth=self.depth,
+            steady=self.steady,
+            times=self.times.stated(start) if self.times else None,
+            fill=self.fill,
+            plausible=self.plausible,
+            timeout=self.timeout,
+            add=self.add,
+        )
+
+    def _speeds(self) -> Iterator[tuple[str, float]]:
+        """Give the speeds [m/s] that the table itself states, and where."""
+        if self.constant:
+            yield "constant", math.hypot(*self.constant.components())
+        for row, vector in enumerate(self.table or (), 1):
+            yield f"table, row {row}", math.hypot(*vector.components())
+        for key in SPEEDS:
+            yield f"parameters.{key}", abs(self.parameters.get(key, 0.0))
+
+
+def place(quantity: str, number: int, name: str | None) -> str:
+    """Return what messages call a source: by its name, or its number among those of its quantity."""
+    return f'{quantity} "{name}"' if name else f"{quantity} {number}"
+
+
+def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
+    if len(rows) < 2:
+        raise ValueError("table needs at least two rows; for one, write constant")
+    times = tuple(units.resolve(row.time, start) for row in rows)
+    for before, after in itertools.pairwise(times):
+        if after <= before:
+            raise ValueError(f"table: {units.group(after)} does not come after {units.group(before)}")
+    vectors = [row.components() for row in rows]
+    return Report(times, tuple(east for east, _ in vectors), tuple(north for _, north in vectors))
+
+
+def found(written: str, folder: Path) -> list[str]:
+    """Return the files that a path or pattern names, absolute and sorted; addresses pass as they are."""
+    text = re.sub(r"\$\{(\w+)\}|\$(\w+)", lambda match: _variable(match[1] or match[2], written), written)
+    if ADDRESS.match(text):
+        return [text]
+    path = folder / os.path.expanduser(text)
+    try:
+        matches = [str(path)] if path.exists() else sorted(glob.glob(str(path), recursive=True))
+        if matches:
+            return [str(Path(match).resolve(strict=True)) for match in matches]  # a link may lead nowhere
+    except (OSError, RuntimeError, ValueError) as error:  # too long a name, a loop of links
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise ValueError(f'no file "{_short(written)}" ({reason or "a loop of links"}); name another') from None
+    raise ValueError(f'no file "{_short(written)}"; looked for {_short(str(path))}')
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 300 else f"{text[:300]}..."
+
+
+def _variable(name: str, written: str) -> str:
+    if name not in os.environ:
+        raise ValueError(
+            f'"{written}" needs the environment variable {name}; set it: export {name}=/folder/of/the/data'
+        )
+    return os.environ[name]
+
+
+def one_file(name: str, folder: Path, place: str, allowed: str = "") -> str:
+    """Return the absolute path of one file; raise UserError, with `allowed`, where there is none, or several."""
+    try:
+        files = found(name, folder)
+    except ValueError as error:
+        raise UserError(f"{place}: {error}{allowed}") from None
+    if len(files) != 1 or not Path(files[0]).is_file():
+        raise UserError(f'{place}: "{name}" is not one file; it is {", ".join(files)}')
+    return files[0]

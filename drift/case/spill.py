@@ -1,0 +1,497 @@
+"""Spills as a case describes them: many objects from one place, of one or several classes, and what nobody knows of them.
+
+Holds the records that the engine takes (SI, UTC) and the tables of the case file that they are made from. What all
+objects of one spill share (release, bias of windage and current, share destroyed, sinking rate, readiness to report) is
+drawn once for each *world*; the objects are drawn within it. The probability model: drift.spill.worlds, drift.spill.finds.
+"""
+
+import math
+import os
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from drift.case import fields, units
+from drift.case.mistakes import Mistakes
+from drift.case.objects import ObjectTable
+from drift.case.scenario import (
+    JIBE_RATE,
+    AreaPrior,
+    AreaTable,
+    PositionPrior,
+    PositionTable,
+    TracklinePrior,
+    TracklineTable,
+)
+from drift.motion.leeway import Drifter
+
+DAY = 86_400.0  # [s]
+NUMBERS = 25  # values at most that an uncertain number of objects is summed over
+MOST_CLASSES = 4
+MOST_DAYS = 60  # of a patrol_unit
+FEWEST_WORLDS = 50
+FEWEST_PARTICLES = 10  # of a class in a world
+LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
+
+
+@dataclass(frozen=True)
+class Sinking:
+    """When objects sink: by a constant hazard, or a lognormal waterlogging time; log-uniform between worlds.
+
+    time: half-life of the hazard, or median waterlogging time [s], lowest and highest; spread: geometric standard
+    deviation of the waterlogging time within a world, 0 for a hazard.
+    """
+
+    time: tuple[float, float]
+    spread: float = 0.0
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One class of the objects spilled."""
+
+    name: str
+    share: float  # of the objects; shares of a spill add up to 1
+    object: Drifter
+    jibe_rate: float  # [1/s]
+    sinking: Sinking | None
+
+
+@dataclass(frozen=True)
+class Reporting:
+    """How soon people report an object lying ashore [1/s] by kind of shore, and how soon it is buried or taken away."""
+
+    rate: dict[str, float]
+    removal: float  # [1/s]
+    coast: str  # kind of all stretches that the user's file does not name
+    until: np.datetime64 | None  # up to when all finds are known; None: up to the last one
+
+
+@dataclass(frozen=True)
+class Find:
+    """An object found: where (a stretch by name, or a place [deg]), when, by whom, how surely one of ours."""
+
+    name: str
+    time: np.datetime64
+    latest: bool  # found at an unknown time not later than `time`
+    stretch: str | None
+    lon: float  # [deg], NaN with a stretch
+    lat: float
+    radius: float  # [m] of the position's error; at sea
+    at_sea: bool
+    kind: str | None
+    by: str | None  # a patrol's name; None: the public
+    false: float  # probability that it is none of ours
+
+
+@dataclass(frozen=True)
+class Patrol:
+    """A search of stretches of the beach: at a time it finds each object lying there with a probability."""
+
+    name: str
+    stretches: tuple[str, ...]
+    ends: tuple[tuple[float, float], tuple[float, float]] | None  # (lon, lat) [deg] of the piece walked
+    time: np.datetime64
+    detection: float
+
+
+@dataclass(frozen=True)
+class Team:
+    """People who can patrol a length of shore once a day: when, with what detection, and which stretches they can reach.
+
+    Those named, or those whose middle is within `reach` of their base, or, without either, all.
+    """
+
+    name: str
+    length: float  # [m] of shore a day
+    detection: float
+    times: tuple[np.datetime64, ...]  # of its patrols
+    stretches: tuple[str, ...] = ()
+    base: tuple[float, float] | None = None  # (lon, lat) [deg]
+    reach: float = math.inf  # [m]
+
+
+@dataclass(frozen=True)
+class Spill:
+    """A spill: its objects, the worlds that it is drawn in, and what has been found of it."""
+
+    objects: tuple[int, int]  # number, lowest and highest; equally likely between
+    kinds: tuple[Kind, ...]
+    prior: PositionPrior | AreaPrior | TracklinePrior  # of a world's release
+    scatter: float  # [m] standard deviation of an object's release about its world's
+    lasting: float  # [s] over which the objects of a world go adrift
+    worlds: int
+    per_world: int  # particles
+    destroyed: tuple[float, float]  # share lost at once, uniform between
+    windage_bias: float  # standard deviation of the logarithm of a factor on all leeway
+    current_bias: float  # [m/s] standard deviation of an error of the current, a component
+    reporting_bias: float  # standard deviation of the logarithm of a factor on all reporting rates
+    renewals: int  # times that worlds may be drawn anew where the finds leave too few
+    stretch: float  # [m] length of a stretch of coast
+    stretches: str | None  # file of named ones
+    reporting: Reporting
+    finds: tuple[Find, ...]
+    patrols: tuple[Patrol, ...]
+    teams: tuple[Team, ...] = ()  # that a plan may send
+
+    @property
+    def particles(self) -> int:
+        """Particles of all worlds."""
+        return self.worlds * self.per_world
+
+
+class SinkingTable(fields.Table):
+    """How objects sink: half_life of a hazard, or waterlogged: the median time, with its spread; one value or [low, high]."""
+
+    half_life: fields.DurationRange | None = None
+    waterlogged: fields.DurationRange | None = None
+    spread: Annotated[float, Field(ge=1, le=20)] = 1.5
+
+    @model_validator(mode="after")
+    def one_law(self) -> "SinkingTable":
+        """Refuse none or two laws."""
+        law = fields.one_of(self, ("half_life", "waterlogged"))
+        if law == "half_life" and "spread" in self.model_fields_set:
+            raise ValueError("spread belongs to waterlogged; a half_life is spread by itself")
+        return self
+
+    def sinking(self) -> Sinking:
+        """Return the record."""
+        if self.half_life is not None:
+            return Sinking(self.half_life)
+        assert self.waterlogged is not None
+        return Sinking(self.waterlogged, max(math.log(self.spread), 1e-6))
+
+
+class KindTable(fields.Table):
+    """A [[spill.class]] table as written."""
+
+    name: fields.Label
+    share: fields.Weight = 1.0
+    object: Annotated[ObjectTable, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)]
+    jibe: fields.Rate | None = None
+    sinking: SinkingTable | None = None
+
+    def kind(self, total: float) -> Kind:
+        """Return the record; total: of all classes' shares."""
+        drifter = self.object.drifter()
+        jibe = self.jibe if self.jibe is not None else (JIBE_RATE if drifter.jibes else 0.0)
+        return Kind(self.name, self.share / total, drifter, jibe, self.sinking.sinking() if self.sinking else None)
+
+
+def _rate(value: Any) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool) and value != 0:  # SI would be one a second
+        raise ValueError(f'rate {value!r} needs a unit, like "{value:g} /day"')
+    return fields.rate(value)
+
+
+def _rates(value: Any) -> dict[str, float]:
+    if not isinstance(value, dict):
+        raise ValueError('must be a table of rates by kind of shore, like { town = "1 /day", wild = "0.02 /day" }')
+    return {str(kind): _rate(rate) for kind, rate in value.items()}
+
+
+class ReportingTable(fields.Table):
+    """The [spill.reporting] table as written; rates are per object lying there."""
+
+    rate: Annotated[dict[str, float], BeforeValidator(_rates)] = Field(
+        default_factory=lambda: {"town": 1 / DAY, "road": 0.2 / DAY, "wild": 0.02 / DAY}
+    )
+    removal: Annotated[float, BeforeValidator(_rate)] = 0.0
+    bias: Annotated[float, Field(ge=0, le=3)] = 0.0
+    coast: str = "wild"
+    until: fields.Time | None = None
+
+    @model_validator(mode="after")
+    def known(self) -> "ReportingTable":
+        """Refuse a kind of shore without a rate."""
+        if self.coast not in self.rate:
+            raise ValueError(f'coast = "{self.coast}" has no rate; kinds with one: {", ".join(self.rate) or "none"}')
+        return self
+
+
+class StretchTable(fields.Table):
+    """The [spill.stretches] table as written."""
+
+    length: Annotated[fields.Length, Field(ge=100, le=1_000_000)] = 10_000.0
+    file: str | None = None
+
+
+def _number(value: object) -> tuple[int, int]:
+    low, high = fields.pair_of(lambda x: float(fields.count(x)))(value)
+    if not 1 <= low <= high <= 1_000_000:
+        raise ValueError(f"{value!r} must be a number of objects, 1 to 1,000,000, or [lowest, highest]")
+    return int(low), int(high)
+
+
+class SpillTable(fields.Table):
+    """The [spill] table as written."""
+
+    objects: Annotated[tuple[int, int], BeforeValidator(_number)]
+    kinds: Annotated[list[KindTable], Field(min_length=1, max_length=MOST_CLASSES, alias="class")]
+    position: PositionTable | None = None
+    area: AreaTable | None = None
+    trackline: TracklineTable | None = None
+    scatter: fields.Length = 0.0
+    lasting: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "s", "duration", "2 h"))] = 0.0
+    worlds: fields.Count = 2000
+    per_world: fields.Count | None = None
+    destroyed: fields.ShareRange = (0.0, 0.0)
+    windage_bias: Annotated[fields.Share, Field(le=1)] = 0.2
+    current_bias: fields.CurrentError | None = None  # in place of uncertainty.current.bias
+    renewals: Annotated[fields.Count, Field(ge=0, le=20)] = 3
+    stretches: StretchTable = StretchTable()
+    reporting: ReportingTable = ReportingTable()
+
+    @model_validator(mode="after")
+    def whole(self) -> "SpillTable":
+        """Refuse a spill with no place or two, no objects of any class, or too few worlds."""
+        fields.one_of(self, ("position", "area", "trackline"))
+        if math.fsum(kind.share for kind in self.kinds) <= 0:
+            raise ValueError("shares of the classes add up to 0; at least one must be above 0")
+        names = [kind.name for kind in self.kinds]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f'class "{name}": two classes have this name; give each its own')
+            if name == "se" or name.removesuffix("_se") in set(names) - {name}:  # headings of washup.csv
+                raise ValueError(f'class "{name}": tables call a standard error by this name; give it another')
+        if self.worlds < FEWEST_WORLDS:
+            raise ValueError(f"worlds {self.worlds}: must be at least {FEWEST_WORLDS}; 2000 is usual")
+        if not 0 <= self.lasting <= LONGEST:
+            raise ValueError(f"lasting {self.lasting / DAY:g} d: must be 0 to {LONGEST / DAY:g} d")
+        if self.per_world is not None and self.per_world < FEWEST_PARTICLES * len(self.kinds):
+            raise ValueError(f"per_world {self.per_world}: must be at least {FEWEST_PARTICLES} for each class")
+        particles = self.worlds * self.particles()
+        if hasattr(os, "sysconf"):
+            most = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 400
+            if particles > min(most, 2**31 - 1):
+                raise ValueError(f"worlds x per_world = {particles:,} particles; this machine has room for {most:,}")
+        return self
+
+    def particles(self) -> int:
+        """Return the particles of a world: as many as there are objects, at least 500, at most 2,000."""
+        return self.per_world if self.per_world is not None else min(max(self.objects[1], 500), 2000)
+
+    def prior(self, start: np.datetime64) -> PositionPrior | AreaPrior | TracklinePrior:
+        """Return where and when a world's release may have been."""
+        table = self.position or self.area or self.trackline
+        assert table is not None  # whole
+        return table.prior(start)
+
+
+class FindTable(fields.Table):
+    """A [[find]] table as written."""
+
+    name: fields.Label | None = None
+    at: fields.Position | None = None
+    stretch: str | None = None
+    time: fields.Time | None = None
+    by_time: fields.Time | None = None
+    at_sea: bool = False
+    radius: Annotated[fields.Length, Field(gt=0)] = 5000.0
+    kind: str | None = Field(default=None, alias="class")
+    by: str | None = None
+    false: fields.Share = 0.0
+
+    @model_validator(mode="after")
+    def placed(self) -> "FindTable":
+        """Refuse none or two of place and of time."""
+        fields.one_of(self, ("at", "stretch"))
+        if self.by is None or self.time is not None or self.by_time is not None:
+            fields.one_of(self, ("time", "by_time"))
+        if self.at_sea and (self.at is None or self.by is not None or self.by_time is not None):
+            raise ValueError("at_sea needs at = a position and a time, and no patrol")
+        if self.by is not None and self.by_time is not None:
+            raise ValueError("by a patrol, at the patrol's time: give time, or leave it to the patrol")
+        if "radius" in self.model_fields_set and not self.at_sea:
+            raise ValueError("radius belongs to a find with at_sea = true; one ashore lies on its stretch")
+        if self.false >= 1:
+            raise ValueError("false = 1: a find that is surely none of ours says nothing; leave it out")
+        return self
+
+
+class PatrolTable(fields.Table):
+    """A [[patrol]] table as written."""
+
+    name: fields.Label
+    stretches: list[str] = Field(default_factory=list)
+    between: Annotated[list[fields.Position], Field(min_length=2, max_length=2)] | None = None
+    time: fields.Time
+    detection: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))]
+
+    @model_validator(mode="after")
+    def proper(self) -> "PatrolTable":
+        """Refuse what is no probability, and a patrol of nowhere."""
+        if not 0 <= self.detection <= 1:
+            raise ValueError(f"detection {self.detection:g} must be a probability, 0 to 1")
+        if bool(self.stretches) == (self.between is not None):
+            raise ValueError("give either stretches = [names] or between = [position, position]")
+        return self
+
+
+class PatrolUnitTable(fields.Table):
+    """A [[patrol_unit]] table as written."""
+
+    name: fields.Label
+    length: Annotated[fields.Length, Field(gt=0)]
+    detection: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))]
+    first: fields.Time
+    days: Annotated[fields.Count, Field(ge=1, le=MOST_DAYS)] = 1
+    stretches: list[str] = Field(default_factory=list)
+    base: fields.Position | None = None
+    reach: Annotated[fields.Length, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def proper(self) -> "PatrolUnitTable":
+        """Refuse what is no probability, and a reach from nowhere."""
+        if not 0 < self.detection <= 1:
+            raise ValueError(f"detection {self.detection:g} must be a probability above 0, at most 1")
+        if self.stretches and self.base is not None:
+            raise ValueError("give either stretches = [names] or base with reach, or neither: it can go anywhere")
+        if (self.base is None) != (self.reach is None):
+            raise ValueError('base and reach belong together, like base = "29 10N 090 50W", reach = "40 km"')
+        return self
+
+    def team(self, start: np.datetime64) -> Team:
+        """Return the record."""
+        first = units.resolve(self.first, start)
+        times = tuple(first + np.timedelta64(24 * day, "h") for day in range(self.days))
+        base, reach = self.base, math.inf if self.reach is None else self.reach
+        return Team(self.name, self.length, self.detection, times, tuple(self.stretches), base, reach)
+
+
+def build(
+    table: SpillTable,
+    finds: list[FindTable],
+    patrols: list[PatrolTable],
+    teams: list[PatrolUnitTable],
+    start: np.datetime64,
+    file: str | None,
+) -> Spill:
+    """Return the record of a spill; file: the path of the named stretches.
+
+    Raises UserError for all finds and patrols that don't fit the spill.
+    """
+    total = math.fsum(kind.share for kind in table.kinds)
+    prior = table.prior(start)
+    wrong = Mistakes()
+    known = tuple(_patrol(patrol, start) for patrol in patrols)
+    wrong.lines += _twice([patrol.name for patrol in known], "patrol")
+    listed = []
+    for number, find in enumerate(finds, 1):
+        with wrong.gathered():
+            listed.append(_find(find, number, known, start))
+    found = tuple(listed)
+    wrong.lines += _twice([find.name for find in found], "find")
+    wrong.lines += _twice([team.name for team in teams], "patrol_unit")
+    wrong.refuse()
+    spill = Spill(
+        objects=table.objects,
+        kinds=tuple(kind.kind(total) for kind in table.kinds if kind.share > 0),
+        prior=prior,
+        scatter=table.scatter,
+        lasting=table.lasting,
+        worlds=table.worlds,
+        per_world=table.particles(),
+        destroyed=table.destroyed,
+        windage_bias=table.windage_bias,
+        current_bias=table.current_bias or 0.0,  # until the whole case is known: drift.case.uncertainty
+        reporting_bias=table.reporting.bias,
+        renewals=table.renewals,
+        stretch=table.stretches.length,
+        stretches=file,
+        reporting=Reporting(
+            table.reporting.rate,
+            table.reporting.removal,
+            table.reporting.coast,
+            None if table.reporting.until is None else units.resolve(table.reporting.until, start),
+        ),
+        finds=found,
+        patrols=known,
+        teams=tuple(team.team(start) for team in teams),
+    )
+    _check(spill)
+    return spill
+
+
+def _twice(names: list[str], what: str) -> list[str]:
+    """Return complaints about names that come twice."""
+    again = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    return [f'{what} "{name}": two {what}s have this name; give each its own' for name in again]
+
+
+def _patrol(table: PatrolTable, start: np.datetime64) -> Patrol:
+    ends = (table.between[0], table.between[1]) if table.between else None
+    return Patrol(table.name, tuple(table.stretches), ends, units.resolve(table.time, start), table.detection)
+
+
+def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.datetime64) -> Find:
+    name = table.name or f"find {number}"
+    when = table.time if table.time is not None else table.by_time
+    time = units.resolve(when, start) if when is not None else None
+    if table.by is not None:
+        patrol = next((p for p in patrols if p.name == table.by), None)
+        if patrol is None:
+            allowed = ", ".join(f'"{p.name}"' for p in patrols) or "none is given"
+            raise ValueError(f'{name}: by "{table.by}" is no patrol; patrols: {allowed}; leave it out for the public')
+        if time is not None and time != patrol.time:
+            raise ValueError(
+                f'{name}: found at {units.group(time)}, but patrol "{table.by}" was there at {units.group(patrol.time)}'
+            )
+        if patrol.detection == 0:
+            raise ValueError(f'{name}: found by patrol "{table.by}", whose detection is 0; raise it')
+        time = patrol.time
+    assert time is not None  # placed
+    lon, lat = table.at if table.at is not None else (math.nan, math.nan)
+    return Find(
+        name, time, table.by_time is not None, table.stretch, lon, lat,
+        table.radius, table.at_sea, table.kind, table.by, table.false,
+    )  # fmt: skip
+
+
+def _check(spill: Spill) -> None:
+    """Refuse finds and patrols that cannot be."""
+    wrong = Mistakes()
+    kinds, most = [kind.name for kind in spill.kinds], spill.objects[1]
+    for find in spill.finds:
+        if find.kind is not None and find.kind not in kinds:
+            wrong.lines.append(
+                f'{find.name}: class "{find.kind}" is none of the spill\'s with a share: {", ".join(kinds)}'
+            )
+    sure = [find for find in spill.finds if find.false == 0]
+    cure = "raise it, or give finds a probability of being false"
+    if len(sure) > most:
+        wrong.lines.append(f"{len(sure)} finds, but only {most} objects were spilled ([spill] objects); {cure}")
+    for kind in spill.kinds:
+        number = sum(find.kind == kind.name for find in sure)
+        there = math.ceil(kind.share * most - 1e-9)
+        if number > there:
+            wrong.lines.append(
+                f'{number} finds of class "{kind.name}", but at most {there} of the {most} objects ([spill] objects) are of '
+                f"it; {cure}"
+            )
+    if sure and spill.destroyed[0] == 1:
+        wrong.lines.append(f"{sure[0].name}: [spill] destroyed = 1 leaves nothing to be found; lower it")
+    began = spill.prior.release_start
+    known: list[Find | Patrol] = [*spill.finds, *spill.patrols]
+    for thing in known:
+        if thing.time <= began:
+            word = "found" if isinstance(thing, Find) else "a patrol"
+            wrong.lines.append(
+                f"{thing.name}: {word} at {units.group(thing.time)}, not after the spill, which began at "
+                f"{units.group(began)} at the earliest; check its time, or [spill] {_when(spill)}"
+            )
+    until, last = spill.reporting.until, max((thing.time for thing in known), default=began)
+    if until is not None and until < last:
+        what = "the last find or patrol" if known else "the spill"
+        wrong.lines.append(f"spill.reporting.until {units.group(until)} is before {what}, {units.group(last)}")
+    wrong.refuse()
+
+
+def _when(spill: Spill) -> str:
+    """Return the key that says when a spill began."""
+    if isinstance(spill.prior, TracklinePrior):
+        return "trackline.departure"
+    return "position.time" if isinstance(spill.prior, PositionPrior) else "area.time"

@@ -1,0 +1,177 @@
+"""What a run came to, in a few lines for a terminal: facts by name, in the order in which they are read."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from drift.case.units import group
+from drift.forecast.effective import Count
+from drift.forecast.tables import NMI, position
+from drift.planner import plan_text, subareas
+from drift.planner.tasking import Plan, Tasking
+from drift.spill import washup_tables
+
+WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
+WORST = 5  # stretches that are told
+
+TIMES = ("time", "time_10", "time_50", "time_90")  # of an origin
+
+Facts = dict[str, str]
+
+
+def forecast(numbers: dict[str, Any]) -> Facts:
+    """Return where, how sure and what ended how, at the end of the run; numbers: those of the summary."""
+    end = numbers["outputs"][-1]
+    facts = {"time": end["date_time_group"]}
+    for name, key in (("mean position", "mean"), ("datum (mean of those adrift)", "datum")):
+        if end[key]:
+            facts[name] = end[key]["text"]
+    for share, area in end["area_nmi2"].items():
+        facts[f"{share} area"] = f"{area:,.0f} nmi2" if area == area else "none"
+    for status, share in numbers["account"].items():
+        if share > 0:
+            facts[status] = _percent(share)
+    facts["errors"] = numbers["uncertainty"]["told"]
+    facts |= _warnings(numbers["warnings"])
+    facts |= _search(numbers)
+    facts |= _lost(numbers)
+    facts |= _coast(numbers)
+    stories = numbers["scenario_weights"]
+    for name, story in stories.items():
+        told = [f"{_percent(story['posterior'])} (before: {_percent(story['prior'])})"] if len(stories) > 1 else []
+        if story["prior_on_land"] > 0:
+            told.append(f"{_percent(story['prior_on_land'])} of its prior was on land and left out")
+        if told:
+            facts[f'scenario "{name}"'] = "; ".join(told)
+    return facts
+
+
+def plan(made: Plan) -> Facts:
+    """Return what a plan is worth, and what each unit is to do."""
+    facts = {"plan": plan_text.worth(made)}
+    for name, tasking in zip(subareas.names(made), made.taskings, strict=True):
+        facts[f"{name} {tasking.unit.name}"] = (
+            f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, {tasking.legs} legs "
+            f"{tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to {group(tasking.off_scene)[:6]}Z, "
+            f"POS {_percent(tasking.pos)}{_at_sea(tasking)}"
+        )
+    if made.idle:
+        facts["not sent"] = ", ".join(made.idle)
+    facts |= {f"boats {k}": told for k, told in enumerate(made.said, 1)}
+    facts |= {f"warning {k}": told for k, told in enumerate(plan_text.warnings(made, synthetic=False), 1)}
+    for scenario, pos in zip(made.scenarios, made.by_scenario, strict=True):
+        if len(made.scenarios) > 1:
+            facts[f'POS if "{scenario}"'] = _percent(float(pos))
+    return facts
+
+
+def _at_sea(one: Tasking) -> str:
+    """Return of a boat how far it goes by sea, and which of its legs are cut."""
+    told = [
+        f"{name.lower()} {way / NMI:.1f} nmi by sea, {straight / NMI:.1f} straight"
+        for name, way, straight in subareas.by_sea(one)
+    ]
+    told += [f"legs {plan_text.listed(one.cut)} cut at the coast"] * bool(one.cut)
+    return "".join(f", {words}" for words in told)
+
+
+def _warnings(told: Sequence[str]) -> Facts:
+    """Return warnings by number, where there are several."""
+    return {f"warning {k}" if len(told) > 1 else "warning": text for k, text in enumerate(told, 1)}
+
+
+def _search(numbers: dict[str, Any]) -> Facts:
+    """Return what sorties and contacts came to."""
+    facts: Facts = {}
+    dead: set[str] = set()
+    for update in numbers.get("search", {}).get("updates", ()):
+        for name, share in update["posterior"].items():
+            if share == 0 and name not in dead and numbers["scenario_weights"][name]["prior"] > 0:
+                dead.add(name)
+                facts[f'note on "{name}"'] = (
+                    f'{update["kind"]} "{update["name"]}" contradicts this scenario: nothing of it is left'
+                )
+        if update["kind"] == "sortie":
+            facts[f'sortie "{update["name"]}"'] = (
+                f"POS {_percent(update['pos']['all'])}, so far {_percent(update['cumulative_pos']['all'])}"
+            )
+        else:
+            facts[f'contact "{update["name"]}"'] = f"{Count(update['ess_after']).words} after it"
+    return facts
+
+
+def spill(numbers: dict[str, Any]) -> Facts:
+    """Return how many objects ended how, which stretches get most and when, and what the finds say."""
+    end, told = numbers["outputs"][-1], numbers["spill"]
+    facts = {"time": end["date_time_group"]}
+    for fate, figure in told["totals"].items():
+        if figure["expected"] >= 0.05:
+            facts[fate] = f"{figure['expected']:.1f} +- {figure['standard_error']:.1f} objects"
+    for place in told["worst_stretches"][:WORST]:
+        name = washup_tables.called(place["segment"], place["name"], place["position"])
+        facts[f"{place['rank']} {name}"] = (
+            f"{place['expected']:.1f} ashore ({place['number_10']:.0f} to {place['number_90']:.0f}), at least one "
+            f"{_percent(place['probability'])}, the first about {_group(place['first_50'])}"
+        )
+    for find in told["finds"]:
+        odd = "; ODD, check it" if find["odd"] else ""
+        facts[f'find {find["number"]} "{find["name"]}"'] = (
+            f"{find['stretch']}: the next find was to be here with {_percent(find['probability_beforehand'])}, somewhere at most "
+            f"as likely with {_percent(find['tail'])}{odd}"
+        )
+    for patrol in told["patrols"]:
+        facts[f'patrol "{patrol["name"]}"'] = (
+            f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds {patrol['detection']:.0%}"
+        )
+    counted = f"{told['effective_worlds']:,.0f} of {told['worlds']:,} count"
+    rounds = len(told["effective_worlds_by_round"])
+    facts["worlds"] = counted + (f", drawn anew {rounds - 1} times about what the finds leave" if rounds > 1 else "")
+    facts["errors"] = numbers["uncertainty"]["told"]
+    facts |= _coast(numbers)
+    facts |= _warnings(numbers["warnings"])
+    for number, note in enumerate(told["notes"], 1):
+        facts[f"note {number}"] = note
+    return facts | _lost(numbers)
+
+
+def origin(told: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
+    """Return where and when a spill may have been released, by a backward run."""
+    facts = {
+        name.replace("_", " "): f"{value:.4g}" if isinstance(value, float) else str(value)
+        for name, value in told.items()
+    }
+    facts |= {name.replace("_", " "): _group(told[name]) for name in told if name in TIMES}
+    facts |= _warnings(warnings)
+    facts["note"] = (
+        "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) with this "
+        "release as its prior, weighted by all finds"
+    )
+    return facts
+
+
+def _group(iso: str) -> str:
+    """Return a time as files hold it, 2026-11-21T18:30:00Z, as a date-time group; "never" where there is none."""
+    time = np.datetime64(iso.removesuffix("Z"))
+    return "never" if np.isnat(time) else group(time)
+
+
+def _coast(numbers: dict[str, Any]) -> Facts:
+    """Return what the coast does, and what was done to the shoreline."""
+    return {
+        "coast": numbers["run"]["coast_behaviour"],
+        **{f"coast, note {k}": note for k, note in enumerate(numbers["coast"]["notes"], 1)},
+    }
+
+
+def _lost(numbers: dict[str, Any]) -> Facts:
+    lost = sum(numbers["account"][status] for status in ("outside", "left"))
+    if lost <= WORTH_A_WARNING:
+        return {}
+    return {
+        "lost": f"{_percent(lost)} of the probability ran out of forcing or left the domain; areas are shares of the rest"
+    }
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share >= 0.0005 else "under 0.1%"

@@ -1,0 +1,1 @@
+"""Real drifters: how forecasts of them did, and which errors suit them."""

@@ -1,0 +1,1 @@
+"""From particles to probability: cells, densities, areas, tables and maps."""

@@ -1,0 +1,282 @@
+"""One snapshot's map: density chosen and calibrated on held-out particles, containment levels, areas and contours."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import contourpy
+import numpy as np
+import shapely
+
+from drift.case.shares import SHARES
+from drift.forecast import density
+from drift.forecast.cells import Array, Cells
+from geo import sphere
+
+MANY = 20_000  # effective particles from which one half alone tells which bandwidth is best
+
+
+@dataclass(frozen=True)
+class Deposits:
+    """What the particles of one snapshot leave in the cells that hold any (flat indices, n), in units of probability.
+
+    mass, squares: weights and squared weights by group and medium (adrift; ashore if any is), shape (4, media, n).
+    scenario: weights by scenario and medium, shape (scenarios, media, n).
+    """
+
+    cells: Array
+    mass: Array
+    squares: Array
+    scenario: Array
+
+
+@dataclass(frozen=True)
+class Area:
+    """Map of one snapshot on its own cells.
+
+    probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
+    containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
+    areas: [m2] of the shares; held_out: share of unseen particles inside them; thresholds: logarithms of their least
+    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen. coarse: calibration of the map summed into
+    the cells that all times share: along a shore, where half of what is smoothed lies beside the cells that hold all, it is another.
+    """
+
+    cells: Cells
+    shares: tuple[float, ...]
+    probability: Array
+    containment: Array
+    areas: Array
+    held_out: Array
+    per_kernel: float
+    thresholds: Array
+    calibration: density.Calibration
+    coarse: density.Calibration
+
+
+More = tuple[Array, ...] | None  # density.wider
+
+
+def _guides(
+    cells: Array, mass: Array, squares: Array, media: Sequence[density.Medium], more: More = None
+) -> list[density.Histogram]:
+    """Return what guides the kernels of each medium, from weights and squared weights (media, n) in cells."""
+    return [
+        density.histogram(cells[w > 0], w[w > 0], s[w > 0], where, more)
+        for w, s, where in zip(mass, squares, media, strict=True)
+    ]
+
+
+def _spread(
+    cells: Array,
+    mass: Array,
+    guides: Sequence[density.Histogram],
+    m: float,
+    media: Sequence[density.Medium],
+    at: Array | None = None,
+) -> Array:
+    """Return the smooth map of all media together from weights (media, n) in cells, (nlat, nlon) or at flat indices (k,)."""
+    total = np.zeros(media[0].allowed.shape if at is None else at.size)
+    for weights, guide, where in zip(mass, guides, media, strict=True):
+        if weights.any():
+            total += density.spread(cells[weights > 0], weights[weights > 0], guide, m, where, at)
+    return total
+
+
+def _choose(
+    cells: Array, halves: list[tuple[Array, Array]], media: Sequence[density.Medium], start: float, more: More
+) -> tuple[float, More]:
+    """Return the number of particles per kernel under which each half best foretells the other.
+
+    Climbs a ladder of factors 2 from `start`. A rung finer than that must beat the coarser one by two standard errors of the
+    paired difference: sharp edges alone are no reason to speckle all the rest. Then kernels are made wider where the map is
+    dense, by `more`, unless that foretells worse by as much: along a thin filament say. Returned as None where it does.
+    """
+    effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
+    pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
+
+    def guided(more: More) -> list[list[density.Histogram]]:
+        return [_guides(cells, *half, media, more) for half in halves]
+
+    plain = guided(None)
+    weights, where = [], []
+    for _, other in pairs:
+        seen = halves[other][0].sum(axis=0)
+        where.append(cells[seen > 0])
+        weights.append(seen[seen > 0])
+    weight = np.concatenate(weights)
+
+    def score(step: int, guides: list[list[density.Histogram]] = plain) -> Array:
+        logs = []
+        for (half, _), there in zip(pairs, where, strict=True):
+            mass = halves[half][0]
+            smooth = _spread(cells, mass, guides[half], start * 2.0**step, media, there)
+            # a particle off the map costs much, but not everything
+            logs.append(np.log(smooth + 1e-6 * mass.sum() / media[0].allowed.size))
+        return np.concatenate(logs)
+
+    def gain(finer: Array, coarser: Array) -> float:
+        """Mean gain of the finer in standard errors."""
+        difference = finer - coarser
+        mean = np.average(difference, weights=weight)
+        variance = np.average((difference - mean) ** 2, weights=weight)
+        return float(mean / np.sqrt(variance / effective + 1e-300))
+
+    best, score_best = 0, score(0)
+    while best < 5 and gain(score_best, score_next := score(best + 1)) < 0:
+        best, score_best = best + 1, score_next
+    while -3 < best <= 0 and gain(score_next := score(best - 1), score_best) > 2:
+        best, score_best = best - 1, score_next
+    return start * 2.0**best, more if gain(score(best, guided(more)), score_best) > -2 else None
+
+
+def _calibrated(made: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
+    """Return the calibrations at density.KNOTS, (2, knots), of a map and of it summed by k, by what it has not seen in cells (n,)."""
+    fine = density.calibrate(made, cells.area(), held, unseen).share
+    if k == 1:
+        return np.stack([fine, fine])
+    wide, (row, column) = coarser(cells, k), np.divmod(held, cells.nlon)
+    there, which = np.unique((row // k) * wide.nlon + column // k, return_inverse=True)
+    return np.stack([fine, density.calibrate(summed(made, k), wide.area(), there, np.bincount(which, unseen)).share])
+
+
+def coarser(cells: Cells, k: int) -> Cells:
+    """Return the cells that hold k by k of these."""
+    return Cells(cells.lon0, cells.lat0, k * cells.width, k * cells.height, cells.nlon // k, cells.nlat // k)
+
+
+def summed(values: Array, k: int) -> Array:
+    """Return sums over k by k cells, shape (..., nlat / k, nlon / k)."""
+    nlat, nlon = (length // k for length in values.shape[-2:])
+    return np.asarray(values.reshape(*values.shape[:-2], nlat, k, nlon, k).sum(axis=(-3, -1)))
+
+
+def build(
+    cells: Cells, deposits: Deposits, media: Sequence[density.Medium], shares: tuple[float, ...] = SHARES, k: int = 1
+) -> Area:
+    """Return the map of one snapshot, with the areas that hold some shares of it.
+
+    The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3). Then each group in turn calibrates a map of
+    the other three, smoothed by the same bandwidth; `held_out` checks each group with the calibration of the others.
+    k: cells to the side of those that all times share.
+    """
+    area, held = cells.area(), deposits.cells
+
+    def smooth(mass: Array, squares: Array, m: float, more: More) -> Array:
+        return _spread(held, mass, _guides(held, mass, squares, media, more), m, media)
+
+    groups = deposits.mass.sum(axis=(1, 2))
+    mass, squares = deposits.mass.sum(axis=0), deposits.squares.sum(axis=0)
+    effective = groups.sum() ** 2 / squares.sum()
+    m = density.PER_KERNEL * effective ** (2 / 3)
+    more: More = density.wider(smooth(mass, squares, density.WIDER * m, None), area)
+    calibration = coarse = density.Calibration(density.KNOTS)
+    share_held = np.full(len(shares), np.nan)
+    if groups.min() > 0:
+        halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
+        # The same bandwidth: particles per kernel go with their number.
+        m, more = _choose(held, halves, media, max(m / 2, 2.0), more)
+        m *= 2
+        both = []
+        for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
+            rest = smooth(mass - unseen, squares - their_squares, 0.75 * m, more)
+            both.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
+        calibration, coarse = (density.Calibration(one) for one in np.average(both, axis=0, weights=groups))
+        folds = [fold[0] for fold in both]
+        weights = groups * (1 - np.eye(4))
+        others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
+        checks = [
+            density.Calibration(fold).held(other.level(np.array(shares)))
+            for fold, other in zip(folds, others, strict=True)
+        ]
+        share_held = np.average(checks, axis=0, weights=groups)
+    guides = _guides(held, mass, squares, media, more)
+    probability = np.stack(
+        [
+            np.stack([_spread(held, one[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])
+            for one in deposits.scenario
+        ]
+    )
+    total = probability.sum(axis=(0, 1))
+    contained, levels, sizes, heights = containment(total, area, calibration)
+    thresholds = np.interp(shares, levels[1:], np.log(heights))
+    sizes = np.interp(shares, levels, sizes)
+    return Area(cells, shares, probability, contained, sizes, share_held, m, thresholds, calibration, coarse)
+
+
+def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
+    """Return the containment of each cell (nlat, nlon), and its curve: levels and areas [m2] from 0 up, densities."""
+    height = mass / area[:, None]
+    order = density.ranked(height)
+    inside = np.cumsum(mass.ravel()[order])
+    level = calibration.held(inside / inside[-1])
+    contained = np.ones(mass.size)
+    contained[order] = level
+    size = np.cumsum(area[order // mass.shape[1]])
+    return (
+        contained.reshape(mass.shape),
+        np.concatenate([[0.0], level]),
+        np.concatenate([[0.0], size]),
+        height.ravel()[order],
+    )
+
+
+def contours(one: Area) -> list[shapely.MultiPolygon]:
+    """Return the outlines [deg, unwrapped] of the areas that hold the shares, with their holes."""
+    height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
+    each = zip(one.thresholds.tolist(), one.areas.tolist(), strict=True)
+    return [_contour(one.cells, height, threshold, wanted) for threshold, wanted in each]
+
+
+def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
+    """Return the outline of what is denser [1/m2] than a threshold, given as its logarithm: about so large an area [m2].
+
+    The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
+    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge. Along a shore,
+    a cell or two wide, it keeps nearer to the shoreline than its cells do, and holds more than they: 50 % of 20,000 stranded particles
+    on a wavy shore 58 %, 75 % 76, 95 % 98; of 60 % of them 54, 75 and 95.
+    """
+    near = height > np.exp(threshold - 3)  # no line is drawn farther out than from a cell of these to the next
+    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
+    height = height[south : rows[-1] + 2, west : columns[-1] + 2]
+    # what lies far below the threshold, and empty cells, count as e^-4 of it: the line stays near the cells that matter
+    field = np.pad(np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4)
+    lon, lat = cells.lon()[west : columns[-1] + 2], cells.lat()[south : rows[-1] + 2]
+    dlon, dlat = (cells.width, cells.height) * np.array(360.0 / sphere.TURN)
+    lon = np.concatenate([[lon[0] - dlon], lon, [lon[-1] + dlon]])
+    lat = np.concatenate([[lat[0] - dlat], lat, [lat[-1] + dlat]])
+    generator: Callable[..., contourpy.ContourGenerator] = contourpy.contour_generator
+    lines = generator(lon, lat, field, fill_type=contourpy.FillType.OuterOffset)
+    low, high = threshold - 3.0, threshold + 3.0
+    rings: list[list[Array]] = []
+    for step in range(12):
+        rings = _rings(lines, threshold)
+        ratio = sum(map(_area, itertools.chain.from_iterable(rings))) / wanted
+        if abs(ratio - 1) < 0.005:
+            break
+        low, high = (threshold, high) if ratio > 1 else (low, threshold)
+        threshold = (low + high) / 2 if step else float(np.clip(threshold + np.log(max(ratio, 0.1)), low, high))
+    return _polygons(rings)
+
+
+def _rings(lines: contourpy.ContourGenerator, threshold: float) -> list[list[Array]]:
+    """Return, by polygon, the outer ring (anticlockwise) and the holes (clockwise) where the field exceeds a threshold."""
+    return [
+        [points[a:b] for a, b in itertools.pairwise(offsets)]
+        for points, offsets in zip(*lines.filled(threshold, np.inf), strict=True)
+    ]
+
+
+def _area(ring: Array) -> float:
+    """Return the signed area [m2] within a ring [deg]: by Lambert's cylindrical projection, which keeps areas."""
+    x, y = np.radians(ring[:, 0] - ring[0, 0]), np.sin(np.radians(ring[:, 1]))
+    y = y - y[0]
+    return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) / 2 * sphere.RADIUS**2
+
+
+def _polygons(rings: list[list[Array]]) -> shapely.MultiPolygon:
+    """Return valid polygons of rings."""
+    whole = shapely.make_valid(shapely.MultiPolygon([shapely.Polygon(one[0], one[1:]) for one in rings]))
+    parts = [p for p in shapely.get_parts(whole) if p.geom_type in ("Polygon", "MultiPolygon") and p.area > 0]
+    union = shapely.union_all(parts) if parts else shapely.MultiPolygon()
+    return union if isinstance(union, shapely.MultiPolygon) else shapely.MultiPolygon([union])

@@ -1,0 +1,121 @@
+"""What the frame of a picture leaves out, in words: a share of the probability, a contact, a position, and where they lie."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from scipy import ndimage
+
+from drift.forecast import tables
+from drift.forecast.cells import Array
+from drift.maps import labels
+from drift.maps.chart import Frame
+from geo import sphere
+
+POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+NEARLY = 0.9  # of what is left out: so much is told of as if it were all
+NAMED = 3  # places that are told by name
+
+
+def told(here: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
+    """Return in a sentence what a frame leaves out of the map at a time; empty if that is little and no place.
+
+    at: a forecast's data (drift.forecast.dataset) at one time. places: by name, the shapes (n, 2) [deg] of what is told where no point of
+    it is in the frame. Of the probability more than labels.TELLING is told.
+    """
+    parts = [_probability(here, at), named(here, places or {})]
+    return "; ".join(part for part in parts if part)
+
+
+def aside(here: Frame, at: Any) -> str:
+    """Return what a frame leaves out of the probability in a few words, for a small map; empty if that is little."""
+    mass = _outside(here, at)
+    total = float(mass.sum())
+    if total <= labels.TELLING:
+        return ""
+    lon, lat, _ = _most(mass, at)
+    inside = within(here, np.array([[lon, lat]]))[0]
+    return f"{labels.percent(total)} outside the frame{'' if inside else f', {_point(here, lon, lat)}'}"
+
+
+def within(here: Frame, points: Array) -> Array:
+    """Return which of points (n, 2) [deg] are in a frame, bool (n,)."""
+    x, y = here.project(points[:, 0], points[:, 1])
+    return np.asarray((here.x[0] <= x) & (x <= here.x[1]) & (here.y[0] <= y) & (y <= here.y[1]))
+
+
+def hidden(here: Frame, shapes: Sequence[Array]) -> bool:
+    """Whether nothing of these shapes is in a frame: no part of a line, nor the frame in a closed one."""
+    box = shapely.box(here.x[0], here.y[0], here.x[1], here.y[1])
+    for points in shapes:
+        xy = np.column_stack(here.project(points[:, 0], points[:, 1]))
+        xy = xy[np.isfinite(xy).all(axis=1)]
+        if len(xy) == 0:
+            continue
+        closed = len(xy) > 3 and np.allclose(xy[0], xy[-1])
+        shape = shapely.Polygon(xy) if closed else shapely.LineString(xy) if len(xy) > 1 else shapely.Point(xy[0])
+        if shapely.intersects(shapely.make_valid(shape), box):
+            return False
+    return bool(len(shapes))
+
+
+def _outside(here: Frame, at: Any) -> Array:
+    """Return the probability of the cells outside a frame, 0 in it, (nlat, nlon)."""
+    mass = at["probability"].values.astype(np.float64)
+    rows, columns = np.nonzero(mass)
+    inside = within(here, np.column_stack([at["lon"].values[columns], at["lat"].values[rows]]))
+    mass[rows[inside], columns[inside]] = 0.0
+    return np.asarray(mass)
+
+
+def _probability(here: Frame, at: Any) -> str:
+    mass = _outside(here, at)
+    total = float(mass.sum())
+    if total <= labels.TELLING:
+        return ""
+    lon, lat, alone = _most(mass, at)
+    words = f"{labels.percent(total)} of the probability lies outside this frame"
+    if within(here, np.array([[lon, lat]]))[0]:  # round about it
+        return f"{words}, on several sides"
+    return f"{words}, {'' if alone else 'most of it '}{_where(here, lon, lat)}"
+
+
+def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
+    """Return the mean position (lon, lat) [deg] of the place that holds most, and whether it is the only one.
+
+    A place is made of connected cells. Of all cells the densest count that hold NEARLY all: smoothing leaves a trace everywhere.
+    """
+    height = (mass / at["cell_area"].values).ravel()
+    order = np.argsort(-height, kind="stable")
+    inside = np.cumsum(mass.ravel()[order])
+    kept = np.zeros(mass.size, bool)
+    kept[order[: int(np.searchsorted(inside, NEARLY * inside[-1])) + 1]] = True
+    patch, many = ndimage.label(kept.reshape(mass.shape), np.ones((3, 3), int))
+    each = ndimage.sum_labels(mass, patch, np.arange(1, many + 1))
+    rows, columns = np.nonzero(patch == int(np.argmax(each)) + 1)
+    weight = mass[rows, columns]
+    lon, lat = (float(np.average(at[name].values[i], weights=weight)) for name, i in (("lon", columns), ("lat", rows)))
+    return lon, lat, bool(each.max() >= NEARLY * each.sum())
+
+
+def named(here: Frame, places: Mapping[str, Sequence[Array]]) -> str:
+    """Return which places lie outside a frame, and where; empty if none does."""
+    found = [
+        f"{name}, {_where(here, *shapes[0].mean(axis=0))}" for name, shapes in places.items() if hidden(here, shapes)
+    ]
+    if not found:
+        return ""
+    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+    return f"outside this frame: {'; '.join(found[:NAMED])}{more}"
+
+
+def _where(here: Frame, lon: float, lat: float) -> str:
+    """Return in which direction from the middle of a frame a place is, and where."""
+    return f"to the {_point(here, lon, lat)} (around {tables.position(lon, lat)})"
+
+
+def _point(here: Frame, lon: float, lat: float) -> str:
+    """Return the direction from the middle of a frame to a place, as one of eight points."""
+    east, north = sphere.offset(*np.radians(here.centre), *np.radians([lon, lat]))
+    return POINTS[round(float(np.degrees(np.arctan2(east, north))) / 45) % 8]

@@ -1,0 +1,62 @@
+"""How a point's containment is read from a forecast: the smallest share of the probability whose area holds the point."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.case import units
+from geo.errors import UserError
+
+Array = npt.NDArray[Any]
+
+LEAST = 1e-6  # 1 - containment of a cell of the rim, whose logarithm is finite so
+
+
+def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
+    """Return the containment at points [deg], shape (n,), at one of a forecast's output times; 1 where nothing is.
+
+    data: a drift.forecast.dataset, of a run or from forecast.nc. Between the centres of cells that hold any probability the logarithm
+    of 1 - containment is bilinear: for a bivariate normal that is the logarithm of density, which the contours are drawn by.
+    A cell's own reading is noise of up to its difference from its neighbours; the point's is not.
+    """
+    times = data["time"].values
+    found = np.flatnonzero(times == np.datetime64(time, "ns"))
+    if not found.size:
+        first, last = (units.group(moment) for moment in times[[0, -1]])
+        raise UserError(
+            f"containment at {units.group(np.datetime64(time, 's'))}: no output is at that time; there are {times.size}, from "
+            f"{first} to {last}: see output.times"
+        )
+    one = data.isel(time=int(found[0]))
+    holds = one["probability"].values > 0
+    outer = np.log(np.maximum(1 - one["containment"].values.astype(np.float64), LEAST))
+    x, y = _place(data["lon"].values, lon, turning=True), _place(data["lat"].values, lat, turning=False)
+    x, y = np.broadcast_arrays(x, y)
+    nlat, nlon = holds.shape
+    inside = (x > -0.5) & (x < nlon - 0.5) & (y > -0.5) & (y < nlat - 0.5)
+    own = np.zeros(x.shape, bool)
+    own[inside] = holds[_nearest(y[inside], nlat), _nearest(x[inside], nlon)]
+    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    total, weight = np.zeros(x.shape), np.zeros(x.shape)
+    for j, i in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        share = np.abs(1 - i - (x - column)) * np.abs(1 - j - (y - row))
+        k, m = np.clip(row + j, 0, nlat - 1), np.clip(column + i, 0, nlon - 1)
+        share = np.where(own & holds[k, m], share, 0.0)
+        total += share * np.where(share > 0, outer[k, m], 0.0)
+        weight += share
+    return np.where(own, 1 - np.exp(np.divide(total, weight, out=np.zeros(x.shape), where=weight > 0)), 1.0)
+
+
+def _nearest(place: Array, size: int) -> Array:
+    return np.clip(np.rint(place).astype(np.int64), 0, size - 1)
+
+
+def _place(centres: Array, where: npt.ArrayLike, *, turning: bool) -> Array:
+    """Return places along an axis, counted in cells from its first centre; longitudes are taken to run on with the axis."""
+    where = np.asarray(where, np.float64)
+    step = float(centres[1] - centres[0]) if len(centres) > 1 else 1.0
+    if turning:
+        west = centres[0] - step / 2
+        where = west + (where - west) % 360
+    return np.asarray((where - centres[0]) / step)

@@ -1,0 +1,268 @@
+"""The contents of forecast.nc: CF-1.11 variables on one grid that covers all output times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from drift.forecast import areas, effective
+from drift.forecast.cells import Array, Cells
+from drift.motion.snapshot import Means, Snapshot, mapped, means
+from drift.motion.status import Status
+
+AREA = "area: cell_area"
+COUNTED = "of what was drawn anew, that of the particles from which it descends"
+CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
+
+
+def build(
+    snapshots: Sequence[Snapshot],
+    scenarios: Sequence[str],
+    grid: Cells,
+    maps: Sequence[areas.Area | None],
+    shares: Sequence[float],
+    bandwidths: Sequence[float | None] | None = None,
+) -> xr.Dataset:
+    """Return the forecast as a dataset; times without any probability on the map have zeros and NaN.
+
+    bandwidths: [binary angle unit] that suit the densest particles of each snapshot, on a grid that does not follow them.
+    """
+    area = grid.area()
+    shape = (len(snapshots), *grid.shape)
+    by_scenario = np.zeros((len(snapshots), len(scenarios), *grid.shape), np.float32)
+    probability, ashore, contained = (np.zeros(shape, np.float32) for _ in range(3))
+    contained[:] = np.nan
+    off = np.full(len(snapshots), np.nan)
+    for i, one in enumerate(maps):
+        if one is None:
+            continue
+        part, own = _coarsened(one, grid)
+        where, there = _shared(own, grid)
+        total = part.sum(axis=(0, 1))
+        by_scenario[(i, slice(None), *where)] = part.sum(axis=1)[(slice(None), *there)]
+        probability[(i, *where)] = total[there]
+        ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))[there]  # nothing where nobody is ashore
+        contained[i] = 1.0
+        contained[(i, *where)] = _containment(one, total, own.area())[there]
+        off[i] = 1 - total[there].sum() / total.sum()
+    statuses = np.array([np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots])
+    weights = np.array([np.bincount(s.scenario, s.probability, minlength=len(scenarios)) for s in snapshots])
+    mean = [means(one, len(scenarios)) for one in snapshots]
+    sizes = np.array([one.areas if one else np.full(len(shares), np.nan) for one in maps])
+    held = np.array([one.held_out if one else np.full(len(shares), np.nan) for one in maps])
+    here = ("time", "lat", "lon")
+    counted = [_counted(one, len(scenarios)) for one in snapshots]
+    data: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
+        "probability": (
+            here,
+            probability,
+            {
+                "long_name": "probability that the object is in the cell, adrift or ashore",
+                "units": "1",
+                "cell_measures": AREA,
+                "ancillary_variables": "containment",
+            },
+        ),
+        "probability_ashore": (
+            here,
+            ashore,
+            {"long_name": "probability that the object is ashore in the cell", "units": "1", "cell_measures": AREA},
+        ),
+        "probability_by_scenario": (
+            ("time", "scenario", "lat", "lon"),
+            by_scenario,
+            {
+                "long_name": "probability of the scenario and of the object being in the cell; adds up to probability",
+                "units": "1",
+                "cell_measures": AREA,
+            },
+        ),
+        "containment": (
+            here,
+            contained,
+            {
+                "long_name": "smallest share of the probability on the map whose area contains the cell",
+                "units": "1",
+                "cell_measures": AREA,
+                "comment": CALIBRATED,
+            },
+        ),
+        "cell_area": (
+            ("lat", "lon"),
+            np.repeat(area[:, None], grid.nlon, axis=1),
+            {"standard_name": "cell_area", "long_name": "area of the cell on the sphere", "units": "m2"},
+        ),
+        "containment_area": (
+            ("time", "share"),
+            sizes,
+            {"long_name": "area of the smallest region that holds the share", "units": "m2", "comment": CALIBRATED},
+        ),
+        "held_out": (
+            ("time", "share"),
+            held,
+            {
+                "long_name": "share of the particles unseen by a map inside its region, calibrated on others",
+                "units": "1",
+            },
+        ),
+        "status_probability": (
+            ("time", "status"),
+            statuses,
+            {"long_name": "probability of each status of the object; adds up to 1", "units": "1"},
+        ),
+        "scenario_probability": (
+            ("time", "scenario"),
+            weights,
+            {"long_name": "probability of each scenario; adds up to 1", "units": "1"},
+        ),
+        "effective_particles": (
+            ("time",),
+            np.array([c.map for c in counted]),
+            {"long_name": "effective sample size of the particles on the map", "units": "1", "comment": COUNTED},
+        ),
+        "status_effective": (
+            ("time", "status"),
+            np.array([c.status for c in counted]),
+            {"long_name": "effective sample size of the particles of each status", "units": "1", "comment": COUNTED},
+        ),
+        "scenario_effective": (
+            ("time", "scenario"),
+            np.array([c.scenario for c in counted]),
+            {
+                "long_name": "effective sample size of the particles on the map, of each scenario",
+                "units": "1",
+                "comment": COUNTED,
+            },
+        ),
+        **_worlds(counted),
+        "particles_per_kernel": (
+            ("time",),
+            np.array([one.per_kernel if one else np.nan for one in maps]),
+            {"long_name": "effective particles in a smoothing kernel", "units": "1"},
+        ),
+        **_tracks(mean, grid),
+        **_fit(off, maps, bandwidths),
+    }
+    coords = {
+        "time": ("time", np.array([s.time for s in snapshots], "datetime64[ns]"), _axis("time", "T", "time, UTC")),
+        "lat": (
+            "lat",
+            grid.lat(),
+            {**_axis("latitude", "Y", "latitude of the cell's centre"), "units": "degrees_north"},
+        ),
+        "lon": (
+            "lon",
+            grid.lon(),
+            {**_axis("longitude", "X", "longitude of the cell's centre"), "units": "degrees_east"},
+        ),
+        "scenario": ("scenario", np.array(scenarios, object), {"long_name": "scenario"}),
+        "status": (
+            "status",
+            np.array([s.name.lower() for s in Status], object),
+            {"long_name": "what became of the object"},
+        ),
+        "share": ("share", np.array(shares), {"long_name": "share of the probability on the map", "units": "1"}),
+    }
+    return xr.Dataset(data, coords)
+
+
+def _axis(name: str, axis: str, words: str) -> dict[str, str]:
+    return {"standard_name": name, "long_name": words, "axis": axis}
+
+
+@dataclass(frozen=True)
+class _Counted:
+    """How many particles and worlds of a snapshot count."""
+
+    map: float  # adrift or ashore
+    status: Array  # (statuses,)
+    scenario: Array  # (scenarios,), adrift or ashore
+    worlds: float  # adrift or ashore; NaN where there are none
+    drawn: int  # worlds
+
+
+def _counted(one: Snapshot, scenarios: int) -> _Counted:
+    on = mapped(one)
+    weight, family, scenario = one.probability[on], None if one.family is None else one.family[on], one.scenario[on]
+    world = None if one.world is None else one.world[on]
+    return _Counted(
+        effective.number(weight, family),
+        effective.by(one.status, len(Status), one.probability, one.family),
+        effective.by(scenario, scenarios, weight, family),
+        np.nan if world is None else effective.number(weight, world),
+        0 if one.world is None else 1 + int(one.world.max()),
+    )
+
+
+def _worlds(counted: Sequence[_Counted]) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    """Return the effective number of worlds as a variable; none where there are no worlds."""
+    if not counted or counted[0].drawn == 0:
+        return {}
+    words = "effective number of worlds on the map; objects of a world share what nobody knows of it"
+    attributes = {"long_name": words, "units": "1", "worlds": counted[0].drawn}
+    return {"effective_worlds": (("time",), np.array([c.worlds for c in counted]), attributes)}
+
+
+def _fit(off: Array, maps: Sequence[areas.Area | None], bandwidths: Sequence[float | None] | None) -> dict[str, Any]:
+    """Return how a given grid fits as variables; none where it follows the particles."""
+    if bandwidths is None:
+        return {}
+    wide = [
+        np.nan if one is None or bandwidth is None else bandwidth / one.cells.height
+        for one, bandwidth in zip(maps, bandwidths, strict=True)
+    ]
+    words = "share of the probability adrift or ashore that lies outside the grid; areas and containment count it"
+    kernel = "bandwidth that suits the densest particles, in cells on which the map was smoothed"
+    return {
+        "off_grid": (("time",), off, {"long_name": words, "units": "1"}),
+        "cells_per_kernel": (("time",), np.array(wide), {"long_name": kernel, "units": "1"}),
+    }
+
+
+def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the rows and columns that cells have in common with a grid, counted on the grid, and counted on the cells."""
+    on_grid, on_cells = [], []
+    for start, count, size in (
+        ((own.lat0 - grid.lat0) // grid.height, own.nlat, grid.nlat),
+        ((own.lon0 - grid.lon0) // grid.width, own.nlon, grid.nlon),
+    ):
+        low, high = max(start, 0), min(start + count, size)
+        high = max(low, high)
+        on_grid.append(slice(low, high))
+        on_cells.append(slice(low - start, high - start))
+    return (on_grid[0], on_grid[1]), (on_cells[0], on_cells[1])
+
+
+def _coarsened(one: areas.Area, grid: Cells) -> tuple[Array, Cells]:
+    """Return the map summed into cells of the common size, and these."""
+    k = grid.width // one.cells.width
+    return areas.summed(one.probability, k) if k > 1 else one.probability, areas.coarser(one.cells, k)
+
+
+def _containment(one: areas.Area, total: Array, area: Array) -> Array:
+    """Return the containment on the common cells: the map's own, or anew from the sums of finer cells."""
+    if total.shape == one.cells.shape:
+        return one.containment
+    return areas.containment(total, area, one.coarse)[0]
+
+
+def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    """Return mean positions as variables, longitudes run on from the grid's western edge."""
+    west = grid.lon()[0] - 180
+
+    def both(name: str, dims: tuple[str, ...], positions: Array, words: str) -> dict[str, Any]:
+        lon = west + (positions[..., 0] - west) % 360
+        return {
+            f"{name}_lon": (dims, lon, {"long_name": f"longitude of {words}", "units": "degrees_east"}),
+            f"{name}_lat": (dims, positions[..., 1], {"long_name": f"latitude of {words}", "units": "degrees_north"}),
+        }
+
+    return {
+        **both("mean", ("time",), np.array([m.all for m in mean]), "the mean position, adrift or ashore"),
+        **both("datum", ("time",), np.array([m.adrift for m in mean]), "the datum, the mean position of those adrift"),
+        **both(
+            "scenario_mean", ("time", "scenario"), np.array([m.scenario for m in mean]), "the scenario's mean position"
+        ),
+    }

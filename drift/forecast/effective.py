@@ -1,0 +1,171 @@
+"""How many particles or worlds count, and whether these are few: the one place that says so, for every file and picture.
+
+Weights make a few particles count for all of them: their effective number is one over the sum of their squared shares (Kong
+1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle that it descends from: copies know no more than it
+did, however many there are. Objects of one world share all that nobody knows of it, so that a spill stands on its worlds.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.case import units
+from drift.search.updates import Update, Updates
+
+Array = npt.NDArray[Any]
+
+FEW = {"particles": 200.0, "worlds": 50.0}  # fewer than so many, and figures are rough
+SLACK = 1e-6  # of a number: what misses it by rounding reaches it
+PART = 0.05  # share of the probability on the map from which a part of it is told of by itself
+# share of what is ever released, from which on a run is warned of: before, its maps say what is missing
+RELEASED = 0.99
+PARTS = {"adrift": "of those adrift", "ashore": "of those ashore"}
+
+
+@dataclass(frozen=True)
+class Count:
+    """How many count, and of how many that were drawn; None: not known."""
+
+    number: float
+    of: int | None = None
+    what: str = "particles"  # or worlds
+
+    @property
+    def few(self) -> bool:
+        """Whether so few count that figures are rough; nothing at all has no figures."""
+        return 0 < self.number < FEW[self.what] * (1 - SLACK)
+
+    @property
+    def words(self) -> str:
+        """In words: 4 of 100,000 particles count."""
+        number = max(round(self.number), 1)
+        number = min(number, math.ceil(FEW[self.what]) - 1) if self.few else number
+        many = f"{number:,} of {self.of:,} {self.what}" if self.of else f"{number:,} {self.what}"
+        many = many if self.of or number > 1 else f"1 {self.what[:-1]}"
+        return f"{many} count{'s' if number == 1 else ''}"
+
+
+def number(weight: Array, family: Array | None = None) -> float:
+    """Return the effective number of weights (n,) of any scale; 0 for none.
+
+    family: int (n,) not negative: those of one family count as one of their summed weight.
+    """
+    if family is not None and len(weight):
+        weight = np.bincount(family, weight)
+    if not len(weight) or weight.max() <= 0:
+        return 0.0
+    weight = weight / weight.max()  # squares of what is very small would be nothing
+    return float(np.sum(weight)) ** 2 / float(np.sum(weight**2))
+
+
+def by(code: Array, many: int, weight: Array, family: Array | None = None) -> Array:
+    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,); family: as in `number`."""
+    if family is not None:
+        return np.array([number(weight[code == k], family[code == k]) for k in range(many)])
+    total, squares = np.bincount(code, weight, many), np.bincount(code, weight**2, many)
+    return np.asarray(np.divide(total**2, squares, out=np.zeros(many), where=squares > 0))
+
+
+def sentence(count: Count, when: str = "", rough: str = "areas and shares are rough") -> str:
+    """Return in a sentence that few count; when: "after ..." or "at ..."."""
+    return f"only {count.words}{when and f' {when}'}: {rough}"
+
+
+def banner(count: Count, rough: str = "the areas are rough", when: str = "") -> str:
+    """Return what a picture says of few; when: the time of its map that stands on least."""
+    return f"ONLY {count.words.upper()}{when and f' at {when}'}: {rough}"
+
+
+def at(data: Any, time: int, particles: int | None = None) -> Count:
+    """Return what a forecast's map (drift.forecast.dataset) stands on at an output: its worlds if these are few, else its particles.
+
+    particles: how many were drawn.
+    """
+    if "effective_worlds" in data:
+        worlds = data["effective_worlds"]
+        count = Count(float(worlds.values[time]), int(worlds.attrs["worlds"]), "worlds")
+        if count.few:
+            return count
+    return Count(float(data["effective_particles"].values[time]), particles)
+
+
+def fewest(data: Any, outputs: Iterable[int], particles: int | None = None) -> tuple[Count, int]:
+    """Return what the map that stands on least stands on, of those at some outputs that show anything, and its output."""
+    counts = [(at(data, int(i), particles), int(i)) for i in outputs]
+    shown = [one for one in counts if one[0].number > 0]
+    return min(shown, key=lambda one: one[0].number / FEW[one[0].what], default=(Count(0.0, particles), 0))
+
+
+def parts(data: Any, time: int) -> list[str]:
+    """Return which parts of a map stand on few particles, those adrift, those ashore, a scenario; none where all of it does."""
+    if at(data, time).few:
+        return []
+    one = data.isel(time=time)
+    mapped = float(one["probability"].sum())
+    found = []
+    statuses = zip(one["status"].values, one["status_probability"].values, one["status_effective"].values, strict=True)
+    named = [(PARTS[str(name)], p, n) for name, p, n in statuses if str(name) in PARTS]
+    if one.sizes["scenario"] > 1 and "effective_worlds" not in data:  # classes of objects are no stories
+        shares = one["probability_by_scenario"].sum(["lat", "lon"]).values
+        of = zip(one["scenario"].values, shares, one["scenario_effective"].values, strict=True)
+        named += [(f'of scenario "{name}"', p, n) for name, p, n in of]
+    for name, share, many in named:
+        count = Count(float(many))
+        if share >= PART * mapped and count.few:
+            found.append(
+                f"{sentence(count, name, 'what is said of these alone is rough')} ({100 * share:.0f} % of the probability)"
+            )
+    return found
+
+
+def of_run(data: Any, particles: int, updates: Updates | None = None) -> list[str]:
+    """Return the warnings of a forecast: after which update few count, at which outputs, and of which parts at its end."""
+    told = []
+    update = first_low(updates) if updates else None
+    if update is not None:
+        low = Count(update.ess_after, particles)
+        anew = "" if update.resampled else ", or [resampling] below = 0.05"
+        told.append(
+            f"{sentence(low, f'{after(update)}', 'areas and shares after it are rough')}. Check it; else give more particles{anew}"
+        )
+    times = data["time"].values
+    few = [i for i in range(released(data), len(times)) if at(data, i, particles).few]
+    if few:
+        counts = [at(data, i, particles) for i in few]
+        worst = min(range(len(few)), key=lambda k: counts[k].number)
+        known = update is not None and all(_since(times, i, update.time) for i in few)
+        if update is None or not known or counts[worst].number < 0.5 * update.ess_after:
+            others = f" and few at {len(few) - 1} more output time{'s' * (len(few) > 2)}" if len(few) > 1 else ""
+            told.append(sentence(counts[worst], f"at {units.group(times[few[worst]])}{others}"))
+    return told + parts(data, len(times) - 1)
+
+
+def first_low(updates: Updates) -> Update | None:
+    """Return the first sortie or contact after which few particles count; what comes after it stands on these."""
+    return next((update for update in updates.all if Count(update.ess_after).few), None)
+
+
+def lowest(updates: Updates, particles: int | None = None) -> Count:
+    """Return how many particles the evidence stands on: the least that any update has left, as copies add nothing."""
+    return Count(min((update.ess_after for update in updates.all), default=0.0), particles)
+
+
+def after(update: Update) -> str:
+    """Return in words after what."""
+    return f'after {update.kind} "{update.name}"'
+
+
+def released(data: Any) -> int:
+    """Return the first output from which on all that is ever released is, but for 1 - RELEASED; 0 if nothing is."""
+    status = [str(name) for name in data["status"].values]
+    share = 1 - data["status_probability"].values[:, status.index("pending")]
+    return int(np.argmax(share >= RELEASED * share.max()))
+
+
+def _since(times: Array, i: int, moment: np.datetime64) -> bool:
+    """Whether an output is at a time or after it, in the direction of the run."""
+    return bool(times[i] >= moment if times[-1] >= times[0] else times[i] <= moment)

@@ -1,0 +1,350 @@
+"""What a chart shows of a forecast: shading, areas, track, marks, what is ashore."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+import numpy as np
+import shapely
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+
+from drift.case import units
+from drift.forecast import beyond, effective, tables
+from drift.forecast.cells import Array
+from drift.forecast.products import Contour, Forecast
+from drift.maps import chart, labels
+from drift.maps.chart import Frame
+
+INNERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"}
+BETWEEN: tuple[Any, ...] = ((0, (6, 2)), (0, (6, 2, 1.5, 2)), (0, (10, 3)), (0, (4, 1.5, 1.5, 1.5, 1.5, 1.5)))
+OUTERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))}
+ROUGH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#55606b", "hatch": "////", "linewidth": 0.0, "alpha": 0.55}
+LARGER = 1.6  # by how much a frame may grow to show a place that is far off
+TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", "#c62828"
+SHOWN = 0.995  # containment of the cells that are shaded
+ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
+PARTIAL: dict[str, Any] = {"color": TRACK, "linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": ".", "markersize": 3}
+PRIOR_COLOURS = ("#1b5e20", "#00a0b0", "#5d4037", "#8bc34a", "#000000")
+PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), "-")
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A point to mark, such as the last known position [deg]."""
+
+    lon: float
+    lat: float
+    label: str = "LKP"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line to draw, such as a prior's area (closed) or a trackline [deg]; longitudes without jumps, (n,)."""
+
+    lon: Sequence[float]
+    lat: Sequence[float]
+    label: str
+    closed: bool = False
+
+
+def prior_style(which: int) -> dict[str, Any]:
+    """Return colour, dashes and halo of a scenario's area or trackline; twenty differ, in grey too by their dashes."""
+    return {
+        "color": PRIOR_COLOURS[which % len(PRIOR_COLOURS)],
+        "linestyle": PRIOR_DASHES[which % len(PRIOR_DASHES)],
+        "linewidth": 1.7,
+        "path_effects": [patheffects.withStroke(linewidth=3.2, foreground="white", alpha=0.7)],
+    }
+
+
+def shading() -> Colormap:
+    """Magma reversed, without its nearly black end, so that lines on top stay visible."""
+    return ListedColormap(matplotlib.colormaps["magma_r"](np.linspace(0.03, 0.8, 256)), name="shading")
+
+
+def edges(centres: Array) -> Array:
+    """Return the edges between centres, and one beyond on both sides."""
+    if len(centres) == 1:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    middle = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
+
+
+def extent(
+    forecast: Forecast,
+    times: Sequence[Any],
+    marks: Sequence[Mark],
+    lines: Sequence[Line],
+    aspect: float,
+    also: Iterable[Sequence[Array]] = (),
+) -> Frame:
+    """Return the frame of what is shaded at these times, the mean track and what is marked; not of outliers.
+
+    also: shapes, each several (n, 2) [deg], that it shows too where it is then at most LARGER times as large.
+    """
+    data = forecast.data
+    lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
+    for one in forecast.contours:
+        if one.time in times and one.share == max(c.share for c in forecast.contours) and not one.polygon.is_empty:
+            west, south, east, north = _shaded(forecast, one)
+            lon.append(np.array([west, east]))
+            lat.append(np.array([south, north]))
+    middle = float(data["lon"].mean())
+    for mark in marks:
+        lon.append(np.array([near(mark.lon, middle)]))
+        lat.append(np.array([mark.lat]))
+    for line in lines:
+        shift = near(float(np.mean(line.lon)), middle) - float(np.mean(line.lon))
+        lon.append(np.asarray(line.lon, float) + shift)
+        lat.append(np.asarray(line.lat, float))
+    every_lon, every_lat = np.concatenate(lon), np.concatenate(lat)
+    known = np.isfinite(every_lon) & np.isfinite(every_lat)
+    if not known.any():
+        every_lon, every_lat, known = data["lon"].values[[0, -1]], data["lat"].values[[0, -1]], np.array([True, True])
+    here = chart.frame(every_lon[known], every_lat[known], aspect, margin=0.05)
+    for shapes in also:
+        if beyond.hidden(here, shapes):
+            more = [*lines, *(Line(one[:, 0].tolist(), one[:, 1].tolist(), "") for one in shapes)]
+            whole = extent(forecast, times, marks, more, aspect)
+            here, lines = (whole, more) if little(here, whole) else (here, lines)
+    return here
+
+
+def little(here: Frame, whole: Frame) -> bool:
+    """Whether a frame is at most LARGER times as large as another."""
+    return whole.x[1] - whole.x[0] <= LARGER * (here.x[1] - here.x[0])
+
+
+def _shaded(forecast: Forecast, one: Contour) -> tuple[float, float, float, float]:
+    """Return the bounds [deg] of the cells shaded at a contour's time, at most its size beyond the contour: no outliers."""
+    data = forecast.data
+    west, south, east, north = one.polygon.bounds
+    cells = data["containment"].values[int(np.flatnonzero(data["time"].values == one.time)[0])] <= SHOWN
+    lon, lat = (data[name].values[np.flatnonzero(cells.any(axis=axis))] for name, axis in (("lon", 0), ("lat", 1)))
+    if not len(lon):
+        return west, south, east, north
+    half = (edges(data["lon"].values)[1] - data["lon"].values[0], edges(data["lat"].values)[1] - data["lat"].values[0])
+    wide, high = east - west, north - south
+    return (
+        min(west, max(lon[0] - half[0], west - wide)),
+        min(south, max(lat[0] - half[1], south - high)),
+        max(east, min(lon[-1] + half[0], east + wide)),
+        max(north, min(lat[-1] + half[1], north + high)),
+    )
+
+
+def near(lon: float, middle: float) -> float:
+    return (lon - middle + 180) % 360 - 180 + middle
+
+
+def density(forecast: Forecast, time: int) -> Array:
+    """Return the probability density [% per nmi2] at a time, (nlat, nlon)."""
+    data = forecast.data
+    return np.asarray(
+        100 * data["probability"].values[time].astype(np.float64) / (data["cell_area"].values / tables.NMI**2)
+    )
+
+
+def scale_top(at: Any) -> float:
+    """Return the density [% per nmi2] that ends the colour scale: the area above it holds a tenth of those adrift.
+
+    The narrow strip of those ashore, marked by symbols, would take most of the scale; it counts if hardly any drift.
+    """
+    mass = at["probability"].values.astype(np.float64).ravel()
+    adrift = mass - at["probability_ashore"].values.astype(np.float64).ravel()
+    mass = adrift if adrift.sum() > 0.05 * mass.sum() else mass
+    density = 100 * mass / (at["cell_area"].values.ravel() / tables.NMI**2)
+    order = np.argsort(-density, kind="stable")
+    inside = np.cumsum(mass[order])
+    best = float(density[order[np.searchsorted(inside, 0.1 * inside[-1])]]) if inside[-1] > 0 else 0.0
+    return best if best > 0 else max(float(density.max()), 1e-12)
+
+
+def shade(ax: Axes, here: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
+    """Shade cells, only the rows and columns that hold anything."""
+    rows, columns = (np.flatnonzero(np.isfinite(values).any(axis=axis)) for axis in (1, 0))
+    lon, lat = edges(forecast.data["lon"].values), edges(forecast.data["lat"].values)
+    r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
+    c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
+    x, y = here.project(*np.meshgrid(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1]))
+    return ax.pcolormesh(x, y, np.ma.masked_invalid(values[r, c]), cmap=shading(), norm=norm, zorder=1, rasterized=True)
+
+
+def kept(polygon: shapely.MultiPolygon) -> list[Array]:
+    """Return the rings to draw of an area, each (n, 2): without islands and holes of less than ISLAND of its size.
+
+    That is for pictures, not for files; where islands are so many that they make up a tenth, the larger ones stay.
+    """
+    if polygon.is_empty:
+        return []
+    size = np.array([shapely.Polygon(part.exterior).area for part in polygon.geoms])
+    order = np.argsort(size, kind="stable")
+    small = size[order] < ISLAND * polygon.area
+    drop = set(order[small & (np.cumsum(size[order]) < 0.1 * polygon.area)].tolist())
+    rings = []
+    for i, part in enumerate(polygon.geoms):
+        if i not in drop:
+            holes = [ring for ring in part.interiors if shapely.Polygon(ring).area >= ISLAND * polygon.area]
+            rings += [np.array(ring.coords) for ring in (part.exterior, *holes)]
+    return rings
+
+
+def rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str, Any]) -> None:
+    """Draw the outlines of an area."""
+    lines = [np.column_stack(here.project(ring[:, 0], ring[:, 1])) for ring in kept(polygon)]
+    ax.add_collection(
+        LineCollection(
+            lines,
+            colors=style["color"],
+            linewidths=style["linewidth"],
+            linestyles=[style["linestyle"]],
+            path_effects=[patheffects.withStroke(linewidth=style["linewidth"] + 1.6, foreground="white", alpha=0.6)],
+            zorder=3,
+        ),
+        autolim=False,
+    )
+
+
+def lines(shares: Sequence[float]) -> dict[float, dict[str, Any]]:
+    """Return the style of each area's outline, by its share, ascending: solid within, dotted without."""
+    styles = [INNERMOST, *({**INNERMOST, "linewidth": 1.5, "linestyle": one} for one in BETWEEN)]
+    return dict(zip(shares, [*styles[: len(shares) - 1], OUTERMOST] if len(shares) > 1 else styles, strict=False))
+
+
+def line(share: float, forecast: Forecast, few: bool = False) -> dict[str, Any]:
+    """Return the style of an area's outline; where few particles count it is thin and grey, for it is no edge."""
+    style = lines(forecast.shares)[share]
+    return unsure(style) if few else style
+
+
+def areas_of(forecast: Forecast, time: Any, shares: Sequence[float]) -> list[Contour]:
+    """Return the outlines of some shares at a time."""
+    return [one for one in forecast.contours if one.time == time and one.share in shares]
+
+
+def unsure(style: dict[str, Any]) -> dict[str, Any]:
+    """Return the style of an outline as it is where few count."""
+    return {**style, "color": "#55606b", "linewidth": 0.55 * style["linewidth"]}
+
+
+def widest(outlines: Sequence[Contour]) -> shapely.MultiPolygon:
+    """Return the largest of a time's areas."""
+    return max(outlines, key=lambda one: one.share).polygon if outlines else shapely.MultiPolygon()
+
+
+def rough(ax: Axes, here: Frame, area: shapely.MultiPolygon) -> None:
+    """Hatch an area, where few count: its edges are not where they seem."""
+    rings = [Outline(np.column_stack(here.project(*ring.T)), closed=True) for ring in kept(area)]
+    if rings:
+        ax.add_patch(PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
+
+
+def beside(here: Frame, at: Any, count: effective.Count) -> list[str]:
+    """Return in a few words, for a small map, whether few count and what its frame leaves out."""
+    found = [f"only {count.words}"] if count.few else []
+    out = beyond.aside(here, at)
+    return [*found, out] if out else found
+
+
+def prior_line(ax: Axes, here: Frame, line: Line, which: int) -> None:
+    """Draw a scenario's area or trackline in the style of its number among them."""
+    lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
+    if line.closed:
+        lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
+    ax.plot(*here.project(lon, lat), zorder=8, **prior_style(which))
+
+
+def mark_point(ax: Axes, here: Frame, mark: Mark, size: float) -> None:
+    x, y = here.project(mark.lon, mark.lat)
+    ax.plot(
+        x, y, "o", markersize=size, markerfacecolor="white", markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12
+    )
+    ax.plot(x, y, "+", markersize=size * 1.7, markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12)
+
+
+def ashore_marks(ax: Axes, here: Frame, forecast: Forecast, time: int, scale: float = 1.0) -> float:
+    """Mark where the object may be ashore, gathered on a coarse net; return the probability of all of it."""
+    ashore = forecast.data["probability_ashore"].values[time].astype(np.float64)
+    rows, columns = np.nonzero(ashore)
+    total = float(ashore.sum())
+    if total < 5e-4:
+        return total
+    x, y = here.project(forecast.data["lon"].values[columns], forecast.data["lat"].values[rows])
+    weight = ashore[rows, columns]
+    net = (here.x[1] - here.x[0]) / 45
+    bins = np.floor((y - here.y[0]) / net) * 1000 + np.floor((x - here.x[0]) / net)
+    _, member = np.unique(bins, return_inverse=True)
+    sums = np.bincount(member, weight)
+    order = np.lexsort((-weight, member))  # a symbol stands at the likeliest cell of its mesh
+    x, y = (v[order[np.searchsorted(member[order], np.arange(len(sums)))]] for v in (x, y))
+    keep = sums > 1e-3 * total
+    size = scale**2 * (14 + 170 * sums[keep] / max(sums.max(), 0.02))
+    ax.scatter(x[keep], y[keep], size, marker="^", color=ASHORE, edgecolor="white", linewidth=0.5, zorder=9)
+    return total
+
+
+def occupied(here: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
+    """Return points [m] of what must not be covered: the outer contours and the track."""
+    xy = [np.column_stack(here.project(forecast.data["mean_lon"].values, forecast.data["mean_lat"].values))]
+    xy += [
+        np.column_stack(here.project(*np.array(part.exterior.coords).T))
+        for one in forecast.contours
+        if one.time in times
+        for part in one.polygon.geoms
+    ]
+    every = np.concatenate(xy)
+    return every[:, 0], every[:, 1]
+
+
+def complete(forecast: Forecast) -> int:
+    """Return the first output from which on the mean track is that of the whole; see effective.released."""
+    return effective.released(forecast.data)
+
+
+def spaced(times: Array, most: int) -> list[int]:
+    """Return which of the times to write, the last one always: all, or of more than `most` those that are well apart."""
+    if len(times) <= most:
+        return list(range(len(times)))
+    least, found = abs(times[-1] - times[0]) / (most - 1), [len(times) - 1]
+    for k in range(len(times) - 2, -1, -1):
+        if abs(times[k] - times[found[-1]]) >= least:
+            found.append(k)
+    return found[::-1]
+
+
+def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, time: int, marks: Sequence[Mark]) -> None:
+    """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner.
+
+    Where a part is not released yet, the mean jumps with each release: there it is thin and dotted.
+    """
+    data = forecast.data
+    lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values
+    last = range(len(times))[time]
+    known = [i for i in range(last + 1) if np.isfinite(lat[i])]
+    x, y = here.project(lon[known], lat[known])
+    first = int(np.searchsorted(known, complete(forecast)))
+    ax.plot(x[first:], y[first:], color="white", linewidth=3.2, zorder=10, solid_capstyle="round")
+    ax.plot(x[first:], y[first:], color=TRACK, linewidth=1.4, zorder=10.5)
+    ax.plot(x[first:], y[first:], "o", color="white", markeredgecolor=TRACK, markersize=4.5, zorder=11)
+    ax.plot(x[: first + 1], y[: first + 1], zorder=10.2, **PARTIAL)
+    ax.plot(x[-1:], y[-1:], "o", color=TRACK, markersize=7, zorder=11.5)
+    small = {"fontsize": 8, "color": TRACK}
+    texts: list[labels.Point] = []
+    for mark in marks:
+        mark_point(ax, here, mark, 9)
+        mx, my = here.project(mark.lon, mark.lat)
+        texts.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
+    must = range(len(texts))
+    told = spaced(times[known], 12)
+    texts += [(float(x[k]), float(y[k]), f"{units.group(times[known[k]])[:6]}Z", small) for k in told]
+    cx, cy = occupied(here, forecast, [times[last]])
+    mx, my = here.project([m.lon for m in marks], [m.lat for m in marks])
+    bar = chart.scale_bar(ax, here, chart.free_corner(here, np.append(cx, mx), np.append(cy, my)))
+    labels.place(ax, canvas, texts, [bar], must={*must, len(texts) - 1})

@@ -1,0 +1,1 @@
+"""The drawing kit: charts, pages and labels. It knows no topic."""

@@ -1,0 +1,237 @@
+"""A chart to draw on: projection, extent, land, graticule, scale bar.
+
+Mercator centred on the chart up to 75 degrees of latitude, else Lambert's azimuthal equal-area projection: both have
+north up in the middle and know no antimeridian. Axes are plain, in projected metres.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import cartopy.crs as ccrs
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.path import Path as Outline
+from matplotlib.transforms import Bbox
+
+from drift.forecast.cells import Array
+from drift.forecast.tables import NMI
+from geo import sphere
+
+SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
+# [arc minutes] between lines of the graticule
+STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 180, 300, 600, 900, 1800)
+GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
+DEGREES = ccrs.Geodetic(globe=GLOBE)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A projection and the box of it [m] that is drawn; `centre` is its middle [deg]."""
+
+    crs: Any
+    centre: tuple[float, float]
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+    def project(self, lon: Any, lat: Any) -> tuple[Array, Array]:
+        """Return (x, y) [m] of positions [deg] at any number of turns; same shape."""
+        lon, lat = np.broadcast_arrays(np.asarray(lon, float), np.asarray(lat, float))
+        lon = (lon - self.centre[0] + 180) % 360 - 180 + self.centre[0]
+        xyz = self.crs.transform_points(DEGREES, lon.ravel(), lat.ravel())
+        return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return (west, south, east, north) [deg] that hold the whole frame, unwrapped round the centre."""
+        x, y = np.meshgrid(np.linspace(*self.x, 25), np.linspace(*self.y, 25))
+        lonlat = DEGREES.transform_points(self.crs, x.ravel(), y.ravel())
+        lonlat = lonlat[np.isfinite(lonlat).all(axis=1)]
+        lon = (lonlat[:, 0] - self.centre[0] + 180) % 360 - 180 + self.centre[0]
+        return float(lon.min()), float(lonlat[:, 1].min()), float(lon.max()), float(lonlat[:, 1].max())
+
+
+def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: float = 200.0) -> Frame:
+    """Return the frame that shows all positions [deg, unwrapped], of width / height `aspect`, at least `least` m."""
+    lon, lat = np.asarray(lon, float), np.asarray(lat, float)
+    middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
+    if np.abs(lat).max() <= 75 and np.ptp(lon) < 180:
+        crs = ccrs.Mercator(central_longitude=middle[0], globe=GLOBE)
+    else:
+        crs = ccrs.LambertAzimuthalEqualArea(central_longitude=middle[0], central_latitude=middle[1], globe=GLOBE)
+    whole = Frame(crs, middle, (0.0, 1.0), (0.0, 1.0))
+    x, y = whole.project(lon, lat)
+    wide, high = (max(float(np.ptp(v)) * (1 + 2 * margin), least) for v in (x, y))
+    wide, high = max(wide, high * aspect), max(high, wide / aspect)
+    cx, cy = float(x.min() + x.max()) / 2, float(y.min() + y.max()) / 2
+    return Frame(crs, middle, (cx - wide / 2, cx + wide / 2), (cy - high / 2, cy + high / 2))
+
+
+def prepare(ax: Axes, here: Frame) -> None:
+    """Fit axes to a frame."""
+    ax.set_xlim(*here.x)
+    ax.set_ylim(*here.y)
+    ax.set_aspect("equal", adjustable="box")
+    ax.set_facecolor(SEA)
+    for spine in ax.spines.values():
+        spine.set(color=INK, linewidth=1.0, zorder=20)
+
+
+def land_path(here: Frame, polygons: Iterable[Any], pixels: float) -> Outline | None:
+    """Return land polygons [deg] cut to the frame and thinned to a pixel of it, as one path in metres."""
+    shapes = np.array(list(polygons), dtype=object)
+    if not len(shapes):
+        return None
+    west, south, east, north = here.bounds()
+    pad = 0.02 * max(east - west, north - south)
+    pixel = (here.x[1] - here.x[0]) / pixels
+    fine = 0.5 * pixel / (sphere.RADIUS * np.pi / 180)  # [deg], half a pixel of latitude
+    bounds = shapely.bounds(shapes)
+    vertices, codes = [], []
+    for turn in (-720, -360, 0, 360, 720):
+        box = (west + turn - pad, south - pad, east + turn + pad, north + pad)
+        meets = (bounds[:, 0] < box[2]) & (bounds[:, 2] > box[0]) & (bounds[:, 1] < box[3]) & (bounds[:, 3] > box[1])
+        cut = shapely.simplify(shapely.clip_by_rect(shapes[meets], *box), fine, preserve_topology=False)
+        for part in shapely.get_parts(shapely.get_parts(cut)):
+            if part.geom_type != "Polygon" or part.is_empty:
+                continue
+            for ring in (part.exterior, *part.interiors):
+                xy = np.array(ring.coords)
+                vertices.append(np.column_stack(here.project(xy[:, 0] - turn, xy[:, 1])))
+                codes.append([Outline.MOVETO, *[Outline.LINETO] * (len(xy) - 2), Outline.CLOSEPOLY])
+    return Outline(np.concatenate(vertices), np.concatenate(codes)) if vertices else None
+
+
+def draw_land(ax: Axes, path: Outline | None) -> None:
+    """Fill land, over the shading and under the lines that lie on it."""
+    if path is not None:
+        ax.add_patch(PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
+
+
+def graticule(
+    ax: Axes, here: Frame, lines: int = 5, size: float = 8.0, labels: tuple[bool, bool] = (True, True)
+) -> None:
+    """Draw meridians and parallels with their degrees and minutes on the lower and left edges."""
+    west, south, east, north = here.bounds()
+    drawn, ticks = [], []
+    for low, high, is_lon in ((west, east, True), (south, north, False)):
+        step = next((s for s in STEPS if (high - low) * 60 / s <= lines + 1.5), STEPS[-1])
+        values = np.arange(np.ceil(low * 60 / step), np.floor(high * 60 / step) + 1) * step / 60
+        low, high = (south, north) if is_lon else (west, east)
+        beyond = 0.02 * (high - low)
+        across = np.linspace(low - beyond, high + beyond, 100)
+        across = across.clip(-90, 90) if is_lon else across
+        found: list[tuple[float, str]] = []
+        for value in values:
+            x, y = here.project(*((value, across) if is_lon else (across, value)))
+            drawn.append(np.column_stack([x, y]))
+            edge = _crossing(x, y, here.y[0]) if is_lon else _crossing(y, x, here.x[0])
+            if edge is not None and (here.x if is_lon else here.y)[0] <= edge <= (here.x if is_lon else here.y)[1]:
+                found.append((edge, degrees_minutes(value, is_lon, step)))
+        ticks.append(found)
+    ax.add_collection(LineCollection(drawn, colors=INK, linewidths=0.4, alpha=0.35, zorder=4), autolim=False)
+    for axis, found, shown in zip((ax.xaxis, ax.yaxis), ticks, labels, strict=True):
+        low, high = here.x if axis is ax.xaxis else here.y
+        inset = (0.1 if lines <= 3 else 0.02) * (high - low)  # keep clear of the neighbour's labels and of the corner
+        clear = [low + inset <= at <= high - inset for at, _ in found]
+        axis.set_ticks(
+            [at for at, _ in found],
+            labels=[text if shown and ok else "" for (_, text), ok in zip(found, clear, strict=True)],
+        )
+        axis.set_tick_params(labelsize=size, length=4, color=INK, labelcolor=INK)
+    for text in ax.get_yticklabels():
+        text.set(rotation=90, va="center")
+
+
+def _crossing(along: Array, across: Array, edge: float) -> float | None:
+    """Return where a line (x along, y across) crosses an edge y = edge; beside the frame if it does not."""
+    order = np.argsort(across)
+    if not across[order[0]] <= edge <= across[order[-1]]:
+        return None
+    return float(np.interp(edge, across[order], along[order]))
+
+
+def degrees_minutes(value: float, is_lon: bool, step: float) -> str:
+    """Return an angle as 087°30'W, minutes with as many decimals as the step [arc minutes] needs."""
+    if is_lon:
+        value = (value + 180) % 360 - 180
+    decimals = max(0, int(np.ceil(-np.log10(step) - 1e-9)))
+    unit = 10**decimals
+    whole = round(abs(value) * 60 * unit)
+    degrees, minutes = divmod(whole, 60 * unit)
+    name = (
+        "" if whole in (0, 180 * 60 * unit) else ("E" if value > 0 else "W") if is_lon else ("N" if value > 0 else "S")
+    )
+    width = 2 if decimals == 0 else 3 + decimals
+    return f"{degrees:0{3 if is_lon else 2}d}°{minutes / unit:0{width}.{decimals}f}'{name}"
+
+
+def scale_bar(ax: Axes, here: Frame, corner: tuple[float, float], small: bool = False) -> Bbox:
+    """Draw a bar in nautical miles with its lower left at a corner [axes fraction]; return its box.
+
+    A north arrow stands beside it, unless small.
+    """
+    (x0, x1), (y0, y1) = here.x, here.y
+    high, size = (0.105, 7) if small else (0.075, 8)
+    at = (x0 + (x1 - x0) * (corner[0] + 0.12), y0 + (y1 - y0) * (corner[1] + 0.04))
+    ends = DEGREES.transform_points(here.crs, np.array([at[0], at[0] + 0.05 * (x1 - x0)]), np.array([at[1]] * 2))
+    true = float(sphere.distance(*np.radians(ends[0, :2]), *np.radians(ends[1, :2]))) / (0.05 * (x1 - x0))
+    room = 0.2 * (x1 - x0) * true / NMI  # [nmi]
+    length = next(m * 10.0**e for e in range(4, -6, -1) for m in (5, 2, 1) if m * 10.0**e <= room)
+    wide = length * NMI / true / (x1 - x0)  # axes fraction
+    box = Rectangle(
+        corner,
+        wide + (0.13 if small else 0.09),
+        high,
+        transform=ax.transAxes,
+        facecolor="white",
+        edgecolor=INK,
+        linewidth=0.6,
+        zorder=14,
+    )
+    ax.add_patch(box)
+    left, base = corner[0] + 0.03, corner[1] + 0.018
+    for i in range(4):
+        ax.add_patch(
+            Rectangle(
+                (left + i * wide / 4, base),
+                wide / 4,
+                0.011,
+                transform=ax.transAxes,
+                facecolor=INK if i % 2 == 0 else "white",
+                edgecolor=INK,
+                linewidth=0.6,
+                zorder=15,
+            )
+        )
+    style: dict[str, Any] = {"transform": ax.transAxes, "fontsize": size, "color": INK, "va": "bottom", "zorder": 15}
+    ax.text(left, base + 0.017, "0", ha="center", **style)
+    ax.text(left + wide, base + 0.017, f"{length:g} nmi", ha="center", **style)
+    box_drawn = Bbox.from_bounds(*corner, wide + (0.13 if small else 0.09), high)
+    if small:
+        return box_drawn
+    arrow = corner[0] + wide + 0.072
+    ax.annotate(
+        "N",
+        (arrow, corner[1] + 0.068),
+        (arrow, corner[1] + 0.008),
+        xycoords="axes fraction",
+        textcoords="axes fraction",
+        ha="center",
+        va="bottom",
+        fontsize=8,
+        color=INK,
+        zorder=15,
+        arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0},
+    )
+    return box_drawn
+
+
+def free_corner(here: Frame, x: Array, y: Array) -> tuple[float, float]:
+    """Return the corner [axes fraction] for a scale bar with the fewest of these points [m] under it."""
+    fx, fy = (x - here.x[0]) / (here.x[1] - here.x[0]), (y - here.y[0]) / (here.y[1] - here.y[0])
+    corners = ((0.015, 0.015), (0.685, 0.015), (0.015, 0.91), (0.685, 0.91))
+    crowd = [np.sum((fx > a - 0.02) & (fx < a + 0.32) & (fy > b - 0.02) & (fy < b + 0.1)) for a, b in corners]
+    return corners[int(np.argmin(crowd))]

@@ -1,0 +1,186 @@
+"""The words on a picture: labels of points that keep clear of each other, and numbers, accounts and scales as text."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.transforms import Bbox
+
+from drift.case import shares, units
+from drift.forecast import tables
+from drift.forecast.cells import Array
+from drift.forecast.products import Forecast
+
+HALO = (patheffects.withStroke(linewidth=2.5, foreground="white"),)
+LEADER = {"arrowstyle": "-", "color": "#1b2733", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2}
+SPOTS = [
+    (radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle)))
+    for radius in (9, 18, 30, 45)
+    for angle in (0, 180, 45, -45, 135, -135, 90, -90)
+]  # [typographic points] tried in this order
+
+STATUS = {
+    "adrift": "adrift",
+    "ashore": "ashore",
+    "outside": "outside the forcing",
+    "left": "left the domain",
+    "sunk": "sunk",
+    "pending": "not yet released",
+}
+OFF_MAP = {"outside": "ran out of forcing", "left": "left the domain", "sunk": "sank", "pending": "is not yet released"}
+TELLING = 0.01  # share of the probability off the map from which a picture warns
+TINY = 5e-4  # share that would read as 0.0 %
+UNITS = (
+    *((10.0**k, f"{10**k:,} nmi²") for k in (8, 6, 4, 2)),
+    (1.0, "nmi²"),
+    *((10.0**k / tables.NMI**2, f"{10**k:,} m²") for k in (4, 2)),
+    (1 / tables.NMI**2, "m²"),
+)  # of area [nmi2], from large to small
+
+Point = tuple[float, float, str, dict[str, Any]]  # x, y [m], text, style
+STEPS = (1, 2, 3, 6, 12, 24, 48, 72, 120, 240, 480, 960)  # [h] between times on an axis
+
+
+def place(ax: Axes, canvas: FigureCanvasAgg, points: Sequence[Point], taken: Sequence[Bbox], must: set[int]) -> None:
+    """Write labels beside their points, each where it covers no other label or point; else leave it out.
+
+    taken: boxes [axes fraction] that are in use. must: labels that are written, wherever they disturb least.
+    """
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+    paper = ax.get_window_extent(renderer)
+    boxes = [box.transformed(ax.transAxes) for box in taken]
+    for x, y, _, _ in points:
+        px, py = ax.transData.transform((x, y))
+        boxes.append(Bbox.from_bounds(px - 5, py - 5, 10, 10))
+    for i in sorted(range(len(points)), key=lambda i: (i not in must, i)):
+        found: list[tuple[int, int, Bbox]] = []
+        for k in range(len(SPOTS)):
+            label = _write(ax, points[i], k)
+            box = label.get_window_extent(renderer).padded(2)
+            label.remove()
+            inside = paper.x0 <= box.x0 and box.x1 <= paper.x1 and paper.y0 <= box.y0 and box.y1 <= paper.y1
+            found.append((sum(box.overlaps(other) for other in boxes) + (0 if inside else 100), k, box))
+            if found[-1][0] == 0:
+                break
+        clashes, k, box = min(found, key=lambda option: option[:2])
+        if clashes == 0 or i in must:
+            _write(ax, points[i], k)
+            boxes.append(box)
+            if k >= 8:  # it stands off: a hair line leads to its point
+                ax.annotate("", points[i][:2], SPOTS[k], textcoords="offset points", zorder=13, arrowprops=LEADER)
+
+
+def _write(ax: Axes, point: Point, spot: int) -> Any:
+    x, y, text, style = point
+    dx, dy = SPOTS[spot]
+    sides: dict[str, Any] = {
+        "ha": "left" if dx > 1 else "right" if dx < -1 else "center",
+        "va": "bottom" if dy > 1 else "top" if dy < -1 else "center",
+    }
+    return ax.annotate(
+        text, (x, y), (dx, dy), textcoords="offset points", path_effects=HALO, zorder=16, **sides, **style
+    )
+
+
+def number(value: float) -> str:
+    """Return a positive number to three digits: 1,234 -> 1,230."""
+    if not np.isfinite(value):
+        return "none"
+    if value <= 0:
+        return "0"
+    if value < 1e-3:
+        return f"{value:.1e}"
+    digits = 2 - int(np.floor(np.log10(value)))
+    return f"{round(value, digits):,.{max(digits, 0)}f}"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent that tells nothing (0 %) from little (< 0.1 %), and all from nearly all."""
+    if share <= 0:
+        return "0 %"
+    if share < TINY:
+        return "< 0.1 %"
+    return "> 99.9 %" if 1 - TINY < share < 1 - 1e-9 else f"{100 * share:.1f} %"
+
+
+def statuses(at: Any) -> dict[str, float]:
+    """Return the probability of each status at a time, by name."""
+    return {str(k): float(v) for k, v in zip(at["status"].values, at["status_probability"].values, strict=True)}
+
+
+def account(at: Any) -> str:
+    """Return the account in words: what is adrift, ashore, and lost to the map."""
+    parts = [f"{STATUS[name]} {percent(value)}" for name, value in statuses(at).items() if value > 0]
+    return "Account:  " + "   ·   ".join(parts)
+
+
+def missing(at: Any) -> str:
+    """Return a warning of the probability that is not on the map; empty if that is at most TELLING."""
+    off = {name: value for name, value in statuses(at).items() if name in OFF_MAP and value > 0}
+    if sum(off.values()) <= TELLING:
+        return ""
+    if len(off) == 1:
+        ((name, value),) = off.items()
+        return (
+            f"{percent(value)} of the probability {OFF_MAP[name]} and is not on the map; areas are shares of the rest"
+        )
+    parts = ", ".join(f"{percent(value)} {OFF_MAP[name]}" for name, value in off.items())
+    return f"{percent(sum(off.values()))} of the probability is not on the map: {parts}; areas are shares of the rest"
+
+
+def unshaded(at: Any) -> str:
+    """Return a warning of the probability that lies outside a grid of the user's own; empty if that is at most TELLING."""
+    off = float(at["off_grid"]) if "off_grid" in at else 0.0
+    if not off > TELLING:
+        return ""
+    return f"{percent(off)} of the probability lies outside output.grid and is not shaded; areas count it"
+
+
+def basis(forecast: Forecast, time: int, particles: int | None) -> str:
+    """Return in words when the forecast starts and how many particles it stands on."""
+    times = forecast.data["time"].values
+    hours = float((times[time] - times[0]) / np.timedelta64(1, "s")) / 3600
+    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {units.group(times[0])}"
+    many = float(forecast.data["effective_particles"].values[time])
+    if particles is None:
+        return f"{when}   ·   {many:,.0f} effective particles"
+    return f"{when}   ·   {particles:,} particles, effective {many:,.0f}"
+
+
+def span(times: Sequence[Any], ends: Sequence[float]) -> str:
+    """Return in words which times are drawn, and what the numbers over each panel are."""
+    to = "back to" if times[-1] < times[0] else "to"
+    held = " and ".join(shares.percent(share) for share in ends)
+    return f"{units.group(times[0])} {to} {units.group(times[-1])}, UTC; areas that hold {held} % (lines), in nmi²"
+
+
+def scale(top: float) -> tuple[float, str]:
+    """Return the area [nmi2], and its name, by which a density [% per nmi2] reads best: nmi2 from 0.01 to 100."""
+    if 0.01 <= top < 100:
+        return 1.0, "nmi²"
+    return next(((area, name) for area, name in UNITS if top * area < 100), UNITS[-1])
+
+
+def ticks(top: float) -> Array:
+    """Return 0 and round numbers (1, 2 or 5 times a power of ten) up to `top`, well apart on a scale of square roots."""
+    power = int(np.floor(np.log10(top)))
+    found = [np.inf]
+    for value in (m * 10.0**e for e in range(power, power - 3, -1) for m in (5, 2, 1)):
+        if value <= top * (1 + 1e-9) and np.sqrt(min(found[-1], 4 * top) / top) - np.sqrt(value / top) >= 0.18:
+            found.append(value)
+    return np.array([0.0, *(v for v in found[:0:-1] if np.sqrt(v / top) >= 0.14)])
+
+
+def plain(value: float) -> str:
+    """Return a round number without exponent: 0.005, 2, 1,000."""
+    return f"{value:,.0f}" if value >= 1 else str(np.format_float_positional(value, precision=12, trim="-"))
+
+
+def round_times(begin: float, end: float, many: int) -> Array:
+    """Return whole hours [s since 1970] between two times, at most `many`, the same every day."""
+    hours = (end - begin) / 3600
+    step = 3600 * next((step for step in STEPS if hours / step <= many), STEPS[-1])
+    return np.arange(np.ceil(begin / step), np.floor(end / step) + 1) * step

@@ -1,0 +1,54 @@
+"""Stays of particles on the shore, taken down while a run goes on: when each came, to which edge, when it was gone.
+
+Where what strands stays for good, the ensemble's own columns say it all at the end. Where it refloats they are compared
+after every step.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.motion.ensemble import Ensemble
+from drift.motion.status import Status
+from drift.spill.fates import FOREVER, Stays
+
+Array = npt.NDArray[Any]
+
+
+@dataclass
+class Landings:
+    """The book of an ensemble's stays; `watch` is called after every step if anything can refloat."""
+
+    ensemble: Ensemble
+    refloats: bool
+    _ashore: Array = field(init=False)  # bool (n,), after the last step
+    _ended: Array = field(init=False)
+    _edge: Array = field(init=False)
+    _rows: list[Array] = field(init=False, default_factory=list)  # (4, m): slot, edge, arrival, leave
+
+    def __post_init__(self) -> None:
+        """Open the book."""
+        n = self.ensemble.n
+        self._ashore, self._ended, self._edge = np.zeros(n, bool), np.zeros(n, np.int32), np.zeros(n, np.int32)
+
+    def watch(self, elapsed: int) -> None:
+        """Take down what the step that began at `elapsed` [s after start] changed."""
+        if not self.refloats:
+            return
+        ashore = self.ensemble.status.to_numpy() == Status.ASHORE
+        ended, edge = self.ensemble.ended.to_numpy(), self.ensemble.edge.to_numpy()
+        gone = np.flatnonzero(self._ashore & (~ashore | (ended != self._ended)))
+        leave = np.maximum(self._ended[gone] + 1, self.ensemble.afloat.to_numpy()[gone])
+        self._rows.append(np.stack([gone, self._edge[gone], self._ended[gone], leave]))
+        self._ashore, self._ended, self._edge = ashore, ended, edge
+
+    def stays(self, of_edge: Array) -> Stays:
+        """Return all stays; of_edge: the segment of every shoreline edge, by number."""
+        there = np.flatnonzero(self.ensemble.status.to_numpy() == Status.ASHORE)
+        ended, edge = self.ensemble.ended.to_numpy()[there], self.ensemble.edge.to_numpy()[there]
+        last = np.stack([there, edge, ended, np.full(there.size, FOREVER)])
+        slot, edge, arrival, leave = np.concatenate([*self._rows, last], axis=1).astype(np.int32)
+        order = np.lexsort((arrival, slot))
+        return Stays(slot[order], of_edge[edge[order]].astype(np.int32), arrival[order], leave[order])

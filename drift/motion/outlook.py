@@ -1,0 +1,127 @@
+"""What can be known of a run before it is made: its work, how its forcing lasts, and what will leave it."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from drift.case import units
+from drift.case.case import Case
+from drift.case.schema import BYTES_PER_PARTICLE
+from drift.motion import ensemble as record
+from drift.motion import start
+from drift.motion.environment import Environment
+from drift.motion.forecast import Clock
+from drift.motion.spool import BYTES
+from drift.motion.start import Start
+from drift.motion.status import Status
+from geo import stream
+from geo.forcing import Source
+
+PACE = 8e6  # particle-steps a second of two cores, with errors, diffusion and the coast (README, "Speed")
+LONG = 600.0  # [s] of work that is worth a word
+FOLLOWED = 2_000  # particles that are followed coarsely to the end
+MOST_STEPS, FEWEST_STEPS = 60, 8  # of theirs
+NODES = 2e8  # of forcing read for them, at about that many steps
+ENDS = {
+    Status.ADRIFT: "adrift",
+    Status.ASHORE: "ashore",
+    Status.SUNK: "sunk",
+    Status.PENDING: "not yet released",
+    Status.OUTSIDE: "run out of forcing",
+    Status.LEFT: "leave the domain",
+}
+
+
+def work(case: Case, step: int) -> str:
+    """Return how much a run with a step [s] has to do, and about how long that takes."""
+    count = -(-_span(case) // step)
+    text = f"{count:,} steps x {case.particles:,} particles, moved in about {_lasting(count * case.particles / PACE)} on two cores"
+    text += f"; {case.outputs.size:,} output times"
+    kept = case.outputs.size * case.particles * BYTES / 2**30
+    if kept >= 1:
+        text += f", {kept:,.0f} GiB in the temporary folder"
+    return f"{text}; {max(case.particles * BYTES_PER_PARTICLE / 2**30, 0.1):.1f} GiB of memory"
+
+
+def caution(case: Case) -> str | None:
+    """Return a word of caution about the work of a case that states its step, if there is much of it."""
+    if case.step is None or -(-_span(case) // case.step) * case.particles / PACE < LONG:
+        return None
+    return f'clock.step = {case.step} s: {work(case, case.step)}; step = "auto" takes the longest that is exact enough'
+
+
+def advised(case: Case, where: Environment, begin: Start) -> str:
+    """Return what "auto" would do instead of a step that makes much work; "" where there is nothing to say."""
+    if caution(case) is None:
+        return ""
+    auto, _ = start.clock_of(replace(case, step=None), where, begin.ensemble, begin.scene)
+    count = -(-_span(case) // auto.step)
+    return (
+        f'; step = "auto" would take {auto.step} s: {count:,} steps, about {_lasting(count * case.particles / PACE)}'
+        if auto.step > begin.clock.step
+        else ""
+    )
+
+
+def holes(case: Case, source: Source) -> str:
+    """Return when within the run a source has nothing between its times; "" where it has no holes."""
+    first, last = sorted((case.start, case.end))
+    found = [(max(a, first), min(b, last)) for a, b in stream.holes(source.times) if a < last and b > first]
+    usual = np.median(np.diff(source.times)) if found else None
+    return "; ".join(
+        f"nothing from {units.group(a)} to {units.group(b)}, {_hours(b - a)}, where its times are else {_hours(usual)} apart"
+        for a, b in found
+    )
+
+
+def ends(case: Case, begin: Start) -> str:
+    """Return what becomes of a sample that is moved to the end of the run by a coarse step, and when the first leave."""
+    ensemble = begin.ensemble
+    chosen = np.unique(np.linspace(0, ensemble.n - 1, min(FOLLOWED, ensemble.n)).astype(np.int64))
+    some = record.sample(ensemble, chosen)
+    nodes = sum(tile.nlon * tile.nlat for tile in {id(t): t for t in _grids(begin)}.values())
+    steps = int(np.clip(NODES / max(nodes, 1), FEWEST_STEPS, MOST_STEPS))
+    step = begin.clock.step * max(-(-_span(case) // (steps * begin.clock.step)), 1)
+    clock = Clock(begin.clock.start, begin.clock.duration, begin.clock.direction, step, begin.clock.phase)
+    for low, high, part in clock.steps():
+        begin.scene.advance(some, low, high, part)
+    weight, status = record.probability(some), some.status.to_numpy()
+    share = {kind: float(weight[status == kind].sum()) for kind in Status}
+    told = ", ".join(
+        f"{f'{share[kind]:.0%}' if share[kind] >= 0.005 else 'under 1%'} {word}"
+        for kind, word in ENDS.items()
+        if share[kind] > 0
+    )
+    lost = share[Status.OUTSIDE] + share[Status.LEFT]
+    if lost > 0:
+        gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
+        when = case.start + np.timedelta64(case.direction * int(max(some.ended.to_numpy()[gone].min(), 0)), "s")
+        told += f"; the first is lost about {units.group(when)}"
+    if lost > case.max_lost:
+        told += (
+            f"; at most {case.max_lost:.0%} may be (max_lost): a run would be refused at its end. Shorten it, add a source, or "
+            "widen [domain]"
+        )
+    return f"{told} (roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))})"
+
+
+def _grids(begin: Start) -> list[Any]:
+    return list(begin.scene.forcing.tiles.grids)
+
+
+def _span(case: Case) -> int:
+    return abs(int((case.end - case.start) / np.timedelta64(1, "s")))
+
+
+def _hours(span: Any) -> str:
+    seconds = float(span / np.timedelta64(1, "s"))
+    return f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds / 60:.3g} min"
+
+
+def _lasting(seconds: float) -> str:
+    """Return a time of waiting in words that fit an estimate."""
+    for size, word in ((86_400, "days"), (3600, "h"), (60, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:,.0f} {word}"
+    return f"{max(seconds, 1):.0f} s"

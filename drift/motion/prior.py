@@ -1,0 +1,186 @@
+"""Scenarios -> the initial ensemble: where, when and what, drawn in water.
+
+Each scenario has a range of slots, about in proportion to its weight but never fewer than a tenth of an equal share, so
+that an unlikely story is still told by enough particles; log weights make up for it.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.case.case import Case
+from drift.case.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
+from drift.motion import ensemble as record
+from drift.motion import resample
+from drift.motion.ensemble import Ensemble
+from drift.motion.leeway import Drifter
+from drift.motion.status import Status
+from geo import sphere
+from geo.errors import UserError
+from kernels import noise, runtime
+from kernels import prior as kernel
+from kernels.coast import DeviceCoast, open_sea
+
+Array = npt.NDArray[Any]
+
+LEAST_SHARE = 0.1  # of an equal share of the particles
+PIECE = 20_000.0  # [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The initial ensemble, and the share of each scenario's prior that lay on land and was left out."""
+
+    ensemble: Ensemble
+    dry: tuple[float, ...]
+
+
+def draw(case: Case, coast: DeviceCoast | None) -> Prior:
+    """Return the initial ensemble of a case, conditioned on water.
+
+    Raises UserError when a scenario's prior holds next to no water.
+    """
+    if case.particles < len(case.scenarios):
+        raise UserError(
+            f"particles: {case.particles} cannot tell {len(case.scenarios)} scenarios; give at least one each"
+        )
+    counts = _counts(case)
+    ensemble = record.empty(case.seed, _bounds(case, counts))
+    key = noise.key(case.seed)
+    dry = []
+    for scenario, slots in zip(case.scenarios, ensemble.scenarios, strict=True):
+        tries = runtime.upload(np.zeros(2, np.int64))
+        _place(case, scenario, ensemble, slots, key, tries, coast)
+        drawn, failed = (int(x) for x in tries.to_numpy())
+        if failed:
+            fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
+            raise UserError(
+                f'scenario "{scenario.name}": {fault}: {failed} of {slots[1] - slots[0]} particles found no place in many '
+                "tries; move or widen it, or check [coast] source"
+            )
+        dry.append(1.0 - (slots[1] - slots[0]) / drawn)
+        equip(ensemble, slots, key, scenario.object)
+        draw_errors(case, ensemble, slots, key)
+    ensemble.log_weight.from_numpy(_log_weights(case, ensemble, counts))
+    if ensemble.n > sum(counts):
+        spare = np.concatenate([np.arange(b - a) >= c for (a, b), c in zip(ensemble.scenarios, counts, strict=True)])
+        ensemble.status.from_numpy(np.where(spare, int(Status.LEFT), ensemble.status.to_numpy()).astype(np.int32))
+    return Prior(ensemble, tuple(dry))
+
+
+def _counts(case: Case) -> list[int]:
+    """Return how many particles each scenario gets."""
+    weights = np.array([scenario.weight for scenario in case.scenarios])
+    share = np.maximum(weights, LEAST_SHARE / weights.size)
+    inner = np.rint(np.cumsum(share / share.sum()) * case.particles).astype(int)
+    return [int(x) for x in np.diff(inner, prepend=0)]
+
+
+def _bounds(case: Case, counts: list[int]) -> tuple[int, ...]:
+    """Return the first slot of each scenario and, last, their number; with slots to spare where particles' number floats."""
+    floats = case.resampling.below > 0 and case.resampling.method == "kahn"
+    return (0, *(int(x) for x in np.cumsum([resample.capacity(n) if floats else n for n in counts])))
+
+
+def _log_weights(case: Case, ensemble: Ensemble, counts: list[int]) -> Array:
+    log_weight = np.full(ensemble.n, -np.inf, np.float32)
+    for scenario, (first, _), count in zip(case.scenarios, ensemble.scenarios, counts, strict=True):
+        last = first + count
+        if count == 0 and scenario.weight > 0:
+            raise UserError(
+                f'scenario "{scenario.name}" gets none of the {ensemble.n} particles; raise particles or lower the '
+                "number of scenarios"
+            )
+        with np.errstate(divide="ignore"):
+            log_weight[first:last] = np.log(scenario.weight) - np.log(max(last - first, 1))
+    return log_weight
+
+
+def elapsed(case: Case, time: np.datetime64) -> int:
+    """Return the run's seconds from its start to a time, positive in the direction of the run."""
+    return int((time - case.start) / np.timedelta64(1, "s")) * case.direction
+
+
+def _place(
+    case: Case,
+    scenario: Scenario,
+    ensemble: Ensemble,
+    slots: tuple[int, int],
+    key: tuple[int, int],
+    tries: Any,
+    coast: DeviceCoast | None,
+) -> None:
+    """Draw positions and releases of one scenario's slots."""
+    prior = scenario.prior
+    shore = coast or open_sea()
+    water = (shore.cell, shore.start, shore.edge, shore.frame)
+    common = (coast is not None, *slots, ensemble.lon, ensemble.lat)
+    if isinstance(prior, TracklinePrior):
+        points, courses, lengths, ends = _pieces(prior)
+        mode = -1.0 if prior.mode is None else prior.mode
+        voyage = case.direction * float((prior.arrival - prior.departure) / np.timedelta64(1, "s"))
+        kernel.draw_trackline(
+            *common, ensemble.release, tries, *key, *(runtime.upload(x) for x in (points, courses, lengths, ends)),
+            prior.cross_track, prior.low, prior.high, mode, elapsed(case, prior.departure), voyage, *water,
+        )  # fmt: skip
+        return
+    window = sorted((elapsed(case, prior.release_start), elapsed(case, prior.release_end)))
+    kernel.draw_release(*slots, ensemble.release, *key, *window)
+    if isinstance(prior, PositionPrior):
+        lon, lat = (int(sphere.to_binary(np.degrees(x))) for x in (prior.lon, prior.lat))
+        nearest, farthest, bearing, sector = 0.0, 0.0, 0.0, 0.0
+        if prior.displacement:
+            (nearest, farthest), (bearing, to) = prior.displacement.distance, prior.displacement.direction
+            sector = to - bearing
+        kernel.draw_position(
+            *common, tries, *key, lon, lat, prior.major, prior.minor, prior.orientation,
+            nearest, farthest, bearing, sector, *water,
+        )  # fmt: skip
+    else:
+        vertices, west, south, width, height = _polygon(prior)
+        inside = np.array([south, south + height]) * sphere.UNIT
+        broadest = 1.0 if inside[0] <= 0 <= inside[1] else float(np.cos(np.abs(inside).min()))
+        kernel.draw_area(
+            *common, tries, *key, runtime.upload(vertices), west, south, width, height, broadest, *water
+        )  # fmt: skip
+
+
+def _polygon(prior: AreaPrior) -> tuple[Array, int, int, int, int]:
+    """Return vertices as binary angles and their bounding box (west, south, width, height)."""
+    lon, lat = np.degrees(prior.lon), np.degrees(prior.lat)
+    vertices = np.stack([sphere.to_binary(lon), sphere.to_binary(lat)], axis=1)
+    west, east = (int(x) for x in np.rint(np.array([lon.min(), lon.max()]) * (sphere.TURN / 360)))
+    south, north = int(vertices[:, 1].min()), int(vertices[:, 1].max())
+    wrapped = (west + 2**31) % sphere.TURN - 2**31
+    return vertices.reshape(-1).astype(np.int32), wrapped, south, east - west, north - south
+
+
+def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
+    """Return begins (lon, lat binary), courses [rad], lengths [m], and shares of the voyage done at their ends."""
+    lon, lat = sphere.track(prior.lon, prior.lat, PIECE)
+    east, north = sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:])
+    course, length = np.arctan2(east, north).astype(np.float32), np.hypot(east, north)
+    points = sphere.to_binary(np.degrees(np.stack([lon, lat], axis=1)[:-1]))
+    return points, course, length.astype(np.float32), (np.cumsum(length) / length.sum()).astype(np.float32)
+
+
+def draw_errors(case: Case, ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int]) -> None:
+    """Draw the errors of current and wind that each particle starts with, and its bias; that of a spill is its world's."""
+    e, bias = ensemble, 0.0 if case.spill else case.current_error.bias
+    kernel.draw_error(*slots, e.current_error_east, e.current_error_north, 0, *key, case.current_error.std)
+    kernel.draw_error(*slots, e.wind_error_east, e.wind_error_north, 1, *key, case.wind_error.std)
+    kernel.draw_error(*slots, e.current_bias_east, e.current_bias_north, 2, *key, bias)
+
+
+def equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:
+    """Draw each particle's own leeway lines and its first side; no downwind slope is negative unless its line's is."""
+    for number, name in enumerate(("down", "right", "left")):
+        line = getattr(drifter, name)
+        slope, offset = getattr(ensemble, f"{name}_slope"), getattr(ensemble, f"{name}_offset")
+        least = 0.0 if name == "down" and line.slope >= 0 else -np.inf
+        kernel.draw_object(
+            *slots, slope, offset, number, *key, line.slope, line.offset, line.slope_std, line.offset_std, least
+        )
+    kernel.draw_side(*slots, ensemble.side, *key)

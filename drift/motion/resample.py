@@ -1,0 +1,74 @@
+"""Drawing particles anew in proportion to their weights: who has how many offspring.
+
+Within a scenario, so that no story dies by chance. Systematic: N offspring, the smallest spread (Kitagawa 1996; Douc, Cappe and
+Moulines 2005, arXiv:cs/0507025). Kahn's Russian roulette and splitting (Kahn 1955, RAND P-766): each particle on its own, so
+that their number floats; held at N it would be biased. Either way a particle's expected offspring are N times its share.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.motion import weights
+
+Array = npt.NDArray[Any]
+
+SPARE = 4.0  # slots to spare for Kahn's way, in units of sqrt(N); the spread is at most half of one
+
+
+def capacity(number: int) -> int:
+    """Return how many slots hold the floating number of particles of Kahn's way, aimed at `number`."""
+    return number + int(np.ceil(SPARE * np.sqrt(number))) if number else 0
+
+
+def systematic(weight: Array, number: int, uniform: float) -> Array:
+    """Return the ancestors of `number` offspring, ascending, int64; weight: (n,), float64, at least one above 0.
+
+    uniform: a random number in [0, 1).
+    """
+    total = np.cumsum(weight)
+    points = (np.arange(number) + uniform) * (total[-1] / number)
+    found = np.searchsorted(total, points, side="right")
+    return np.asarray(np.minimum(found, np.flatnonzero(weight)[-1]))
+
+
+def kahn(weight: Array, number: int, uniform: Array) -> Array:
+    """Return the ancestors of about `number` offspring, ascending, int64; weight as above, uniform: (n,) in [0, 1)."""
+    expected = weight * (number / weight.sum())
+    whole = np.floor(expected)
+    offspring = whole + (uniform < expected - whole)
+    return np.asarray(np.repeat(np.arange(len(weight)), offspring.astype(np.int64)))
+
+
+def offspring(
+    log_weight: Array, scenarios: list[tuple[int, int]], target: list[int], method: str, seeds: tuple[int, int]
+) -> tuple[Array, Array, Array]:
+    """Return each slot's ancestor, its log weight (-inf: nobody), and which slots are left over; each of shape (n,).
+
+    scenarios: first and last slot of each; target: how many particles each aims at; seeds: of the run, and number of the event.
+    """
+    weight, scale = weights.relative(log_weight), float(log_weight.max())
+    ancestors, spare = np.arange(len(log_weight)), np.zeros(len(log_weight), bool)
+    made = np.full(len(log_weight), -np.inf, np.float32)
+    for scenario, ((first, last), number) in enumerate(zip(scenarios, target, strict=True)):
+        own = weight[first:last]
+        total = own.sum()
+        if total <= 0:
+            continue
+        random = generator(*seeds, scenario)
+        if method == "systematic":
+            drawn = systematic(own, number, random.random())
+        else:
+            drawn = kahn(own, number, random.random(last - first))
+            while len(drawn) > last - first:  # eight standard deviations above: draw again
+                drawn = kahn(own, number, random.random(last - first))
+        ancestors[first : first + len(drawn)] = first + drawn
+        spare[first + len(drawn) : last] = True
+        made[first : first + len(drawn)] = scale + np.log(total / number)
+    return ancestors, made, spare
+
+
+def generator(seed: int, event: int, scenario: int) -> np.random.Generator:
+    """Return the random numbers of one resampling: a function of the run's seed, the event and the scenario alone."""
+    return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, event, scenario]))

@@ -1,0 +1,94 @@
+"""Which sources have no value where particles are: at a place and time, and where forcing ended for those that are lost."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.motion.ensemble import Ensemble
+from drift.motion.forcing import QUANTITIES, Forcing, Term
+from drift.motion.forecast import Clock
+from drift.motion.snapshot import Snapshot
+from drift.motion.status import Status
+from geo import sphere
+
+Array = npt.NDArray[Any]
+Shares = dict[tuple[str, tuple[str, ...]], float]  # by quantity and the names of a term's sources
+
+MOST = 24  # steps looked at: those that lost most stand for all
+AHEAD = (0.0, 1.0, 3.0)  # steps ahead along the current: a stage of the step found nothing, not always its begin
+
+
+def terms(
+    forcing: Forcing, scenario: int, lon: Array, lat: Array, fraction: float = 0.0
+) -> Iterator[tuple[str, Term, Array]]:
+    """Yield the quantity, the term and at which places [binary angle] (n,) it has a value, for all terms of a scenario.
+
+    fraction: of the step that the forcing is set to.
+    """
+    for quantity in QUANTITIES:
+        for term in forcing.terms[scenario][quantity]:
+            yield quantity, term, forcing.tiles.at(term.first, term.last, lon, lat, fraction)[:, 2] > 0.5
+
+
+def lost(forcing: Forcing, clock: Clock, ensemble: Ensemble, end: Snapshot) -> Shares:
+    """Return how much of the probability ran out of forcing where a term had no value.
+
+    end: of the run. It looks where a particle stayed, at the begin and the end of the step that it could not make, then
+    ahead of it along the current; what only its leeway led to is not told.
+    """
+    ended, outside, probability = ensemble.ended.to_numpy(), end.status == Status.OUTSIDE, end.probability
+    steps = [(step.elapsed, low, high) for low, high, step in clock.steps()]
+    number = np.searchsorted([elapsed for elapsed, _, _ in steps], ended, "right") - 1
+    by_step = np.bincount(number[outside], probability[outside], len(steps))
+    chosen = [k for k in np.argsort(-by_step, kind="stable")[:MOST] if by_step[k] > 0]
+    found: Shares = {}
+    for k in chosen:
+        _, low, high = steps[k]
+        forcing.set(low, high)
+        for scenario, (first, last) in enumerate(ensemble.scenarios):
+            slots = first + np.flatnonzero(outside[first:last] & (number[first:last] == k))
+            for ahead in AHEAD:
+                if slots.size:
+                    time = ahead * clock.direction * clock.step
+                    lon, lat = _along(forcing, scenario, end.lon[slots], end.lat[slots], time)
+                    slots = slots[_tell(found, forcing, scenario, lon, lat, probability[slots])]
+    scale = float(by_step.sum() / by_step[chosen].sum()) if chosen else 1.0
+    return {key: share * scale for key, share in found.items()}
+
+
+def told(shares: Shares) -> str:
+    """Return shares in words, the largest first: current "tide" 28 %, wind "arome" 2 %."""
+    largest = sorted(shares.items(), key=lambda item: -item[1])
+    return ", ".join(
+        f"{quantity} {' and '.join(_quoted(name) for name in names)} {share:.0%}"
+        for (quantity, names), share in largest
+        if share > 0
+    )
+
+
+def _quoted(name: str) -> str:
+    return f'"{name}"'
+
+
+def _tell(found: Shares, forcing: Forcing, scenario: int, lon: Array, lat: Array, probability: Array) -> Array:
+    """Add what has no value at places (n,), and return where (n,) all terms have one."""
+    known = np.ones(lon.size, bool)
+    for fraction in (0.0, 1.0):
+        before = known.copy()
+        for quantity, term, valid in terms(forcing, scenario, lon, lat, fraction):
+            share = float(probability[before & ~valid].sum())
+            if share > 0:
+                found[quantity, term.names] = found.get((quantity, term.names), 0.0) + share
+            known &= valid
+    return known
+
+
+def _along(forcing: Forcing, scenario: int, lon: Array, lat: Array, time: float) -> tuple[Array, Array]:
+    """Return places [binary angle] that the current leads to in a time [s], straight on; those it does not know stay."""
+    east, north, valid = forcing.tiles.at(*forcing.ranges[scenario][:2], lon, lat, 0.0).astype(np.float64).T
+    metres = np.where(valid > 0.5, time, 0.0) / (sphere.RADIUS * sphere.UNIT)
+    x = lon + np.nan_to_num(east) * metres / np.cos(lat * sphere.UNIT)
+    y = lat + np.nan_to_num(north) * metres
+    return np.rint(x).astype(np.int64).astype(np.int32), np.rint(y).astype(np.int32)

@@ -1,0 +1,68 @@
+"""The particles at one time, as products see them, and their mean positions."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.forecast.cells import ONE
+from drift.motion.status import Status
+from geo import sphere
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The particles at one time; probability is normalised, sum 1 over all statuses; arrays of shape (n,)."""
+
+    time: np.datetime64  # UTC
+    lon: npt.NDArray[np.int32]  # binary angle
+    lat: npt.NDArray[np.int32]
+    probability: npt.NDArray[np.float64]
+    status: npt.NDArray[np.int32]  # drift.motion.status.Status
+    scenario: npt.NDArray[np.int32]
+    family: Array | None = None  # int: the particle of the beginning from which it descends; None: itself
+    world: Array | None = None  # int: the world whose unknowns it shares; None: there are none
+
+
+def mapped(one: Snapshot) -> Array:
+    """Return which particles are on the map: adrift or ashore, with a probability that its cells can hold; bool (n,)."""
+    return np.asarray((one.status <= Status.ASHORE) & (one.probability > 0.5 / ONE))
+
+
+@dataclass(frozen=True)
+class Means:
+    """Mean positions [deg], NaN where there is no probability: the vector mean on the sphere."""
+
+    all: tuple[float, float]  # adrift and ashore
+    adrift: tuple[float, float]  # the datum
+    scenario: Array  # (scenarios, 2), adrift and ashore
+
+
+def means(one: Snapshot, scenarios: int) -> Means:
+    """Return the mean positions of a snapshot."""
+    index = np.flatnonzero(mapped(one))
+    lon, lat, weight = one.lon[index] * sphere.UNIT, one.lat[index] * sphere.UNIT, one.probability[index]
+    flat = weight * np.cos(lat)
+    code = one.scenario[index].astype(np.int64) * 2 + (one.status[index] == Status.ASHORE)
+    sums = np.stack(
+        [
+            np.bincount(code, values, minlength=2 * scenarios).reshape(scenarios, 2)
+            for values in (flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat))
+        ]
+    )
+    return Means(
+        _position(sums.sum(axis=(1, 2))),
+        _position(sums[:, :, 0].sum(axis=1)),
+        np.array([_position(sums[:, i].sum(axis=1)) for i in range(scenarios)]).reshape(scenarios, 2),
+    )
+
+
+def _position(vector: Array) -> tuple[float, float]:
+    """Return (lon, lat) [deg] of a direction; NaN for none."""
+    x, y, z = vector
+    if not np.hypot(np.hypot(x, y), z) > 0:
+        return np.nan, np.nan
+    return float(np.degrees(np.arctan2(y, x))), float(np.degrees(np.arctan2(z, np.hypot(x, y))))

@@ -1,0 +1,134 @@
+"""The particles at all output times, kept in a temporary file: memory holds one time, however many there are."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from types import TracebackType
+from typing import Any, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.case.case import Case
+from drift.motion import ensemble as record
+from drift.motion.ensemble import Ensemble
+from drift.motion.forecast import Moment
+from drift.motion.snapshot import Snapshot
+from geo.errors import UserError
+
+Array = npt.NDArray[Any]
+
+BYTES = 13  # a particle and time: two positions, its status, its weight
+
+
+def _check_room(need: int) -> None:
+    """Raise UserError where the temporary folder has less room than that [bytes]."""
+    try:
+        free = shutil.disk_usage(tempfile.gettempdir()).free
+    except OSError as error:
+        raise _refusal(error.strerror or str(error)) from error
+    if need > free:
+        raise _refusal(f"the particles at all output times need {_size(need)}, and it has room for {_size(free)}")
+
+
+def _refusal(reason: str) -> UserError:
+    folder = tempfile.tempdir or os.environ.get("TMPDIR", "")
+    return UserError(
+        f"temporary folder {folder}: {reason}; make room, name another folder in the environment variable TMPDIR, or ask "
+        "for fewer particles or output times"
+    )
+
+
+def _size(count: int) -> str:
+    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
+
+
+class Spool(Sequence[Snapshot]):
+    """Snapshots of a run, read back one at a time; a context, which removes the file at its end."""
+
+    def __init__(self, case: Case, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
+        """Take up the moments of a run as they come. Weights are theirs, or those that the ensemble has afterwards."""
+        self._need = ensemble.n * BYTES * len(case.outputs)
+        _check_room(self._need)
+        try:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
+        except OSError as error:
+            raise _refusal(error.strerror or str(error)) from error
+        self._times = []
+        self._weighted: list[bool] = []
+        self.ancestors: list[Array | None] = []  # by time: whose offspring the particles are, of the time before
+        self._families: list[Array | None] = []  # by time: whose offspring they are, of the beginning
+        for moment in moments:
+            weight = np.zeros(ensemble.n, np.float32) if moment.log_weight is None else moment.log_weight
+            for column, kind in (
+                (moment.lon, np.int32),
+                (moment.lat, np.int32),
+                (moment.status, np.uint8),
+                (weight, np.float32),
+            ):
+                self._keep(np.ascontiguousarray(column, kind))
+            self._times.append(case.start + np.timedelta64(case.direction * moment.elapsed, "s"))
+            self._weighted.append(moment.log_weight is not None)
+            self.ancestors.append(moment.ancestors)
+            self._families.append(_descent(self._families[-1] if self._families else None, moment.ancestors))
+        self._n = ensemble.n
+        self._probability = record.probability(ensemble)
+        kinds = np.arange(len(case.scenarios), dtype=np.int32)
+        self._scenario = np.repeat(kinds, np.diff(ensemble.bounds))
+        self._world = ensemble.world.to_numpy() if case.spill else None
+
+    def __enter__(self) -> "Spool":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def _keep(self, column: Array) -> None:
+        """Append a column to the file; raise UserError where there is no room for it."""
+        try:
+            self._file.write(column.data)
+            self._file.flush()
+        except OSError as error:
+            self._file.raw.close()  # what is left in the buffer would fail once more
+            raise _refusal(f"{error.strerror}; all output times need {_size(self._need)}") from error
+
+    def reweigh(self, ensemble: Ensemble) -> None:
+        """Take the weights that an ensemble has now."""
+        self._probability = record.probability(ensemble)
+
+    def time(self, index: int) -> np.datetime64:
+        """Return the time of a snapshot."""
+        return self._times[index]
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    @overload
+    def __getitem__(self, index: int) -> Snapshot: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Snapshot]: ...
+    def __getitem__(self, index: int | slice) -> Snapshot | list[Snapshot]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        at = range(len(self))[index]
+        self._file.seek(at * self._n * BYTES)
+        lon, lat = (np.frombuffer(self._file.read(4 * self._n), np.int32) for _ in range(2))
+        status = np.frombuffer(self._file.read(self._n), np.uint8).astype(np.int32)
+        probability = self._probability
+        if self._weighted[at]:
+            probability = record.shares(np.frombuffer(self._file.read(4 * self._n), np.float32))
+        family = self._families[at]
+        return Snapshot(self._times[at], lon, lat, probability, status, self._scenario, family, self._world)
+
+    def __iter__(self) -> Iterator[Snapshot]:
+        return (self[i] for i in range(len(self)))
+
+
+def _descent(family: Array | None, ancestors: Array | None) -> Array | None:
+    """Return whose offspring particles are, of the beginning: family of the time before, ancestors since; None: themselves."""
+    if ancestors is None:
+        return family
+    return np.asarray(ancestors if family is None else family[ancestors], np.int32)

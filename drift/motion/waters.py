@@ -1,0 +1,145 @@
+"""Waters that many cases share: their sources are opened once, slices that were read stay in memory, one coast serves all.
+
+Each case still sees the box, the crop and the grid that it would have alone: what is shared is what does not depend on them. Cases
+near each other have the same crop (environment.part): its slices are turned, regridded and filled once for all.
+A coast is exact wherever its grid begins, as long as its cells are of the finest size; a case whose prior reaches beyond the
+coast that it would have alone, or whose waters are too wide for the finest cells, gets its own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from drift.case.case import Case
+from drift.case.sources import ForcingSpec
+from drift.case.sources import options as source_options
+from drift.motion import environment
+from drift.motion.environment import Environment
+from geo import coast as shoreline
+from geo import forcing, memory, reader, shore
+from geo.box import Box
+from geo.errors import UserError
+from geo.forcing import Source
+from geo.kept import Finished, Shelf
+from geo.shore import Shore
+from kernels import coast as device_coast
+
+WIDEST = 400.0  # [deg2] of waters: about as much coast as its finest cells hold
+CUTS = 64  # parts of sources that are kept: cases that begin at one place have the same
+
+
+class Files:
+    """Sources of files and datasets, each opened when it is first asked for; what cannot be opened is told every time."""
+
+    def __init__(self, held: Mapping[str, memory.Held]) -> None:
+        self._held = held
+        self._opened: dict[str, reader.Opened | UserError] = {}
+
+    def open(self, spec: ForcingSpec) -> reader.Opened:
+        """Return a source, whatever it is called in a case."""
+        key = repr(replace(spec, name="", fill=0, add=False))
+        if key not in self._opened:
+            try:
+                files = list(spec.files) if spec.dataset is None else self._held[spec.dataset]
+                self._opened[key] = forcing.open_shared(spec.quantity, files, **source_options(spec))
+            except UserError as error:
+                self._opened[key] = error
+        found = self._opened[key]
+        if isinstance(found, UserError):
+            raise UserError(*found.lines)
+        return found
+
+
+class Waters:
+    """A stretch of water with all that its cases have in common."""
+
+    def __init__(self, box: Box, files: Files) -> None:
+        self.box = box
+        self._files = files
+        self._kept: dict[int, reader.Opened] = {}
+        self._cuts: dict[tuple[int, Box], Source] = {}
+        self._finished = Finished()
+        self._lands: dict[tuple[str, Any], tuple[Shore, shoreline.Coast | None]] = {}
+        self._shores: dict[int, tuple[shoreline.Coast, device_coast.DeviceCoast]] = {}
+
+    def open_for(self, case: Case, datasets: Mapping[str, Any]) -> Environment:
+        """Return the environment that a case would have alone."""
+        return environment.open_for(case, datasets, common=self)
+
+    def source(self, spec: ForcingSpec, box: Box) -> Source:
+        """Return a source's part for a box."""
+        opened = self._files.open(spec)
+        if id(opened) not in self._kept:
+            self._kept[id(opened)] = forcing.keep(opened, self.box)
+        key = id(opened), box
+        found = self._cuts.pop(key, None) or forcing.cut(self._kept[id(opened)], box)
+        self._cuts[key] = found
+        if len(self._cuts) > CUTS:
+            del self._cuts[next(iter(self._cuts))]
+        return replace(found, name=spec.name, shelf=Shelf(key, self._finished))
+
+    def coast(self, case: Case, box: Box) -> tuple[Shore, shoreline.Coast | None] | None:
+        """Return the land and coast of these waters, as far as a case would have it in a box; None where that differs."""
+        if not _within(environment.around(case, 0.0, environment.FARTHEST), box) or not _within(box, self._coastal):
+            return None
+        key = case.coast.source, case.coast.lakes
+        if key not in self._lands:
+            land = shore.land(case.coast.source, self._coastal, case.coast.lakes)
+            self._lands[key] = land, shoreline.build(land, self._coastal) if land.polygons.size else None
+        land, coast = self._lands[key]
+        return None if coast is not None and coast.shift != shoreline.FINEST else (land, coast)
+
+    def shore(self, coast: shoreline.Coast | None) -> device_coast.DeviceCoast | None:
+        """Return a coast on the device, where it is these waters' own; None for another."""
+        if coast is None or all(coast is not own for _, own in self._lands.values()):
+            return None
+        if id(coast) not in self._shores:
+            self._shores[id(coast)] = coast, device_coast.upload(coast)
+        return self._shores[id(coast)][1]
+
+    @property
+    def _coastal(self) -> Box:
+        """The box of the coast: all that any of its cases asks for."""
+        margin = environment.COAST_MARGIN
+        highest = min(max(abs(self.box.south), abs(self.box.north)), 80)
+        return self.box.grown(float(margin / np.cos(np.radians(highest))), margin)
+
+
+def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
+    """Return the waters of each case: near ones share theirs, as long as these do not become too wide."""
+    files = Files(memory.hold(datasets))
+    boxes: list[Box] = []
+    number = []
+    for case in cases:
+        own = environment.bounds(case)
+        for k, box in enumerate(boxes):
+            both = _joined(box, own)
+            if (both.east - both.west) * (both.north - both.south) <= WIDEST:
+                boxes[k] = both
+                break
+        else:
+            k = len(boxes)
+            boxes.append(own)
+        number.append(k)
+    made = [Waters(box, files) for box in boxes]
+    return [made[k] for k in number]
+
+
+def _joined(box: Box, other: Box) -> Box:
+    """Return the smallest box that holds two."""
+    turn = 360 * round((box.west + box.east - other.west - other.east) / 720)
+    west, east = min(box.west, other.west + turn), max(box.east, other.east + turn)
+    start = (west + 180) % 360 - 180
+    return Box(start, min(box.south, other.south), start + east - west, max(box.north, other.north))
+
+
+def _within(box: Box, other: Box) -> bool:
+    """Whether a box lies in another."""
+    offset = (box.west - other.west) % 360
+    return (
+        offset + box.east - box.west <= other.east - other.west
+        and other.south <= box.south
+        and box.north <= other.north
+    )

@@ -1,0 +1,134 @@
+"""How much any legs find at a coverage: the curve that the upper bound of a plan is made from.
+
+A set of legs gives a particle at x the hazard H(x), the sum over legs of -log(1 - chance); it is found with the chance
+1 - e^-H = integral over h of e^-h min(H, h), exactly. min(., h) of a sum is at most the sum of min(., h) of its parts, and one leg
+of length L adds W L g(h) to the integral of min(H, h) over the sea, with g(h) the integral of min(-log(1 - p(r)), h) across the leg,
+over W. Where the legs' W L come to the coverage C of an area the mean of min(H, h) is therefore at most C g(h), and at most h:
+
+    b(C) = integral over h of e^-h min(h, C g(h))
+
+bounds every set of legs, parallel or not, long or short, of one law or (with the greatest g) of several. It is concave in C. Random search
+has g = 1, for its hazard is its coverage: b = 1 - e^-C. Definite range: g = h, b = min(C, 1). Inverse cube: g = 2 sqrt(h / pi), b =
+1 - exp(-4 C^2 / pi) + C erfc(2 C / sqrt(pi)): 0.831 at C = 1, where parallel sweeps find 0.790. M-beta by itself finds at most
+what whole numbers of looks can, which is what its parallel sweeps find.
+
+Of a leg of inverse cube that ends, the integral is 2 sqrt(h / pi) W L + W^2 / 4 at the most (END): what lies ahead and astern.
+
+Unknown sweep widths: factors T of mean 1, one a group. E b(sum T_g C_g) is highest, in the convex order, when all groups are as
+sure as the surest and C is shared evenly among them: then the factor is gamma of the sum of their shapes. That bounds any share.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.search import detection
+from drift.search.sortie import Law
+
+Array = npt.NDArray[Any]
+
+STEP = 0.01  # of coverage
+MOST = 20.0  # coverage beyond which nothing is gained
+SMOOTH = 0.06  # half the window of coverage over which slopes are averaged, so that a kink does not stall the search
+END = 0.25  # sweep widths by which the two ends of a path make it longer
+ROOTS = np.linspace(0.0, 6.5, 3251)  # of h: e^-h is 4e-19 at the last
+SHORT = 1e-5  # share by which the integral over ROOTS may be too low
+ACROSS = 4000  # ranges at which a lateral range curve is looked up
+
+
+@dataclass(frozen=True)
+class Curve:
+    """b at coverages 0, STEP, ..., MOST, concave and rising; slopes to search with; and its conjugate at slopes."""
+
+    value: Array  # (n,) smoothed: the integral of the slopes, at most b
+    slope: Array  # (n,) falling: any slopes will do for a bound, these are near the true ones
+    conjugate: Array  # (n,) max over C of b(C) - y C, at y = slopes[k] = k / (n - 1) * slope[0]
+
+    @property
+    def steepest(self) -> float:
+        """Slope at no coverage."""
+        return float(self.slope[0])
+
+
+def curve(laws: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
+    """Return the concave curve that bounds every use of some laws together.
+
+    shapes: of the gamma distribution of each independent unknown factor of sweep width (inf: known); none: known.
+    """
+    c = np.arange(round(MOST / STEP) + 1) * STEP
+    b = most(laws, c)
+    shape = len(shapes) * max(shapes) if shapes else math.inf
+    nodes, weights = detection.factors(shape)
+    if len(nodes) > 1:
+        b = sum(w * np.interp(node * c, c, b) for node, w in zip(nodes, weights, strict=True))
+        b = _envelope(c, b)
+    slope = _slopes(c, b)
+    y = np.linspace(0, slope[0], len(c))
+    # The conjugate of straight pieces is taken at a corner: where the piece to the right is no steeper than y.
+    pieces = np.diff(b) / STEP
+    at = np.searchsorted(-pieces, -y, side="left")
+    # Within a piece b is above the straight line, but below those that go on from the pieces beside it: as high as their triangle.
+    beside = np.concatenate([[2 * pieces[0] - pieces[1]], pieces, [pieces[-1]]])
+    bend, more = beside[:-2] - pieces, pieces - beside[2:]
+    peak = STEP * bend * more / np.maximum(bend + more, 1e-30)
+    above = np.concatenate([[0.0], np.maximum(peak, 0.0), [0.0]])
+    smooth = np.concatenate([[0.0], np.cumsum((slope[1:] + slope[:-1]) / 2) * STEP])
+    return Curve(smooth, slope, b[at] - y * c[at] + np.maximum(above[at], above[at + 1]))
+
+
+def most(laws: Sequence[Law], coverage: Array) -> Array:
+    """Return what any legs of some laws find at the most where they come to a coverage, (n,)."""
+    if len(laws) == 1 and laws[0].kind == "m_beta":
+        return detection.pod(laws[0], coverage)
+    h = ROOTS**2
+    g = np.max([capped(law, h) for law in laws], axis=0)
+    share = np.exp(-h) * 2 * ROOTS
+    found = np.array([np.trapezoid(share * np.minimum(h, c * g), ROOTS) for c in coverage])
+    return np.minimum((1 + SHORT) * found, 1.0)
+
+
+def capped(law: Law, h: Array) -> Array:
+    """Return g(h): the integral across a leg of its hazard, cut off at h, over its sweep width."""
+    if law.kind == "random":
+        return np.ones(len(h))
+    if law.kind == "inverse_cube":
+        return np.asarray(2 * np.sqrt(h / np.pi))
+    if law.kind == "definite_range":
+        return h
+    if law.kind == "m_beta":
+        return np.asarray(np.minimum(h, -np.log1p(-law.beta) if law.beta < 1 else np.inf) / law.beta)
+    ranges, chances = detection.table(law)
+    at = (np.arange(ACROSS) + 0.5) / ACROSS * ranges[-1]
+    with np.errstate(divide="ignore"):
+        hazard = np.sort(-np.log1p(-np.interp(at, ranges, chances)))
+    finite = np.where(np.isfinite(hazard), hazard, 0.0)
+    below = np.searchsorted(hazard, h)
+    whole = np.concatenate([[0.0], np.cumsum(finite)])[below] + h * (ACROSS - below)
+    return np.asarray(2 * ranges[-1] / ACROSS * whole)
+
+
+def _envelope(c: Array, b: Array) -> Array:
+    """Return the least concave curve above b, at c."""
+    hull = [0]
+    for k in range(1, len(c)):
+        while len(hull) > 1:
+            i, j = hull[-2], hull[-1]
+            if (b[j] - b[i]) * (c[k] - c[i]) <= (b[k] - b[i]) * (c[j] - c[i]):
+                hull.pop()
+            else:
+                break
+        hull.append(k)
+    return np.asarray(np.interp(c, c[hull], b[hull]))
+
+
+def _slopes(c: Array, b: Array) -> Array:
+    """Return slopes averaged over a window, straight on below no coverage."""
+    first, last = (b[1] - b[0]) / STEP, b[-1]
+    low, high = c - SMOOTH, c + SMOOTH
+    below = np.where(low < 0, low * first, np.interp(low, c, b))
+    above = np.interp(high, c, b, right=last)
+    return np.asarray(np.maximum((above - below) / (2 * SMOOTH), 0.0))

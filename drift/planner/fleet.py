@@ -1,0 +1,109 @@
+"""The boats of a plan on the coast of its case: how each gets about, and that none of its way lies on land."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.case.case import Case
+from drift.motion.environment import Environment
+from drift.planner import courses, depth, reach, tracks
+from drift.planner.courses import Course
+from drift.planner.depth import Depth
+from drift.planner.tasking import Tasking
+from drift.planner.tracks import Tracks
+from drift.search.sortie import PlanSpec, Unit
+from geo import coast as shoreline
+from geo import shore, sphere
+from geo.box import Box
+
+Array = npt.NDArray[Any]
+
+PLACES = 4_000  # positions of particles that tell where a boat may have to search
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Courses of boats near land by name; the units that can be sent; what is to be said of boats."""
+
+    courses: dict[str, Course]
+    units: tuple[Unit, ...]
+    said: tuple[str, ...]
+    land: Callable[[Box], Array]
+
+
+def prepare(case: Case, where: Environment, found: Tracks) -> Fleet:
+    """Return the boats of a case, with their ways to wherever its particles are in the time of the plan."""
+    land = partial(shown, case, where)
+    made: dict[str, Course] = {}
+    said, units = [], []
+    for unit in case.units:
+        places = _places(unit, case.plan, found) if unit.afloat and case.coast.source != "none" else np.empty((0, 2))
+        if len(places):
+            try:
+                course, words = courses.prepare(unit, land, places, _shoals(case, unit))
+            except ValueError as error:
+                said.append(f"{unit.name} is not sent: {error}.")
+                continue
+            if course is not None:
+                made[unit.name] = course
+            if words:
+                said.append(f"{unit.name} {words}")
+        units.append(unit)
+    return Fleet(made, tuple(units), tuple(said), land)
+
+
+def _shoals(case: Case, unit: Unit) -> Callable[[Box], Array] | None:
+    """Return what tells where it is too shallow for a boat; None where nothing is asked."""
+    if case.depth is None or unit.draught == 0:
+        return None
+    return partial(_shallow, case.depth, unit.draught)
+
+
+def _shallow(source: Depth, draught: float, box: Box) -> Array:
+    return depth.shoals(source, box, draught)
+
+
+def _places(unit: Unit, spec: PlanSpec, found: Tracks) -> Array:
+    """Return positions (n, 2) [deg] of particles that a boat could reach by the plan's end, even on a straight way."""
+    some = tracks.coarser(found, 6)
+    lon, lat = (v[:, some.weight > 0].ravel() * sphere.UNIT for v in (some.lon, some.lat))
+    far = sphere.distance(math.radians(unit.base[0]), math.radians(unit.base[1]), lon, lat)
+    time = reach.seconds(spec.until) - max(reach.seconds(spec.begin), reach.seconds(unit.ready))
+    near = np.flatnonzero(far < unit.transit_speed * time)
+    near = near[:: max(len(near) // PLACES, 1)]
+    return np.degrees(np.column_stack([lon[near], lat[near]]))
+
+
+def shown(case: Case, where: Environment, box: Box) -> Array:
+    """Return the land of a case in a box: what the run has of it, or read anew where the box reaches beyond that."""
+    if where.coast is not None and shoreline.covers(where.coast, box):
+        return where.coast.polygons
+    return shore.land(case.coast.source, box, case.coast.lakes).polygons
+
+
+def checked(fleet: Fleet, taskings: Sequence[Tasking]) -> tuple[tuple[Tasking, ...], Fleet]:
+    """Return the taskings of which no metre of a boat's way lies on land, by Shapely on the coast in full; the others are said."""
+    kept = []
+    for one in taskings:
+        course = fleet.courses.get(one.unit.name)
+        dry = 0.0
+        if course is not None:
+            polygons = fleet.land(course.box)
+            legs = one.sortie.legs
+            ways = (
+                [one.out, one.back]
+                if legs is None
+                else [one.out, tuple(zip(legs.lon, legs.lat, strict=True)), one.back]
+            )
+            dry = sum(courses.on_land(polygons, *np.array(way).T) for way in ways if len(way) > 1)
+        if dry == 0:
+            kept.append(one)
+        else:
+            words = f"{one.unit.name} is not sent: {dry:.1f} m of the way that was found for it lie on land."
+            fleet = replace(fleet, said=(*fleet.said, words))
+    return tuple(kept), fleet

@@ -1,0 +1,52 @@
+"""Tracks to plan on: particles of their own, drawn with another seed, followed through all that is known and then on.
+
+They are not those that the plan is scored on, so that it cannot profit from their accidents.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drift.case.case import Case
+from drift.motion import ensemble as record
+from drift.motion import forecast, start
+from drift.motion.environment import Environment
+from drift.motion.prior import elapsed
+from drift.motion.status import Status
+from drift.planner.tracks import Tracks
+from drift.search.search import Search
+from drift.search.sortie import Resampling
+
+PLANNING = 2**41  # between the seed of the particles that a plan is made on and that of those it is scored on
+BINS = 48  # over the time of a plan, at least, unless they would be shorter than
+SHORTEST = 300  # [s]
+
+
+def follow(case: Case, where: Environment) -> Tracks:
+    """Return tracks from the plan's begin to its end, weighted by all sorties and contacts of the case."""
+    spec = case.plan
+    span = int((spec.until - spec.begin) / np.timedelta64(1, "s"))
+    count = max(span // max(SHORTEST, span // BINS), 1)
+    edges = np.unique(np.linspace(0, span, count + 1).round().astype(np.int64))
+    few = replace(
+        case, particles=spec.particles, seed=(case.seed + PLANNING) % 2**63, end=spec.until, resampling=Resampling()
+    )
+    begin = start.prepare(few, where)
+    try:
+        search = Search(few, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
+        first = elapsed(case, spec.begin)
+        moments = list(forecast.run(begin.ensemble, begin.scene, begin.clock, first + edges, search=search))
+    finally:
+        begin.scene.forcing.close()
+    ensemble = begin.ensemble
+    epoch = begin.clock.start
+    seen = [moment.status <= Status.ASHORE for moment in moments]
+    return Tracks(
+        time=(epoch + first + edges).astype(np.float64),
+        lon=np.stack([moment.lon for moment in moments]),
+        lat=np.stack([moment.lat for moment in moments]),
+        adrift=np.stack(seen),
+        weight=record.probability(ensemble),
+        scenario=np.repeat(np.arange(len(case.scenarios), dtype=np.int32), np.diff(ensemble.bounds)),
+        release=epoch + ensemble.release.to_numpy().astype(np.float64),
+    )

@@ -1,0 +1,272 @@
+"""Rectangles that a unit can search by parallel sweeps: from free numbers to what is flown in the time there is.
+
+A rectangle is a row (x, y, orientation, log spacing, log of length over width, wait, along, across): centre [m] on the plane,
+orientation [rad], seconds waited beyond the earliest arrival, and the corner of commencement (-1 or 1 each, as drift.search.patterns).
+Legs are whole: n legs of L - S and n - 1 cross legs of S are n L - S of track, which the search time fills.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.planner import courses
+from drift.planner.courses import Course, Sailed
+from drift.planner.reach import Reach
+from drift.planner.tracks import Plane
+from drift.search import detection, patterns
+from drift.search.patterns import Pattern
+from drift.search.sortie import Legs, Unit
+
+Array = npt.NDArray[Any]
+
+X, Y, TURN, SPACING, ASPECT, WAIT, ALONG, ACROSS = range(8)
+SHORTEST = 600.0  # [s] of search that is worth a sortie
+CLEAR = 300.0  # [s] that an area must have been left before one beside it is searched
+SLIMMEST = 2.0  # a leg's rectangle is at least so many spacings long
+LEAST_SEA = 0.3  # of a boat's rectangle
+FITS = 5  # lengths that are tried, so that legs cut at the coast fill the time there is
+FULL = 0.97  # of the time, which is enough
+STEP = 0.01  # of coverage in the tables of b
+MOST = 12.0
+
+
+@dataclass(frozen=True)
+class Crew:
+    """A unit as the optimiser takes it."""
+
+    unit: Unit
+    reach: Reach
+    plane: Plane
+    zero: float  # [s since 1970] that times are counted from
+    width: Array  # (scenarios,) sweep width [m]
+    factor: Array  # (nodes,) of the sweep width, at the joint nodes of all unknown factors
+    curve: Array  # b at multiples of STEP of coverage
+    table: Array | None  # lateral range curve of a law without a rate: range / W, chance, ...; None: it has a rate
+    course: Course | None = None  # of a boat near land; None: straight on
+
+    @property
+    def random(self) -> bool:
+        """Whether it searches at random, without legs."""
+        return self.unit.law.kind == "random"
+
+    @property
+    def widest(self) -> float:
+        """Its greatest sweep width [m]."""
+        return float(np.max(self.width))
+
+
+def crew(unit: Unit, reach: Reach, plane: Plane, zero: float, factor: Array, course: Course | None = None) -> Crew:
+    """Return a unit as the optimiser takes it."""
+    curve = detection.pod(unit.law, np.arange(round(MOST / STEP) + 1) * STEP)
+    table = None
+    if unit.law.kind not in ("random", "inverse_cube"):
+        table = np.column_stack(detection.table(unit.law)).ravel()
+    return Crew(unit, reach, plane, zero, np.array(unit.sweep_width), factor, curve, table, course)
+
+
+class Flown(NamedTuple):
+    """Rectangles as they would be flown, (c,) each."""
+
+    start: Array  # [s] after the crew's zero
+    duration: Array  # [s] of search; of a boat with the ways round what cuts its legs
+    legs: Array
+    spacing: Array  # [m]
+    length: Array  # [m]
+    width: Array
+    possible: Array  # bool
+    sailed: Array  # of objects: nodes of a boat's legs, cut at the coast, as `path` returns them; None: they are whole
+
+
+def fly(crew: Crew, rows: Array, corner: bool = False) -> Flown:
+    """Return what becomes of rectangles when their search time is filled; corner: times by where they commence."""
+    spacing = np.exp(rows[:, SPACING])
+    x, y = rows[:, X], rows[:, Y]
+    legs = length = np.zeros(len(rows))
+    start, duration = legs, legs
+    for turn in range(3 if corner else 1):
+        if turn:
+            x, y = commence(rows, length, spacing, legs)
+        start, duration = crew.reach.slot(crew.reach.arrival(*crew.plane.round(x, y)) + rows[:, WAIT])
+        track = crew.unit.search_speed * duration
+        if not turn:
+            legs = np.maximum(np.rint(np.sqrt(track / (np.exp(rows[:, ASPECT]) * spacing))), 1)
+        length = (track + spacing) / legs
+    possible = (duration >= SHORTEST) & (length >= SLIMMEST * spacing) & (spacing >= crew.unit.least_spacing)
+    none = np.full(len(rows), None, object)
+    flown = Flown(start - crew.zero, duration, legs, spacing, length, legs * spacing, possible, none)
+    return _at_sea(crew, rows, flown, corner)
+
+
+def _at_sea(crew: Crew, rows: Array, flown: Flown, sailed: bool) -> Flown:
+    """Return rectangles of a boat: not those that are mostly land; sailed: with legs as it can sail them in the time that it has."""
+    if crew.course is None:
+        return flown
+    possible = flown.possible & (share(crew, rows, flown) >= LEAST_SEA)
+    flown = flown._replace(possible=possible)
+    if not sailed or crew.random:
+        return flown
+    flown = Flown(*(np.array(values) for values in flown))
+    cross = []
+    for k in np.flatnonzero(possible):
+        legs = laid(crew, rows[k], flown, int(k)).pattern.legs
+        if courses.crosses(crew.course, np.array(legs.lon), np.array(legs.lat)) or not _in_time(
+            crew, flown, legs, int(k)
+        ):
+            cross.append(int(k))
+    _sail(crew, rows, flown, cross)
+    return flown
+
+
+def _in_time(crew: Crew, flown: Flown, legs: Legs, k: int) -> bool:
+    """Whether a boat can be where legs begin when they do, and get home from where they end."""
+    assert crew.course is not None
+    first, last = ((legs.lon[j], legs.lat[j]) for j in (0, -1))
+    there = courses.distance(crew.course, crew.course.out, first) / crew.unit.transit_speed
+    home = courses.distance(crew.course, crew.course.home, last)
+    return crew.reach.leaves + there <= crew.zero + float(flown.start[k]) and math.isfinite(home)
+
+
+def _sail(crew: Crew, rows: Array, flown: Flown, which: list[int]) -> None:
+    """Give rectangles legs cut at the coast and a length with which they fill their time; none that is possible if none fits."""
+    whole = flown._replace(length=flown.length.copy())
+    most = np.full(len(rows), SHORTEST)
+    flown.possible[which] = False
+    for _ in range(FITS):
+        which = [k for k in which if whole.length[k] >= SLIMMEST * flown.spacing[k]]
+        if not which:
+            return
+        made = cut(crew, [laid(crew, rows[k], whole, k) for k in which])
+        again = []
+        for k, one in zip(which, made, strict=True):
+            if one is None or math.isinf(one.home):
+                continue
+            there = crew.reach.leaves + one.out / crew.unit.transit_speed
+            start, room = (float(v) for v in crew.reach.slot(there + rows[k, WAIT]))
+            took = float(one.elapsed[-1])
+            sought = float(np.diff(one.elapsed)[one.searching].sum())
+            if took <= room and sought > most[k]:
+                most[k] = sought
+                flown.length[k], flown.start[k], flown.duration[k] = whole.length[k], start - crew.zero, took
+                flown.possible[k] = True
+                x, y = crew.plane.flat(np.radians(one.lon), np.radians(one.lat))
+                flown.sailed[k] = np.column_stack([flown.start[k] + one.elapsed, x, y, np.append(one.searching, False)])
+            if not FULL * room <= took <= room:
+                whole.length[k] *= 0.995 * room / took
+                again.append(k)
+        which = again
+
+
+class Laid(NamedTuple):
+    """A rectangle on the sphere, its legs in the half turn from north."""
+
+    centre: tuple[float, float]  # (lon, lat) [deg]
+    turn: float  # [rad] orientation, 0 to pi
+    corner: tuple[int, int]
+    pattern: Pattern
+
+
+def laid(crew: Crew, row: Array, flown: Flown, k: int) -> Laid:
+    """Return rectangle k as it is flown, in whole seconds as a case file has them: later to begin."""
+    turn, corner = float(row[TURN]) % (2 * math.pi), (int(row[ALONG]), int(row[ACROSS]))
+    if turn >= math.pi:  # legs run both ways
+        turn, corner = turn - math.pi, (-corner[0], -corner[1])
+    lon, lat = (math.degrees(float(v)) for v in crew.plane.round(row[X], row[Y]))
+    start, size = math.ceil(crew.zero + float(flown.start[k])), (float(flown.length[k]), float(flown.width[k]))
+    spacing, speed = float(flown.spacing[k]), crew.unit.search_speed
+    return Laid((lon, lat), turn, corner, patterns.parallel((lon, lat), *size, turn, spacing, start, speed, corner))
+
+
+def cut(crew: Crew, whole: Sequence[Laid]) -> list[Sailed | None]:
+    """Return a boat's legs of several rectangles cut at the coast; None where it can sail none."""
+    assert crew.course is not None
+    legs = [(np.array(one.pattern.legs.lon), np.array(one.pattern.legs.lat)) for one in whole]
+    return courses.sail(crew.course, legs, crew.unit.search_speed, crew.unit.transit_speed)
+
+
+def share(crew: Crew, rows: Array, flown: Flown) -> Array:
+    """Return which share of rectangles is sea where the unit can get, (c,)."""
+    if crew.course is None:
+        return np.ones(len(rows))
+    ticks = (np.arange(courses.SAMPLES) + 0.5) / courses.SAMPLES - 0.5
+    along, across = (v.ravel()[None, :] * size[:, None] for v, size in
+                     zip(np.meshgrid(ticks, ticks), (flown.length, flown.width), strict=True))  # fmt: skip
+    sin, cos = np.sin(rows[:, TURN])[:, None], np.cos(rows[:, TURN])[:, None]
+    x, y = rows[:, X, None] + along * sin + across * cos, rows[:, Y, None] + along * cos - across * sin
+    return crew.course.share(*crew.plane.round(x, y))
+
+
+def commence(rows: Array, length: Array, spacing: Array, legs: Array) -> tuple[Array, Array]:
+    """Return (x, y) [m] of the points where the searches commence."""
+    along = rows[:, ALONG] * (length - spacing) / 2
+    across = rows[:, ACROSS] * (legs - 1) / 2 * spacing
+    sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
+    return rows[:, X] + along * sin + across * cos, rows[:, Y] + along * cos - across * sin
+
+
+def smeared(crew: Crew, rows: Array, flown: Flown) -> tuple[Array, Array]:
+    """Return rectangles for kernels.rectangles, (c, 9), and their coverage by scenario, (c, scenarios)."""
+    sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
+    duration = np.maximum(flown.duration, 1.0)
+    table = np.column_stack(
+        [rows[:, X], rows[:, Y], sin, cos, flown.length, flown.width, flown.start, duration, -rows[:, ACROSS]]
+    )
+    # What of a boat's rectangle is land costs it about as much, going round, as it saves
+    track = crew.unit.search_speed * duration * share(crew, rows, flown)
+    return table, crew.width * (track / np.maximum(flown.length * flown.width, 1.0))[:, None]
+
+
+def path(crew: Crew, row: Array, flown: Flown, k: int) -> Array:
+    """Return the nodes (time [s after zero], x, y [m], whether the leg to the next searches) of rectangle k, (n, 4)."""
+    if flown.sailed[k] is not None:
+        return np.asarray(flown.sailed[k])
+    legs, spacing = int(flown.legs[k]), float(flown.spacing[k])
+    half = (float(flown.length[k]) - spacing) / 2
+    ends = np.where(np.arange(legs) % 2 == 0, half, -half) * row[ALONG]
+    along = np.column_stack([ends, -ends]).ravel()
+    across = np.repeat((np.arange(legs) - (legs - 1) / 2) * -row[ACROSS] * spacing, 2)
+    sin, cos = math.sin(row[TURN]), math.cos(row[TURN])
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(along), np.diff(across)))])
+    return np.column_stack(
+        [
+            float(flown.start[k]) + way / crew.unit.search_speed,
+            row[X] + along * sin + across * cos,
+            row[Y] + along * cos - across * sin,
+            np.ones(2 * legs),
+        ]
+    )
+
+
+def apart(rows: Array, flown: Flown, row: Array, other: Flown) -> Array:
+    """Return the distance [m] of rectangles from one other; inf where the two are not searched at the same time.
+
+    Where they overlap it is minus the way that would part them.
+    """
+    sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
+    half = np.stack([flown.length, flown.width]) / 2
+    own = np.array([math.sin(row[TURN]), math.cos(row[TURN])])
+    size = np.array([float(other.length[0]), float(other.width[0])]) / 2
+    dx, dy = row[X] - rows[:, X], row[Y] - rows[:, Y]
+    # Corners of each in the other's own directions: along, across.
+    nearest = np.full(len(rows), np.inf)
+    deepest = np.full(len(rows), -np.inf)  # gap along the direction that parts them most: separating axes
+    turn_sin, turn_cos = own[0] * cos - own[1] * sin, own[1] * cos + own[0] * sin  # of the other, seen from each
+    there = np.stack([dx * sin + dy * cos, dx * cos - dy * sin])
+    back = np.stack([-dx * own[0] - dy * own[1], -dx * own[1] + dy * own[0]])
+    for place, mine, yours, s in ((there, half, np.broadcast_to(size[:, None], half.shape), turn_sin),
+                                  (back, np.broadcast_to(size[:, None], half.shape), half, -turn_sin)):  # fmt: skip
+        corners = []
+        for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            u, v = a * yours[0], b * yours[1]
+            corners.append(np.stack([place[0] + u * turn_cos - v * s, place[1] + u * s + v * turn_cos]))
+        at = np.stack(corners)
+        gap = np.maximum(np.abs(at) - mine, 0)
+        nearest = np.minimum(nearest, np.hypot(gap[:, 0], gap[:, 1]).min(axis=0))
+        deepest = np.maximum(deepest, np.maximum(at.min(axis=0) - mine, -mine - at.max(axis=0)).max(axis=0))
+    together = (flown.start < other.start[0] + other.duration[0] + CLEAR) & (
+        other.start[0] < flown.start + flown.duration + CLEAR
+    )
+    return np.where(together, np.where(deepest < 0, deepest, nearest), np.inf)

@@ -1,0 +1,246 @@
+"""The sub-areas of a plan as crews are given them: names, corners, the way of each unit, what it is expected to find."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.forecast.effective import Count
+from drift.forecast.tables import NMI
+from drift.planner.tasking import Plan, Tasking
+from drift.search import detection, passage, patterns, search_shapes
+from drift.search.sortie import Legs
+from geo import sphere
+
+Array = npt.NDArray[Any]
+
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+KNOT = NMI / 3600
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A point of a unit's way [deg]; what: base, way (by sea), csp, leg, turn (round what cuts a leg), off or home."""
+
+    name: str  # A-1 CSP, A-1 02, unique in the plan
+    what: str
+    time: np.datetime64
+    lon: float
+    lat: float
+
+
+def names(plan: Plan) -> list[str]:
+    """Return the name of each tasking's sub-area: A-1, A-2, ... in the first round, B-1, ... in the second."""
+    found, count = [], dict[int, int]()
+    for tasking in plan.taskings:
+        count[tasking.round] = count.get(tasking.round, 0) + 1
+        letters, rest = "", tasking.round
+        while rest > 0:
+            rest, letter = divmod(rest - 1, 26)
+            letters = LETTERS[letter] + letters
+        found.append(f"{letters}-{count[tasking.round]}")
+    return found
+
+
+def corners(tasking: Tasking) -> list[tuple[float, float]]:
+    """Return the corners (lon, lat) [deg] of a sub-area, in order round it, the one nearest to its first leg first."""
+    area = patterns.rectangle(tasking.centre, tasking.length, tasking.width, tasking.orientation)
+    found = list(zip(area.lon, area.lat, strict=True))
+    start = begin(tasking)
+    apart = [float(sphere.distance(*np.radians(corner), *np.radians(start))) for corner in found]
+    k = int(np.argmin(apart)) if tasking.sortie.legs is not None else 0
+    return found[k:] + found[:k]
+
+
+def begin(tasking: Tasking) -> tuple[float, float]:
+    """Return the commence search point (lon, lat) [deg]; of a search without legs the centre."""
+    legs = tasking.sortie.legs
+    return tasking.centre if legs is None else (legs.lon[0], legs.lat[0])
+
+
+def end(tasking: Tasking) -> tuple[float, float]:
+    """Return where the search ends (lon, lat) [deg]; of a search without legs the centre."""
+    legs = tasking.sortie.legs
+    return tasking.centre if legs is None else (legs.lon[-1], legs.lat[-1])
+
+
+def route(name: str, tasking: Tasking) -> list[Waypoint]:
+    """Return a unit's way from its base over all ends of legs to where it returns."""
+    unit, legs = tasking.unit, tasking.sortie.legs
+    way = [Waypoint(f"{name} BASE", "base", tasking.takeoff, *unit.base)]
+    way += _turns(f"{name} OUT", unit.base, tasking.out, tasking.on_scene, unit.transit_speed)
+    if legs is None:
+        way.append(Waypoint(f"{name} CENTRE", "csp", tasking.on_scene, *tasking.centre))
+    else:
+        times = [np.datetime64(round(t), "s") for t in legs.time]
+        way.append(Waypoint(f"{name} CSP", "csp", times[0], legs.lon[0], legs.lat[0]))
+        last = len(times) - 1
+        way += [
+            Waypoint(f"{name} {k:02d}" if k < last else f"{name} END", _what(legs, k), times[k], x, y)
+            for k, (x, y) in enumerate(zip(legs.lon, legs.lat, strict=True))
+            if k > 0
+        ]
+    back = _turns(f"{name} BACK", unit.return_to, tasking.back[::-1], tasking.home, -unit.transit_speed)
+    return [*way, *back[::-1], Waypoint(f"{name} HOME", "home", tasking.home, *unit.return_to)]
+
+
+def _what(legs: Legs, k: int) -> str:
+    """Return what the end k of a leg is: where legs that search meet, on the way round what cuts them, or the last."""
+    if k == len(legs.lon) - 1:
+        return "off"
+    return "leg" if legs.searching[k - 1] or legs.searching[k] else "turn"
+
+
+def _turns(
+    name: str, port: tuple[float, float], way: Sequence[tuple[float, float]], time: np.datetime64, speed: float
+) -> list[Waypoint]:
+    """Return the turning points of a way by sea from a port to where it arrives at a time; of one to it at a negative speed.
+
+    Numbers run along the way that is sailed.
+    """
+    inner = list(way[1:-1] if len(way) and _same(way[0], port) else way[:-1])
+    found = []
+    for k, place in enumerate(inner):
+        rest = passage.way(list(way)[-(len(inner) - k) - 1 :])
+        if speed < 0:  # the time is that of the port
+            rest = passage.way([port, *list(way)[: len(way) - len(inner) + k]])
+        number = k + 1 if speed > 0 else len(inner) - k
+        found.append(
+            Waypoint(f"{name} {number:02d}", "way", time - np.timedelta64(round(rest / abs(speed)), "s"), *place)
+        )
+    return found
+
+
+def _same(a: tuple[float, float], b: tuple[float, float]) -> bool:
+    return float(sphere.distance(*np.radians(a), *np.radians(b))) < 1.0
+
+
+def transits(tasking: Tasking) -> list[Array]:
+    """Return the ways out and home as great circles, each (n, 2) of lon, lat [deg]."""
+    unit = tasking.unit
+    ways = (tasking.out or (unit.base, begin(tasking)), tasking.back or (end(tasking), unit.return_to))
+    return [search_shapes.curve(*zip(*way, strict=True)) for way in ways if way[0] != way[-1]]
+
+
+def by_sea(tasking: Tasking) -> list[tuple[str, float, float]]:
+    """Return of a boat's ways out and home what each is called, its length [m] and the straight distance [m]."""
+    unit = tasking.unit
+    ways = (
+        ("Way out", tasking.out, unit.base, begin(tasking)),
+        ("Way home", tasking.back, unit.return_to, end(tasking)),
+    )
+    return [(told, passage.way(way), passage.way([port, place])) for told, way, port, place in ways if len(way) > 1]
+
+
+def round_length(tasking: Tasking) -> float:
+    """Return the length [m] of its ways round what cuts its legs."""
+    legs = tasking.sortie.legs
+    return 0.0 if legs is None else float(passage.lengths(legs)[~np.array(legs.searching, bool)].sum())
+
+
+def leg_length(tasking: Tasking) -> float:
+    """Return the length [m] of its longest leg; 0 without legs."""
+    legs = tasking.sortie.legs
+    return 0.0 if legs is None else float(passage.lengths(legs)[np.array(legs.searching, bool)].max())
+
+
+def track_length(tasking: Tasking) -> float:
+    """Return the length [m] of track that it searches; without legs that of its time on scene at search speed."""
+    legs, sortie = tasking.sortie.legs, tasking.sortie
+    if legs is None:
+        return tasking.unit.search_speed * float((sortie.end - sortie.start) / np.timedelta64(1, "s"))
+    return float(passage.lengths(legs)[np.array(legs.searching, bool)].sum())
+
+
+def coverages(tasking: Tasking) -> Array:
+    """Return the coverage of the sub-area by scenario, W / S: what its crews would reckon."""
+    sortie = tasking.sortie
+    if sortie.coverage:
+        return np.array(sortie.coverage)
+    return np.array(sortie.sweep_width) / tasking.spacing if tasking.spacing > 0 else np.zeros(len(sortie.sweep_width))
+
+
+def pods(tasking: Tasking) -> Array:
+    """Return the POD of the sub-area by scenario for an object that stays in it, averaged over what is unknown of W."""
+    factors, chances = detection.factors(tasking.sortie.shape)
+    return np.asarray(detection.pod(tasking.sortie.law, np.outer(coverages(tasking), factors)) @ chances)
+
+
+def degrees(angle: float) -> int:
+    """Return a direction [rad] in whole degrees, 1 to 360: north is 360, as crews say it."""
+    return round(math.degrees(angle) - 1) % 360 + 1
+
+
+def numbers(plan: Plan) -> dict[str, Any]:
+    """Return a plan's numbers for the summary; angles in degrees, lengths in nmi, speeds in kn."""
+    return {
+        "objective": plan.spec.objective,
+        "begin": plan.spec.begin,
+        "until": plan.spec.until,
+        "value": plan.value,
+        "pos": plan.pos,
+        "pos_by_scenario": dict(zip(plan.scenarios, np.asarray(plan.by_scenario, float).tolist(), strict=True)),
+        "bound": plan.bound,
+        "bound_error": None if plan.bound is None else plan.bound_error,
+        "no_bound": plan.unbounded or None,
+        "share_of_bound": plan.seen / plan.bound if plan.bound else None,
+        "value_on_planning_particles": plan.seen,
+        "optimism": plan.seen - plan.value,
+        "effective_particles": {"made_on": _counted(plan.made_on), "scored_on": _counted(plan.scored_on)},
+        "taskings": [_tasking(plan, name, one) for name, one in zip(names(plan), plan.taskings, strict=True)],
+        "alternatives": [
+            {
+                "name": other.name,
+                "value": other.value,
+                "difference": other.difference,
+                "standard_error": other.standard_error,
+            }
+            for other in plan.alternatives
+        ],
+    }
+
+
+def _counted(count: Count | None) -> float | None:
+    return None if count is None else count.number
+
+
+def _tasking(plan: Plan, name: str, one: Tasking) -> dict[str, Any]:
+    return {
+        "area": name,
+        "unit": one.unit.name,
+        "kind": one.unit.kind,
+        "round": one.round,
+        "pos": one.pos,
+        "takeoff": one.takeoff,
+        "on_scene": one.on_scene,
+        "off_scene": one.off_scene,
+        "home": one.home,
+        "corners": [_place(*corner) for corner in corners(one)],
+        "centre": _place(*one.centre),
+        "commence_search_point": _place(*begin(one)),
+        "length_nmi": one.length / NMI,
+        "width_nmi": one.width / NMI,
+        "orientation_deg": math.degrees(one.orientation) % 360,
+        "creep_deg": math.degrees(one.creep) % 360,
+        "spacing_nmi": one.spacing / NMI,
+        "legs": one.legs,
+        "leg_length_nmi": leg_length(one) / NMI,
+        "track_nmi": track_length(one) / NMI,
+        "legs_cut": list(one.cut),
+        "round_nmi": round_length(one) / NMI,
+        "transit": [
+            {"way": told, "by_sea_nmi": way / NMI, "straight_nmi": straight / NMI}
+            for told, way, straight in by_sea(one)
+        ],
+        "search_speed_kn": one.unit.search_speed / KNOT,
+        "altitude_ft": one.unit.altitude / 0.3048,
+        "sweep_width_nmi": {k: w / NMI for k, w in zip(plan.scenarios, one.sortie.sweep_width, strict=True)},
+        "pod": dict(zip(plan.scenarios, pods(one).tolist(), strict=True)),
+    }
+
+
+def _place(lon: float, lat: float) -> dict[str, float]:
+    return {"lon": (lon + 180) % 360 - 180, "lat": lat}

@@ -1,0 +1,229 @@
+"""The sheet of a unit, A4 upright: its legs at a scale at which they can be told apart, what it is told, every turning point.
+
+Turning points are numbered on the chart and in the table, which has their positions to a thousandth of a minute, as plotters take
+them. A search with more points than fit goes on on further pages.
+"""
+
+import math
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from drift.case import units
+from drift.forecast.cells import Array
+from drift.maps import chart, labels, page
+from drift.maps.chart import INK, Frame
+from drift.planner import daylight, plan_map, plan_text, subareas
+from drift.planner.plan_map import BASE, GREY, POINT
+from drift.planner.reach import moment, seconds
+from drift.planner.subareas import Waypoint
+from drift.planner.tasking import Plan, Tasking
+from drift.search import search_layers, search_shapes
+from geo.box import Box
+
+SIZE = (8.27, 11.69)  # [in] A4
+MAP = (0.085, 0.535, 0.865, 0.37)  # of the page
+INSET = (0.665, 0.30, 0.285, 0.20)
+COLUMNS, ROWS, MORE = 3, 28, 105  # of the table: on the first page, and rows on those after it
+TABLE = 0.262  # of the page, where it begins
+STEP = 0.0081  # of the page, a row
+WAY: dict[str, Any] = {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}
+KINDS = {"way": "way", "csp": "CSP", "leg": "", "turn": "round", "off": "off", "home": "home", "base": "base"}
+
+
+def pages(plan: Plan) -> list[tuple[str, int, int]]:
+    """Return the sheets of a plan: file name, which tasking, and which page of it, from 1."""
+    found = []
+    for k, (name, one) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
+        rest = len(subareas.route(name, one)) - COLUMNS * ROWS
+        many = 1 + max(math.ceil(rest / (COLUMNS * MORE)), 0)
+        found += [(f"plan-{name}{f'-{p}' if p > 1 else ''}.png", k, p) for p in range(1, many + 1)]
+    return found
+
+
+def box(plan: Plan) -> Box:
+    """Return the box that holds all that the sheets show."""
+    every = np.concatenate(
+        [np.concatenate([plan_map.ring(one), *subareas.transits(one), [one.unit.base]]) for one in plan.taskings]
+    )
+    lon = np.array([_by(value, every[0, 0]) for value in every[:, 0]])
+    west = (float(lon.min()) + 180) % 360 - 180
+    found = Box(west, float(every[:, 1].min()), west + max(float(np.ptp(lon)), 1e-6), float(every[:, 1].max()))
+    return found.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(every[:, 1])))
+
+
+def draw(
+    plan: Plan,
+    which: int,
+    path: Path,
+    *,
+    title: str,
+    number: int = 1,
+    polygons: Iterable[Any] = (),
+    footer: str = "",
+    attributes: Mapping[str, str] | None = None,
+    caution: str = "",
+) -> None:
+    """Draw page `number` of the sheet of tasking `which`."""
+    name, one = subareas.names(plan)[which], plan.taskings[which]
+    way = subareas.route(name, one)
+    figure, canvas = page.figure(*SIZE)
+    head = f"{name}  {page.fit(one.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
+    figure.text(0.06, 0.962, head, fontsize=17, weight="bold", color=INK)
+    figure.text(0.06, 0.943, page.fit(title, 100), fontsize=9.5, color=INK)
+    when = f"On scene {units.group(one.on_scene)} to {plan_map.short(one.off_scene)}. Times are UTC, directions true."
+    figure.text(0.06, 0.928, when, fontsize=9.5, color=INK)
+    if caution:
+        page.banner(figure, 0.95, 0.968, "right", 8.5, caution)
+    if plan_text.rough(plan):
+        page.banner(figure, 0.95, 0.945, "right", 8.5, "Few particles: areas and POS are rough")
+    if number == 1:
+        land = np.array(list(polygons), dtype=object)
+        _chart(figure, canvas, one, way, land)
+        _inset(figure, one, land)
+        _facts(figure, plan, name, one)
+        _table(figure, way[: COLUMNS * ROWS], TABLE, ROWS)
+    else:
+        first = COLUMNS * (ROWS + MORE * (number - 2))
+        _table(figure, way[first : first + COLUMNS * MORE], 0.9, MORE)
+    if footer:
+        figure.text(0.06, 0.012, page.fit(footer, 150), fontsize=6.5, color=GREY)
+    page.save(canvas, path, f"{name} {one.unit.name}: {title}", attributes, dpi=150)
+
+
+def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[Waypoint], land: Array) -> None:
+    """Draw the legs with the numbers of their turning points."""
+    ring = plan_map.ring(one)
+    inner = [point for point in way if point.what in ("csp", "leg", "turn", "off")]
+    lon = np.concatenate([ring[:, 0], [_by(point.lon, ring[0, 0]) for point in inner]])
+    lat = np.concatenate([ring[:, 1], [point.lat for point in inner]])
+    here = chart.frame(lon, lat, MAP[2] * SIZE[0] / (MAP[3] * SIZE[1]), margin=0.05)
+    ax = figure.add_axes(MAP)
+    chart.prepare(ax, here)
+    chart.draw_land(ax, chart.land_path(here, land, 1500))
+    chart.graticule(ax, here)
+    _ways(ax, here, one)
+    for searching, points in search_shapes.flown(one.sortie):
+        style = {**search_layers.LEGS, "linewidth": 1.0} if searching else {**search_layers.TRANSIT, "linewidth": 1.1}
+        plan_map.line(ax, here, points, style, 8)
+    plan_map.line(ax, here, ring, {**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}, 7.5)
+    if one.sortie.legs is not None:
+        plan_map.creep(ax, here, one)
+    x, y = here.project([point.lon for point in inner], [point.lat for point in inner])
+    ax.plot(x[1:], y[1:], "o", markersize=2.2, color=INK, zorder=11)
+    ax.plot(x[0], y[0], markersize=8, markeredgewidth=1.8, zorder=12, **POINT)
+    texts: list[labels.Point] = []
+    for k, point in enumerate(inner):
+        ends = point.what in ("csp", "off")
+        style = {"fontsize": 9 if ends else 6.2, "color": "#000000", "weight": "bold" if ends else "normal"}
+        texts.append((float(x[k]), float(y[k]), _short(point), style))
+    bar = chart.scale_bar(ax, here, chart.free_corner(here, x, y))
+    labels.place(ax, canvas, texts, [bar], must={0, len(texts) - 1})
+    handles = [
+        (Line2D([], [], **{**search_layers.LEGS, "linewidth": 1.0}), "Leg of search"),
+        (Line2D([], [], **{**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}), "Sub-area"),
+        (Line2D([], [], **WAY), "Way out and home"),
+    ]
+    if one.sortie.legs is not None and not all(one.sortie.legs.searching):
+        handles.insert(1, (Line2D([], [], **{**search_layers.TRANSIT, "linewidth": 1.1}), "Way round land, no search"))
+    figure.legend(
+        *zip(*handles, strict=True), loc="upper left", bbox_to_anchor=(MAP[0] - 0.005, MAP[1] - 0.021), ncols=len(handles),
+        frameon=False, fontsize=7.5, borderaxespad=0, labelcolor=INK,
+    )  # fmt: skip
+
+
+def _ways(ax: Axes, here: Frame, one: Tasking) -> None:
+    for points in subareas.transits(one):
+        plan_map.line(ax, here, points, WAY, 7)
+
+
+def _inset(figure: Figure, one: Tasking, land: Array) -> None:
+    """Draw the way out and home at the scale that shows them."""
+    ring = plan_map.ring(one)
+    ways = subareas.transits(one)
+    places = np.concatenate([ring, *ways, [one.unit.base, one.unit.return_to]])
+    lon = np.array([_by(v, ring[0, 0]) for v in places[:, 0]])
+    here = chart.frame(lon, places[:, 1], INSET[2] * SIZE[0] / (INSET[3] * SIZE[1]), margin=0.1)
+    ax = figure.add_axes(INSET)
+    chart.prepare(ax, here)
+    chart.draw_land(ax, chart.land_path(here, land, 600))
+    chart.graticule(ax, here, lines=2, size=6.5)
+    _ways(ax, here, one)
+    plan_map.line(ax, here, ring, {**search_layers.AREA, "linewidth": 1.2}, 8)
+    x, y = here.project(*zip(one.unit.base, one.unit.return_to, strict=True))
+    ax.plot(x, y, markersize=6, markeredgewidth=0.8, zorder=12, **BASE)
+    chart.scale_bar(ax, here, chart.free_corner(here, x, y), small=True)
+
+
+def _facts(figure: Figure, plan: Plan, name: str, one: Tasking) -> None:
+    """Write what the unit is told, as in the search action plan, and when it is light."""
+    lines = [line.removeprefix("      ") for line in plan_text.task(plan, name, one)[1:]]
+    lines.append(f"{'Daylight':{plan_text.LABEL}}{light(one)}")
+    for words in plan.said:
+        if words.startswith(f"{one.unit.name} "):
+            told = textwrap.wrap(words.removeprefix(f"{one.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6)
+            lines += [f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}" for k, line in enumerate(told)]
+    step = min(0.0098, (MAP[1] - 0.045 - TABLE - 0.02) / len(lines))
+    for k, line in enumerate(lines):
+        y = MAP[1] - 0.045 - step * k
+        figure.text(0.06, y, line, fontsize=min(7.0, 7.0 * step / 0.0092), family="monospace", color=INK, va="top")
+
+
+def light(one: Tasking) -> str:
+    """Return sunrise and sunset at the commence search point, of the day about the search."""
+    begin = seconds(one.on_scene)
+    place = subareas.begin(one)
+    spans = daylight.windows(begin - 86_400, begin + 86_400, *place)
+    ahead = [span for span in spans if span[1] > begin]
+    if not ahead:
+        return "none: polar night"
+    rise, fall = ahead[0]
+    if rise <= begin - 86_400 and fall >= begin + 86_400:
+        return "all day: the sun does not set"
+    told = [f"{word} {plan_map.short(moment(time))}" for word, time, known in
+            (("sunrise", rise, rise > begin - 86_400), ("sunset", fall, fall < begin + 86_400)) if known]  # fmt: skip
+    return ", ".join(told)
+
+
+def _table(figure: Figure, way: Sequence[Waypoint], top: float, rows: int) -> None:
+    """Write turning points down the columns."""
+    wide = 0.89 / COLUMNS
+    for column in range(math.ceil(len(way) / rows)):
+        x = 0.06 + wide * column
+        head = f"{'':4} {'Latitude':11} {'Longitude':12} {'Time':7}"
+        figure.text(x, top, head, fontsize=6.7, family="monospace", weight="bold", color=INK, va="top")
+        for k, point in enumerate(way[column * rows : (column + 1) * rows]):
+            text = f"{_short(point):>4} {_place(point)} {plan_map.short(point.time)} {KINDS[point.what]}"
+            bold = "bold" if point.what in ("csp", "off") else "normal"
+            style: dict[str, Any] = {"fontsize": 6.7, "family": "monospace", "weight": bold, "color": INK, "va": "top"}
+            figure.text(x, top - STEP * (k + 1.2), text, **style)
+
+
+def _short(point: Waypoint) -> str:
+    """Return what a point is called on its unit's own sheet: CSP, 02, ... END; W1, ... on the way out, H1, ... on that home."""
+    word, _, number = point.name.split(" ", 1)[1].partition(" ")
+    if number:
+        return f"{'W' if word == 'OUT' else 'H'}{int(number)}"
+    return {"CENTRE": "MID"}.get(word, word[:4])
+
+
+def _place(point: Waypoint) -> str:
+    lon = (point.lon + 180) % 360 - 180
+    return f"{_minutes(point.lat, 2)}{'N' if point.lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
+
+
+def _minutes(angle: float, digits: int) -> str:
+    whole = round(abs(angle) * 60_000)
+    return f"{whole // 60_000:0{digits}d} {whole % 60_000 / 1000:06.3f}"
+
+
+def _by(lon: float, other: float) -> float:
+    """Return a longitude [deg] at the turn nearest to another."""
+    return other + (lon - other + 180) % 360 - 180

@@ -1,0 +1,354 @@
+"""The picture of what a search has shown: which story is likely after each update and why, and the POS so far by story.
+
+Left, downward in time, each update with the probability of each scenario after it and the Bayes factor of the scenario
+that it moved most. Right, the cumulative POS by scenario: what a decision to suspend rests on.
+"""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.transforms import blended_transform_factory
+
+from drift.case import units
+from drift.forecast import effective, layers
+from drift.forecast.cells import Array
+from drift.maps import labels, page
+from drift.maps.chart import INK
+from drift.search import search_shapes, search_tables
+from drift.search.updates import Update, Updates
+
+A_LINE = 4  # scenarios in a line of the legend
+HUGE = 1e6  # Bayes factor beyond which its figure says no more
+MOST = 22  # rows; of more updates the last are shown
+GREY = "#55606b"
+DIGIT, OVERHANG = 0.072, 0.12  # [in] of a small digit; by which numbers over a chart may reach beyond its right edge
+# Light to dark and by hatch, so that neighbours differ in grey print too
+FILLS: tuple[dict[str, Any], ...] = (
+    {"facecolor": "#cfe0ee", "hatch": ""},
+    {"facecolor": "#0b4f8a", "hatch": ""},
+    {"facecolor": "#f3d9a4", "hatch": "////"},
+    {"facecolor": "#7d8894", "hatch": ""},
+    {"facecolor": "#ffffff", "hatch": "...."},
+    {"facecolor": "#a33b20", "hatch": ""},
+    {"facecolor": "#dfe7d3", "hatch": "\\\\\\\\"},
+    {"facecolor": "#3f6b3a", "hatch": ""},
+)
+STROKES: tuple[tuple[str, Any, str], ...] = (  # colour, dashes, marker
+    ("#5b8db8", (0, (6, 2)), "s"),
+    ("#0b4f8a", (0, (2, 1.5)), "^"),
+    ("#b9802a", (0, (6, 2, 1, 2)), "D"),
+    ("#55606b", (0, (10, 2)), "v"),
+    ("#7a1fa2", (0, (1, 1.2)), "P"),
+    ("#a33b20", (0, (4, 1, 1, 1, 1, 1)), "X"),
+    ("#7f9464", (0, (8, 1, 2, 1)), "<"),
+    ("#3f6b3a", (0, (3, 3)), ">"),
+)
+# Kass and Raftery (1995), Bayes factors, J. Am. Stat. Assoc. 90, 773-795, doi:10.1080/01621459.1995.10476572, section 3.2
+STRENGTH = ((1.2, ""), (3.0, "weak"), (20.0, "positive"), (150.0, "strong"), (math.inf, "very strong"))
+
+
+def draw(
+    updates: Updates,
+    path: Path,
+    *,
+    title: str,
+    particles: int | None = None,
+    footer: str = "",
+    attributes: Mapping[str, str] | None = None,
+    caution: str = "",
+) -> None:
+    """Draw the evidence of a search; see maps.draw_map for title, particles, footer, attributes and caution."""
+    steps = search_tables.steps(updates)
+    shown = list(enumerate(steps, 1))[-MOST:]
+    stories = len(updates.scenarios) > 1
+    lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # of the legend
+    least = effective.lowest(updates, particles)
+    below = 0.32 * least.few  # [in] by which all is lower for a warning
+    over = 1.45 + 0.24 * lines + below
+    height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
+    figure, canvas = page.figure(14.0, height)
+    room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
+    (_posterior if stories else _worth)(figure, updates, shown, room)
+    _cumulative(figure, updates, room)
+    figure.text(0.02, 1 - 0.4 / height, page.fit(title, 75 if caution else 95), fontsize=14, weight="bold", color=INK)
+    figure.text(0.02, 1 - 0.68 / height, _account(updates, len(steps) - len(shown)), fontsize=9.5, color=INK)
+    if stories:
+        _legend(figure, updates, 1 - (0.86 + below) / height)
+    if least.few:
+        rough = effective.banner(least, "shares, evidence and POS are rough")
+        page.banner(figure, 0.0225, 1 - 1.0 / height, "left", 10, rough)
+    if caution:
+        page.banner(figure, 0.985, 1 - 0.4 / height, "right", 10, caution)
+    figure.text(0.02, 0.33 / height, _explained(updates), fontsize=8, color=GREY, linespacing=1.35, va="center")
+    if footer:
+        figure.text(0.02, 0.07 / height, page.fit(footer, 210), fontsize=7, color=GREY)
+    page.save(canvas, path, title, attributes, dpi=120)
+
+
+def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:
+    """Return in plain words what an update says about the scenarios, and its Bayes factor and strength.
+
+    It tells the scenario whose odds against the others it moved most; both are empty where there is but one.
+    """
+    factors = search_tables.bayes_factors(update, before)
+    known = [j for j in range(len(factors)) if not np.isnan(factors[j])]
+    if not known:
+        return "", ""
+    gone = [scenarios[j] for j in known if factors[j] == 0]
+    if gone:
+        return f"rules out {_quoted(gone)}", "it could not have been seen there"
+    most = max(known, key=lambda j: abs(math.log(factors[j])))
+    factor = float(factors[most])
+    if factor == math.inf:
+        return f"leaves only {_quoted([scenarios[most]])}", "the others rule out what was seen"
+    size = max(factor, 1 / factor)
+    strength = next(word for limit, word in STRENGTH if size < limit or limit == math.inf)
+    if not strength:
+        return "hardly tells the scenarios apart", f"no Bayes factor beyond {size:.2f}"
+    figure = f"{size:.3g}" if size < 999.5 else labels.number(min(size, HUGE))
+    if factor > 1:
+        side, figure = "for", figure if size < HUGE else f"over {figure}"
+    else:
+        side, figure = "against", f"1/{figure}" if size < HUGE else f"under 1/{figure}"
+    return f"speaks {side} {_quoted([scenarios[most]])}", f"Bayes factor {figure}: {strength} evidence"
+
+
+def _quoted(names: list[str]) -> str:
+    found = [f'"{page.fit(name, 30)}"' for name in names[:2]]
+    return " and ".join(found) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
+
+
+def _account(updates: Updates, hidden: int) -> str:
+    """Return in a line how much was done, and how it stands."""
+    sorties = [u for u in updates.all if u.kind == "sortie"]
+    contacts = len(updates.all) - len(sorties)
+    parts = [f"{len(sorties)} sortie{'s' * (len(sorties) != 1)} that found nothing"]
+    if contacts:
+        parts.append(f"{contacts} contact{'s' * (contacts != 1)}")
+    done = [u.cumulative[-1] for u in sorties if u.cumulative is not None]
+    if done:
+        parts.append(f"cumulative POS {labels.percent(done[-1])}")
+    if len(updates.scenarios) > 1 and updates.all:
+        best = int(np.argmax(updates.all[-1].posterior))
+        share = labels.percent(float(updates.all[-1].posterior[best]))
+        parts.append(f'most likely now "{page.fit(updates.scenarios[best], 40)}", {share}')
+    if hidden:
+        parts.append(f"the first {hidden} updates are in sorties.csv")
+    return "   ·   ".join(parts)
+
+
+def _explained(updates: Updates) -> str:
+    if len(updates.scenarios) == 1:
+        return "Cumulative POS: probability that the sorties so far would have found the object."
+    return (
+        "Bayes factor: what was seen is that many times as probable under the scenario as under the others together; to 3 weak, to "
+        "20 positive, to 150 strong.\nCumulative POS: probability that the sorties so far would have found "
+        "the object had the scenario been true; a low one says that the scenario has hardly been searched."
+    )
+
+
+def _legend(figure: Figure, updates: Updates, top: float) -> None:
+    """Name the scenarios with their bar and their line, in columns, the first line first."""
+    rows: list[tuple[Any, str]] = []
+    for j, name in enumerate(updates.scenarios):
+        colour, dashes, marker = STROKES[j % len(STROKES)]
+        bar = Patch(edgecolor=INK, linewidth=0.6, **FILLS[j % len(FILLS)])
+        line = Line2D([], [], color=colour, linestyle=dashes, marker=marker, markersize=5, markeredgecolor="white")
+        rows.append(((bar, line), page.fit(name, 34)))
+    columns = min(A_LINE, len(rows))
+    order = [i for c in range(columns) for i in range(c, len(rows), columns)]  # legends fill column by column
+    figure.legend(
+        [rows[i][0] for i in order],
+        [rows[i][1] for i in order],
+        loc="upper left",
+        bbox_to_anchor=(0.02, top),
+        ncols=columns,
+        frameon=False,
+        fontsize=9,
+        labelcolor=INK,
+        borderaxespad=0,
+        borderpad=0,
+        handlelength=5.0,
+        columnspacing=2.0,
+        handler_map={tuple: HandlerTuple(None)},
+    )
+
+
+Shown = list[tuple[int, tuple[Update, Array]]]  # updates with their numbers, and the scenarios before each
+Said = list[tuple[str, str]]  # two lines
+
+
+def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
+    """Draw bars of the scenarios' probabilities, one a row, with what each update says right of it."""
+    first = shown[0][1][1] if shown else np.asarray(updates.prior, float)
+    rows = [first, *(np.asarray(update.posterior, float) for _, (update, _) in shown)]
+    begin = "before the first update" if not shown or shown[0][0] == 1 else f"after update {shown[0][0] - 1}"
+    said = [("", ""), *(words(update, before, updates.scenarios) for _, (update, before) in shown)]
+    ax = _rows(figure, room, shown, begin, said, ("Probability of each scenario [%]", "What moved it"))
+    left, y = np.zeros(len(rows)), np.arange(len(rows))
+    for j in range(len(updates.scenarios)):
+        share = np.array([row[j] for row in rows])
+        fill = FILLS[j % len(FILLS)]
+        ax.barh(y, share, 0.62, left, edgecolor=INK, linewidth=0.6, zorder=3, **fill)
+        for k in y[share >= 0.09]:
+            _figure(ax, left[k] + share[k] / 2, int(k), f"{100 * share[k]:.0f}", fill)
+        left += share
+
+
+def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
+    """Draw POC and POS of each sortie as bars, where there is but one scenario to tell of."""
+    said = [("", "")]
+    for _, (update, _) in shown:
+        pod, figures = update.pod, ""
+        if pod is not None and update.poc is not None and update.poc[-1] > 0:
+            figures = f"POC {labels.percent(float(update.poc[-1]))} × POD {labels.percent(float(pod[-1]))}"
+        said.append((figures, f"effective particles {update.ess_after:,.0f}"))
+    ax = _rows(figure, room, shown, "", said, ("POC (light), POS (dark) [%]", "What each was worth"))
+    for k, (_, (update, _)) in enumerate(shown, 1):
+        for values, fill in ((update.poc, FILLS[0]), (update.pos, FILLS[1])):
+            if values is not None:
+                ax.barh(k, values[-1], 0.62, edgecolor=INK, linewidth=0.6, zorder=3, **fill)
+
+
+def _rows(
+    figure: Figure, room: tuple[float, float], shown: Shown, begin: str, said: Said, heads: tuple[str, str]
+) -> Axes:
+    """Return axes for a bar a row, from 0 to 1, with the updates' names left of them and two lines right of them."""
+    ax = figure.add_axes((0.185, room[0], 0.21, room[1] - room[0]))
+    ax.set_xlim(0, 1)
+    ax.set_ylim(len(shown) + 0.5, -0.5 if begin else 0.5)
+    ax.set_yticks([])
+    ax.set_xticks(np.linspace(0, 1, 5), labels=[f"{100 * v:.0f}" for v in np.linspace(0, 1, 5)])
+    ax.tick_params(labelsize=8, colors=INK, length=3)
+    for name, spine in ax.spines.items():
+        spine.set(visible=name == "bottom", color=INK, linewidth=0.8)
+    place = blended_transform_factory(ax.transAxes, ax.transData)
+
+    def write(x: float, y: float, text: str, size: float, colour: str = INK, **style: Any) -> None:
+        ax.text(x, y, text, transform=place, va="center", fontsize=size, color=colour, **style)
+
+    write(-0.03, 0, begin, 8.5, GREY, ha="right")
+    for k, (number, (update, _)) in enumerate(shown, 1):
+        what = update.name if update.kind == "sortie" else f"{page.fit(update.name, 18)} (contact)"
+        write(-0.03, k - 0.15, f"{number}  {page.fit(what, 28)}", 9, weight="bold", ha="right")
+        pos = "" if update.pos is None else f", POS {labels.percent(float(update.pos[-1]))}"
+        left = effective.Count(update.ess_after)
+        if left.few:
+            write(-0.03, k + 0.21, f"{units.group(update.time)}, {left.words}", 7.5, layers.LAST_KNOWN, ha="right")
+        else:
+            write(-0.03, k + 0.21, units.group(update.time) + pos, 7.5, GREY, ha="right")
+    for k, (above, below) in enumerate(said):
+        write(1.03, k - 0.15, above, 9)
+        write(1.03, k + 0.21, below, 7.5, GREY)
+    for x, head in zip((0.185, 0.4015), heads, strict=True):
+        figure.text(x, room[1] + 0.25 / figure.get_figheight(), head, fontsize=10, weight="bold", color=INK)
+    return ax
+
+
+def _figure(ax: Axes, x: float, y: int, text: str, fill: dict[str, Any]) -> None:
+    red, green, blue = (int(fill["facecolor"][i : i + 2], 16) for i in (1, 3, 5))
+    dark = 0.3 * red + 0.59 * green + 0.11 * blue < 140
+    box = {"boxstyle": "square,pad=0.1", "facecolor": fill["facecolor"], "edgecolor": "none"} if fill["hatch"] else None
+    colour = "white" if dark else INK
+    ax.text(x, y, text, ha="center", va="center", fontsize=8, color=colour, zorder=5, bbox=box)
+
+
+def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> None:
+    """Draw the cumulative POS by scenario over time, with its last value at the end of each line, and the legend."""
+    ax = figure.add_axes((0.665, room[0], 0.185, room[1] - room[0]))
+    high = figure.get_figheight()
+    figure.text(0.665, room[1] + 0.25 / high, "Cumulative POS [%]", fontsize=10, weight="bold", color=INK)
+    done = [(number, u) for number, u in enumerate(updates.all, 1) if u.cumulative is not None]
+    ax.set_ylim(0, 1)
+    ax.set_yticks(np.linspace(0, 1, 6), labels=[f"{100 * v:.0f}" for v in np.linspace(0, 1, 6)])
+    ax.tick_params(labelsize=8, colors=INK, length=3)
+    ax.grid(color=INK, alpha=0.2, linewidth=0.5, zorder=0)
+    for spine in ax.spines.values():
+        spine.set(color=INK, linewidth=0.8)
+    if not done:
+        ax.text(0.5, 0.5, "no sortie yet", transform=ax.transAxes, ha="center", fontsize=9, color=GREY)
+        ax.set_xticks([])
+        return
+    times = np.array([search_shapes.epoch(update.time) for _, update in done])
+    values = np.array([update.cumulative for _, update in done])
+    before = times[0] - max(0.08 * (times[-1] - times[0]), 3600)
+    ax.set_xlim(before, times[-1] + 0.04 * (times[-1] - before))
+    order = [*range(len(updates.scenarios)), -1] if len(updates.scenarios) > 1 else [-1]
+    texts = []
+    for j in order:
+        colour, dashes, marker = STROKES[j % len(STROKES)] if j >= 0 else ("#111111", "-", "o")
+        style: dict[str, Any] = {"color": colour, "linestyle": dashes, "linewidth": 1.4 if j >= 0 else 2.4}
+        x, y = np.append(before, times), np.append(0.0, values[:, j])
+        ax.plot(x, y, drawstyle="steps-post", zorder=4 if j >= 0 else 5, **style)
+        ax.plot(
+            times, values[:, j], marker, color=colour, markersize=5, markeredgecolor="white", zorder=6, clip_on=False
+        )
+        name = updates.scenarios[j] if j >= 0 else "all together"
+        texts.append((float(values[-1, j]), f"{_percent(values[-1, j])}  {page.fit(name, 24)}", colour, j < 0))
+    _ends(ax, texts)
+    ticks = labels.round_times(*ax.get_xlim(), 4)
+    ax.set_xticks(ticks, labels=[f"{units.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
+    _numbers(ax, [number for number, _ in done], times)
+
+
+def _numbers(ax: Axes, numbers: list[int], times: Array) -> None:
+    """Write the numbers of sorties over the chart at their times, as one text where they would touch: 4-6, 8."""
+    begin, end = ax.get_xlim()
+    per = (end - begin) / (ax.get_window_extent().width / ax.get_figure(root=True).dpi)  # type: ignore[union-attr]
+    groups: list[tuple[list[int], float, float]] = []  # numbers, and from when to when [s] their text reaches
+
+    def spread(some: list[int]) -> tuple[list[int], float, float]:
+        at = float(np.mean([times[numbers.index(number)] for number in some]))
+        half = DIGIT * per * len(_runs(some)) / 2
+        at = max(min(at, end + OVERHANG * per - half), begin + half)
+        return some, at - half, at + half
+
+    for number in numbers:
+        groups.append(spread([number]))
+        while len(groups) > 1 and groups[-1][1] < groups[-2][2] + DIGIT * per:
+            last = groups.pop()[0]
+            groups[-1] = spread([*groups[-1][0], *last])
+    for some, left, right in groups:
+        ax.annotate(_runs(some), ((left + right) / 2, 1.0), (0, 3), xycoords=("data", "axes fraction"),
+                    textcoords="offset points", ha="center", fontsize=8, color=GREY)  # fmt: skip
+
+
+def _runs(numbers: list[int]) -> str:
+    """Return ascending numbers in short: 1, 3-5."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+
+
+def _ends(ax: Axes, texts: list[tuple[float, str, str, bool]]) -> None:
+    """Write each line's last value and name right of the chart, at its height, moved apart where they would touch."""
+    texts = sorted(texts)
+    inches = ax.get_window_extent().height / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
+    least = 0.19 / inches
+    y = [text[0] for text in texts]
+    for i in range(1, len(y)):  # push up, then back from the top
+        y[i] = max(y[i], y[i - 1] + least)
+    y[-1] = min(y[-1], 1.0)
+    for i in range(len(y) - 2, -1, -1):
+        y[i] = min(y[i], y[i + 1] - least)
+    for at, (value, text, colour, bold) in zip(y, texts, strict=True):
+        weight = "bold" if bold else "normal"
+        ax.annotate(text, (1.0, value), (1.07, at), xycoords="axes fraction", textcoords="axes fraction", fontsize=8.5,
+                    va="center", color=colour, weight=weight, annotation_clip=False,
+                    arrowprops={"arrowstyle": "-", "color": GREY, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)})  # fmt: skip
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f}" if 0.005 <= share < 0.995 or share <= 0 else f"{100 * share:.1f}"

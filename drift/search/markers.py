@@ -1,0 +1,89 @@
+"""Datum markers: where a pattern that drifts with the water has got to.
+
+A marker whose track is not known drifts as water does, from the pattern's datum on, in the scenario's own forcing and
+without its errors: by Runge-Kutta steps on the host, one a step of the run.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.motion.forcing import Forcing
+from drift.search.sortie import Legs
+from geo import sphere
+
+Array = npt.NDArray[Any]
+
+
+@dataclass
+class Marker:
+    """The way of one marker in one scenario."""
+
+    lon: float  # [deg] where it began
+    lat: float
+    begin: float  # [s after the run's start]
+    scenario: int
+    _time: list[float] = field(default_factory=list)
+    _place: list[Array] = field(default_factory=list)  # lon without jumps, lat [rad]
+
+    def where(self, time: Array) -> tuple[Array, Array]:
+        """Return (lon, lat) [rad] at times [s after the run's start]."""
+        if not self._time:
+            return np.full(time.shape, np.radians(self.lon)), np.full(time.shape, np.radians(self.lat))
+        lon, lat = np.array(self._place).T
+        return np.interp(time, self._time, lon), np.interp(time, self._time, lat)
+
+    def legs(self, start: int) -> Legs | None:
+        """Return its way; start: of the run [s since 1970]. None if it has not drifted."""
+        if not self._time:
+            return None
+        lon, lat = np.degrees(np.array(self._place)).T
+        time = tuple(start + t for t in self._time)
+        return Legs(time, tuple(lon.tolist()), tuple(lat.tolist()), (True,) * (len(time) - 1))
+
+    def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
+        """Take it over the step from `elapsed` on, for which the forcing is set."""
+        begin, end = max(float(elapsed), self.begin), float(elapsed + duration)
+        if end <= begin:
+            return
+        if not self._time:
+            self._time, self._place = [begin], [np.radians([self.lon, self.lat])]
+        dt, here = end - begin, self._place[-1]
+        first, middle, last = (np.array([begin, 0.5 * (begin + end), end]) - elapsed) / duration
+        k1 = self._rate(forcing, here, first)
+        k2 = self._rate(forcing, here + 0.5 * dt * k1, middle)
+        k3 = self._rate(forcing, here + 0.5 * dt * k2, middle)
+        k4 = self._rate(forcing, here + dt * k3, last)
+        self._time.append(end)
+        self._place.append(here + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+
+    def _rate(self, forcing: Forcing, place: Array, share: float) -> Array:
+        """Return the change of lon and lat [rad/s] in the current; none where there is no forcing, so that it stays."""
+        ranges = forcing.ranges[self.scenario]
+        at = (sphere.to_binary(np.degrees([angle])) for angle in place)
+        east, north, valid = forcing.tiles.at(ranges[0], ranges[1], *at, float(share))[0]
+        rate = np.array([east / np.cos(place[1]), north], np.float64) / sphere.RADIUS
+        return rate if valid > 0.5 else np.zeros(2)
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A marker whose track is known, a buoy's: the same in every scenario."""
+
+    time: Array  # [s after the run's start]
+    lon: Array  # [rad] without jumps
+    lat: Array
+
+    def where(self, time: Array) -> tuple[Array, Array]:
+        """Return (lon, lat) [rad] at times [s after the run's start]."""
+        return np.interp(time, self.time, self.lon), np.interp(time, self.time, self.lat)
+
+    def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
+        """Do nothing: its track is known."""
+
+
+def tracked(track: Legs, start: int) -> Tracked:
+    """Return a marker by its track; start: of the run [s since 1970]."""
+    return Tracked(np.array(track.time) - start, np.unwrap(np.radians(track.lon)), np.radians(track.lat))

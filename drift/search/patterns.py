@@ -1,0 +1,184 @@
+"""Search patterns: the legs that a unit flies and the area that they cover (IAMSAR Manual, Vol. II, chapter 5).
+
+Points are laid out in the tangent plane of the pattern's centre or datum and wrapped onto the sphere along great
+circles; legs between them are great circles. Legs have constant speed; turns take no time.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.search.passage import Array, Place, fly, unwrap
+from drift.search.passage import lengths as lengths  # of what it makes
+from drift.search.sortie import Area, Legs
+from geo import sphere
+
+MOST_LEGS = 10_000  # of a pattern
+ROUND = 36  # corners of a circle's outline
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """What is flown, and what that searches; area: None where only the sweep width could tell."""
+
+    legs: Legs
+    area: Area | None
+
+
+def at(centre: Place, orientation: float, along: npt.ArrayLike, across: npt.ArrayLike) -> tuple[Array, Array]:
+    """Return (lon, lat) [deg] of points [m] along an orientation [rad] and across it, to its right; lon runs on."""
+    along, across = np.asarray(along, np.float64), np.asarray(across, np.float64)
+    sin, cos = math.sin(orientation), math.cos(orientation)
+    x, y = np.radians(centre)
+    lon, lat = sphere.destination(x, y, along * sin + across * cos, along * cos - across * sin)
+    return unwrap(np.degrees(lon), centre[0]), np.degrees(lat)
+
+
+def rectangle(centre: Place, length: float, width: float, orientation: float) -> Area:
+    """Return a rectangle whose length [m] lies along an orientation [rad]."""
+    along, across = np.array([-1, 1, 1, -1]) * length / 2, np.array([-1, -1, 1, 1]) * width / 2
+    return _area(*at(centre, orientation, along, across))
+
+
+def _area(lon: Array, lat: Array) -> Area:
+    return Area(tuple(lon.tolist()), tuple(lat.tolist()))
+
+
+def square_metres(area: Area) -> float:
+    """Return the area [m2] that great circles enclose on the sphere."""
+    import pyproj  # here, since most cases search nothing and the import takes 0.1 s
+
+    size, _ = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).polygon_area_perimeter(area.lon, area.lat)
+    return float(abs(size))
+
+
+def parallel(
+    centre: Place,
+    length: float,
+    width: float,
+    orientation: float,
+    spacing: float,
+    start: float,
+    speed: float,
+    corner: tuple[int, int] = (-1, -1),
+) -> Pattern:
+    """Return a parallel sweep (PS): legs along the length, which creep across it.
+
+    As many legs as fit the width, n = max(1, floor(width / spacing + 1/2)), exactly one spacing apart and centred in
+    it, so that the outer ones lie half a spacing inside where the width is a whole number of spacings. Legs end half
+    a spacing inside too, and the cross legs between them are searched. corner: (along, across), each -1 or 1, of the
+    rectangle, nearest to which it commences; (-1, -1) is the one astern and to the left of the orientation.
+    """
+    number = leg_count(width, spacing)
+    if number > MOST_LEGS:
+        raise ValueError(
+            f"spacing {spacing:g} m makes {number:,} legs of a width of {width:g} m; at most {MOST_LEGS:,}"
+        )
+    half = max(length - spacing, 0.0) / 2
+    if half == 0:
+        raise ValueError(f"spacing {spacing:g} m leaves legs of a length of {length:g} m none; make it smaller")
+    across = (np.arange(number) - (number - 1) / 2) * spacing * -corner[1]
+    ends = np.where(np.arange(number) % 2 == 0, half, -half) * corner[0]
+    points = at(centre, orientation, np.column_stack([ends, -ends]).ravel(), np.repeat(across, 2))
+    return Pattern(fly(*points, start, speed), rectangle(centre, length, width, orientation))
+
+
+def creeping(
+    centre: Place,
+    length: float,
+    width: float,
+    orientation: float,
+    spacing: float,
+    start: float,
+    speed: float,
+    corner: tuple[int, int] = (-1, -1),
+) -> Pattern:
+    """Return a creeping line search (CS): legs across the length, which creep along it; see `parallel`."""
+    # Turned to the right by a quarter: what was to the right is ahead, what was ahead is to the left.
+    turned = (corner[1], -corner[0])
+    swept = parallel(centre, width, length, orientation + math.pi / 2, spacing, start, speed, turned)
+    return Pattern(swept.legs, rectangle(centre, length, width, orientation))
+
+
+def leg_count(width: float, spacing: float) -> int:
+    """Return how many legs of a spacing [m] a width [m] takes."""
+    return max(1, math.floor(width / spacing + 0.5))
+
+
+def square(datum: Place, spacing: float, orientation: float, legs: int, start: float, speed: float) -> Pattern:
+    """Return an expanding square search (SS): S, S, 2 S, 2 S, 3 S, ... from the datum, all turns 90 deg to starboard."""
+    import shapely
+
+    reach = (np.arange(legs) // 2 + 1) * spacing
+    course = np.arange(legs) % 4
+    along = np.concatenate([[0.0], np.cumsum(reach * np.array([1, 0, -1, 0])[course])])
+    across = np.concatenate([[0.0], np.cumsum(reach * np.array([0, 1, 0, -1])[course])])
+    # Legs lie a spacing apart: what lies within half of one of them has no holes, but for rounding.
+    swept = shapely.LineString(np.column_stack([along, across])).buffer(
+        0.5001 * spacing, cap_style="square", join_style="mitre"
+    )
+    outline = at(datum, orientation, *np.array(swept.exterior.simplify(1e-3 * spacing).coords)[:-1].T)
+    return Pattern(fly(*at(datum, orientation, along, across), start, speed), _area(*outline))
+
+
+def square_legs(spacing: float, distance: float) -> int:
+    """Return the legs of an expanding square that a distance [m] begins to fly."""
+    # n legs are S (1 + 1 + 2 + 2 + ...) = S ceil(n/2) (floor(n/2) + 1) long.
+    number = max(1, math.ceil(2 * math.sqrt(max(distance, 0.0) / spacing)) - 2)
+    while spacing * -(-number // 2) * (number // 2 + 1) < distance * (1 - 1e-12):
+        number += 1
+    return number
+
+
+def sector(datum: Place, radius: float, sectors: int, orientation: float, start: float, speed: float) -> Pattern:
+    """Return a sector search (VS) of 1 to 6 sectors through the datum.
+
+    A sector is an equilateral triangle: out along its radius, a chord, back, all turns 120 deg to starboard, straight
+    on over the datum into the next. Three sectors are a search; the fourth to sixth are a second one, turned by 30 deg.
+    """
+    along, across = [0.0], [0.0]
+    for number in range(sectors):
+        out = math.radians(240 * (number % 3) + 30 * (number // 3))
+        for course in (out, out + math.pi / 3):  # the chord leads to the radius 60 degrees on
+            along.append(radius * math.cos(course))
+            across.append(radius * math.sin(course))
+        along.append(0.0)
+        across.append(0.0)
+    turn = np.arange(ROUND) * (2 * math.pi / ROUND)
+    outline = at(datum, orientation, radius * np.cos(turn), radius * np.sin(turn))
+    return Pattern(fly(*at(datum, orientation, along, across), start, speed), _area(*outline))
+
+
+def trackline(waypoints: list[Place], offset: float, back: bool, start: float, speed: float) -> Pattern:
+    """Return a trackline search (TS): along a route, `offset` [m] to its right, and back on its other side if `back`."""
+    lon, lat = _beside(waypoints, offset)
+    if back:
+        home = _beside(waypoints[::-1], offset)
+        lon, lat = np.concatenate([lon, home[0]]), np.concatenate([lat, home[1]])
+    return Pattern(fly(lon, lat, start, speed), None)
+
+
+def _beside(route: list[Place], offset: float) -> tuple[Array, Array]:
+    """Return a route [deg] displaced to its right by a distance [m]: mitred at turns below 90 deg, else round the corner."""
+    lon, lat = np.radians(np.array(route)).T
+    if offset == 0:
+        return np.degrees(lon), np.degrees(lat)
+    out = np.arctan2(*sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:]))  # course at the beginning of each leg
+    into = np.arctan2(*sphere.offset(lon[1:], lat[1:], lon[:-1], lat[:-1])) + math.pi  # and at its end
+    courses, reach, which = [out[0]], [offset], [0]
+    for k in range(1, lon.size - 1):
+        turn = float(sphere.wrap(out[k] - into[k - 1]))
+        if abs(turn) <= math.pi / 2:
+            courses.append(into[k - 1] + turn / 2)
+            reach.append(offset / math.cos(turn / 2))
+            which.append(k)
+        else:
+            courses += [into[k - 1], out[k]]
+            reach += [offset, offset]
+            which += [k, k]
+    side, size = np.array([*courses, into[-1]]) + math.pi / 2, np.array([*reach, offset])
+    index = np.array([*which, lon.size - 1])
+    x, y = sphere.destination(lon[index], lat[index], size * np.sin(side), size * np.cos(side))
+    return np.degrees(x), np.degrees(y)

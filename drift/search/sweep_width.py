@@ -1,0 +1,172 @@
+"""Visual sweep widths from the published tables, by unit, height, visibility and object, with their corrections.
+
+Works from the project's own copies, data/sweep_width.csv and data/sweep_width_corrections.csv. Everything taken and
+returned is SI. Rules where the tables leave them open:
+
+- visibility: a row holds up to the next one's; less than the tables' least (1 nmi) is refused;
+- height: straight between the tabulated ones; below an aircraft's lowest (300 ft) and above a boat's highest eye (14 ft)
+  as there, which is generous for small objects (the tables fall from 500 to 300 ft for some); beyond the other end refused;
+- speed: straight between the tabulated ones, beyond them as at the nearest; where a speed is left out nothing changes
+  from the one before it; boats have none;
+- weather: the worse of what wind and seas say; fatigue multiplies by 0.9.
+"""
+
+import csv
+import difflib
+import unicodedata
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from typing import Literal
+
+import numpy as np
+
+from drift.case import units
+from geo.errors import UserError
+
+SOURCE = (
+    "US Coast Guard Addendum to IAMSAR, COMDTINST M16130.2F (public domain), as transcribed by "
+    "canterbury-air-patrol/marine-sweep-width-data"
+)
+NMI, KNOT = units.NMI, units.KNOT
+FOOT = 0.3048  # [m]
+KINDS = ("Aircraft", "Helicopter", "Boat")
+FATIGUE = 0.9
+WIND, SEAS = (15 * KNOT, 25 * KNOT), (2 * FOOT, 4 * FOOT)  # moderate from the first on, bad above the second
+WEATHER = {"small": (1.0, 0.5, 0.25), "large": (1.0, 0.9, 0.9)}
+SPEEDS = {"Aircraft": (150, 180, 210), "Helicopter": (60, 90, 120, 140), "Boat": ()}  # [kn] columns of the tables
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How a sortie sees."""
+
+    visibility: float  # [m]
+    altitude: float  # [m]; of a boat: the height of eye
+    speed: float = float("nan")  # [m/s]; needed by aircraft
+    wind: float | None = None  # [m/s]
+    seas: float | None = None  # [m] wave height
+    fatigue: bool = False
+
+
+def lookup(name: str, kind: str, altitude: float, visibility: float) -> float:
+    """Return the uncorrected sweep width [m] of an object for a kind of unit, a height [m] and a visibility [m]."""
+    rows = _table()[find(name), find_kind(kind)]
+    if visibility < NMI * (1 - 1e-9):
+        raise UserError(
+            f"visibility {visibility / NMI:g} nmi: the sweep width tables begin at 1 nmi; give the sweep width itself"
+        )
+    heights = sorted(rows)
+    low, high = heights[0], heights[-1]
+    if (altitude < low * (1 - 1e-9) and kind == "Boat") or (altitude > high * (1 + 1e-9) and kind != "Boat"):
+        what = "height of eye" if kind == "Boat" else "altitude"
+        raise UserError(
+            f"{what} {altitude / FOOT:.0f} ft: the sweep width tables of {kind} are for {low / FOOT:.0f} to "
+            f"{high / FOOT:.0f} ft; give the sweep width itself"
+        )
+    widths = [_held(rows[height], visibility) for height in heights]
+    return float(np.interp(altitude, heights, widths))
+
+
+def width(name: str, kind: str, seen: Conditions) -> float:
+    """Return the corrected sweep width [m] of an object for a kind of unit."""
+    found = lookup(name, kind, seen.altitude, seen.visibility)
+    rough = FATIGUE if seen.fatigue else 1.0
+    return found * speed_factor(name, kind, seen.speed) * weather_factor(name, seen.wind, seen.seas) * rough
+
+
+def speed_factor(name: str, kind: str, speed: float) -> float:
+    """Return the correction for a speed [m/s]."""
+    known = _corrections()[find(name)].speeds.get(find_kind(kind))
+    if known is None:
+        return 1.0
+    if not speed > 0:
+        raise UserError(f"the sweep width tables of {kind} need its speed; give speed, or the sweep width itself")
+    return float(np.interp(speed / KNOT, [knots for knots, _ in known], [factor for _, factor in known]))
+
+
+def weather_factor(name: str, wind: float | None, seas: float | None) -> float:
+    """Return the correction for wind [m/s] and seas [m]; None is not told, and says nothing."""
+    worst = 0
+    for value, (moderate, bad) in ((wind, WIND), (seas, SEAS)):
+        if value is not None:
+            worst = max(worst, (value >= moderate * (1 - 1e-9)) + (value > bad * (1 + 1e-9)))
+    return WEATHER[_corrections()[find(name)].weather][worst]
+
+
+def objects() -> tuple[str, ...]:
+    """Return the names of the objects, in the tables' order."""
+    return tuple(_corrections())
+
+
+def find(name: str) -> str:
+    """Return an object's name as in the tables; case, spaces and signs don't matter. An unknown one is refused."""
+    known = {_plain(key): key for key in objects()}
+    if _plain(name) in known:
+        return known[_plain(name)]
+    near = difflib.get_close_matches(_plain(name), known, n=1, cutoff=0.5)
+    if near:
+        raise UserError(f'no search object "{name}" in the sweep width tables; nearest is "{known[near[0]]}"')
+    raise UserError(
+        f'no search object "{name}" in the sweep width tables; they have Person in Water, and by size Raft (like '
+        '"Raft 4 person"), Power Boat ("Power Boat 20ft"), Sail Boat ("Sail Boat 40ft"), Ship ("Ship 120ft")'
+    )
+
+
+def find_kind(kind: str) -> str:
+    """Return a kind of unit as in the tables; an unknown one is refused."""
+    for known in KINDS:
+        if kind.strip().lower() == known.lower():
+            return known
+    raise UserError(f'no unit kind "{kind}" in the sweep width tables; there are: {", ".join(KINDS)}')
+
+
+def _plain(name: str) -> str:
+    """Return a name without what people write in different ways: persons, =<, <=, spaces."""
+    text = unicodedata.normalize("NFKC", name).lower().replace("persons", "person").replace("people", "person")
+    return "".join(letter for letter in text if letter.isalnum())
+
+
+def _held(rows: list[tuple[float, float]], visibility: float) -> float:
+    """Return the sweep width of the last row not above a visibility."""
+    return [found for least, found in rows if least <= visibility * (1 + 1e-9)][-1]
+
+
+@dataclass(frozen=True)
+class _Correction:
+    weather: Literal["small", "large"]
+    speeds: dict[str, list[tuple[float, float]]]  # by kind: (speed [kn], factor)
+
+
+def _rows(name: str) -> list[dict[str, str]]:
+    text = resources.files("drift.data").joinpath(name).read_text(encoding="utf-8")
+    return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+
+
+@lru_cache(maxsize=1)
+def _table() -> dict[tuple[str, str], dict[float, list[tuple[float, float]]]]:
+    """Return (visibility [m], sweep width [m]), ascending, by height [m], by object and kind."""
+    table: dict[tuple[str, str], dict[float, list[tuple[float, float]]]] = {}
+    for row in _rows("sweep_width.csv"):
+        heights = table.setdefault((row["object"], row["unit"]), {})
+        entry = (float(row["visibility_nmi"]) * NMI, float(row["sweep_width_nmi"]) * NMI)
+        heights.setdefault(float(row["height"].removesuffix("ft")) * FOOT, []).append(entry)
+    return {key: {height: sorted(rows) for height, rows in heights.items()} for key, heights in table.items()}
+
+
+@lru_cache(maxsize=1)
+def _corrections() -> dict[str, _Correction]:
+    made: dict[str, _Correction] = {}
+    for row in _rows("sweep_width_corrections.csv"):
+        weather: Literal["small", "large"] = "small" if row["weather_class"] == "small" else "large"
+        entry = made.setdefault(row["object"], _Correction(weather, {}))
+        entry.speeds.setdefault(row["unit"], []).append((float(row["speed_kn"]), float(row["factor"])))
+    for entry in made.values():
+        for kind, known in entry.speeds.items():
+            given = dict(known)
+            factor, filled = 1.0, []
+            for speed in SPEEDS[kind]:  # what is left out is as before
+                factor = given.get(speed, factor)
+                filled.append((float(speed), factor))
+            entry.speeds[kind] = filled
+    return made

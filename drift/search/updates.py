@@ -1,0 +1,59 @@
+"""What each sortie and contact did to the probability: the record that tables, pictures and the debrief are made from."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.search.sortie import Sortie
+from drift.search.standing import Standing
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Update:
+    """One sortie or contact, when it took effect. Arrays of shape (scenarios + 1,): each scenario, then all together."""
+
+    name: str
+    kind: Literal["sortie", "contact"]
+    time: np.datetime64
+    log_evidence: Array  # log probability (density) of what was seen given all before: of having failed, of the contact
+    posterior: Array  # (scenarios,) probability of each scenario afterwards
+    ess_before: float
+    ess_after: float
+    poc: Array | None = None  # a sortie's: probability that the object was where it searched, or would have been seen
+    pos: Array | None = None  # 1 - exp(log_evidence): it would have found the object
+    alive: Array | None = None  # of a sortie, with survival times: it would have found the object alive
+    cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
+    ess_resampled: float | None = None  # after particles were drawn anew, if they were
+    standing: Standing | None = None  # how it stands then
+    distinct: float = 1.0  # share of the original particles that still have descendants, after this update
+
+    @property
+    def resampled(self) -> bool:
+        """Whether particles were drawn anew after it."""
+        return self.ess_resampled is not None
+
+    @property
+    def pod(self) -> Array | None:
+        """Probability of detection given that it was where the sortie searched: POS / POC."""
+        if self.pos is None or self.poc is None:
+            return None
+        return np.divide(self.pos, self.poc, out=np.zeros_like(self.pos), where=self.poc > 0)
+
+
+@dataclass(frozen=True)
+class Updates:
+    """All updates of a run, in the order in which they took effect."""
+
+    scenarios: tuple[str, ...]
+    prior: Array  # (scenarios,) probability of each scenario before the first
+    all: tuple[Update, ...]
+    sorties: tuple[Sortie, ...] = ()  # as they were flown
+
+    @property
+    def log_evidence(self) -> float:
+        """Log probability (density) of everything that was seen."""
+        return float(sum(update.log_evidence[-1] for update in self.all))

@@ -1,0 +1,175 @@
+"""Finds and patrols of a case, put on the stretches of a coast: what the likelihood is made of. Refuses what can't be."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from drift.case import units
+from drift.case.case import Case
+from drift.case.spill import NUMBERS, Find, Patrol, Reporting, Spill
+from drift.forecast import tables
+from drift.motion.prior import elapsed
+from drift.spill import exposure, finds
+from drift.spill.worlds import Worlds
+from geo import coast as shoreline
+from geo import segments as stretches
+from geo import sphere
+from geo.coast import Coast
+from geo.errors import UserError
+from geo.segments import Segments
+
+FARTHEST = 3000.0  # [m] off the shoreline that a find may be stated to lie
+SHARES = 41  # values of the share destroyed that are summed over
+ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a stretch's middle may lie
+
+
+def cut(spill: Spill, coast: Coast) -> Segments:
+    """Return the stretches of coast that a spill is told by: the user's, or equal ones."""
+    if spill.stretches is not None:
+        found = stretches.named(coast, spill.stretches, spill.stretch)
+    else:
+        found = stretches.cut(coast, spill.stretch)
+    return replace(found, access=tuple(kind or spill.reporting.coast for kind in found.access))
+
+
+def build(case: Case, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
+    """Return what is known of a spill; where particles are at the time of finds at sea is still to be added.
+
+    Raises UserError for finds and patrols that are not where they can be.
+    """
+    walks, places = _placed(spill, segments, coast)
+    patrols = tuple(
+        exposure.Patrol(walk, elapsed(case, patrol.time), patrol.detection)
+        for walk, patrol in zip(walks, spill.patrols, strict=True)
+    )
+    kinds, names = [kind.name for kind in spill.kinds], [patrol.name for patrol in spill.patrols]
+    found = [
+        finds.Find(
+            one.name,
+            kinds.index(one.kind) if one.kind is not None else None,
+            finds.AtSea(one.lon, one.lat, one.radius, 1.0) if where < 0 else where,
+            elapsed(case, one.time),
+            one.latest,
+            names.index(one.by) if one.by is not None else None,
+            one.false,
+        )
+        for one, where in zip(spill.finds, places, strict=True)
+    ]
+    last = max([find.time for find in found] + [patrol.time for patrol in patrols], default=0)
+    until = spill.reporting.until
+    return finds.Known(
+        _numbers(spill),
+        tuple(found),
+        patrols,
+        exposure.Reporting(rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting),
+        segments.length,
+        float(last if until is None else elapsed(case, until)),
+        {},
+    )
+
+
+def _placed(spill: Spill, segments: Segments, coast: Coast) -> tuple[list[tuple[int, ...]], list[int]]:
+    """Return the stretches that each patrol walked, and that of each find (-1: at sea)."""
+    walks = [tuple(walked(patrol, segments)) for patrol in spill.patrols]
+    names = [patrol.name for patrol in spill.patrols]
+    places = [place(find, segments, coast) for find in spill.finds]
+    for find, where in zip(spill.finds, places, strict=True):
+        if find.by is not None and where not in walks[names.index(find.by)]:
+            raise UserError(
+                f'{find.name}: found by patrol "{find.by}" on stretch "{segments.name[where]}", where that patrol did not go'
+            )
+    return walks, places
+
+
+def _numbers(spill: Spill) -> finds.Numbers:
+    """Return how many objects there are and what share was destroyed, on grids: each value equally likely."""
+    low, high = spill.objects
+    objects = np.unique(np.rint(np.linspace(low, high, min(high - low + 1, NUMBERS))).astype(np.int64))
+    least, most = spill.destroyed
+    share = (np.arange(SHARES) + 0.5) / SHARES * (most - least) + least if most > least else np.array([least])
+    return finds.Numbers(
+        objects,
+        np.full(objects.size, 1 / objects.size),
+        np.array([kind.share for kind in spill.kinds]),
+        share,
+        np.full(share.size, 1 / share.size),
+    )
+
+
+def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
+    """Return how soon an object lying on each stretch is reported [1/s], by its kind of shore."""
+    kinds = [kind or reporting.coast for kind in segments.access]
+    for kind, name in zip(kinds, segments.name, strict=True):
+        if kind not in reporting.rate:
+            known = ", ".join(reporting.rate)
+            raise UserError(
+                f'stretch "{name}": its kind of shore "{kind}" has no reporting rate; [spill.reporting] rate knows {known}'
+            )
+    return np.array([reporting.rate[kind] for kind in kinds])
+
+
+def place(find: Find, segments: Segments, coast: Coast) -> int:
+    """Return the stretch on which a find lies; -1 at sea.
+
+    Raises UserError for a find off the coast, with the nearest coast and how far it is.
+    """
+    if find.stretch is not None:
+        return named(find.stretch, find.name, segments)
+    binary = sphere.to_binary([find.lon]), sphere.to_binary([find.lat])
+    land = bool(shoreline.is_land(coast, *binary)[0])
+    if find.at_sea:
+        if land:
+            raise UserError(
+                f"{find.name}: {tables.position(find.lon, find.lat)} is not at sea but on land; leave out at_sea, or move it"
+            )
+        return -1
+    near = shoreline.nearest_coast(coast, find.lon, find.lat)
+    if near is None:
+        raise UserError(
+            f"{find.name}: {tables.position(find.lon, find.lat)} lies far from any coast of the domain; move it, or widen "
+            "[domain]"
+        )
+    if near[2] > FARTHEST:
+        where = "inland" if land else "off the coast"
+        cure = "move it" if land else "move it, or say at_sea = true"
+        raise UserError(
+            f"{find.name}: {tables.position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest coast is "
+            f"at {tables.position(near[0], near[1])}, and a find ashore lies within {FARTHEST / 1000:.0f} km of it; {cure}"
+        )
+    return stretches.nearest(segments, coast, find.lon, find.lat)[0]
+
+
+def named(name: str, place: str, segments: Segments) -> int:
+    """Return the number of a stretch by its name."""
+    import difflib
+
+    if name in segments.name:
+        return segments.name.index(name)
+    number = name.removeprefix("stretch ")
+    if number.isdecimal() and int(number) < len(segments.name):
+        return int(number)  # as the picture and the tables number them
+    near = difflib.get_close_matches(name, segments.name, n=1, cutoff=0.5)
+    hint = f'; nearest is "{near[0]}"' if near else ""
+    raise UserError(f'{place}: no stretch "{name}"{hint}; a run without it lists those touched in washup.csv')
+
+
+def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
+    """Return the stretches that a patrol searched: those named, or those beside the straight line between its ends."""
+    if patrol.ends is None:
+        return [named(name, f'patrol "{patrol.name}"', segments) for name in patrol.stretches]
+    (lon, lat), end = patrol.ends
+    here = math.radians(lon), math.radians(lat)
+    x, y = sphere.offset(*here, np.radians(segments.lon), np.radians(segments.lat))
+    to = math.radians(end[0]), math.radians(end[1])
+    line = shapely.LineString([(0, 0), sphere.offset(*here, *to)])
+    chosen = np.flatnonzero(shapely.distance(line, shapely.points(x, y)) < ABREAST)
+    if not chosen.size:
+        raise UserError(
+            f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of the line between its ends '
+            f"at {units.group(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
+        )
+    return [int(k) for k in chosen]

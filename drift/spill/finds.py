@@ -1,0 +1,432 @@
+"""What finds and patrols say about a spill: a likelihood for every world, and what follows for its unknowns.
+
+With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N - F): g is the density
+with which an object that was not destroyed is found there and then, q its probability of having been found by now, d the
+share destroyed at once. A product over classes; a sum over N, d, the class of finds where it is unknown, and which finds
+are none of ours. g and q come from a world's particles and are noisy: drift.spill.borrow draws them toward other worlds'.
+
+A find at sea enters by g alone: nobody says where else at sea was looked.
+A find that is none of ours with probability p has the density p / (1 - p) * B, where B is what true finds have on average:
+before any find, as many as expected, spread over the coast as length times reporting rate and evenly over the time since
+the first release (by a patrol: over its stretches as their length; at sea: over an ellipse as wide as what is adrift).
+Without finds and without patrols nothing is said, not even that nothing was found.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import special
+
+from drift.motion.status import Status
+from drift.spill import borrow, exposure
+from drift.spill.exposure import Exposure, Patrol, Reporting
+from drift.spill.fates import Fates
+from geo import sphere
+from geo.errors import UserError
+
+Real = npt.NDArray[np.float64]
+Counts = tuple[int, ...]  # finds that are ours, by class
+
+FAR = 6.0  # radii beyond which a find at sea has no weight
+SAMPLE = 2000  # particles that the surprise of a find at sea is told from
+
+
+@dataclass(frozen=True)
+class AtSea:
+    """A place at sea [deg], the error of its position (one standard deviation of each component, m), chance of being seen."""
+
+    lon: float
+    lat: float
+    radius: float
+    chance: float
+
+
+@dataclass(frozen=True)
+class Find:
+    """An object found.
+
+    kind: number of its class, None: unknown. place: number of its stretch, or at sea. time [s after start]; latest: found
+    at an unknown time not later than that. by: number of the patrol, None: the public. false: probability that it is none
+    of ours.
+    """
+
+    name: str
+    kind: int | None
+    place: int | AtSea
+    time: int
+    latest: bool = False
+    by: int | None = None
+    false: float = 0.0
+
+
+@dataclass(frozen=True)
+class Adrift:
+    """Where all particles are at the time of a find at sea: binary angles and status, (n,)."""
+
+    lon: npt.NDArray[np.int32]
+    lat: npt.NDArray[np.int32]
+    status: npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """How many objects there are, of which class, and what share was destroyed at once, with prior probabilities."""
+
+    objects: npt.NDArray[np.int64]  # (m,)
+    objects_prior: Real
+    shares: Real  # (classes,) of the objects, sum 1
+    destroyed: Real  # (k,)
+    destroyed_prior: Real
+
+    @property
+    def by_class(self) -> npt.NDArray[np.int64]:
+        """Objects of every class, (m, classes): whole numbers that add up, largest remainders first."""
+        exact = self.objects[:, None] * self.shares
+        whole = np.floor(exact + 1e-9).astype(np.int64)
+        rank = np.argsort(np.argsort(whole - exact, axis=1, kind="stable"), axis=1, kind="stable")
+        return np.asarray(whole + (rank < (self.objects - whole.sum(1))[:, None]))
+
+
+@dataclass(frozen=True)
+class Known:
+    """All that is known of a spill up to `now` [s after start]; adrift: by number of the find at sea."""
+
+    numbers: Numbers
+    finds: tuple[Find, ...]
+    patrols: tuple[Patrol, ...]
+    reporting: Reporting
+    length: Real  # (S,) of the stretches [m]
+    now: float
+    adrift: Mapping[int, Adrift]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Worlds weighed by finds, and their unknown numbers.
+
+    log_likelihood, weight: (W,). effective: number of worlds that count. objects, destroyed: posteriors of the numbers'
+    grids. counts: possible numbers of our finds by class; chosen: their probabilities (len(counts), W). found: chance of
+    every particle to have been found, (n,); share: of every world and class, (W, classes), drawn toward other worlds'.
+    """
+
+    known: Known
+    log_likelihood: Real
+    weight: Real
+    effective: float
+    objects: Real
+    destroyed: Real
+    counts: tuple[Counts, ...]
+    chosen: Real
+    found: Real
+    share: Real
+
+
+@dataclass(frozen=True)
+class Surprise:
+    """How a find was expected, given all before it.
+
+    probability: that the next find turns up on this stretch (at sea: within its radius of this place, if at sea); tail: of
+    a stretch (place) at most as probable. Small tails are odd finds.
+    """
+
+    find: Find
+    probability: float
+    tail: float
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """The finds' densities by class and world, logs (finds, classes, W); alien: of none of ours, (finds,)."""
+
+    density: Real
+    alien: Real
+    alike: borrow.Likeness
+    prior: Real  # (W,) log weights of the worlds before any find, normalised
+
+
+def posterior(fates: Fates, known: Known, latent: Real, log_weight: Real) -> Posterior:
+    """Return what finds and patrols say about every world.
+
+    latent: (W, k) unknowns of the worlds, any scale. log_weight: (W,) of the worlds before any find.
+    Raises UserError when there are more finds than objects.
+    """
+    here = exposure.expose(fates, known.reporting, known.patrols)
+    if not known.finds and not known.patrols:
+        return _weigh(known, here, _evidence(known, here, latent, log_weight), (), np.zeros(fates.world.size))
+    ours = tuple(k for k, find in enumerate(known.finds) if find.false < 1)
+    return _weigh(known, here, _evidence(known, here, latent, log_weight), ours, exposure.found(here, known.now))
+
+
+def effective(weight: Real) -> float:
+    """Return the effective number of worlds of weights (Kish 1965)."""
+    return float(weight.sum() ** 2 / (weight**2).sum())
+
+
+def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
+    """Return the largest exponent in (0, 1] at which the likelihood leaves `least` effective worlds: bisection.
+
+    log_weight: of the worlds before. The exponent is tiny where even these leave fewer.
+    """
+
+    def enough(power: float) -> bool:
+        return effective(_normal(power * log_likelihood + log_weight)) >= least
+
+    if enough(1.0):
+        return 1.0
+    low, high = -12.0, 0.0  # of the exponent's decimal logarithm
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if enough(10**middle) else (low, middle)
+    return float(10**low)
+
+
+def surprises(fates: Fates, known: Known, latent: Real, log_weight: Real) -> tuple[Surprise, ...]:
+    """Return for every find, in order of time, how probable its place was given the finds and patrols before it."""
+    here = exposure.expose(fates, known.reporting, known.patrols)
+    evidence = _evidence(known, here, latent, log_weight)
+    told: list[Surprise] = []
+    before: tuple[int, ...] = ()
+    for number in sorted(range(len(known.finds)), key=lambda k: known.finds[k].time):
+        find = known.finds[number]
+        weighed = _weigh(known, here, evidence, before, exposure.found(here, find.time, before=True))
+        told.append(Surprise(find, *_odds(known, here, weighed, number)))
+        if find.false < 1:
+            before = (*before, number)
+    return tuple(told)
+
+
+def _normal(log_weight: Real) -> Real:
+    weight = np.exp(log_weight - log_weight.max())
+    return np.asarray(weight / weight.sum())
+
+
+def _per_class(fates: Fates, classes: int) -> npt.NDArray[np.int64]:
+    return np.asarray(np.bincount(fates.kind, minlength=classes) // fates.worlds)
+
+
+def _standing(fates: Fates, numbers: Numbers, probability: Real) -> Real:
+    """Return how many objects each particle of a class stands for on average, (classes,)."""
+    return np.asarray(probability @ numbers.by_class / np.maximum(_per_class(fates, numbers.shares.size), 1))
+
+
+def _by_world(fates: Fates, slot: npt.NDArray[np.int32], value: Real, classes: int) -> Real:
+    """Return sums by class and world, (classes, W)."""
+    cell = fates.kind[slot] * fates.worlds + fates.world[slot]
+    sums = np.bincount(cell, value, classes * fates.worlds).astype(float)
+    return np.asarray(sums.reshape(classes, fates.worlds))
+
+
+def _evidence(known: Known, here: Exposure, latent: Real, log_weight: Real) -> _Evidence:
+    fates, numbers = here.fates, known.numbers
+    classes = numbers.shares.size
+    n, alike = _per_class(fates, classes), borrow.likeness(latent)
+    prior = np.log(_normal(np.broadcast_to(np.asarray(log_weight, float), fates.worlds)) + 1e-300)
+    density = np.full((len(known.finds), classes, fates.worlds), -np.inf)
+    alien = np.full(len(known.finds), -np.inf)
+    for k, find in enumerate(known.finds):
+        slot, value = _found_there(known, here, k)
+        sums = _by_world(fates, slot, value, classes)
+        squares = _by_world(fates, slot, value**2, classes)
+        for c in range(classes) if find.kind is None else [find.kind]:
+            density[k, c] = np.log(borrow.rates(sums[c], squares[c], int(n[c]), alike, _full(known, find)))
+        if 0 < find.false < 1:
+            alien[k] = special.logit(find.false) + np.log(_alien(known, here, k, prior))
+    return _Evidence(density, alien, alike, prior)
+
+
+def _found_there(known: Known, here: Exposure, number: int) -> tuple[npt.NDArray[np.int32], Real]:
+    """Return slots and their densities of being found as a find was."""
+    find = known.finds[number]
+    if isinstance(find.place, AtSea):
+        slot, distance = _around(known.adrift[number], find.place)
+        area = 2 * np.pi * find.place.radius**2
+        return slot, find.place.chance / area * np.exp(-0.5 * (distance / find.place.radius) ** 2)
+    if find.by is not None:
+        rows, value = exposure.searched(here, find.place, find.by)
+    elif find.latest:
+        rows, value = exposure.reported(here, find.place, find.time)
+    else:
+        rows, value = exposure.public(here, find.place, find.time)
+    return here.slot[rows], value
+
+
+def _full(known: Known, find: Find) -> float:
+    """Return the density with which an object is found that is in the very place at the very time."""
+    if isinstance(find.place, AtSea):
+        return find.place.chance / (2 * np.pi * find.place.radius**2)
+    if find.by is not None:
+        return known.patrols[find.by].detection
+    return 1.0 if find.latest else max(float(known.reporting.rate[find.place]), 1e-300)
+
+
+def _around(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
+    """Return the slots adrift near a place at sea, and their distances from it [m]."""
+    lat = np.radians(place.lat)
+    reach = FAR * place.radius / sphere.RADIUS
+    near = (adrift.status == Status.ADRIFT) & (np.abs(adrift.lat * sphere.UNIT - lat) <= reach)
+    slot = np.flatnonzero(near).astype(np.int32)
+    lon_lat = np.radians(place.lon), lat, adrift.lon[slot] * sphere.UNIT, adrift.lat[slot] * sphere.UNIT
+    distance = sphere.distance(*lon_lat)
+    kept = distance <= FAR * place.radius
+    return slot[kept], distance[kept]
+
+
+def _alien(known: Known, here: Exposure, number: int, prior: Real) -> float:
+    """Return B: how densely finds of ours lie on average, before any of them."""
+    find, fates, numbers = known.finds[number], here.fates, known.numbers
+    each = _standing(fates, numbers, numbers.objects_prior)
+    standing = (each[fates.kind] * np.exp(prior)[fates.world]) * (1 - numbers.destroyed_prior @ numbers.destroyed)
+    if isinstance(find.place, AtSea):
+        adrift = known.adrift[number]
+        at = np.flatnonzero((adrift.status == Status.ADRIFT) & (standing > 0))
+        if at.size < 3:
+            return 1e-300
+        middle = np.radians(find.place.lon), np.radians(find.place.lat)
+        x, y = sphere.offset(*middle, adrift.lon[at] * sphere.UNIT, adrift.lat[at] * sphere.UNIT)
+        spread = np.cov(x, y, aweights=standing[at]) + find.place.radius**2 * np.eye(2)
+        area = 4 * np.pi * np.sqrt(np.linalg.det(spread))  # of an even ellipse of this covariance
+        return float(max(find.place.chance * standing[at].sum() / area, 1e-300))
+    if find.by is not None:
+        places = known.patrols[find.by].segments
+        finds = [exposure.searched(here, s, find.by) for s in places]
+        share = known.length[find.place] / known.length[list(places)].sum()
+    else:
+        places = tuple(range(known.length.size))
+        finds = [exposure.reported(here, s, known.now) for s in places]
+        drawn = known.length * known.reporting.rate
+        begun = float(fates.release.min())
+        share = drawn[find.place] / max(drawn.sum(), 1e-300)
+        share *= ((find.time - begun) if find.latest else 1.0) / max(known.now - begun, 1.0)
+    expected = sum(float(standing[here.slot[rows]] @ chance) for rows, chance in finds)
+    return float(max(expected * share, 1e-300))
+
+
+def _weigh(known: Known, here: Exposure, evidence: _Evidence, ours: tuple[int, ...], found: Real) -> Posterior:
+    """Return the posterior given some of the finds, and every particle's chance of having been found by then."""
+    fates, numbers = here.fates, known.numbers
+    classes, worlds = numbers.shares.size, fates.worlds
+    n = _per_class(fates, classes)
+    every = np.arange(fates.world.size, dtype=np.int32)
+    mean = _by_world(fates, every, found, classes) / np.maximum(n, 1)[:, None]
+    square = _by_world(fates, every, found**2, classes) / np.maximum(n, 1)[:, None]
+    share = np.empty((worlds, classes))
+    for c in range(classes):
+        share[:, c] = borrow.share(mean[c], np.maximum(square[c] - mean[c] ** 2, 0), int(n[c]), evidence.alike)
+    counted = _counted(evidence, ours, classes, worlds)
+    size = np.full((len(counted), worlds), -np.inf)
+    objects = np.full((worlds, numbers.objects.size), -np.inf)
+    destroyed = np.full((worlds, numbers.destroyed.size), -np.inf)
+    for k, (counts, log) in enumerate(counted.items()):
+        joint = log[:, None, None] + joint_of(numbers, counts, share)
+        size[k] = special.logsumexp(joint, axis=(1, 2))
+        objects = np.logaddexp(objects, special.logsumexp(joint, axis=2))
+        destroyed = np.logaddexp(destroyed, special.logsumexp(joint, axis=1))
+    log_likelihood = special.logsumexp(size, axis=0)
+    if not np.isfinite(log_likelihood).any():
+        fewest = min(sum(counts) for counts in counted)
+        raise UserError(
+            f"{fewest} objects were found, but not so many of their classes were spilled "
+            f"({numbers.objects.max()} in all); raise [spill] objects, or give finds a probability of being false"
+        )
+    weight = _normal(log_likelihood + evidence.prior)
+    with np.errstate(invalid="ignore"):
+        chosen = np.nan_to_num(np.exp(size - log_likelihood), nan=0.0)
+        objects = weight @ np.nan_to_num(np.exp(objects - log_likelihood[:, None]))
+        destroyed = weight @ np.nan_to_num(np.exp(destroyed - log_likelihood[:, None]))
+    return Posterior(
+        known, log_likelihood, weight, effective(weight), objects, destroyed, tuple(counted), chosen, found, share
+    )
+
+
+def _counted(evidence: _Evidence, ours: tuple[int, ...], classes: int, worlds: int) -> dict[Counts, Real]:
+    """Return the log of the summed densities (W,) of all ways to have so many finds of each class: one find at a time."""
+    ways: dict[Counts, Real] = {(0,) * classes: np.zeros(worlds)}
+    for k in ours:
+        ahead: dict[Counts, Real] = {}
+
+        def add(counts: Counts, log: Real, ahead: dict[Counts, Real] = ahead) -> None:
+            ahead[counts] = np.logaddexp(ahead[counts], log) if counts in ahead else log
+
+        for counts, log in ways.items():
+            for c in np.flatnonzero(np.isfinite(evidence.density[k]).any(axis=1)):
+                more = (*counts[:c], counts[c] + 1, *counts[c + 1 :])
+                add(more, log + evidence.density[k, c])
+            if np.isfinite(evidence.alien[k]):
+                add(counts, log + evidence.alien[k])
+        ways = ahead
+    return ways
+
+
+def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
+    """Return the log of prior times likelihood (W, objects, destroyed) of so many finds of each class, less densities.
+
+    share: of an object of every class to have been found, were it not destroyed, (W, classes).
+    """
+    with np.errstate(divide="ignore"):
+        joint = np.log(numbers.objects_prior)[:, None] + np.log(numbers.destroyed_prior)
+        left = np.log1p(-numbers.destroyed)
+    joint = np.repeat(joint[None], len(share), axis=0)
+    for c, found in enumerate(counts):
+        total = numbers.by_class[:, c, None]
+        lost = total < found
+        remain = np.maximum(total - found, 0)
+        ways = special.gammaln(total + 1.0) - special.gammaln(remain + 1.0) + special.xlogy(found, np.exp(left))
+        unseen = np.log1p(-np.minimum((1 - numbers.destroyed) * share[:, c, None, None], 1 - 1e-15))
+        joint = joint + np.where(lost, -np.inf, ways) + remain * unseen
+    return np.asarray(joint)
+
+
+def remaining(told: Posterior) -> Real:
+    """Return the mean number of objects of every world and class (W, classes) that are neither destroyed nor found."""
+    numbers, left = told.known.numbers, np.zeros_like(told.share)
+    destroyed = numbers.destroyed
+    for counts, chosen in zip(told.counts, told.chosen, strict=True):
+        joint = joint_of(numbers, counts, told.share)
+        peak = joint.max((1, 2), keepdims=True)
+        mass = np.exp(joint - np.where(np.isfinite(peak), peak, 0.0))
+        mass *= (chosen / np.maximum(mass.sum((1, 2)), 1e-300))[:, None, None]
+        for c, found in enumerate(counts):
+            share = np.minimum(told.share[:, c, None, None], 1 - 1e-15)
+            alive = (1 - destroyed) * (1 - share) / (1 - (1 - destroyed) * share)
+            left[:, c] += (mass * np.maximum(numbers.by_class[:, c, None] - found, 0) * alive).sum((1, 2))
+    return left
+
+
+def _odds(known: Known, here: Exposure, weighed: Posterior, number: int) -> tuple[float, float]:
+    """Return the probability of a find's place, and that of all places at most as probable."""
+    find, fates, numbers = known.finds[number], here.fates, known.numbers
+    each = _standing(fates, numbers, weighed.objects)
+    if find.kind is not None:
+        each = np.where(np.arange(each.size) == find.kind, each, 0.0)
+    standing = each[fates.kind] * weighed.weight[fates.world]
+    if isinstance(find.place, AtSea):
+        return _odds_at_sea(known.adrift[number], find.place, standing)
+    rate = np.zeros(known.length.size)
+    for s in range(rate.size) if find.by is None else known.patrols[find.by].segments:
+        if find.by is not None:
+            rows, value = exposure.searched(here, s, find.by)
+        else:
+            rows, value = (exposure.reported if find.latest else exposure.public)(here, s, find.time)
+        rate[s] = standing[here.slot[rows]] @ value
+    if not rate.sum() > 0:
+        return 0.0, 0.0
+    rate /= rate.sum()
+    mine = rate[find.place]
+    return float(mine), float(rate[rate <= mine * (1 + 1e-9)].sum())
+
+
+def _odds_at_sea(adrift: Adrift, place: AtSea, standing: Real) -> tuple[float, float]:
+    """Return the probability within a radius of a place, and that of particles where it is at most as dense."""
+    chance = np.where(adrift.status == Status.ADRIFT, standing, 0.0)
+    if not chance.sum() > 0:
+        return 0.0, 0.0
+    chance = np.cumsum(chance) / chance.sum()
+    some = np.searchsorted(chance, (np.arange(SAMPLE) + 0.5) / SAMPLE)  # an even sample, by weight
+    middle = np.radians(place.lon), np.radians(place.lat)
+    x, y = sphere.offset(*middle, adrift.lon[some] * sphere.UNIT, adrift.lat[some] * sphere.UNIT)
+    radius = 2 * place.radius**2
+    mine = float(np.exp(-(x**2 + y**2) / radius).mean())
+    dense = np.array([np.exp(-((x - a) ** 2 + (y - b) ** 2) / radius).mean() for a, b in zip(x, y, strict=True)])
+    return min(mine / 2, 1.0), float((dense - 1 / SAMPLE <= mine).mean())

@@ -1,0 +1,86 @@
+"""Complete simulated spills of those not yet found: which of a world's particles are its objects.
+
+A world's particles are exchangeable, so objects are drawn from them without replacement; those not found by now are drawn
+in proportion to the chance of not having been found. Where there are more objects than particles some stand for several.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.spill.fates import Array, Fates, Realisation
+from drift.spill.finds import Numbers, Posterior, joint_of
+
+Ints = npt.NDArray[np.int64]
+
+
+def realise(fates: Fates, posterior: Posterior, seed: int, count: int) -> list[Realisation]:
+    """Return so many complete spills: in every world N objects, less those destroyed and found, on its particles.
+
+    Each is a fair draw. They use different particles as far as there are enough.
+    """
+    rng = np.random.Generator(np.random.Philox(seed))
+    numbers = posterior.known.numbers
+    classes = numbers.shares.size
+    destroyed = np.zeros((count, fates.worlds), np.int64)
+    found = np.zeros((count, fates.worlds), np.int64)
+    afloat = np.zeros((count, fates.worlds, classes), np.int64)  # neither destroyed nor found
+    for r in range(count):
+        left, share_lost, ours = _numbers(rng, numbers, posterior)
+        lost = share_lost[:, None] / (1 - (1 - share_lost[:, None]) * np.minimum(posterior.share, 1 - 1e-15))
+        gone = rng.binomial(left, np.clip(lost, 0, 1))
+        destroyed[r], found[r], afloat[r] = gone.sum(1), ours, left - gone
+    stands = np.zeros((count, fates.world.size), np.int32)
+    for c in range(classes):
+        slots = np.flatnonzero(fates.kind == c)
+        if slots.size:
+            shape = (fates.worlds, slots.size // fates.worlds)
+            unfound = 1 - posterior.found[slots].reshape(shape)
+            stands[:, slots] = _deal(rng, unfound, afloat[:, :, c]).reshape(count, -1)
+    return [
+        Realisation(stands[r], destroyed[r].astype(np.int32), found[r].astype(np.int32)) for r in range(count)
+    ]  # fmt: skip
+
+
+def _numbers(rng: np.random.Generator, numbers: Numbers, posterior: Posterior) -> tuple[Ints, Array, Ints]:
+    """Return of every world the objects not found by class (W, classes), its share destroyed, and its finds, drawn."""
+    worlds = posterior.weight.size
+    which = (np.cumsum(posterior.chosen, axis=0) < rng.random(worlds) * posterior.chosen.sum(0)).sum(0)
+    which = np.minimum(which, len(posterior.counts) - 1)
+    left = np.zeros((worlds, numbers.shares.size), np.int64)
+    share_lost, ours = np.zeros(worlds), np.zeros(worlds, np.int64)
+    for k in np.unique(which):
+        at = np.flatnonzero(which == k)
+        joint = joint_of(numbers, posterior.counts[k], posterior.share[at]).reshape(at.size, -1)
+        peak = joint.max(1, keepdims=True)
+        mass = np.cumsum(np.exp(joint - np.where(np.isfinite(peak), peak, 0.0)), axis=1)
+        cell = np.minimum((mass < rng.random((at.size, 1)) * mass[:, -1:]).sum(1), joint.shape[1] - 1)
+        n, d = np.divmod(cell, numbers.destroyed.size)
+        counts = np.array(posterior.counts[k])
+        taken = np.minimum(counts, numbers.by_class[n])  # a world where the finds cannot be has no weight
+        left[at], share_lost[at], ours[at] = numbers.by_class[n] - taken, numbers.destroyed[d], taken.sum(1)
+    return left, share_lost, ours
+
+
+def _deal(rng: np.random.Generator, chance: Array, wanted: Ints) -> Array:
+    """Return how many objects each particle stands for, (count, W, n): `wanted` (count, W) of a world's in proportion.
+
+    Particles are passed in random order, round after round, and taken with their chance (W, n) relative to the likeliest;
+    every realisation goes on where the one before it ended.
+    """
+    count, worlds = wanted.shape
+    order = np.argsort(rng.random(chance.shape), axis=1)
+    top = chance.max(1, keepdims=True)
+    accept = np.where(top > 0, chance / np.where(top > 0, top, 1.0), 1.0)  # all surely found: any will do
+    accept = np.take_along_axis(accept, order, axis=1)
+    end = np.cumsum(wanted, axis=0)
+    stands = np.zeros((count, *chance.shape), np.int32)
+    done = np.zeros(worlds, np.int64)
+    while (done < end[-1]).any():
+        taken = rng.random(chance.shape) < accept
+        number = done[:, None] + np.cumsum(taken, axis=1)  # 1, 2, ... of those taken
+        for r in range(count):
+            stands[r] += taken & (number > (end[r] - wanted[r])[:, None]) & (number <= end[r][:, None])
+        done = number[:, -1]
+    dealt = np.empty_like(stands)
+    np.put_along_axis(dealt, np.broadcast_to(order, stands.shape), stands, axis=2)
+    return dealt

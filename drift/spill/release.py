@@ -1,0 +1,74 @@
+"""The objects of a spill: each world's particles, drawn about its release, with what that world makes of them.
+
+Every class of objects has a range of slots, world after world; a slot's world stands in the ensemble's column.
+"""
+
+import numpy as np
+
+from drift.case.case import Case
+from drift.case.spill import FEWEST_PARTICLES, Spill
+from drift.motion import ensemble as record
+from drift.motion import prior
+from drift.motion.ensemble import Ensemble
+from drift.motion.leeway import AIR_IN_WATER
+from drift.spill.worlds import Real, Worlds
+from geo.errors import UserError
+from kernels import noise, runtime
+from kernels import prior as kernel
+from kernels.coast import DeviceCoast
+
+
+def per_world(spill: Spill) -> tuple[int, ...]:
+    """Return the particles of each class in a world: in proportion to its share, at least a hundredth and about ten."""
+    share = np.maximum([kind.share for kind in spill.kinds], max(0.01, FEWEST_PARTICLES / spill.per_world))
+    ends = np.rint(np.cumsum(share / share.sum()) * spill.per_world).astype(int)
+    return tuple(int(n) for n in np.diff(ends, prepend=0))
+
+
+def draw(case: Case, spill: Spill, worlds: Worlds, coast: DeviceCoast, seed: int) -> Ensemble:
+    """Return the ensemble of a spill's worlds, each class of equal weight within.
+
+    Raises UserError when objects scattered about a release find no water.
+    """
+    counts = per_world(spill)
+    bounds = tuple(int(n) for n in np.concatenate([[0], np.cumsum(counts) * worlds.size]))
+    ensemble, key = record.empty(seed, bounds), noise.key(seed)
+    start = int(case.start.astype("datetime64[s]").astype(np.int64))
+    where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - start)]
+    factor = runtime.upload(worlds.windage.astype(np.float32))
+    log_weight = np.empty(ensemble.n, np.float32)
+    for number, (kind, count, slots) in enumerate(zip(spill.kinds, counts, ensemble.scenarios, strict=True)):
+        tries = runtime.upload(np.zeros(2, np.int64))
+        kernel.draw_objects(
+            True, *slots, count, ensemble.lon, ensemble.lat, ensemble.release, ensemble.world, tries, *key,
+            *where, spill.scatter, spill.lasting, coast.cell, coast.start, coast.edge, coast.frame,
+        )  # fmt: skip
+        failed = int(tries.to_numpy()[1])
+        if failed > 0.01 * (slots[1] - slots[0]):
+            raise UserError(
+                f"[spill] scatter: {failed:,} of {slots[1] - slots[0]:,} objects found no water about their release; "
+                "make it smaller, or check [coast] source"
+            )
+        prior.equip(ensemble, slots, key, kind.object)
+        if kind.object.immersion is not None:
+            kernel.draw_immersion(*slots, ensemble.down_slope, *key, *kind.object.immersion, AIR_IN_WATER)
+        for name in record.LEEWAY:
+            kernel.scale_windage(*slots, getattr(ensemble, name), ensemble.world, factor)
+        if kind.sinking is not None:
+            time = runtime.upload(worlds.sinking[:, number].astype(np.float32))
+            kernel.draw_sinking(
+                *slots, ensemble.sinks, ensemble.release, ensemble.world, *key, time, kind.sinking.spread
+            )
+        prior.draw_errors(case, ensemble, slots, key)
+        with np.errstate(divide="ignore"):
+            log_weight[slice(*slots)] = np.log(kind.share) - np.log(count * worlds.size)
+    share(ensemble, worlds.current_east, worlds.current_north)
+    ensemble.log_weight.from_numpy(log_weight)
+    return ensemble
+
+
+def share(ensemble: Ensemble, east: Real, north: Real) -> None:
+    """Give every particle the error of the current that its world has drawn [m/s], shape (worlds,)."""
+    world = ensemble.world.to_numpy()
+    ensemble.current_bias_east.from_numpy(east.astype(np.float32)[world])
+    ensemble.current_bias_north.from_numpy(north.astype(np.float32)[world])

@@ -1,0 +1,232 @@
+"""The worlds of a spill: what all its objects share and nobody knows, drawn once a world, as independent standard normals.
+
+Each unknown is a function of one or more latent normals, so a prior is a standard normal in every direction, cut to
+what is possible (releases in the stated area, in water); worlds can be drawn anew from any density over the latents and
+weighted by the ratio of the two (importance sampling; Cappe et al. 2004, "Population Monte Carlo",
+doi:10.1198/106186004X12803). Works on NumPy float64; nothing here touches the device.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy import special
+
+from drift.case.scenario import AreaPrior, PositionPrior, TracklinePrior
+from drift.case.spill import Spill
+from geo import sphere
+from geo.errors import UserError
+
+Array = npt.NDArray[Any]
+Real = npt.NDArray[np.float64]
+IsLand = Callable[[Array, Array], Array]
+
+PIECE = 20_000.0  # [m] of a great-circle leg with one course
+DEFENSIVE = 0.1  # share of renewed worlds that still come from the prior: keeps weights bounded (Hesterberg 1995)
+TRIES = 400  # rounds of candidates before a release is refused as lying on land
+
+
+@dataclass(frozen=True)
+class Worlds:
+    """What each world is like; arrays of shape (w,), sinking (w, classes)."""
+
+    latent: Real  # (w, k) standard normals under the prior
+    names: tuple[str, ...]  # of the latents
+    log_weight: Real  # of the prior over the density that the worlds were drawn from
+    lon: npt.NDArray[np.int32]  # of the release [binary angle]
+    lat: npt.NDArray[np.int32]
+    release: npt.NDArray[np.int64]  # [s since 1970] when it begins
+    windage: Real  # factor on all leeway
+    current_east: Real  # [m/s] error of the current
+    current_north: Real
+    sinking: Real  # [s] half-life or median time of waterlogging, by class; inf: never
+    reporting: Real  # factor on all reporting rates
+
+    @property
+    def size(self) -> int:
+        """Number of worlds."""
+        return int(self.lon.size)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A density over latents to draw worlds from: a mixture of normals, and a share of the prior."""
+
+    centre: Real  # (m, k)
+    share: Real  # (m,) sum 1
+    covariance: Real  # (k, k) of each normal
+
+    def draw(self, rng: np.random.Generator, count: int) -> Real:
+        """Return latents, shape (count, k)."""
+        chosen = rng.choice(self.share.size, count, p=self.share)
+        near = self.centre[chosen] + rng.multivariate_normal(np.zeros(self.centre.shape[1]), self.covariance, count)
+        return np.where(rng.random(count)[:, None] < DEFENSIVE, rng.standard_normal(near.shape), near)
+
+    def log_density(self, latent: Real) -> Real:
+        """Return the logarithm of the density at latents (n, k), up to the constant that `_log_prior` leaves out too."""
+        factor = np.linalg.cholesky(self.covariance)
+        scaled = np.linalg.solve(factor, latent.T).T
+        centres = np.linalg.solve(factor, self.centre.T).T
+        square = (scaled**2).sum(1)[:, None] + (centres**2).sum(1)[None] - 2 * scaled @ centres.T
+        mixture = special.logsumexp(-0.5 * square, axis=1, b=self.share) - np.log(np.diag(factor)).sum()
+        return np.asarray(np.logaddexp(math.log(1 - DEFENSIVE) + mixture, math.log(DEFENSIVE) + _log_prior(latent)))
+
+
+def around(worlds: Worlds, weight: Real) -> Proposal:
+    """Return a density about weighted worlds: a normal at each, as wide as the rule of Silverman (1986, eq. 4.15) has it."""
+    kept = np.flatnonzero(weight > 0)
+    share, centre = weight[kept] / weight[kept].sum(), worlds.latent[kept]
+    effective, k = 1 / (share**2).sum(), centre.shape[1]
+    mean = share @ centre
+    spread = (centre - mean).T @ ((centre - mean) * share[:, None])
+    width = (4 / ((k + 2) * effective)) ** (1 / (k + 4))
+    covariance = width**2 * (spread + 1e-4 * np.eye(k))
+    shrink = math.sqrt(
+        1 - min(width, 0.95) ** 2
+    )  # centres drawn in, so that the mixture is as wide as they were (West 1993)
+    return Proposal(mean + shrink * (centre - mean), share, covariance)
+
+
+def normal(log_weight: Real) -> Real:
+    """Return weights of sum 1 from their logarithms."""
+    weight = np.exp(log_weight - log_weight.max())
+    return np.asarray(weight / weight.sum())
+
+
+def _log_prior(latent: Real) -> Real:
+    return np.asarray(-0.5 * (latent**2).sum(1))
+
+
+def draw(
+    spill: Spill, seed: int, is_land: IsLand, proposal: Proposal | None = None, count: int | None = None
+) -> Worlds:
+    """Return worlds from the prior, or from a proposal and weighted for it.
+
+    is_land: int32 binary angles (lon, lat) -> bool. Raises UserError when next to no release lies in water.
+    """
+    rng = np.random.Generator(np.random.Philox(key=seed))
+    model = _Model(spill)
+    wanted = count or spill.worlds
+    kept: list[Real] = []
+    have = 0
+    for _ in range(TRIES):
+        latent = rng.standard_normal((wanted, len(model.names))) if proposal is None else proposal.draw(rng, wanted)
+        lon, lat, possible = model.place(latent)
+        possible &= ~is_land(lon, lat)
+        kept.append(latent[possible])
+        have += int(possible.sum())
+        if have >= wanted:
+            break
+    else:
+        raise UserError(
+            f"[spill]: its release lies on land, or in too thin an area: {have} of {TRIES * wanted:,} draws lay in water; "
+            "move or widen it, or check [coast] source"
+        )
+    latent = np.concatenate(kept)[:wanted]
+    log_weight = np.zeros(wanted) if proposal is None else _log_prior(latent) - proposal.log_density(latent)
+    return model.worlds(latent, log_weight)
+
+
+class _Model:
+    """How the latents of a spill become its unknowns; only what is uncertain has a latent."""
+
+    def __init__(self, spill: Spill) -> None:
+        self.spill = spill
+        prior = spill.prior
+        if isinstance(prior, PositionPrior):
+            names = ["release_x", "release_y"] if prior.major > 0 else []
+            names += ["displacement", "displacement_direction"] if prior.displacement else []
+        elif isinstance(prior, AreaPrior):
+            names = ["release_x", "release_y"]
+        else:
+            names = ["voyage", "cross_track"]
+        if not isinstance(prior, TracklinePrior) and prior.release_end > prior.release_start:
+            names.append("release_time")
+        names += ["windage"] if spill.windage_bias > 0 else []
+        names += ["current_east", "current_north"] if spill.current_bias > 0 else []
+        for kind in spill.kinds:
+            if kind.sinking and kind.sinking.time[1] > kind.sinking.time[0]:
+                names.append(f"sinking {kind.name}")
+        names += ["reporting"] if spill.reporting_bias > 0 else []
+        self.names = tuple(names)
+
+    def of(self, latent: Real, name: str) -> Real:
+        """Return one latent, 0 where there is none."""
+        return latent[:, self.names.index(name)] if name in self.names else np.zeros(len(latent))
+
+    def place(self, latent: Real) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
+        """Return releases [binary angle] and whether they are possible by the stated prior."""
+        prior = self.spill.prior
+        x, y = self.of(latent, "release_x"), self.of(latent, "release_y")
+        possible = np.ones(len(latent), bool)
+        if isinstance(prior, PositionPrior):
+            along, across = prior.major * x, prior.minor * y
+            s, c = math.sin(prior.orientation), math.cos(prior.orientation)
+            lon, lat = sphere.destination(prior.lon, prior.lat, along * s + across * c, along * c - across * s)
+            if prior.displacement:
+                (near, far), (begin, end) = prior.displacement.distance, prior.displacement.direction
+                length = near + (far - near) * special.ndtr(self.of(latent, "displacement"))
+                bearing = begin + (end - begin) * special.ndtr(self.of(latent, "displacement_direction"))
+                lon, lat = sphere.destination(lon, lat, length * np.sin(bearing), length * np.cos(bearing))
+        elif isinstance(prior, AreaPrior):
+            shape = shapely.Polygon(np.column_stack([prior.lon, prior.lat]))
+            west, south, east, north = shape.bounds
+            lon = west + (east - west) * special.ndtr(x)
+            lat = np.arcsin(np.sin(south) + (np.sin(north) - np.sin(south)) * special.ndtr(y))  # uniform in true area
+            possible = shapely.contains_xy(shape, lon, lat)
+        else:
+            lon, lat = self._on_track(prior, latent)
+        return sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat)), possible
+
+    def _share(self, prior: TracklinePrior, latent: Real) -> Real:
+        """Return the share of the voyage done."""
+        u, low, high = special.ndtr(self.of(latent, "voyage")), prior.low, prior.high
+        if prior.mode is None:
+            return np.asarray(low + (high - low) * u)
+        peak = (prior.mode - low) / (high - low)
+        rising, falling = np.sqrt(u * peak), 1 - np.sqrt((1 - u) * (1 - peak))
+        return np.asarray(low + (high - low) * np.where(u < peak, rising, falling))
+
+    def _on_track(self, prior: TracklinePrior, latent: Real) -> tuple[Real, Real]:
+        x, y = sphere.track(prior.lon, prior.lat, PIECE)
+        east, north = sphere.offset(x[:-1], y[:-1], x[1:], y[1:])
+        length = np.hypot(east, north)
+        done = np.concatenate([[0.0], np.cumsum(length)])
+        way = self._share(prior, latent) * done[-1]
+        piece = np.clip(np.searchsorted(done, way, side="right") - 1, 0, length.size - 1)
+        e, n = east[piece] / length[piece], north[piece] / length[piece]
+        along, off = way - done[piece], prior.cross_track * self.of(latent, "cross_track")
+        return sphere.destination(x[piece], y[piece], along * e + off * n, along * n - off * e)
+
+    def worlds(self, latent: Real, log_weight: Real) -> Worlds:
+        """Return the worlds of latents."""
+        spill, prior = self.spill, self.spill.prior
+        lon, lat, _ = self.place(latent)
+        if isinstance(prior, TracklinePrior):
+            begin, span = prior.departure, (prior.arrival - prior.departure) / np.timedelta64(1, "s")
+            share = self._share(prior, latent)
+        else:
+            begin, span = prior.release_start, (prior.release_end - prior.release_start) / np.timedelta64(1, "s")
+            share = special.ndtr(self.of(latent, "release_time")) if "release_time" in self.names else 0 * log_weight
+        sinking = np.full((len(latent), len(spill.kinds)), np.inf)
+        for k, kind in enumerate(spill.kinds):
+            if kind.sinking:
+                low, high = np.log(kind.sinking.time)
+                sinking[:, k] = np.exp(low + (high - low) * special.ndtr(self.of(latent, f"sinking {kind.name}")))
+        return Worlds(
+            latent=latent,
+            names=self.names,
+            log_weight=log_weight,
+            lon=lon,
+            lat=lat,
+            release=begin.astype("datetime64[s]").astype(np.int64) + np.rint(share * float(span)).astype(np.int64),
+            windage=np.exp(spill.windage_bias * self.of(latent, "windage")),
+            current_east=spill.current_bias * self.of(latent, "current_east"),
+            current_north=spill.current_bias * self.of(latent, "current_north"),
+            sinking=sinking,
+            reporting=np.exp(spill.reporting_bias * self.of(latent, "reporting")),
+        )
