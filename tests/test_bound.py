@@ -15,6 +15,7 @@ from drift.planner import tracks as record
 from drift.planner.tracks import Tracks
 from drift.search import detection
 from drift.search.sortie import Law, Survival, Unit
+from geo import sphere
 from kernels import allocate, rectangles, sweeps
 
 STD = 5 * NMI
@@ -56,6 +57,23 @@ def test_a_circular_normal(u: float) -> None:
     for law, optimum in [*optima, (Law(), filled(u, any_legs))]:
         assert 1 < found(u, law).value / optimum < 1.05
     assert filled(u, lambda c: detection.pod(Law(), c)) < filled(u, any_legs)  # parallel sweeps find less
+
+
+@pytest.mark.parametrize("grows", [4.0, 0.25])
+def test_a_circular_normal_that_grows_or_shrinks(grows: float) -> None:
+    """As Koopman's that stands still, an hour's search counting by 1 over the square of how wide the cloud is then: 1 / grows in all."""
+    u, std = 1.1, 20 * NMI
+    still = cloud(2**14, std, bins=48)
+    wide = np.linspace(1, grows, 49)[:, None]
+    x, y = sphere.offset(*np.radians(PLACE), *(np.radians(sphere.to_degrees(v[0])) for v in (still.lon, still.lat)))
+    lon, lat = sphere.destination(*np.radians(PLACE), x * wide, y * wide)
+    some = replace(still, lon=sphere.to_binary(np.degrees(lon)), lat=sphere.to_binary(np.degrees(lat)))
+    one = unit(speed_for(u, std, 4, NMI) * grows, 4, NMI, Law("random"))
+    optimum = 1 - (1 + u) * np.exp(-u)
+    value = bound.bound(some, [one], spec(), [None]).value
+    # Above it by what a standing cloud's is, and by bins that count as when the cloud is densest in them; particles' own speed is 1.3 % of the unit's.
+    w = u * np.sqrt(max(grows, 1 / grows) ** (1 / bound.FEWEST) * 1.013)
+    assert optimum < value < 1.05 * (1 - (1 + w) * np.exp(-w))
 
 
 def test_few_particles_leave_it_above() -> None:
