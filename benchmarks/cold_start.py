@@ -23,7 +23,8 @@ import json, sys, time
 from pathlib import Path
 begin = time.perf_counter()
 import drift
-from drift import flow, maps
+from drift import flow
+from drift.forecast import maps
 imported = time.perf_counter() - begin
 result = drift.run(drift.load(sys.argv[1]), Path(sys.argv[2]))
 phases = {"import": imported, **result.summary["wall_time_s"]}

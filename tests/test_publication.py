@@ -354,7 +354,7 @@ def test_a_living_owner_keeps_its_folder_and_a_killed_one_does_not(tmp_path: Pat
     program = """
         import sys, time
         from pathlib import Path
-        from drift import publication
+        from drift.output import publication
         with publication.staged(Path(sys.argv[1])) as stage:
             (stage.new / "map.png").write_text("half")
             print("ready", flush=True)
