@@ -8,9 +8,8 @@ import numpy as np
 
 from geo.layout import Array, Index
 
-MOST = (
-    2**28
-)  # [bytes] of one component, and of all finished slices; the slice that was last asked for longest ago goes first
+# [bytes] Of one component, and of all finished slices; the slice that was last asked for longest ago goes first.
+MOST = 2**28
 
 
 class Kept:

@@ -18,9 +18,8 @@ from kernels import runtime
 
 Launch = Callable[..., None]
 
-_known: dict[
-    tuple, tuple[Any, Any]
-] = {}  # by kernel and compile-time arguments: what was compiled, and its machine code
+# By kernel and compile-time arguments: what was compiled, and its machine code.
+_known: dict[tuple, tuple[Any, Any]] = {}
 
 
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:

@@ -25,9 +25,8 @@ from geo.shore import Shore
 FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
 STRONGEST_WIND = 25.0  # [m/s]
 COAST_MARGIN = 0.25  # [deg] more than a step
-FINEST_SHARE = (
-    1 / 8
-)  # of a box's width or height: the lattice on which the part of a source that is read for it ends is no coarser
+# Of a box's width or height: the lattice on which the part of a source that is read for it ends is no coarser.
+FINEST_SHARE = 1 / 8
 COARSEST = 4.0  # [deg] of that lattice
 PIECE = 50_000.0  # [m] how finely a voyage is followed for its box
 NEAR_REPORT = 1.0  # [deg] about a reported position that its place on land or water is told from
