@@ -19,11 +19,11 @@ import numpy as np
 from scipy import stats
 
 import drift
-from drift.motion import environment, forecast, landings, start
+from drift.motion import environment, simulate, start
 from drift.motion.prior import elapsed
 from drift.motion.spool import Spool
-from drift.spill import aftermath, evidence, finds
-from drift.spill.realise import realise
+from drift.spill import evidence, finds, renewal, strandings
+from drift.spill.realisations import realise
 from kernels import runtime
 
 FINDS = (0, 1, 5, 20)
@@ -41,7 +41,7 @@ class Bank:
     """Worlds that have been drifted."""
 
     case: drift.Case
-    fates: aftermath.Fates
+    fates: renewal.Fates
     worlds: object
     segments: object
     coast: object
@@ -52,12 +52,12 @@ def bank(seed: int, worlds: int) -> Bank:
     case = drift.load("gulf_containers", {**CASE, "spill.worlds": str(worlds), "seed": str(seed)})
     where = environment.open_for(case)
     begin = start.prepare(case, where)
-    book = landings.Landings(begin.ensemble, False)
+    book = strandings.Landings(begin.ensemble, False)
     outputs = np.array([elapsed(case, t) for t in case.outputs])
-    moments = forecast.run(begin.ensemble, begin.scene, begin.clock, outputs, watch=book.watch)
+    moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, watch=book.watch)
     segments = evidence.cut(case.spill, where.coast)
     with Spool(case, begin.ensemble, moments) as snapshots:
-        fates = aftermath._fates(case.spill, aftermath.Drifted(begin, snapshots, book), segments)
+        fates = renewal._fates(case.spill, renewal.Drifted(begin, snapshots, book), segments)
     begin.scene.forcing.close()
     return Bank(case, fates, begin.worlds, segments, where.coast)
 
@@ -172,9 +172,9 @@ def main() -> None:
         told = f"effective worlds: median {np.median(sizes):.0f}, least {min(sizes):.0f}; {time.perf_counter() - begin:.0f} s"
         print(line(f"{count} finds", total, stretch), told, flush=True)
         # A run would draw worlds anew for the others; which they are depends on what was found alone, so ranks stay uniform.
-        enough = [k for k, size in enumerate(sizes) if size >= aftermath.FEWEST]
+        enough = [k for k, size in enumerate(sizes) if size >= renewal.FEWEST]
         total, stretch = [total[k] for k in enough], [stretch[k] for k in enough]
-        print(line(f"{count} finds, where {aftermath.FEWEST:.0f} worlds count", total, stretch), flush=True)
+        print(line(f"{count} finds, where {renewal.FEWEST:.0f} worlds count", total, stretch), flush=True)
         shown[f"{count} finds, total"], shown[f"{count} finds, stretches"] = total, [r for one in stretch for r in one]
     print(line("without worlds", shown["total alone"], [[r] for r in shown["stretch alone"]]))
     if given.picture:

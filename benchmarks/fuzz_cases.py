@@ -18,7 +18,7 @@ from typing import Any
 
 import watched
 
-from drift.case.case import tomllib
+from drift.case.file import tomllib
 
 EVERYTHING = """
 title = "everything"
@@ -178,12 +178,12 @@ def written(data: dict[str, Any]) -> str:
 def tried(text: str, folder: Path, run: bool) -> str:
     """Load a case, check it and, if so wanted, run it and read back what it wrote; return what came of that."""
     import drift
-    from drift import check
+    from drift import preview
 
     path = folder / "case.toml"
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     case = drift.load(path)
-    check.understood(replace(case, particles=min(case.particles, 400)))
+    preview.understood(replace(case, particles=min(case.particles, 400)))
     if not run:
         return "checked"
     out = folder / "out"

@@ -13,7 +13,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parents[1] / "tests"), str(Path(__file__).parents[1])]
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT / "tests" / "oracles"), str(ROOT / "tests" / "geo" / "files"), str(ROOT)]
 
 import numpy as np
 import test_grib
@@ -64,7 +65,7 @@ def grib(path: Path, edition: int) -> Path:
 
 def truth(path: Path) -> list[np.ndarray]:
     """Return all slices of all that a file holds, as `drift info` would read them."""
-    from geo import describe
+    from geo.forcing import describe
 
     found = []
     for source in describe.understand([path]):

@@ -1,7 +1,7 @@
 """What a hundred servers that answer wrongly do to us: a line, a traceback, a crash or a hang.
 
-Each answer is a good one, damaged in one of many ways (`tests/hostile.py`), the same for the same seed. All slices are
-read, as `drift info` does. With --direct the netCDF library works in the process that reads, as it would without `geo.address`.
+Each answer is a good one, damaged in one of many ways (`tests/oracles/hostile.py`), the same for the same seed. All slices are
+read, as `drift info` does. With --direct the netCDF library works in the process that reads, as it would without `geo.files.address`.
 
 python benchmarks/fuzz_server.py [--answers 100] [--seed 0] [--direct]
 """
@@ -10,7 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parents[1] / "tests")]
+sys.path[:0] = [str(Path(__file__).parents[1] / "tests" / "oracles")]
 
 import hostile
 import watched
@@ -20,7 +20,8 @@ TIMEOUT = 2.0  # [s] of a source
 
 def read_all(numbers: list[int], direct: bool) -> None:
     """Read answers of hostile servers, one a number."""
-    from geo import address, forcing
+    from geo.files import address
+    from geo.forcing import sources
 
     if direct:
         import xarray as xr
@@ -33,7 +34,7 @@ def read_all(numbers: list[int], direct: bool) -> None:
         with hostile.serving(answer) as url:
 
             def make(url: str = url) -> str:
-                source = forcing.open_source("current", url, timeout=TIMEOUT)
+                source = sources.open_source("current", url, timeout=TIMEOUT)
                 for i in range(len(source.times)):
                     source.read(i)
                 return "read as if nothing were wrong"

@@ -12,7 +12,7 @@ import numpy as np
 import drift
 from drift.motion.prior import elapsed
 from drift.spill import finds, washup
-from drift.spill.realise import realise
+from drift.spill.realisations import realise
 
 
 def main() -> None:

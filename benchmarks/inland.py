@@ -13,9 +13,9 @@ import numpy as np
 
 import drift
 from drift.motion import ensemble as record
-from drift.motion import environment, forecast, prior, start
-from geo import coast as shoreline
+from drift.motion import environment, prior, simulate, start
 from geo import sphere
+from geo.coast import edges as shoreline
 from kernels import runtime
 
 CASE = """
@@ -55,7 +55,7 @@ def main(particles: int = 1_000_000, hours: int = 60) -> None:
     run = start.prepare(case, where)
     outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
     begin, inland, tested = time.perf_counter(), 0, 0
-    for moment in forecast.run(run.ensemble, run.scene, run.clock, outputs):
+    for moment in simulate.run(run.ensemble, run.scene, run.clock, outputs):
         land = shoreline.is_land(coast, moment.lon, moment.lat)
         inland, tested = inland + int(land.sum()), tested + land.size
     run.scene.forcing.close()

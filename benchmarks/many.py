@@ -19,8 +19,8 @@ import numpy as np
 import xarray as xr
 
 import drift
-from drift.forecast import products
-from drift.motion import environment, forecast, prior, start
+from drift.forecast import build as forecast_build
+from drift.motion import environment, prior, simulate, start
 
 CASE = """
 start = "2026-11-21T00:00Z"
@@ -42,9 +42,9 @@ PLACES = {"open sea, no coast": (1.0, 61.0, "none"), "Norwegian coast": (4.55, 6
 PHASES = (
     (environment, "open_for"),
     (start, "prepare"),
-    (forecast, "choose_step"),
+    (simulate, "choose_step"),
     (prior, "draw"),
-    (products, "begin"),
+    (forecast_build, "begin"),
 )
 
 

@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 
 import drift
-from drift.case.case import Case
-from drift.search.sortie import Unit
+from drift.case.file import Case
+from drift.search.records import Unit
 
 NMI = 1852.0
 LON, LAT = -30.0, 45.0

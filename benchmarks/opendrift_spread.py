@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 import drift
-from drift.motion import environment, forecast, start
+from drift.motion import environment, simulate, start
 from geo import sphere
 from kernels import runtime
 
@@ -58,7 +58,7 @@ def ours(folder: str, each: int, seed: int = 1) -> dict[str, np.ndarray]:
         file.flush()
         case = drift.load(file.name)
     run = start.prepare(case, environment.open_for(case))
-    (end,) = forecast.run(run.ensemble, run.scene, run.clock, np.array([86_400]))
+    (end,) = simulate.run(run.ensemble, run.scene, run.clock, np.array([86_400]))
     xy = plane(end.lon * sphere.UNIT, end.lat * sphere.UNIT)
     return {name: xy[a:b] for name, (a, b) in zip(CLASSES, run.ensemble.scenarios, strict=True)}
 

@@ -29,12 +29,12 @@ from rich.console import Console
 from rich.table import Table
 
 from drift import flow
-from drift.case.case import Case
-from drift.planner import bound, follow, optimise, planning, rectangle, together
-from drift.planner import reach as reaches
-from drift.planner import tracks as record
-from drift.planner.tracks import Tracks
-from drift.search.sortie import Law, PlanSpec, Survival, Unit
+from drift.case.file import Case
+from drift.planner import availability as reaches
+from drift.planner import bound, follow, joint, optimiser, planner, rectangle
+from drift.planner import planning_tracks as record
+from drift.planner.planning_tracks import Tracks
+from drift.search.records import Law, PlanSpec, Survival, Unit
 from geo import sphere
 from geo.errors import UserError
 from kernels import rectangles, runtime, sweeps
@@ -114,7 +114,7 @@ def by_hand(
     time = tracks.time - tracks.time[0]
     value = np.where(tracks.adrift, bound.worth(tracks, survival, spec.objective), -1.0)
     swarm = rectangles.swarm(time, x, y, value, tracks.scenario)
-    factor, weights = together.nodes(units)
+    factor, weights = joint.nodes(units)
     left, finds = tracks.weight.copy(), []
     few = np.linspace(0, tracks.m - 1, min(tracks.m, 4000)).astype(int)
     for u, unit in enumerate(units):
@@ -181,9 +181,9 @@ def by_hand(
                 break
         if len(nodes) > 1:
             chance, worth = sweeps.found(swarm, crew.table, np.array(nodes), crew.width, crew.factor)
-            finds.append(together.Find((nodes[0][0] + nodes[-1][0]) / 2, chance, worth))
+            finds.append(joint.Find((nodes[0][0] + nodes[-1][0]) / 2, chance, worth))
             left *= 1 - chance @ weights
-    return float(tracks.weight @ together.worth(finds, weights)) if finds else 0.0
+    return float(tracks.weight @ joint.worth(finds, weights)) if finds else 0.0
 
 
 def aimed(case: Case, tracks: Tracks, goal: float) -> Case:
@@ -212,7 +212,7 @@ def move(number: int, particles: int, threads: int | None) -> dict[str, object]:
     several = [replace(unit, endurance=unit.endurance * made.plan.rounds) for unit in made.units]
     limit = bound.bound(tracks, several, made.plan, survival).value
     middle = time.perf_counter()
-    plan, _, _ = planning.scheme(made, where, clock, lambda phase, share: None)
+    plan, _, _ = planner.scheme(made, where, clock, lambda phase, share: None)
     end = time.perf_counter()
     hands = {manner: by_hand(tracks, made.units, made.plan, manner, survival) for manner in MANNERS}
     return {
@@ -285,7 +285,7 @@ def main() -> None:
         clock = time.perf_counter()
         limit = bound.bound(tracks, units, spec, [None])
         middle = time.perf_counter()
-        made = optimise.plan(tracks, units, spec, number, [None])
+        made = optimiser.plan(tracks, units, spec, number, [None])
         end = time.perf_counter()
         hands = [by_hand(tracks, units, spec, manner, [None]) for manner in MANNERS]
         shares.append(made.seen / limit.value)

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 import drift
-from drift.planner import courses, planning, subareas
-from geo import shore
+from drift.planner import courses, planner, subareas
 from geo.box import Box
+from geo.coast import shore
 
 CASE = """
 title = "Skiff missing in the skerries north-west of Bergen (synthetic wind and current)"
@@ -144,7 +144,7 @@ def main() -> None:
         path = Path(folder) / "skerries.toml"
         path.write_text(CASE)
         out = sys.argv[1] if len(sys.argv) > 1 else None
-        made, result = planning.plan(drift.load(path), out, overwrite=True)
+        made, result = planner.plan(drift.load(path), out, overwrite=True)
     land = shore.land("gshhg", Box(3.5, 59.5, 6.5, 61.5)).polygons
     print(f"POS {made.pos:.3f}; {'; '.join(made.said) or 'nothing to say of boats'}")
     for one in made.taskings:

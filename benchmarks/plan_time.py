@@ -18,9 +18,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from drift.case import case
+from drift.case import file as case_file
 from drift.motion import environment
-from drift.planner import bound, follow, optimise
+from drift.planner import bound, follow, optimiser
 from kernels import runtime
 
 TEXT = """
@@ -90,7 +90,7 @@ def main() -> None:
         wall = time.perf_counter() - begin
         phases = json.loads((out / "summary.json").read_text())["wall_time_s"]
         plan = json.loads((out / "plan.json").read_text())
-        told = case.load(path, {"particles": str(int(given.particles))})
+        told = case_file.load(path, {"particles": str(int(given.particles))})
         table = Table("phase", "s", title=f"drift plan, {int(given.particles):,} particles, 12 h, 4 units")
         for phase, seconds in phases.items():
             table.add_row(phase, f"{seconds:.1f}")
@@ -106,7 +106,7 @@ def main() -> None:
         most = bound.bound(tracks, told.units, told.plan, survival)
         found, begin = [], time.perf_counter()
         while not found or time.perf_counter() - begin < 60 * given.minutes:
-            found.append(optimise.plan(tracks, told.units, told.plan, told.seed + 1 + len(found), survival).seen)
+            found.append(optimiser.plan(tracks, told.units, told.plan, told.seed + 1 + len(found), survival).seen)
         spread = Table(
             "first", "best", "first / best", "median / best", "worst / best", "bound", title=f"{len(found)} plans"
         )

@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from drift.motion import ensemble as record
-from drift.search import detection, paths, patterns
-from drift.search.sortie import Law
+from drift.search import laws, patterns, sensor_path
+from drift.search.records import Law
 from geo import sphere
 from kernels import runtime, sweep
 
@@ -32,7 +32,7 @@ def main() -> None:
     runtime.start("cpu", given.threads)
     n = int(given.particles)
     pattern = patterns.parallel((4.0, 58.0), 24 * NMI, 20 * NMI, 0.6, NMI, 0.0, 150 * NMI / HOUR)
-    path = paths.of_legs(pattern.legs, 0)
+    path = sensor_path.of_legs(pattern.legs, 0)
     legs, span = len(pattern.legs.time) - 1, int(np.ceil(path.time[-1]))
     random = np.random.default_rng(1)
     east, north = random.normal(0, 8 * NMI, (2, n))
@@ -44,9 +44,9 @@ def main() -> None:
     ensemble.lat.from_numpy(sphere.to_binary(np.degrees(later[1])))
     ensemble.status.fill(0)
     track = path.between(0, span, 0, None, (0.0, 0.0))
-    at_lon, at_lat, ring = paths.ring(pattern.area)
-    place = paths.standing(at_lon, at_lat, 0, span).between(0, span, 0, None, (0.0, 0.0))
-    curve = np.stack(detection.table(Law("m_beta", 0.8)), axis=1).reshape(-1)
+    at_lon, at_lat, ring = sensor_path.ring(pattern.area)
+    place = sensor_path.standing(at_lon, at_lat, 0, span).between(0, span, 0, None, (0.0, 0.0))
+    curve = np.stack(laws.table(Law("m_beta", 0.8)), axis=1).reshape(-1)
     exposure = runtime.empty(n)
     jobs = {
         "inverse cube": (sweep.CUBE, track, np.zeros(1), np.zeros(1), legs),
@@ -64,7 +64,7 @@ def main() -> None:
             best = min(best, time.perf_counter() - begin)
         table.add_row(name, str(count), str(len(way.time) - 1), f"{1e3 * best:.0f}", f"{1e9 * best / n / count:.2f}")
     weight = runtime.empty(n)
-    for factors in (1, detection.NODES):
+    for factors in (1, laws.NODES):
         shared, chances = runtime.empty(n * factors), np.full(factors, 1 / factors, np.float32)
         best = np.inf
         for _ in range(TIMES):

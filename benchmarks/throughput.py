@@ -21,10 +21,11 @@ from rich.console import Console
 from rich.table import Table
 
 from drift.motion import ensemble as record
-from geo import coast as shoreline
-from geo import shore, sphere
+from geo import sphere
 from geo.box import Box
-from geo.grid import Grid
+from geo.coast import edges as shoreline
+from geo.coast import shore
+from geo.grids.grid import Grid
 from kernels import advance as kernel
 from kernels import coast as device_coast
 from kernels import runtime

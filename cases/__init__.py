@@ -1,1 +1,1 @@
-"""Runnable cases as data; drift.case.case finds them by name."""
+"""Runnable cases as data; drift.case.file finds them by name."""

@@ -20,16 +20,16 @@ from typing import Any
 # Public names and where they live; found on first use, so that `drift --help` does not wait for Taichi.
 _HOMES = {
     "Brief": "drift.many",
-    "Case": "drift.case.case",
+    "Case": "drift.case.file",
     "Result": "drift.flow",
     "UserError": "geo.errors",
     "fit_errors": "drift.drifters.fitting",
-    "load": "drift.case.case",
+    "load": "drift.case.file",
     "results": "drift.output.publication",
     "run": "drift.flow",
     "run_many": "drift.many",
     "trace": "drift.flow",
-    "vary": "drift.case.case",
+    "vary": "drift.case.file",
     "verify": "drift.drifters.verification",
 }
 __all__ = [

@@ -10,20 +10,21 @@ from typing import Any
 import numpy as np
 
 from drift import summary
-from drift.backtrack.origin import Origin
+from drift.backtrack.backward import Origin
 from drift.case import uncertainty, units
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.case.scenario import AreaPrior, PositionPrior
 from drift.forecast import tables
-from drift.forecast.products import Forecast
+from drift.forecast.build import Forecast
 from drift.motion.environment import Environment
-from drift.planner import fleet, patrolling
-from drift.planner.patrolling import PatrolPlan
-from drift.planner.tasking import Plan
-from drift.search.suspend import Suspension
+from drift.patrols import planner as patrol_planner
+from drift.patrols.planner import PatrolPlan
+from drift.planner import fleet
+from drift.planner.records import Plan
 from drift.search.updates import Updates
-from drift.spill import aftermath
-from drift.spill.aftermath import Aftermath
+from drift.spill import renewal
+from drift.spill.renewal import Aftermath
+from drift.suspend.decision import Suspension
 
 Figure = Callable[[Path], None]
 
@@ -40,13 +41,14 @@ def figures(
     planned: PatrolPlan | None = None,
 ) -> dict[str, Figure]:
     """Return, by file name, what draws each picture to a path."""
-    from drift.forecast import (  # here: Matplotlib and Cartopy take a second to import, and a run without files needs neither
-        layers,
-        maps,
-    )
-    from drift.planner import plan_map, unit_sheet
-    from drift.search import evidence_map, search_map, suspend_chart
-    from drift.spill import washup_map
+    from drift.forecast import layers
+    from drift.forecast import map as forecast_map
+    from drift.planner import map as plan_map
+    from drift.planner import unit_sheet
+    from drift.search import evidence_map
+    from drift.search import map as search_map
+    from drift.spill import map as washup_map
+    from drift.suspend import map as suspend_map
 
     attributes = summary.attributes(case, where)
     known_as, short = ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
@@ -59,11 +61,11 @@ def figures(
         alone = len(stories) == 1
         if isinstance(prior, PositionPrior):
             label = known_as if alone else f"{short}, {scenario.name}"
-            marks.append(maps.Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
+            marks.append(forecast_map.Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
         else:
             lon = np.degrees(np.unwrap(prior.lon)).tolist()
             closed = isinstance(prior, AreaPrior)
-            lines.append(maps.Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
+            lines.append(forecast_map.Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
     coast = where.coast.polygons if where.coast is not None else None
     common: dict[str, Any] = {
         "title": case.title if plan is None else f"If this plan finds nothing: {case.title}",
@@ -77,7 +79,7 @@ def figures(
     drawn = {
         "map.png": _kept(
             partial(
-                maps.draw_map,
+                forecast_map.draw_map,
                 forecast,
                 lines=lines,
                 known_as=known_as,
@@ -86,24 +88,24 @@ def figures(
                 **common,
             )
         ),
-        "snapshots.png": _kept(partial(maps.draw_snapshots, forecast, **common)),
+        "snapshots.png": _kept(partial(forecast_map.draw_snapshots, forecast, **common)),
     }
     if after is not None:
         rest = {name: value for name, value in common.items() if name != "particles"}
         numbered = enumerate(after.posterior.known.finds, 1)
-        found = [layers.Mark(*aftermath.position(after, find), f"{k}") for k, find in numbered]
+        found = [layers.Mark(*renewal.position(after, find), f"{k}") for k, find in numbered]
         walked = [
             washup_map.Patrolled(told["name"], told["time"], told["detection"], told["segments"])
-            for told in aftermath.patrols(after.spill, after.segments)
+            for told in renewal.patrols(after.spill, after.segments)
         ]
-        rest |= {"finds": found, "patrols": walked, "warning": aftermath.warning(after)}
+        rest |= {"finds": found, "patrols": walked, "warning": renewal.warning(after)}
         drawn["washup.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
         if planned is not None:
             rest["patrols"] = [
                 washup_map.Patrolled(
                     slot.team.name, slot.when, slot.team.detection, [visit.segment for visit in visits]
                 )
-                for slot, visits in patrolling.by_patrol(planned)
+                for slot, visits in patrol_planner.by_patrol(planned)
             ]
             rest |= {"title": f"Planned patrols: {case.title}", "patrolled": "planned patrol", "near": True}
             drawn["patrols.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
@@ -124,7 +126,7 @@ def figures(
             drawn[name] = _kept(sheet)
     if told is not None:
         bare = {name: common[name] for name in ("footer", "attributes", "caution")}
-        drawn["suspend.png"] = _kept(partial(suspend_chart.draw, told, title=case.title, **bare))
+        drawn["suspend.png"] = _kept(partial(suspend_map.draw, told, title=case.title, **bare))
     return drawn
 
 
@@ -143,7 +145,7 @@ def caution(case: Case) -> str:
 
 def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[str, Figure]:
     """Return, by file name, what draws where a spill may have come from."""
-    from drift.backtrack import origin_map
+    from drift.backtrack import map as origin_map
     from drift.forecast import layers
 
     assert case.spill is not None

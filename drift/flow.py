@@ -12,30 +12,35 @@ from typing import Any
 import numpy as np
 
 from drift import figures, summary, turns
-from drift.backtrack import origin
-from drift.case.case import Case
-from drift.forecast import effective, off_grid, products, tables
-from drift.forecast.products import Forecast
+from drift.backtrack import backward
+from drift.case.file import Case
+from drift.forecast import build as forecast_build
+from drift.forecast import effective, off_grid, tables
+from drift.forecast.build import Forecast
 from drift.motion import ensemble as record
-from drift.motion import environment, forecast, prior, silence, start, weights
+from drift.motion import environment, prior, silence, simulate, start, weights
 from drift.motion.environment import Environment
-from drift.motion.landings import Landings
 from drift.motion.snapshot import Snapshot
 from drift.motion.spool import Spool
 from drift.motion.start import Start
 from drift.motion.status import Status
-from drift.output import output
-from drift.planner import patrol_files, patrolling, plan_text
-from drift.planner.patrolling import PatrolPlan
-from drift.planner.tasking import Plan
-from drift.search import search_tables, suspend, suspend_text
-from drift.search.search import Search
-from drift.search.standing import Standing, standing
+from drift.output import writer
+from drift.patrols import files as patrol_files
+from drift.patrols import planner as patrol_planner
+from drift.patrols.planner import PatrolPlan
+from drift.planner import text as plan_text
+from drift.planner.records import Plan
+from drift.search import tables as search_tables
+from drift.search.filter import Search
 from drift.search.updates import Updates
-from drift.spill import aftermath, evidence
-from drift.spill.aftermath import Aftermath, Drifted
-from geo import digest
+from drift.spill import evidence, renewal
+from drift.spill.renewal import Aftermath, Drifted
+from drift.spill.strandings import Landings
+from drift.suspend import decision
+from drift.suspend import text as suspend_text
+from drift.suspend.standing import Standing, standing
 from geo.errors import UserError
+from geo.files import digest
 from kernels import deposit, runtime
 
 Report = Callable[[str, float], None]
@@ -48,7 +53,7 @@ class Result:
 
     case: Case
     forecast: Forecast
-    trajectories: output.Trajectories
+    trajectories: writer.Trajectories
     summary: dict[str, Any]
     aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
     updates: Updates | None = None  # what sorties and contacts did
@@ -120,7 +125,7 @@ def opened(
 ) -> tuple[Environment, Stopwatch]:
     """Return the environment of a case, once it is sure that results can be written and Taichi runs; and the time that took."""
     if out is not None:
-        output.check_folder(out, overwrite)
+        writer.check_folder(out, overwrite)
     digest.start(case.inputs)
     clock = Stopwatch()
     with clock.phase("taichi"):
@@ -135,7 +140,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
     """Return the forecast of a case in an environment that has been opened; Taichi has been started."""
     with clock.phase("start"):
         begin = start.prepare(case, where)
-        stretches = aftermath.stretches(case, case.spill, where, begin) if case.spill else None
+        stretches = renewal.stretches(case, case.spill, where, begin) if case.spill else None
     outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
     begun = None
     if not case.spill and (case.sorties or any(scenario.survival for scenario in case.scenarios)):
@@ -150,7 +155,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
             with clock.phase("drift"):
                 landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
                 search = Search(case, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
-                moments = forecast.run(
+                moments = simulate.run(
                     begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch, search
                 )
                 snapshots = stack.enter_context(Spool(case, begin.ensemble, moments))
@@ -160,23 +165,23 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         done, after = drifted(begin), None
         if case.spill and stretches:
             with clock.phase("finds"):
-                done, after = aftermath.settle(case, case.spill, where, stretches, done, drifted)
+                done, after = renewal.settle(case, case.spill, where, stretches, done, drifted)
         begin, snapshots = done.start, done.snapshots
         account = record.account(begin.ensemble, snapshots[-1].status)
         tell("map", 0.0)
         with clock.phase("products"):
             names = [scenario.name for scenario in case.scenarios]
             is_land = start.land_of(begin.scene)
-            made = products.build(
+            made = forecast_build.build(
                 snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
             )
             tracks = _trajectories(case, begin.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
     numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates) + off_grid.warnings(made.data)
     if after is not None:
-        numbers |= aftermath.numbers(after)
+        numbers |= renewal.numbers(after)
         few = effective.Count(after.posterior.effective, what="worlds").few  # the maps' worlds are the same
-        numbers["warnings"] = [*aftermath.warnings(after), *([] if few else numbers["warnings"])]
+        numbers["warnings"] = [*renewal.warnings(after), *([] if few else numbers["warnings"])]
     if done.updates is not None:
         numbers |= {"search": search_tables.numbers(done.updates)}
     return Result(case, made, tracks, numbers, after, done.updates, begun)
@@ -188,7 +193,7 @@ def write(
     out: Path,
     clock: Stopwatch,
     *,
-    more: Sequence[output.Product] = (),
+    more: Sequence[writer.Product] = (),
     plan: Plan | None = None,
     patrols: PatrolPlan | None = None,
     overwrite: bool = False,
@@ -203,24 +208,24 @@ def write(
         footer = _footer(attributes, f"coast {attributes['coast']}")
         told = suspension(result, plan)
         pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan, told, patrols)
-        files = [*(aftermath.files(after) if after else ()), *more]
+        files = [*(renewal.files(after) if after else ()), *more]
         numbers = (
             result.summary if patrols is None else {**result.summary, "patrol_plan": patrol_files.numbers(patrols)}
         )
         if told is not None:
             synthetic, gone = figures.synthetic(case), result.forecast.data
-            words = partial(suspend_text.text, told, case.title, synthetic=synthetic, lost=suspend.off_map(gone))
-            files.append(output.Product("suspend.txt", lambda stamped: words(stamped["run_id"])))
-            numbers = {**numbers, "suspension": suspend.numbers(told)}
+            words = partial(suspend_text.text, told, case.title, synthetic=synthetic, lost=decision.off_map(gone))
+            files.append(writer.Product("suspend.txt", lambda stamped: words(stamped["run_id"])))
+            numbers = {**numbers, "suspension": decision.numbers(told)}
         if updates is not None:
             files += [
-                output.Product("sorties.csv", lambda stamped: search_tables.csv(updates, stamped["run_id"])),
-                output.Product(
+                writer.Product("sorties.csv", lambda stamped: search_tables.csv(updates, stamped["run_id"])),
+                writer.Product(
                     "sorties.geojson",
                     lambda stamped: search_tables.geojson(updates.sorties, case.contacts, updates, stamped),
                 ),
             ]
-        output.write(
+        writer.write(
             out,
             result.forecast,
             result.trajectories,
@@ -232,12 +237,12 @@ def write(
         )
 
 
-def suspension(result: Result, plan: Plan | None = None) -> suspend.Suspension | None:
+def suspension(result: Result, plan: Plan | None = None) -> decision.Suspension | None:
     """Return what a decision to suspend rests on; None where there are neither sorties nor survival times. plan: not yet flown."""
     case, begun = result.case, result.begun
     if begun is None or case.direction < 0:
         return None
-    return suspend.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, plan)
+    return decision.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, plan)
 
 
 @turns.in_turn
@@ -262,20 +267,22 @@ def patrol(
         )
     where, clock = opened(case, datasets, out, threads, backend, overwrite, tell)
     assert where.coast is not None
-    patrolling.patrols(case, case.spill, evidence.cut(case.spill, where.coast))  # before the drift: it may be refused
+    patrol_planner.patrols(
+        case, case.spill, evidence.cut(case.spill, where.coast)
+    )  # before the drift: it may be refused
     result = forecasted(case, where, clock, tell)
     after = result.aftermath
     assert after is not None
     tell("plan", 0.0)
     with clock.phase("plan"):
-        made = patrolling.plan(after)
+        made = patrol_planner.plan(after)
     if out is not None:
         tell("write", 0.0)
         synthetic = figures.synthetic(case)
         more = [
-            output.Product("patrols.txt", lambda s: patrol_files.text(made, after, s["run_id"], synthetic)),
-            output.Product("patrols.csv", lambda s: patrol_files.csv(made, after, s["run_id"])),
-            output.Product("patrols.toml", lambda s: patrol_files.toml(made, after)),
+            writer.Product("patrols.txt", lambda s: patrol_files.text(made, after, s["run_id"], synthetic)),
+            writer.Product("patrols.csv", lambda s: patrol_files.csv(made, after, s["run_id"])),
+            writer.Product("patrols.toml", lambda s: patrol_files.toml(made, after)),
         ]
         write(result, where, out, clock, more=more, patrols=made, overwrite=overwrite)
     return made, result
@@ -291,7 +298,7 @@ def trace(
     backend: str = "cpu",
     overwrite: bool = False,
     report: Report | None = None,
-) -> origin.Origin:
+) -> backward.Origin:
     """Run a spill backward from its finds to where and when it may have been released; with `out`, write what it found.
 
     It proposes where to look: the answer is a forward run weighted by the finds. Raises UserError for all that the user
@@ -306,16 +313,16 @@ def trace(
         segments = evidence.cut(case.spill, where.coast)
         places = [evidence.place(find, segments, where.coast) for find in case.spill.finds]
     with clock.phase("drift"):
-        found = origin.backward(case, where, segments, places, progress=partial(tell, "drift"))
+        found = backward.backward(case, where, segments, places, progress=partial(tell, "drift"))
     if out is not None:
-        attributes, facts = summary.attributes(case, where), origin.summary(found)
-        if warnings := origin.warnings(found):
+        attributes, facts = summary.attributes(case, where), backward.summary(found)
+        if warnings := backward.warnings(found):
             attributes["warning"] = "; ".join(warnings)
-        output.publish(
+        writer.publish(
             out,
             (
-                output.Product("origin.nc", lambda stamped: origin.dataset(found)),
-                output.Product(
+                writer.Product("origin.nc", lambda stamped: backward.dataset(found)),
+                writer.Product(
                     "origin.csv",
                     lambda stamped: tables.csv_text([*facts, "run_id"], [[*facts.values(), stamped["run_id"]]]),
                 ),
@@ -356,7 +363,7 @@ def check_lost(case: Case, where: Environment, begin: Start, end: Snapshot, sear
     )
 
 
-def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> output.Trajectories:
+def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> writer.Trajectories:
     """Return the tracks of slots spread evenly over the ensemble; of what was drawn anew, its ancestors' before that."""
     last = snapshots[-1]
     count = min(case.trajectories, last.lon.size)
@@ -375,4 +382,4 @@ def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> ou
     over = (last.status[slot] != Status.ADRIFT) & (last.status[slot] != Status.PENDING)
     ended, edge = np.where(over, ended, -1), np.where(over, edge, -1)
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])
-    return output.Trajectories(times, slot, last.scenario[slot], lon, lat, status, weight, release, ended, edge)
+    return writer.Trajectories(times, slot, last.scenario[slot], lon, lat, status, weight, release, ended, edge)

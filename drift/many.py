@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from drift import flow
-from drift.case.case import Case
-from drift.forecast import products
-from drift.forecast.products import Forecast
-from drift.motion import forecast, prior, snapshot, start
+from drift.case.file import Case
+from drift.forecast import build as forecast_build
+from drift.forecast.build import Forecast
+from drift.motion import prior, simulate, snapshot, start
 from drift.motion.spool import Spool
 from drift.motion.waters import Waters, divide
-from drift.search.search import Search
+from drift.search.filter import Search
 from geo import sphere
 from geo.errors import UserError
 from kernels import deposit, runtime
@@ -125,7 +125,7 @@ def _forecast(
     try:
         search = Search(case, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
         outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
-        moments = forecast.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
+        moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
         with Spool(case, begin.ensemble, moments) as snapshots:
             flow.check_lost(case, where, begin, snapshots[-1], search)
             seen = list(snapshots)
@@ -136,7 +136,7 @@ def _forecast(
         is_land = start.land_of(begin.scene)
         names = [scenario.name for scenario in case.scenarios]
         wanted = seen if maps is True else seen[-1:]
-        rest = products.begin(
+        rest = forecast_build.begin(
             wanted, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
         )
     brief = Brief(

@@ -4,12 +4,12 @@ from importlib import metadata
 from typing import Any
 
 from drift.case import uncertainty
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.motion.ensemble import Account
 from drift.motion.environment import Environment
 from drift.motion.start import Start
 from drift.motion.status import Status
-from geo import digest
+from geo.files import digest
 from kernels import runtime
 
 PACKAGES = ("casp-drift", "taichi", "numpy", "xarray", "netCDF4", "roaring-landmask")

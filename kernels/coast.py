@@ -1,4 +1,4 @@
-"""Where a step first touches the coast, and whether a point is in the water: exact integer geometry on geo.coast's grid.
+"""Where a step first touches the coast, and whether a point is in the water: exact integer geometry on geo.coast.edges's grid.
 
 Steps and shoreline edges are straight lines between lattice points of binary-angle lon-lat. Signs of determinants are
 taken in 64-bit integers, so no answer depends on rounding; steps and edges must be shorter than 2**29 units (45
@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 import taichi as ti
 
-from geo import coast as shore_grid
+from geo.coast import edges as shore_grid
 from kernels import runtime
 
-Frame = ti.types.vector(7, ti.i32)  # lon0, lat0, shift, nx, ny, reference x, reference y of geo.coast.Coast
+Frame = ti.types.vector(7, ti.i32)  # lon0, lat0, shift, nx, ny, reference x, reference y of geo.coast.edges.Coast
 Bytes = ti.types.ndarray(dtype=ti.u8, ndim=1)
 Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
 Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -23,7 +23,7 @@ NEVER = ONE + 1
 
 
 class DeviceCoast(NamedTuple):
-    """A geo.coast.Coast on the device: hand its members to a kernel in this order."""
+    """A geo.coast.edges.Coast on the device: hand its members to a kernel in this order."""
 
     cell: ti.Ndarray  # u8 (ny * nx,)
     start: ti.Ndarray  # i32 (ny * nx + 1,)

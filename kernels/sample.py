@@ -15,7 +15,7 @@ import taichi as ti
 
 from geo import sphere
 from geo.errors import UserError
-from geo.grid import Grid
+from geo.grids.grid import Grid
 from kernels import runtime
 
 WHERE, SCALE = 5, 6

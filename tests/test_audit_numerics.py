@@ -10,15 +10,16 @@ from scipy.integrate import solve_ivp
 
 import drift
 from drift.motion import ensemble as record
-from drift.motion import environment, forecast
+from drift.motion import environment, simulate
 from drift.motion.forcing import Forcing, Sources
-from drift.motion.forecast import Clock, Scene
+from drift.motion.simulate import Clock, Scene
 from drift.motion.status import Status
-from geo import coast as shoreline
-from geo import forcing, sphere
+from geo import sphere
 from geo.box import Box
-from geo.grid import Grid
-from geo.shore import Shore
+from geo.coast import edges as shoreline
+from geo.coast.shore import Shore
+from geo.forcing import sources
+from geo.grids.grid import Grid
 from kernels import advance as kernel
 from kernels import coast as device_coast
 from kernels import sphere as device_sphere
@@ -52,7 +53,7 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
     return ensemble
 
 
-def world(current: forcing.Source, direction: int = 1, physics: kernel.Physics = STILL, coast=None, domain=EVERYWHERE):
+def world(current: sources.Source, direction: int = 1, physics: kernel.Physics = STILL, coast=None, domain=EVERYWHERE):
     return Scene(Forcing([Sources(current=(current,))], direction), (physics,), kernel.Place(domain, coast))
 
 
@@ -73,8 +74,8 @@ def case_of(folder: Path, **changes: str) -> drift.Case:
 def test_steps_of_an_hour_close_to_the_pole(lat: float, east: float, north: float) -> None:
     """Against Dormand and Prince in float64, across the antimeridian: 12 roundings of 5 mm and float32 steps."""
     ensemble = ensemble_at(179.9, lat, [0])
-    (end,) = forecast.run(
-        ensemble, world(forcing.constant("current", east, north)), Clock(T0, 43_200, 1, 3600), np.array([43_200])
+    (end,) = simulate.run(
+        ensemble, world(sources.constant("current", east, north)), Clock(T0, 43_200, 1, 3600), np.array([43_200])
     )
     exact = solve_ivp(
         lambda t, y: [east / (sphere.RADIUS * np.cos(y[1])), north / sphere.RADIUS],
@@ -138,11 +139,11 @@ def test_a_tile_just_east_of_a_particle_is_silent() -> None:
 def test_every_output_before_and_after_the_end_of_the_forcing(direction: int) -> None:
     """Uniform flow: position is speed times time from release to the end of the last step that has forcing."""
     times = (T0 + np.array([-20_000, 20_000])).astype("datetime64[s]")
-    source = forcing.table("current", times, [1.0, 1.0], [0.0, 0.0])
+    source = sources.table("current", times, [1.0, 1.0], [0.0, 0.0])
     release = np.array([0, 100, 3000, 5000])
     ensemble = ensemble_at(0.0, 0.0, release.tolist())
     outputs = np.arange(0, 25_001, 250)
-    moments = list(forecast.run(ensemble, world(source, direction), Clock(T0 + 417, 25_000, direction, 900), outputs))
+    moments = list(simulate.run(ensemble, world(source, direction), Clock(T0 + 417, 25_000, direction, 900), outputs))
     ended = ensemble.ended.to_numpy()
     assert (np.abs(ended - (20_000 - 417 * direction)) < 900).all()
     lasted = np.maximum(np.minimum(outputs[:, None], ended) - release, 0)
@@ -159,11 +160,11 @@ def test_a_slice_that_cannot_be_read_stops_the_run_and_only_where_it_is_needed()
         return np.ones((2, 2, 2), np.float32)
 
     times = (T0 + 3600 * np.arange(6)).astype("datetime64[s]")
-    source = forcing.Source("current", "x", forcing.EVERYWHERE, times, read, 0.0, (), "")
+    source = sources.Source("current", "x", sources.EVERYWHERE, times, read, 0.0, (), "")
     place = world(source)
-    list(forecast.run(ensemble_at(0, 0, [0]), place, Clock(T0, 7200, 1, 600), np.array([7200])))
+    list(simulate.run(ensemble_at(0, 0, [0]), place, Clock(T0, 7200, 1, 600), np.array([7200])))
     with pytest.raises(OSError, match="slice 3"):
-        list(forecast.run(ensemble_at(0, 0, [0]), place, Clock(T0, 14_400, 1, 600), np.array([14_400])))
+        list(simulate.run(ensemble_at(0, 0, [0]), place, Clock(T0, 14_400, 1, 600), np.array([14_400])))
     place.forcing.close()
 
 
@@ -197,11 +198,11 @@ def test_nobody_inland_where_land_lies_across_the_antimeridian() -> None:
     ensemble.lon.from_numpy(lon[wet])
     ensemble.lat.from_numpy(lat[wet])
     place = world(
-        forcing.constant("current", 1.0, -0.5),
+        sources.constant("current", 1.0, -0.5),
         physics=kernel.Physics(diffusivity=2000.0),
         coast=device_coast.upload(coast),
     )
-    for moment in forecast.run(ensemble, place, Clock(T0, 172_800, 1, 21_600), np.array([40_000, 172_800])):
+    for moment in simulate.run(ensemble, place, Clock(T0, 172_800, 1, 21_600), np.array([40_000, 172_800])):
         x, y = (np.asarray(sphere.to_degrees(a)) for a in (moment.lon, moment.lat))
         assert not shapely.contains_properly(shapely.union_all(land), shapely.points(x, y)).any()
     assert (ensemble.status.to_numpy() == Status.ASHORE).sum() > 300
@@ -266,8 +267,8 @@ def test_the_account_is_of_the_end_of_the_run() -> None:
     edge = round(5000 / (sphere.UNIT * sphere.RADIUS))
     box = kernel.Domain(int(sphere.to_binary(-1)), int(sphere.to_binary(-1)), edge + int(sphere.to_binary(1)), 2**24)
     ensemble = ensemble_at(0.0, 0.0, [0])
-    place = world(forcing.constant("current", 1.0, 0.0), domain=box)
-    (end,) = forecast.run(ensemble, place, Clock(T0, 4000, 1, 3600), np.array([4000]))
+    place = world(sources.constant("current", 1.0, 0.0), domain=box)
+    (end,) = simulate.run(ensemble, place, Clock(T0, 4000, 1, 3600), np.array([4000]))
     assert end.status[0] == Status.ADRIFT
     assert record.account(ensemble, end.status).by_status[0, Status.ADRIFT] == 1
 
@@ -291,8 +292,8 @@ def test_the_spread_at_an_output_inside_a_step() -> None:
     """2 D t at any t, not only on the lattice; 20,000 draws: 1 % standard error, 5 % allowed."""
     lon, lat = -179.99, 61.0
     ensemble = ensemble_at(lon, lat, [0] * 20_000)
-    place = world(forcing.constant("current", 0.0, 0.0), physics=kernel.Physics(diffusivity=100.0))
-    (early,) = forecast.run(ensemble, place, Clock(T0, 3600, 1, 3600), np.array([600]))
+    place = world(sources.constant("current", 0.0, 0.0), physics=kernel.Physics(diffusivity=100.0))
+    (early,) = simulate.run(ensemble, place, Clock(T0, 3600, 1, 3600), np.array([600]))
     way = np.array(sphere.offset(*np.radians([lon, lat]), early.lon * sphere.UNIT, early.lat * sphere.UNIT))
     assert way.var(axis=1) == pytest.approx(2 * 100 * 600, rel=0.05)
     assert abs(np.corrcoef(way)[0, 1]) < 4.5 / np.sqrt(20_000)

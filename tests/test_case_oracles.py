@@ -1,4 +1,4 @@
-"""Every shipped case against a second opinion in plain float64 (tests/oracle.py): drift without sorties and finds, then sorties.
+"""Every shipped case against a second opinion in plain float64 (tests/oracles/oracle.py): drift without sorties and finds, then sorties.
 
 No oracle is had for worlds that finds weigh (gulf_containers) and for what refloats (paria): here they run without.
 The areas of what is partly ashore are none either: they hold cells of the map along a line.
@@ -19,13 +19,14 @@ import shapely
 import tomllib
 import xarray as xr
 from oracle import DAY, HOUR, KNOT, NMI, Array, Cloud, Coast, Errors, Field
+from places import ROOT
 from scipy import stats
 
 from drift import flow
-from drift.case import case
+from drift.case import file as case_file
 from drift.motion.status import Status
 
-CASES = Path(case.__file__).parents[2] / "cases"
+CASES = ROOT / "cases"
 OURS, THEIRS = 20_000, 2_500  # particles, in all; a scenario
 HALF = np.sqrt(2 * np.log(2))  # radius that holds half of a round normal, in standard deviations
 COMPARED = 140  # numbers that this file compares; three standard errors on each would be exceeded by chance once in three files
@@ -384,7 +385,7 @@ def ours(name: str, about: tuple[float, float], settings: dict[str, str]) -> tup
     spill = "spill" in table(name)
     few = {"spill.worlds": "1000", "spill.per_world": "20"} if spill else {"particles": str(OURS)}
     output = '{ every = "100 d", trajectories = 1_000_000 }'
-    loaded = case.load(name, few | {"find": "[]", "output": output} | settings)
+    loaded = case_file.load(name, few | {"find": "[]", "output": output} | settings)
     tracks = flow.run(loaded).trajectories
     told, weights = [], []
     for number in range(len(loaded.scenarios)):
@@ -474,7 +475,7 @@ def searched(
 
     How the sorties were flown (turning points, times, sweep widths by the tables) is the case's; what they say is not.
     """
-    loaded, begin = case.load(name), start(name)
+    loaded, begin = case_file.load(name), start(name)
     origin = float((begin - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
     told, chances = [], []
     for number, one in enumerate(world.clouds):
@@ -616,7 +617,7 @@ def bayes(spacing: float) -> tuple[Array, Array, Array]:
 def test_convergence_zones_are_bayes_on_a_grid() -> None:
     """Mean and share of each cell of a coarse grid, within standard errors of self-normalised weights."""
     mass, where, _ = bayes(0.4)
-    loaded = case.load(
+    loaded = case_file.load(
         "convergence_zones", {"particles": "200_000", "output": '{ every = "100 d", trajectories = 1_000_000 }'}
     )
     tracks = flow.run(loaded).trajectories

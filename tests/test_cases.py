@@ -1,16 +1,17 @@
 """Every shipped case runs and finds what it says it expects."""
 
 import os
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from drift import flow
-from drift.case import case, expect
+from drift.case import expect
+from drift.case import file as case_file
 from drift.forecast import tables
 
-NAMES = [name for name, _ in case.shipped()]
-CASES = Path(case.__file__).parents[2] / "cases"
+NAMES = [name for name, _ in case_file.shipped()]
+CASES = ROOT / "cases"
 
 
 @pytest.mark.slow
@@ -21,10 +22,10 @@ def test_case_finds_what_it_expects(name: str, request: pytest.FixtureRequest, m
     # A fifth of the particles: means move by spread / sqrt(20,000), less than 1 % of any spread here. Of a spill, 250 worlds
     # of 80: shares move by their spread between worlds / sqrt(250), a third of the ranges.
     fewer = {"particles": "20_000"}
-    if case.load(name).spill:
+    if case_file.load(name).spill:
         fewer = {"spill.worlds": "250", "spill.per_world": "80"}
     fewer["output"] = '{ every = "100 d" }'  # the start and the end: expectations are of the end
-    made = flow.run(case.load(name, fewer))
+    made = flow.run(case_file.load(name, fewer))
     end = tables.plain(tables.numbers(made.forecast))["outputs"][-1]
     assert expect.misses(made.case.expect, end) == []
 
@@ -51,7 +52,7 @@ def test_a_miss_is_told() -> None:
 
 def test_data_are_asked_for_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DRIFT_DATA", raising=False)
-    with pytest.raises(case.UserError, match="environment variable DRIFT_DATA; set it: export DRIFT_DATA="):
-        case.load("norkyst_raft")
+    with pytest.raises(case_file.UserError, match="environment variable DRIFT_DATA; set it: export DRIFT_DATA="):
+        case_file.load("norkyst_raft")
     assert not os.environ.get("DRIFT_DATA")
-    assert case.load("overdue_boat").path == Path(case.__file__).parents[2] / "cases" / "overdue_boat.toml"
+    assert case_file.load("overdue_boat").path == ROOT / "cases" / "overdue_boat.toml"

@@ -2,25 +2,25 @@
 
 import re
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
+from places import ROOT
 from pydantic import BaseModel
 
 from drift.case import scenario
-from drift.case.contact_input import BearingTable, ContactTable, PlaceTable, RangeTable
-from drift.case.pattern_input import NEEDS, PatternTable, RegionTable
-from drift.case.plan_input import PlanTable, ResamplingTable, UnitTable
-from drift.case.sensor_input import ConditionsTable, SensorTable
-from drift.case.sortie_input import MarkerTable, SortieTable, WatchTable
+from drift.case.contact import BearingTable, ContactTable, PlaceTable, RangeTable
+from drift.case.pattern import NEEDS, PatternTable, RegionTable
+from drift.case.plan import PlanTable, ResamplingTable, UnitTable
+from drift.case.sensor import ConditionsTable, SensorTable
+from drift.case.sortie import MarkerTable, SortieTable, WatchTable
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = ROOT / "docs"
 PAGES = ("search.md", "search_keys.md")
 HEADINGS: dict[str, type[BaseModel]] = {  # sections of search_keys.md, "chapter / section", and what they describe
     "[[sortie]]": SortieTable,

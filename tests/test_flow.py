@@ -10,9 +10,10 @@ import xarray as xr
 
 import drift
 from drift.motion.status import Status
-from geo import coast as shoreline
-from geo import shore, sphere
+from geo import sphere
 from geo.box import Box
+from geo.coast import edges as shoreline
+from geo.coast import shore
 
 REPORTED = """
 title = "reported on scene"
@@ -104,12 +105,12 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
 
 
 def test_a_picture_that_cannot_be_drawn_costs_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from drift.forecast import maps
+    from drift.forecast import map as forecast_map
 
     def broken(*_: object, **__: object) -> None:
         raise ValueError("Axis limits cannot be NaN")
 
-    monkeypatch.setattr(maps, "draw_map", broken)
+    monkeypatch.setattr(forecast_map, "draw_map", broken)
     with pytest.warns(UserWarning, match=r"map\.png could not be drawn .*; all other files are complete"):
         drift.run(case_of(tmp_path), tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}

@@ -12,9 +12,10 @@ import xarray as xr
 import drift
 from drift.motion import environment
 from drift.motion.status import Status
-from geo import fill, sphere
+from geo import sphere
 from geo.errors import UserError
-from geo.kept import Kept
+from geo.forcing.kept import Kept
+from geo.grids import fill
 
 CASE = """
 start = "2024-03-05T00:20Z"

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
-from geo import file
 from geo.errors import UserError
+from geo.files import small
 
 LARGEST = 100 * 2**20  # [bytes]
 
@@ -39,7 +39,7 @@ def read(path: Path | str) -> Track:
 
 
 def _root(path: Path) -> ET.Element:
-    data = file.contents(path, LARGEST)
+    data = small.contents(path, LARGEST)
     plain = data.replace(b"\0", b"")  # UTF-16 too
     if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
         raise ValueError("has a document type (<!DOCTYPE ..>), which no GPX file needs; save it again without")

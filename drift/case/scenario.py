@@ -15,7 +15,7 @@ from drift.case import fields, survival, units
 from drift.case.objects import ObjectTable
 from drift.motion.leeway import Drifter
 from drift.search import sweep_width
-from drift.search.sortie import Survival
+from drift.search.records import Survival
 from geo import sphere
 from geo.errors import UserError
 

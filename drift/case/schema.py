@@ -10,12 +10,12 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift.case import fields, shares, units
-from drift.case.contact_input import ContactTable
+from drift.case.contact import ContactTable
 from drift.case.expect import Expect
-from drift.case.grid_input import GridTable
-from drift.case.plan_input import PlanTable, ResamplingTable, UnitTable
+from drift.case.grid import GridTable
+from drift.case.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.scenario import ScenarioTable
-from drift.case.sortie_input import SortieTable
+from drift.case.sortie import SortieTable
 from drift.case.sources import SourceTable
 from drift.case.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
 from drift.case.uncertainty import Uncertainty, UncertaintyTable

@@ -1,6 +1,6 @@
 """Where a case takes its winds and currents from: files, a dataset in memory, a constant, a table, or a built-in flow.
 
-Nothing is opened here; geo.forcing does that. A constant or a table is what was reported on scene, so that the first
+Nothing is opened here; geo.forcing.sources does that. A constant or a table is what was reported on scene, so that the first
 hour of a case needs no file. Currents go toward, winds come from; the case file says which with the key it uses.
 """
 
@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift.case import fields, units
 from geo.errors import UserError
-from geo.quantities import FASTEST, SPOKEN
+from geo.forcing.quantities import FASTEST, SPOKEN
 
 Quantity = Literal["current", "wind", "stokes"]
 
@@ -143,7 +143,7 @@ def _base(value: object) -> float:
 
 
 def options(spec: ForcingSpec) -> dict[str, Any]:
-    """Return how a source's files are to be read, as `geo.forcing.open_source` takes it."""
+    """Return how a source's files are to be read, as `geo.forcing.sources.open_source` takes it."""
     return {
         "variables": spec.variables,
         "units": spec.units,

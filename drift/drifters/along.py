@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from drift.case import case as cases
-from drift.case.case import Case
+from drift.case import file as case_file
+from drift.case.file import Case
 from drift.drifters import error_law
-from drift.drifters.drifters import Array, Track, breaks
 from drift.drifters.error_law import Tracks
+from drift.drifters.records import Array, Track, breaks
 from drift.motion import environment
 from drift.motion.forcing import QUANTITIES, Forcing
 from geo import sphere
@@ -225,7 +225,7 @@ def over(case: Case, tracks: Sequence[Track]) -> Case:
     table = {key: story[key] for key in ("currents", "winds", "stokes") if key in story}
     table |= {"name": "drifters", "object": {"windage": 0.01} if blown else "water"}
     table["position"] = {"at": [float(tracks[0].lon[0]), float(tracks[0].lat[0])], "std": 0.0}
-    return cases.vary(
+    return case_file.vary(
         case,
         {
             **dict.fromkeys((*ELSEWHERE, "spill", "end"), None),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.drifters.drifters import Array
+from drift.drifters.records import Array
 
 FEW = 10  # clusters of a kind below which their spread is a rough guess
 

@@ -18,12 +18,13 @@ import numpy as np
 from scipy import optimize, stats
 
 from drift import turns
-from drift.case.case import Case
-from drift.drifters import along, drifter_files, drifters, error_law, hold_out
+from drift.case.file import Case
+from drift.drifters import along, error_law, hold_out, reading
+from drift.drifters import records as drifter_records
 from drift.drifters.along import Ways
-from drift.drifters.drifters import Array, Track
 from drift.drifters.error_law import NAMES, Law, Tracks
 from drift.drifters.hold_out import Held
+from drift.drifters.records import Array, Track
 from geo.errors import UserError
 
 Report = Callable[[str, float], None]
@@ -91,8 +92,8 @@ def fit_errors(
     files: str | os.PathLike[str] | Sequence[Track],
     *,
     columns: Mapping[str, str] | None = None,
-    gap: float = drifters.GAP,
-    fastest: float = drifters.FASTEST,
+    gap: float = drifter_records.GAP,
+    fastest: float = drifter_records.FASTEST,
     held_out: bool = False,
     datasets: Mapping[str, Any] | None = None,
     threads: int | None = None,
@@ -111,7 +112,7 @@ def fit_errors(
     tracks = read(files, wanted)
     if not isinstance(gap, int | float) or not gap > 0:
         raise UserError(f"--max-gap {gap!r} must be above 0 s")
-    believed = drifters.believed(tracks, fastest)
+    believed = drifter_records.believed(tracks, fastest)
     if not believed.tracks:
         raise UserError(f"--drifters: no track is left; {'; '.join(believed.notes)}")
     along.started(backend, threads)
@@ -123,7 +124,7 @@ def fit_errors(
 def read(files: str | os.PathLike[str] | Sequence[Track], columns: Mapping[str, str]) -> Sequence[Track]:
     """Return the tracks of a file with the columns that are wanted, or the tracks that are given."""
     if isinstance(files, str | os.PathLike):
-        return drifter_files.read(Path(files), list(dict.fromkeys(columns.values())))
+        return reading.read(Path(files), list(dict.fromkeys(columns.values())))
     for track in files:
         if missing := [name for name in columns.values() if name not in track.columns]:
             raise UserError(f'drifter "{track.name}" has no column "{missing[0]}"')

@@ -8,8 +8,8 @@ import numpy as np
 from drift.drifters import along, clusters, error_law
 from drift.drifters.along import Ways
 from drift.drifters.clusters import Estimate
-from drift.drifters.drifters import Array
 from drift.drifters.error_law import Law, Likelihood
+from drift.drifters.records import Array
 
 BLOCK = 3 * 86_400.0  # [s] of one drifter's days that are held out together: longer than its errors remember
 LEADS = (3.0, 6.0, 12.0, 24.0)  # [h]

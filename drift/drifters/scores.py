@@ -10,7 +10,7 @@ err (Talagrand, Vautard and Strauss 1997; Gneiting et al. 2008, doi:10.1007/s117
 import numpy as np
 from scipy import ndimage
 
-from drift.drifters.drifters import Array
+from drift.drifters.records import Array
 from geo import sphere
 
 CELLS = 160  # of a side of the grid on which densities are estimated

@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 
 from drift import many, turns
-from drift.case import case, uncertainty
-from drift.case.case import Case
-from drift.drifters import along, clusters, drifters, fitting, scores
+from drift.case import file as case_file
+from drift.case import uncertainty
+from drift.case.file import Case
+from drift.drifters import along, clusters, fitting, scores
+from drift.drifters import records as drifter_records
 from drift.drifters.clusters import Estimate
-from drift.drifters.drifters import Array, Track
+from drift.drifters.records import Array, Track
 from drift.motion.status import Status
 from drift.output import publication
 from geo import sphere
@@ -93,8 +95,8 @@ def verify(
     hours: float = HOURS / 3600,
     error: float = ERROR,
     columns: Mapping[str, str] | None = None,
-    gap: float = drifters.GAP,
-    fastest: float = drifters.FASTEST,
+    gap: float = drifter_records.GAP,
+    fastest: float = drifter_records.FASTEST,
     particles: int = PARTICLES,
     datasets: Mapping[str, Any] | None = None,
     threads: int | None = None,
@@ -108,14 +110,14 @@ def verify(
     columns: {"current_east": "u", ..}: the model's values at the drifter's place, from columns of its file, taken for the
     same everywhere about it. gap: the longest time between fixes [s] that a forecast may span. Raises UserError.
     """
-    from drift.drifters import verification_files
+    from drift.drifters import files as verification_files
 
     target = None if out is None else Path(out)
     if target is not None:
         publication.check(target, overwrite, verification_files.NAMES)
     _check(every, hours, error, gap, particles)
     wanted = dict(columns or {})
-    believed = drifters.believed(fitting.read(files, wanted), fastest)
+    believed = drifter_records.believed(fitting.read(files, wanted), fastest)
     notes = list(believed.notes)
     starts, silent = _starts(believed.tracks, every, hours * 3600, gap, fastest)
     if silent:
@@ -191,7 +193,7 @@ def _starts(
     """Return (number of the track, start [s since 1970]) of all forecasts, and how many were left out for gaps."""
     found, silent = [], 0
     for who, track in enumerate(tracks):
-        fresh = drifters.breaks(track, gap, fastest)
+        fresh = drifter_records.breaks(track, gap, fastest)
         for start in np.arange(np.ceil(track.time[0]), track.time[-1] - length + 1e-6, every):
             first = int(np.searchsorted(track.time, start, "right")) - 1
             last = int(np.searchsorted(track.time, start + length, "left"))
@@ -242,7 +244,7 @@ def _case(
                     "diffusivity": base.diffusivity,
                 }  # a table by time has none by default
             table.pop(f"{quantity}s" if quantity != "stokes" else quantity, None)
-    return case.vary(base, {**changes, "scenario": [table]})
+    return case_file.vary(base, {**changes, "scenario": [table]})
 
 
 def _stated(error: uncertainty.ForcingError) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from matplotlib.path import Path as Outline
 
 from drift.case import units
 from drift.forecast import beyond, effective, tables
+from drift.forecast.build import Contour, Forecast
 from drift.forecast.cells import Array
-from drift.forecast.products import Contour, Forecast
 from drift.maps import chart, labels
 from drift.maps.chart import Frame
 

@@ -13,8 +13,8 @@ import numpy as np
 import shapely
 
 from drift.case import shares, units
+from drift.forecast.build import Forecast
 from drift.forecast.cells import Array
-from drift.forecast.products import Forecast
 
 NMI = units.NMI
 FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # with what a spreadsheet's formula begins

@@ -11,8 +11,8 @@ from matplotlib.transforms import Bbox
 
 from drift.case import shares, units
 from drift.forecast import tables
+from drift.forecast.build import Forecast
 from drift.forecast.cells import Array
-from drift.forecast.products import Forecast
 
 HALO = (patheffects.withStroke(linewidth=2.5, foreground="white"),)
 LEADER = {"arrowstyle": "-", "color": "#1b2733", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2}

@@ -8,19 +8,21 @@ from typing import Any, Protocol
 import numpy as np
 
 from drift.case import units
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.case.scenario import AreaPrior, PositionPrior, Scenario
 from drift.case.sources import ForcingSpec
 from drift.case.sources import options as source_options
 from drift.forecast import tables
 from drift.motion.forcing import QUANTITIES, Sources
 from drift.motion.leeway import Drifter
-from geo import coast as shoreline
-from geo import forcing, memory, shore, sphere, stream
+from geo import sphere
 from geo.box import Box
+from geo.coast import edges as shoreline
+from geo.coast import shore
+from geo.coast.shore import Shore
 from geo.errors import UserError
-from geo.forcing import Source
-from geo.shore import Shore
+from geo.forcing import memory, sources, stream
+from geo.forcing.sources import Source
 
 FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
 STRONGEST_WIND = 25.0  # [m/s]
@@ -52,7 +54,7 @@ class Common(Protocol):
     """What a case has in common with others, opened and built for all of them: see drift.motion.waters.Waters."""
 
     def source(self, spec: ForcingSpec, box: Box) -> Source:
-        """Return the part of a source of files, or of a dataset in memory, that `geo.forcing.open_source` gives for a box."""
+        """Return the part of a source of files, or of a dataset in memory, that `geo.forcing.sources.open_source` gives for a box."""
 
     def coast(self, case: Case, box: Box) -> tuple[Shore, shoreline.Coast | None] | None:
         """Return the land and a coast that is the same within a box as one built for it; None where there is none to share."""
@@ -89,9 +91,9 @@ def open_for(
             for quantity, names in zip(QUANTITIES, _names(case, scenario), strict=True)
         )
         scenarios.append(Sources(current, wind, stokes, cells, added))
-    for scenario, sources in zip(case.scenarios, scenarios, strict=True):
+    for scenario, named in zip(case.scenarios, scenarios, strict=True):
         for quantity in QUANTITIES:
-            for k, term in enumerate(sources.terms(quantity)):
+            for k, term in enumerate(named.terms(quantity)):
                 _check_times(case, scenario, quantity, term, added=k > 0)
     shown = tuple(opened.values())
     # A last step may lead out of the box: the coast reaches a little further.
@@ -248,18 +250,18 @@ def hold(case: Case, datasets: Mapping[str, Any] | None) -> dict[str, memory.Hel
 def _open(spec: ForcingSpec, box: Box, case: Case, held: Mapping[str, memory.Held], common: Common | None) -> Source:
     """Return one source, cropped to the box."""
     if spec.constant is not None:
-        return forcing.constant(spec.quantity, *spec.constant, name=spec.name)
+        return sources.constant(spec.quantity, *spec.constant, name=spec.name)
     if spec.table is not None:
         table = spec.table
-        return forcing.table(spec.quantity, np.array(table.times), table.east, table.north, name=spec.name)
+        return sources.table(spec.quantity, np.array(table.times), table.east, table.north, name=spec.name)
     if spec.analytic is not None:
         first, last = sorted((case.start, case.end))
-        flow = forcing.analytic(spec.quantity, spec.analytic, box, first, last, **spec.parameters)
+        flow = sources.analytic(spec.quantity, spec.analytic, box, first, last, **spec.parameters)
         return replace(flow, name=spec.name)
     try:
         if common:
             return common.source(spec, part(box))
-        return forcing.open_source(
+        return sources.open_source(
             spec.quantity,
             list(spec.files) if spec.dataset is None else held[spec.dataset],
             box=part(box),
@@ -280,7 +282,7 @@ def _told(source: Source, added: frozenset[tuple[str, str]]) -> Source:
     notes, box = list(source.notes), source.grid.box
     if (source.quantity, source.name) in added:
         notes.append(f"added to the other sources of [[{source.quantity}]]: where it has no value the sum has none")
-    if source.grid is not forcing.EVERYWHERE:
+    if source.grid is not sources.EVERYWHERE:
         notes.append(f"within {box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N")
     if source.times.size:
         notes.append(f"from {units.group(source.times[0])} to {units.group(source.times[-1])}")

@@ -13,8 +13,8 @@ from threading import Event
 from typing import Any
 
 from geo import waiting
-from geo.forcing import Source
-from geo.stream import Bracket, Key, Slices
+from geo.forcing.sources import Source
+from geo.forcing.stream import Bracket, Key, Slices
 from kernels.sample import Tiles
 
 QUANTITIES = ("current", "wind", "stokes")

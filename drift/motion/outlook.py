@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 
 from drift.case import units
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.case.schema import BYTES_PER_PARTICLE
 from drift.motion import ensemble as record
 from drift.motion import start
 from drift.motion.environment import Environment
-from drift.motion.forecast import Clock
+from drift.motion.simulate import Clock
 from drift.motion.spool import BYTES
 from drift.motion.start import Start
 from drift.motion.status import Status
-from geo import stream
-from geo.forcing import Source
+from geo.forcing import stream
+from geo.forcing.sources import Source
 
 PACE = 8e6  # particle-steps a second of two cores, with errors, diffusion and the coast (README, "Speed")
 LONG = 600.0  # [s] of work that is worth a word

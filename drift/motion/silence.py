@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from drift.motion.ensemble import Ensemble
 from drift.motion.forcing import QUANTITIES, Forcing, Term
-from drift.motion.forecast import Clock
+from drift.motion.simulate import Clock
 from drift.motion.snapshot import Snapshot
 from drift.motion.status import Status
 from geo import sphere

@@ -10,10 +10,10 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.motion import ensemble as record
 from drift.motion.ensemble import Ensemble
-from drift.motion.forecast import Moment
+from drift.motion.simulate import Moment
 from drift.motion.snapshot import Snapshot
 from geo.errors import UserError
 

@@ -9,25 +9,25 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.case.scenario import Scenario
 from drift.case.spill import Spill
 from drift.case.uncertainty import ForcingError
 from drift.forecast import tables
 from drift.motion import ensemble as record
-from drift.motion import forecast, prior, silence
+from drift.motion import prior, silence, simulate
 from drift.motion.ensemble import Ensemble
 from drift.motion.environment import Environment
 from drift.motion.forcing import QUANTITIES, Forcing
-from drift.motion.forecast import Clock, Scene, Trial
+from drift.motion.simulate import Clock, Scene, Trial
 from drift.spill import release
 from drift.spill import worlds as drawn_worlds
 from drift.spill.worlds import Proposal, Worlds
-from geo import coast as shoreline
 from geo import notation, sphere
 from geo.box import Box
+from geo.coast import edges as shoreline
 from geo.errors import UserError
-from geo.forcing import Source
+from geo.forcing.sources import Source
 from kernels import advance
 from kernels import coast as device_coast
 
@@ -129,7 +129,7 @@ def clock_of(case: Case, where: Environment, ensemble: Ensemble, scene: Scene) -
     reason, longest = min(limits.items(), key=lambda item: item[1])
     if case.step is None:
         ladder_clock = Clock(start, duration, case.direction, 1, 0)
-        trial = forecast.choose_step(ensemble, scene, ladder_clock, divisor, origin, longest, case.tolerance)
+        trial = simulate.choose_step(ensemble, scene, ladder_clock, divisor, origin, longest, case.tolerance)
         return Clock(start, duration, case.direction, trial.step, origin % trial.step), trial
     if case.step > longest:
         raise UserError(

@@ -12,18 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.case.sources import ForcingSpec
 from drift.case.sources import options as source_options
 from drift.motion import environment
 from drift.motion.environment import Environment
-from geo import coast as shoreline
-from geo import forcing, memory, reader, shore
 from geo.box import Box
+from geo.coast import edges as shoreline
+from geo.coast import shore
+from geo.coast.shore import Shore
 from geo.errors import UserError
-from geo.forcing import Source
-from geo.kept import Finished, Shelf
-from geo.shore import Shore
+from geo.forcing import memory, reader, sources
+from geo.forcing.kept import Finished, Shelf
+from geo.forcing.sources import Source
 from kernels import coast as device_coast
 
 WIDEST = 400.0  # [deg2] of waters: about as much coast as its finest cells hold
@@ -43,7 +44,7 @@ class Files:
         if key not in self._opened:
             try:
                 files = list(spec.files) if spec.dataset is None else self._held[spec.dataset]
-                self._opened[key] = forcing.open_shared(spec.quantity, files, **source_options(spec))
+                self._opened[key] = sources.open_shared(spec.quantity, files, **source_options(spec))
             except UserError as error:
                 self._opened[key] = error
         found = self._opened[key]
@@ -72,9 +73,9 @@ class Waters:
         """Return a source's part for a box."""
         opened = self._files.open(spec)
         if id(opened) not in self._kept:
-            self._kept[id(opened)] = forcing.keep(opened, self.box)
+            self._kept[id(opened)] = sources.keep(opened, self.box)
         key = id(opened), box
-        found = self._cuts.pop(key, None) or forcing.cut(self._kept[id(opened)], box)
+        found = self._cuts.pop(key, None) or sources.cut(self._kept[id(opened)], box)
         self._cuts[key] = found
         if len(self._cuts) > CUTS:
             del self._cuts[next(iter(self._cuts))]

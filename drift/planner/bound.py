@@ -14,7 +14,7 @@ That would be proven if densities were known. They are estimated, and so is the 
 of its track to the next; its density is even within a box; and in a bin of time the greatest densities are at most those when the cloud is densest. Boxes
 are drawn as tight as the particles in them, so that density is rather too high than too low, and cut where particles are plainly uneven; bins are as short
 as the particles' motion against each other asks for. What unevenness is left makes the bound too low by second order in the size of boxes and bins; noise makes it
-too high, for boxes that are too dense by chance look worth a visit, and outweighs that (tests/test_bound.py). Where density has no limit, as r^-1.5 about a point, it does not.
+too high, for boxes that are too dense by chance look worth a visit, and outweighs that (tests/planner/test_bound.py). Where density has no limit, as r^-1.5 about a point, it does not.
 """
 
 from collections.abc import Sequence
@@ -24,17 +24,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.planner import boxes, concave, reach
-from drift.planner import tracks as record
-from drift.planner.tracks import Tracks
-from drift.search.sortie import PlanSpec, Survival, Unit
+from drift.planner import availability, concave, quadtree
+from drift.planner import planning_tracks as record
+from drift.planner.planning_tracks import Tracks
+from drift.search.records import PlanSpec, Survival, Unit
 from geo import sphere
 from kernels import allocate
 
 Array = npt.NDArray[Any]
 
 BOXES = 160  # a bin, at least, where there are particles enough
-LEAST = 16.0  # effective particles in a box before it is divided: 8 make it too dense by two thirds, 64 are too wide (tests/test_bound.py)
+LEAST = 16.0  # effective particles in a box before it is divided: 8 make it too dense by two thirds, 64 are too wide (tests/planner/test_bound.py)
 FEWEST, MOST = 6, 24  # bins of time
 STRAIN = 0.5  # sides of a box that its particles move apart in a bin, unless that takes too many bins
 TRIAL = 4096  # particles on which that is measured
@@ -168,7 +168,7 @@ def _field(
     for t, there in enumerate(bins.there):
         if there.any():
             made.append(
-                boxes.fit(
+                quadtree.fit(
                     bins.x[t, there],
                     bins.y[t, there],
                     tracks.weight[there],
@@ -179,7 +179,7 @@ def _field(
             )
             of[t, there] = sum(one.count for one in made[:-1]) + made[-1].of
         else:  # nobody to be found: a box of nobody
-            made.append(boxes.Boxes(np.zeros(0, np.int64), *np.zeros((3, 1, 2))))
+            made.append(quadtree.Boxes(np.zeros(0, np.int64), *np.zeros((3, 1, 2))))
     start = np.concatenate([[0], np.cumsum([one.count for one in made])])
     area = np.concatenate([np.prod(np.maximum(one.sides, smallest), axis=1) for one in made])
     value = worth(tracks, survival, spec.objective, bins.edge[:-1])  # later in the bin it is no more
@@ -237,7 +237,7 @@ def _strain(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array]:
     weight = np.ones(len(few))
     side, apart = np.empty(len(x)), np.empty(len(x) - 1)
     for t in range(len(x)):
-        one = boxes.grow(x[t, few], y[t, few], weight, max(len(few) / BOXES, 8.0))
+        one = quadtree.grow(x[t, few], y[t, few], weight, max(len(few) / BOXES, 8.0))
         count = np.bincount(one.of)
         side[t] = np.sqrt(max(len(few) / np.sum(count / np.maximum(one.area, 1.0)), 1.0))
         if t < len(x) - 1:
@@ -255,7 +255,7 @@ def _budget(
     units: Sequence[Unit],
     spec: PlanSpec,
     bins: Bins,
-    made: Sequence[boxes.Boxes],
+    made: Sequence[quadtree.Boxes],
     start: Array,
     plane: record.Plane,
 ) -> Budget:
@@ -266,7 +266,7 @@ def _budget(
     moved = np.max(bins.pace, axis=1)[bin_of] * (end - begin)
     spare, total = np.zeros((len(low), len(units))), np.zeros(len(units))
     for u, unit in enumerate(units):
-        can = reach.reach(unit, spec, (plane.lon, plane.lat))
+        can = availability.reach(unit, spec, (plane.lon, plane.lat))
         x, y = plane.flat(*np.radians(unit.base))
         away = np.hypot(*np.maximum(np.maximum(low - (x, y), (x, y) - high), 0.0).T)
         near = np.maximum(away - moved - max(unit.sweep_width), 0.0)

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.search import detection
-from drift.search.sortie import Law
+from drift.search import laws
+from drift.search.records import Law
 
 Array = npt.NDArray[Any]
 
@@ -54,15 +54,15 @@ class Curve:
         return float(self.slope[0])
 
 
-def curve(laws: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
+def curve(used: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
     """Return the concave curve that bounds every use of some laws together.
 
     shapes: of the gamma distribution of each independent unknown factor of sweep width (inf: known); none: known.
     """
     c = np.arange(round(MOST / STEP) + 1) * STEP
-    b = most(laws, c)
+    b = most(used, c)
     shape = len(shapes) * max(shapes) if shapes else math.inf
-    nodes, weights = detection.factors(shape)
+    nodes, weights = laws.factors(shape)
     if len(nodes) > 1:
         b = sum(w * np.interp(node * c, c, b) for node, w in zip(nodes, weights, strict=True))
         b = _envelope(c, b)
@@ -80,12 +80,12 @@ def curve(laws: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
     return Curve(smooth, slope, b[at] - y * c[at] + np.maximum(above[at], above[at + 1]))
 
 
-def most(laws: Sequence[Law], coverage: Array) -> Array:
+def most(used: Sequence[Law], coverage: Array) -> Array:
     """Return what any legs of some laws find at the most where they come to a coverage, (n,)."""
-    if len(laws) == 1 and laws[0].kind == "m_beta":
-        return detection.pod(laws[0], coverage)
+    if len(used) == 1 and used[0].kind == "m_beta":
+        return laws.pod(used[0], coverage)
     h = ROOTS**2
-    g = np.max([capped(law, h) for law in laws], axis=0)
+    g = np.max([capped(law, h) for law in used], axis=0)
     share = np.exp(-h) * 2 * ROOTS
     found = np.array([np.trapezoid(share * np.minimum(h, c * g), ROOTS) for c in coverage])
     return np.minimum((1 + SHORT) * found, 1.0)
@@ -101,7 +101,7 @@ def capped(law: Law, h: Array) -> Array:
         return h
     if law.kind == "m_beta":
         return np.asarray(np.minimum(h, -np.log1p(-law.beta) if law.beta < 1 else np.inf) / law.beta)
-    ranges, chances = detection.table(law)
+    ranges, chances = laws.table(law)
     at = (np.arange(ACROSS) + 0.5) / ACROSS * ranges[-1]
     with np.errstate(divide="ignore"):
         hazard = np.sort(-np.log1p(-np.interp(at, ranges, chances)))

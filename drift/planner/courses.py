@@ -16,12 +16,12 @@ import shapely
 
 from drift.forecast import tables
 from drift.planner import seas
+from drift.planner.planning_tracks import Plane
 from drift.planner.seas import Sea
-from drift.planner.tracks import Plane
-from drift.search.passage import Place
-from drift.search.sortie import Unit
+from drift.search.records import Unit
 from geo import sphere
 from geo.box import Box
+from geo.polyline import Place
 
 Array = npt.NDArray[Any]
 

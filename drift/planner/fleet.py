@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.motion.environment import Environment
-from drift.planner import courses, depth, reach, tracks
+from drift.planner import availability, courses, depth, planning_tracks
 from drift.planner.courses import Course
 from drift.planner.depth import Depth
-from drift.planner.tasking import Tasking
-from drift.planner.tracks import Tracks
-from drift.search.sortie import PlanSpec, Unit
-from geo import coast as shoreline
-from geo import shore, sphere
+from drift.planner.planning_tracks import Tracks
+from drift.planner.records import Tasking
+from drift.search.records import PlanSpec, Unit
+from geo import sphere
 from geo.box import Box
+from geo.coast import edges as shoreline
+from geo.coast import shore
 
 Array = npt.NDArray[Any]
 
@@ -70,10 +71,10 @@ def _shallow(source: Depth, draught: float, box: Box) -> Array:
 
 def _places(unit: Unit, spec: PlanSpec, found: Tracks) -> Array:
     """Return positions (n, 2) [deg] of particles that a boat could reach by the plan's end, even on a straight way."""
-    some = tracks.coarser(found, 6)
+    some = planning_tracks.coarser(found, 6)
     lon, lat = (v[:, some.weight > 0].ravel() * sphere.UNIT for v in (some.lon, some.lat))
     far = sphere.distance(math.radians(unit.base[0]), math.radians(unit.base[1]), lon, lat)
-    time = reach.seconds(spec.until) - max(reach.seconds(spec.begin), reach.seconds(unit.ready))
+    time = availability.seconds(spec.until) - max(availability.seconds(spec.begin), availability.seconds(unit.ready))
     near = np.flatnonzero(far < unit.transit_speed * time)
     near = near[:: max(len(near) // PLACES, 1)]
     return np.degrees(np.column_stack([lon[near], lat[near]]))

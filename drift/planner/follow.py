@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.motion import ensemble as record
-from drift.motion import forecast, start
+from drift.motion import simulate, start
 from drift.motion.environment import Environment
 from drift.motion.prior import elapsed
 from drift.motion.status import Status
-from drift.planner.tracks import Tracks
-from drift.search.search import Search
-from drift.search.sortie import Resampling
+from drift.planner.planning_tracks import Tracks
+from drift.search.filter import Search
+from drift.search.records import Resampling
 
 PLANNING = 2**41  # between the seed of the particles that a plan is made on and that of those it is scored on
 BINS = 48  # over the time of a plan, at least, unless they would be shorter than
@@ -35,7 +35,7 @@ def follow(case: Case, where: Environment) -> Tracks:
     try:
         search = Search(few, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
         first = elapsed(case, spec.begin)
-        moments = list(forecast.run(begin.ensemble, begin.scene, begin.clock, first + edges, search=search))
+        moments = list(simulate.run(begin.ensemble, begin.scene, begin.clock, first + edges, search=search))
     finally:
         begin.scene.forcing.close()
     ensemble = begin.ensemble

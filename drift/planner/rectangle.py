@@ -14,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.planner import courses
+from drift.planner.availability import Reach
 from drift.planner.courses import Course, Sailed
-from drift.planner.reach import Reach
-from drift.planner.tracks import Plane
-from drift.search import detection, patterns
+from drift.planner.planning_tracks import Plane
+from drift.search import laws, patterns
 from drift.search.patterns import Pattern
-from drift.search.sortie import Legs, Unit
+from drift.search.records import Legs, Unit
 
 Array = npt.NDArray[Any]
 
@@ -61,10 +61,10 @@ class Crew:
 
 def crew(unit: Unit, reach: Reach, plane: Plane, zero: float, factor: Array, course: Course | None = None) -> Crew:
     """Return a unit as the optimiser takes it."""
-    curve = detection.pod(unit.law, np.arange(round(MOST / STEP) + 1) * STEP)
+    curve = laws.pod(unit.law, np.arange(round(MOST / STEP) + 1) * STEP)
     table = None
     if unit.law.kind not in ("random", "inverse_cube"):
-        table = np.column_stack(detection.table(unit.law)).ravel()
+        table = np.column_stack(laws.table(unit.law)).ravel()
     return Crew(unit, reach, plane, zero, np.array(unit.sweep_width), factor, curve, table, course)
 
 

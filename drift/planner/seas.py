@@ -21,11 +21,12 @@ import shapely
 from scipy import ndimage, sparse, spatial
 from scipy.sparse import csgraph
 
-from drift.planner.tracks import Plane
-from geo import coast as shoreline
-from geo import shore, sphere
+from drift.planner.planning_tracks import Plane
+from geo import sphere
 from geo.box import Box
-from geo.shore import Shore
+from geo.coast import edges as shoreline
+from geo.coast import shore
+from geo.coast.shore import Shore
 from kernels import coast as crossing
 
 Array = npt.NDArray[Any]

@@ -10,10 +10,11 @@ import numpy.typing as npt
 
 from drift.forecast.effective import Count
 from drift.forecast.tables import NMI
-from drift.planner.tasking import Plan, Tasking
-from drift.search import detection, passage, patterns, search_shapes
-from drift.search.sortie import Legs
-from geo import sphere
+from drift.planner.records import Plan, Tasking
+from drift.search import laws, patterns
+from drift.search import shapes as search_shapes
+from drift.search.records import Legs
+from geo import polyline, sphere
 
 Array = npt.NDArray[Any]
 
@@ -104,9 +105,9 @@ def _turns(
     inner = list(way[1:-1] if len(way) and _same(way[0], port) else way[:-1])
     found = []
     for k, place in enumerate(inner):
-        rest = passage.way(list(way)[-(len(inner) - k) - 1 :])
+        rest = polyline.way(list(way)[-(len(inner) - k) - 1 :])
         if speed < 0:  # the time is that of the port
-            rest = passage.way([port, *list(way)[: len(way) - len(inner) + k]])
+            rest = polyline.way([port, *list(way)[: len(way) - len(inner) + k]])
         number = k + 1 if speed > 0 else len(inner) - k
         found.append(
             Waypoint(f"{name} {number:02d}", "way", time - np.timedelta64(round(rest / abs(speed)), "s"), *place)
@@ -132,19 +133,19 @@ def by_sea(tasking: Tasking) -> list[tuple[str, float, float]]:
         ("Way out", tasking.out, unit.base, begin(tasking)),
         ("Way home", tasking.back, unit.return_to, end(tasking)),
     )
-    return [(told, passage.way(way), passage.way([port, place])) for told, way, port, place in ways if len(way) > 1]
+    return [(told, polyline.way(way), polyline.way([port, place])) for told, way, port, place in ways if len(way) > 1]
 
 
 def round_length(tasking: Tasking) -> float:
     """Return the length [m] of its ways round what cuts its legs."""
     legs = tasking.sortie.legs
-    return 0.0 if legs is None else float(passage.lengths(legs)[~np.array(legs.searching, bool)].sum())
+    return 0.0 if legs is None else float(polyline.lengths(legs)[~np.array(legs.searching, bool)].sum())
 
 
 def leg_length(tasking: Tasking) -> float:
     """Return the length [m] of its longest leg; 0 without legs."""
     legs = tasking.sortie.legs
-    return 0.0 if legs is None else float(passage.lengths(legs)[np.array(legs.searching, bool)].max())
+    return 0.0 if legs is None else float(polyline.lengths(legs)[np.array(legs.searching, bool)].max())
 
 
 def track_length(tasking: Tasking) -> float:
@@ -152,7 +153,7 @@ def track_length(tasking: Tasking) -> float:
     legs, sortie = tasking.sortie.legs, tasking.sortie
     if legs is None:
         return tasking.unit.search_speed * float((sortie.end - sortie.start) / np.timedelta64(1, "s"))
-    return float(passage.lengths(legs)[np.array(legs.searching, bool)].sum())
+    return float(polyline.lengths(legs)[np.array(legs.searching, bool)].sum())
 
 
 def coverages(tasking: Tasking) -> Array:
@@ -165,8 +166,8 @@ def coverages(tasking: Tasking) -> Array:
 
 def pods(tasking: Tasking) -> Array:
     """Return the POD of the sub-area by scenario for an object that stays in it, averaged over what is unknown of W."""
-    factors, chances = detection.factors(tasking.sortie.shape)
-    return np.asarray(detection.pod(tasking.sortie.law, np.outer(coverages(tasking), factors)) @ chances)
+    factors, chances = laws.factors(tasking.sortie.shape)
+    return np.asarray(laws.pod(tasking.sortie.law, np.outer(coverages(tasking), factors)) @ chances)
 
 
 def degrees(angle: float) -> int:

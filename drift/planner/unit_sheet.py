@@ -20,12 +20,15 @@ from drift.case import units
 from drift.forecast.cells import Array
 from drift.maps import chart, labels, page
 from drift.maps.chart import INK, Frame
-from drift.planner import daylight, plan_map, plan_text, subareas
-from drift.planner.plan_map import BASE, GREY, POINT
-from drift.planner.reach import moment, seconds
+from drift.planner import daylight, subareas
+from drift.planner import map as plan_map
+from drift.planner import text as plan_text
+from drift.planner.availability import moment, seconds
+from drift.planner.map import BASE, GREY, POINT
+from drift.planner.records import Plan, Tasking
 from drift.planner.subareas import Waypoint
-from drift.planner.tasking import Plan, Tasking
-from drift.search import search_layers, search_shapes
+from drift.search import layers as search_layers
+from drift.search import shapes as search_shapes
 from geo.box import Box
 
 SIZE = (8.27, 11.69)  # [in] A4

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy.typing as npt
 
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.motion import prior
 from drift.motion.ensemble import Ensemble
-from drift.motion.forecast import Scene
 from drift.motion.leeway import Drifter
+from drift.motion.simulate import Scene
 from drift.motion.start import physics
-from drift.search.sortie import Contact
+from drift.search.records import Contact
 from kernels import noise
 
 Array = npt.NDArray[Any]

@@ -22,7 +22,8 @@ from drift.forecast import effective, layers
 from drift.forecast.cells import Array
 from drift.maps import labels, page
 from drift.maps.chart import INK
-from drift.search import search_shapes, search_tables
+from drift.search import shapes as search_shapes
+from drift.search import tables as search_tables
 from drift.search.updates import Update, Updates
 
 A_LINE = 4  # scenarios in a line of the legend

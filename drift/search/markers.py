@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.motion.forcing import Forcing
-from drift.search.sortie import Legs
+from drift.search.records import Legs
 from geo import sphere
 
 Array = npt.NDArray[Any]

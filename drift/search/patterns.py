@@ -10,10 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.search.passage import Array, Place, fly, unwrap
-from drift.search.passage import lengths as lengths  # of what it makes
-from drift.search.sortie import Area, Legs
+from drift.search.records import Area, Legs
 from geo import sphere
+from geo.polyline import (
+    Array,
+    Place,
+    fly,
+    unwrap,
+)
 
 MOST_LEGS = 10_000  # of a pattern
 ROUND = 36  # corners of a circle's outline

@@ -6,8 +6,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from drift.search.sortie import Sortie
-from drift.search.standing import Standing
+from drift.search.records import Sortie
+from drift.suspend.standing import Standing
 
 Array = npt.NDArray[Any]
 

@@ -9,18 +9,18 @@ import numpy.typing as npt
 import shapely
 
 from drift.case import units
-from drift.case.case import Case
+from drift.case.file import Case
 from drift.case.spill import NUMBERS, Find, Patrol, Reporting, Spill
 from drift.forecast import tables
 from drift.motion.prior import elapsed
 from drift.spill import exposure, finds
 from drift.spill.worlds import Worlds
-from geo import coast as shoreline
-from geo import segments as stretches
 from geo import sphere
-from geo.coast import Coast
+from geo.coast import edges as shoreline
+from geo.coast import segments as stretches
+from geo.coast.edges import Coast
+from geo.coast.segments import Segments
 from geo.errors import UserError
-from geo.segments import Segments
 
 FARTHEST = 3000.0  # [m] off the shoreline that a find may be stated to lie
 SHARES = 41  # values of the share destroyed that are summed over

@@ -21,7 +21,7 @@ class Stays:
     """Stays of particles on the shore, one a row, sorted by slot and arrival; shape (m,)."""
 
     slot: Ints
-    segment: Ints  # number in geo.segments.Segments
+    segment: Ints  # number in geo.coast.segments.Segments
     arrival: Ints  # [s after the run's start]
     leave: Ints  # [s after start] when it was afloat again; FOREVER while it lies there at the end of the run
 

@@ -3,7 +3,7 @@
 With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N - F): g is the density
 with which an object that was not destroyed is found there and then, q its probability of having been found by now, d the
 share destroyed at once. A product over classes; a sum over N, d, the class of finds where it is unknown, and which finds
-are none of ours. g and q come from a world's particles and are noisy: drift.spill.borrow draws them toward other worlds'.
+are none of ours. g and q come from a world's particles and are noisy: drift.spill.shrinkage draws them toward other worlds'.
 
 A find at sea enters by g alone: nobody says where else at sea was looked.
 A find that is none of ours with probability p has the density p / (1 - p) * B, where B is what true finds have on average:
@@ -20,7 +20,7 @@ import numpy.typing as npt
 from scipy import special
 
 from drift.motion.status import Status
-from drift.spill import borrow, exposure
+from drift.spill import exposure, shrinkage
 from drift.spill.exposure import Exposure, Patrol, Reporting
 from drift.spill.fates import Fates
 from geo import sphere
@@ -142,7 +142,7 @@ class _Evidence:
 
     density: Real
     alien: Real
-    alike: borrow.Likeness
+    alike: shrinkage.Likeness
     prior: Real  # (W,) log weights of the worlds before any find, normalised
 
 
@@ -221,7 +221,7 @@ def _by_world(fates: Fates, slot: npt.NDArray[np.int32], value: Real, classes: i
 def _evidence(known: Known, here: Exposure, latent: Real, log_weight: Real) -> _Evidence:
     fates, numbers = here.fates, known.numbers
     classes = numbers.shares.size
-    n, alike = _per_class(fates, classes), borrow.likeness(latent)
+    n, alike = _per_class(fates, classes), shrinkage.likeness(latent)
     prior = np.log(_normal(np.broadcast_to(np.asarray(log_weight, float), fates.worlds)) + 1e-300)
     density = np.full((len(known.finds), classes, fates.worlds), -np.inf)
     alien = np.full(len(known.finds), -np.inf)
@@ -230,7 +230,7 @@ def _evidence(known: Known, here: Exposure, latent: Real, log_weight: Real) -> _
         sums = _by_world(fates, slot, value, classes)
         squares = _by_world(fates, slot, value**2, classes)
         for c in range(classes) if find.kind is None else [find.kind]:
-            density[k, c] = np.log(borrow.rates(sums[c], squares[c], int(n[c]), alike, _full(known, find)))
+            density[k, c] = np.log(shrinkage.rates(sums[c], squares[c], int(n[c]), alike, _full(known, find)))
         if 0 < find.false < 1:
             alien[k] = special.logit(find.false) + np.log(_alien(known, here, k, prior))
     return _Evidence(density, alien, alike, prior)
@@ -313,7 +313,7 @@ def _weigh(known: Known, here: Exposure, evidence: _Evidence, ours: tuple[int, .
     square = _by_world(fates, every, found**2, classes) / np.maximum(n, 1)[:, None]
     share = np.empty((worlds, classes))
     for c in range(classes):
-        share[:, c] = borrow.share(mean[c], np.maximum(square[c] - mean[c] ** 2, 0), int(n[c]), evidence.alike)
+        share[:, c] = shrinkage.share(mean[c], np.maximum(square[c] - mean[c] ** 2, 0), int(n[c]), evidence.alike)
     counted = _counted(evidence, ours, classes, worlds)
     size = np.full((len(counted), worlds), -np.inf)
     objects = np.full((worlds, numbers.objects.size), -np.inf)

@@ -16,10 +16,11 @@ import xarray as xr
 
 from drift.forecast.cells import Array
 from drift.motion.status import Status
-from drift.spill import estimate, washup_dataset
+from drift.spill import dataset as washup_dataset
+from drift.spill import estimate
+from drift.spill.dataset import SHARES
 from drift.spill.fates import Fates, Realisation
-from drift.spill.washup_dataset import SHARES
-from geo.segments import Segments
+from geo.coast.segments import Segments
 
 CELLS = 2_000_000  # rows (a stretch of a world) by output time that are worked on together
 MEANS = ("expected", "probability", "arrived")

@@ -1,0 +1,401 @@
+"""Where a spill came from: release place and time from its finds, by a run backward in time that says where to look.
+
+As a function of the release (x, t), the density p(find | x, t) obeys the backward Kolmogorov equation. With s the time
+before the find it reads dp/ds = v . grad p + D lap p, and particles moved by -v with diffusion D have a density rho with
+drho/ds = div(v rho) + D lap rho: they differ by div(v) p, so p is rho with log weights -integral of div(v) ds along the
+tracks (Thomson 1987, doi:10.1017/S0022112087001940; Flesch et al. 1995,
+doi:10.1175/1520-0450(1995)034<1320:BTLSDM>2.0.CO;2, for flows without divergence). Errors of current and wind and jibes
+are reversible in time, so backward they follow the same laws.
+
+Backward worlds share factors of windage and errors of the current, not a release: that lies on a grid. Within a world
+finds are independent given the release, so their densities multiply; worlds are averaged then.
+
+Left out, which is why the forward posterior (drift.spill.finds) is the answer and this is a proposal where to look:
+- the chance that the rest was missed (1 - u), and with it what finds say of the readiness to report. Where many
+  objects are not found this draws the release towards the finds: a release near them would have given more;
+- the flux onto a shore, for which the density tracks_back.OFFING off it stands: too far and too late by that much;
+- refloating and sliding: a track that meets the coast ends.
+All objects are taken to go adrift when half of `lasting` is over. A find that may be false has, as such, the density of
+one that is equally likely to come from anywhere in the box of the prior.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from drift.backtrack import tracks
+from drift.backtrack.tracks import Group
+from drift.case.file import Case
+from drift.case.scenario import TracklinePrior
+from drift.case.spill import Spill
+from drift.forecast import effective
+from drift.forecast.effective import Count
+from drift.motion import simulate, start
+from drift.motion.ensemble import Ensemble
+from drift.motion.environment import Environment
+from drift.motion.forcing import Forcing
+from drift.motion.simulate import Progress, Scene
+from drift.motion.status import Status
+from drift.spill import worlds as drawn_worlds
+from drift.spill.worlds import Worlds
+from geo import sphere
+from geo.coast import edges as shoreline
+from geo.coast.segments import Segments
+from geo.errors import UserError
+from kernels import advance
+from kernels import coast as device_coast
+
+Array = npt.NDArray[Any]
+Real = npt.NDArray[np.float64]
+
+DRAWS = 2**19  # of the prior, for its share in every cell
+TAIL = 1e-4  # of the prior beyond each side of the grid
+SMALLEST = 10.0  # [m] cell
+POINT = 1e-4  # [deg] cell where all releases are at one longitude or latitude
+FINEST = 0.6  # cells: a normal curve that wide is summed over their centres to 0.2 %
+CUT = 6.0  # widths of a kernel beyond which it is nothing: 2e-9 of it
+LEAST = 1.0001 * np.exp(-(CUT**2) / 2)
+BATCH = 100  # worlds whose densities are reckoned at once
+SECOND = np.timedelta64(1, "s")
+ROUGH = "place and time are rough"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Release place and time on a grid; prior and probability have shape (time, lat, lon) and sum 1."""
+
+    lon: Real  # [deg] centres of cells, without jumps: may leave -180..180
+    lat: Real
+    time: npt.NDArray[np.datetime64]  # [s] centres of equal parts of the release window
+    prior: Real
+    probability: Real
+    mean: tuple[float, float, float]  # lon, lat [deg], time [s since 1970]
+    std: tuple[float, float, float]  # east, north [m], time [s]
+    error: tuple[float, float, float]  # standard error of the mean by the delta method over worlds: [m], [m], [s]
+    worlds: int
+    effective: float  # number of worlds that the finds leave
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The cells of place and time, and the prior in them."""
+
+    lon: Real
+    lat: Real
+    time: npt.NDArray[np.int64]  # [s since 1970]
+    prior: Real
+    side: float  # [m] of a cell
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Middle (lon, lat) [deg], where the plane of the map touches."""
+        return float(self.lon[[0, -1]].mean()), float(self.lat[[0, -1]].mean())
+
+    def plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
+        """Return (x, y) [m] of places [deg] on a plate carree that is true at the middle."""
+        lon0, lat0 = self.centre
+        east = np.radians((lon - lon0 + 180) % 360 - 180) * (sphere.RADIUS * np.cos(np.radians(lat0)))
+        return east, np.radians(lat - lat0) * sphere.RADIUS
+
+
+def backward(
+    case: Case,
+    where: Environment,
+    segments: Segments | None,
+    stretch: Sequence[int],
+    *,
+    worlds: int = 500,
+    per_find: int = 200,
+    cells: int = 64,
+    times: int = 24,
+    progress: Progress | None = None,
+) -> Origin:
+    """Return where and when the objects found may have been released.
+
+    stretch: the segment of each of the spill's finds (drift.spill.evidence.place), -1 at sea; segments: None if all are.
+    worlds x per_find particles go back from each find; cells: along the longer side of the grid; times: parts of
+    the release window. Raises UserError without finds, and where no release that is allowed leads to them.
+    """
+    spill = case.spill
+    assert spill is not None
+    if not spill.finds:
+        raise UserError("no finds: nothing says where the spill came from; add a [[find]]")
+    rng = np.random.Generator(np.random.Philox(key=case.seed))
+    is_land = partial(shoreline.is_land, where.coast) if where.coast else _nowhere
+    grid = _cells(spill, case.seed, is_land, cells, times)
+    shared = drawn_worlds.draw(spill, case.seed + 1, is_land, count=worlds)
+    latest = max(find.time for find in spill.finds).astype("datetime64[s]")
+    elapsed = latest.astype(np.int64) - (grid.time + round(spill.lasting / 2))  # backward run: [s] to each release
+    if elapsed.max() <= 0:
+        raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
+    back = replace(case, start=latest, end=latest - elapsed.max() * SECOND, direction=-1)
+    ensemble, groups = tracks.begin(back, spill, shared, where.coast, segments, stretch, per_find, rng)
+    forcing = Forcing(list(where.scenarios), -1)
+    try:
+        shore = device_coast.upload(where.coast) if where.coast else None
+        place = advance.Place(
+            start.domain(where), shore, bias=spill.current_bias > 0, divergence=True, scheme=case.scheme
+        )
+        scene = Scene(forcing, tuple(start.physics(case, s) for s in case.scenarios), place)
+        clock, _ = start.clock_of(back, where, ensemble, scene)
+        order = np.flatnonzero(elapsed > 0)[::-1]  # the latest release comes first
+        moments = simulate.run(ensemble, scene, clock, elapsed[order], progress)
+        slices = _slices(spill, grid, shared, groups, ensemble, zip(order, moments, strict=True))
+        return _posterior(spill, grid, worlds, slices)
+    finally:
+        forcing.close()
+
+
+def _nowhere(lon: Array, lat: Array) -> Array:
+    return np.zeros(np.shape(lon), bool)
+
+
+def _cells(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, cells: int, times: int) -> _Grid:
+    """Return the grid, and the prior in it from many draws; place and time are independent but on a voyage."""
+    drawn = drawn_worlds.draw(spill, seed, is_land, count=DRAWS)
+    lon, lat = sphere.to_degrees(drawn.lon), sphere.to_degrees(drawn.lat)
+    lon = lon[0] + (lon - lon[0] + 180) % 360 - 180
+    (west, east), (south, north) = (np.quantile(x, (TAIL, 1 - TAIL)) for x in (lon, lat))
+    degree = np.radians(sphere.RADIUS)  # [m] of latitude
+    width, height = (east - west) * degree * np.cos(np.radians((south + north) / 2)), (north - south) * degree
+    side = max(width / cells, height / cells, SMALLEST)
+    axes = []
+    for low, high, length in ((west, east, width), (south, north, height)):
+        n = max(int(np.ceil(length / side - 1e-6)), 1)
+        step = (high - low) / length * side if length > 0 else POINT
+        axes.append((low + high) / 2 + step * (np.arange(n + 1) - n / 2))
+    first, last = (
+        int(t.astype("datetime64[s]").astype(np.int64)) for t in (spill.prior.release_start, spill.prior.release_end)
+    )
+    edges = np.linspace(first, last, times + 1) if last > first else np.array([first - 0.5, first + 0.5])
+    share = np.histogramdd((drawn.release, lat, lon), (edges, axes[1], axes[0]))[0]
+    if not isinstance(spill.prior, TracklinePrior):
+        share = np.broadcast_to(share.mean(axis=0), share.shape)
+    middle = [(x[1:] + x[:-1]) / 2 for x in (*axes, edges)]
+    return _Grid(middle[0], middle[1], np.rint(middle[2]).astype(np.int64), share / share.sum(), side)
+
+
+@dataclass(frozen=True)
+class _Slice:
+    """What one release time adds: everything but the finds' own mass times exp(-level)."""
+
+    time: int
+    level: float
+    chance: Real  # (ny, nx) prior times the likelihood's mean over worlds
+    sums: Real  # (worlds, 3) 1, x and y [m] over the map
+    finds: Real  # (finds,) each one's mass by itself
+
+
+def _slices(
+    spill: Spill,
+    grid: _Grid,
+    shared: Worlds,
+    groups: list[Group],
+    ensemble: Ensemble,
+    moments: Iterator[tuple[int, simulate.Moment]],
+) -> Iterator[_Slice]:
+    """Yield the likelihood of the finds on the grid, one release time after the other."""
+    gx, gy = grid.plane(grid.lon, grid.lat)
+    # the plane's area by the sphere's
+    true = (np.cos(np.radians(grid.centre[1])) / np.cos(np.radians(grid.lat)))[:, None]
+    box = grid.side**2 * gx.size * gy.size
+    release = ensemble.release.to_numpy()
+    for k, moment in moments:
+        density = np.zeros((len(spill.finds), shared.size, gy.size, gx.size), np.float32)
+        log_weight = np.where(moment.status == Status.ADRIFT, ensemble.log_weight.to_numpy(), -np.inf)
+        x, y = grid.plane(sphere.to_degrees(moment.lon), sphere.to_degrees(moment.lat))
+        for group in groups:
+            shape = (shared.size, group.count)
+            slots = slice(group.first, group.first + shape[0] * shape[1])
+            age = (moment.elapsed - release[slots]).reshape(shape)
+            weight = np.exp(log_weight[slots].astype(np.float64)).reshape(shape) * (group.share / group.count)
+            weight *= tracks.afloat(spill.kinds[group.kind], shared.sinking[:, group.kind], age)
+            for b in range(0, shared.size, BATCH):
+                part = slice(b, b + BATCH)
+                density[group.find, part] += box * _smooth(
+                    x[slots].reshape(shape)[part], y[slots].reshape(shape)[part], weight[part], gx, gy,
+                    grid.side, spill.scatter,
+                )  # fmt: skip
+        density *= true
+        chance = grid.prior[k]
+        alone = np.array([float((chance * g.mean(axis=0, dtype=np.float64)).sum()) for g in density])
+        with np.errstate(divide="ignore"):
+            log_like = sum(
+                np.log((1 - find.false) * g.astype(np.float64) + find.false)
+                for find, g in zip(spill.finds, density, strict=True)
+            )
+        log_like = np.where(chance > 0, log_like, -np.inf)
+        level = float(log_like.max())
+        if np.isfinite(level):
+            like = np.exp(log_like - level) * chance
+            sums = np.stack([like.sum((1, 2)), like.sum(1) @ gx, like.sum(2) @ gy], axis=1)
+            yield _Slice(k, level, like.mean(axis=0), sums, alone)
+        else:
+            yield _Slice(k, level, np.zeros_like(chance), np.zeros((shared.size, 3)), alone)
+
+
+def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, scatter: float) -> Array:
+    """Return densities [1/m2] (worlds, ny, nx) at (gx, gy) of weighted particles (worlds, n), convolved with the scatter.
+
+    Normal product kernels by Silverman's rule (1986, eq. 4.15), at least as wide as the scatter and FINEST cells; what
+    is wider than the scatter is taken off by drawing the particles in, so that variances stay (West 1993).
+    """
+    total = weight.sum(axis=1, keepdims=True)
+    share = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0)
+    effective = 1 / np.maximum((share**2).sum(axis=1, keepdims=True), 1e-12)
+    kernels = []
+    for place, node in ((x, gx), (y, gy)):
+        mean = (share * place).sum(axis=1, keepdims=True)
+        variance = (share * (place - mean) ** 2).sum(axis=1, keepdims=True)
+        square = np.maximum(variance * effective ** (-1 / 3), max(scatter, FINEST * side) ** 2)
+        drawn_in = np.sqrt(np.clip(1 - (square - scatter**2) / np.maximum(variance, 1e-6), 0, 1))
+        width = np.sqrt(square)
+        drawn = ((mean + drawn_in * (place - mean)) / width).astype(np.float32)
+        bell = drawn[..., None] - (node / width).astype(np.float32)[:, None]
+        bell *= bell
+        np.exp(np.minimum(bell, CUT**2, out=bell) * np.float32(-0.5), out=bell)
+        bell *= bell > LEAST  # numbers too small for float32 would take a hundred times as long
+        kernels.append(bell / (width * np.sqrt(2 * np.pi)).astype(np.float32)[..., None])
+    return np.asarray(np.matmul((kernels[1] * weight[..., None].astype(np.float32)).transpose(0, 2, 1), kernels[0]))
+
+
+def _posterior(spill: Spill, grid: _Grid, worlds: int, slices: Iterator[_Slice]) -> Origin:
+    """Return the posterior of all release times together."""
+    known = list(slices)
+    alone = np.sum([s.finds for s in known], axis=0)
+    for find, mass in zip(spill.finds, alone, strict=True):
+        if mass <= 0 and find.false == 0:
+            raise UserError(
+                f"{find.name}: no release that [spill] allows leads there, by {len(known)} times of release and the tracks "
+                "back from it; check its place and time, widen the release, or make [domain] larger"
+            )
+    top = max(s.level for s in known)
+    if not np.isfinite(top):
+        raise UserError(
+            "the finds exclude each other: each could come from a release that [spill] allows, but no release leads to "
+            "all; check their times, raise windage_bias or current_bias, or give false = a probability to the odd one"
+        )
+    probability, sums = np.zeros(grid.prior.shape), np.zeros((worlds, 4))
+    time0 = int(grid.time[0])
+    for s in known:
+        factor = np.exp(s.level - top)
+        probability[s.time] = factor * s.chance
+        sums[:, :3] += factor * s.sums
+        sums[:, 3] += factor * s.sums[:, 0] * (grid.time[s.time] - time0)
+    total = sums[:, 0].sum()
+    mean = sums[:, 1:].sum(axis=0) / total
+    apart = sums[:, 1:] - mean * sums[:, :1]  # ratio estimates: each world's part in the error of the mean
+    error = np.sqrt((apart**2).sum(axis=0) * worlds / max(worlds - 1, 1)) / total
+    probability /= probability.sum()
+    gx, gy = grid.plane(grid.lon, grid.lat)
+    spread = [
+        float(np.sqrt(((axis - m) ** 2 * probability.sum(axis=others)).sum()))
+        for axis, m, others in zip((gx, gy, grid.time - time0), mean, ((0, 1), (0, 2), (1, 2)), strict=True)
+    ]
+    lon = grid.centre[0] + np.degrees(mean[0] / (sphere.RADIUS * np.cos(np.radians(grid.centre[1]))))
+    return Origin(
+        lon=grid.lon,
+        lat=grid.lat,
+        time=grid.time.astype("datetime64[s]"),
+        prior=grid.prior,
+        probability=probability,
+        mean=(float(lon), float(grid.centre[1] + np.degrees(mean[1] / sphere.RADIUS)), float(time0 + mean[2])),
+        std=(spread[0], spread[1], spread[2]),
+        error=(float(error[0]), float(error[1]), float(error[2])),
+        worlds=worlds,
+        effective=float(total**2 / (sums[:, 0] ** 2).sum()),
+    )
+
+
+def count(origin: Origin) -> Count:
+    """Return how many of the worlds count."""
+    return Count(origin.effective, origin.worlds, "worlds")
+
+
+def warnings(origin: Origin) -> list[str]:
+    """Return what must not be believed of an origin."""
+    few = effective.sentence(count(origin), "after the finds", f"{ROUGH}; look for a find that fits no other")
+    return [few] if count(origin).few else []
+
+
+def dataset(origin: Origin) -> xr.Dataset:
+    """Return prior and posterior probability by time, lat and lon, with what a reader needs to know."""
+    dims = ("time", "lat", "lon")
+    return xr.Dataset(
+        {
+            "probability": (
+                dims,
+                origin.probability,
+                {"long_name": "posterior probability of the release", "units": "1"},
+            ),
+            "prior": (dims, origin.prior, {"long_name": "prior probability of the release", "units": "1"}),
+        },
+        {
+            "time": ("time", origin.time.astype("datetime64[ns]"), {"standard_name": "time", "long_name": "release"}),
+            "lat": ("lat", origin.lat, {"standard_name": "latitude", "units": "degrees_north"}),
+            "lon": ("lon", origin.lon, {"standard_name": "longitude", "units": "degrees_east"}),
+        },
+        {
+            "title": "Release of a spill, proposed by tracks back from its finds",
+            "comment": "a proposal where to look; the forward posterior is the answer",
+            "worlds": origin.worlds,
+            "effective_worlds": origin.effective,
+        },
+    )
+
+
+def edges(centres: Real) -> Real:
+    """Return the edges [deg] of cells of equal width by their centres, shape (n + 1,); of a lone one POINT apart."""
+    step = centres[1] - centres[0] if centres.size > 1 else POINT
+    return np.append(centres - step / 2, centres[-1] + step / 2)
+
+
+def cell_area(origin: Origin) -> Real:
+    """Return the area [m2] of a cell of each row, R^2 dlon (sin lat2 - sin lat1), shape (nlat,)."""
+    width = np.radians(edges(origin.lon)[1] - edges(origin.lon)[0])
+    return np.asarray(sphere.RADIUS**2 * width * np.diff(np.sin(np.radians(edges(origin.lat)))))
+
+
+def summary(origin: Origin) -> dict[str, float | str]:
+    """Return the release in figures, one a column: mean, areas and radii that hold 50 and 90 %, times by quantile.
+
+    A radius is about the mean position, an area the smallest that holds the share, to a cell.
+    """
+    place, when = origin.probability.sum(axis=0), origin.probability.sum(axis=(1, 2))
+    lon, lat = np.meshgrid(origin.lon, origin.lat)
+    centre = np.radians(origin.mean[:2])
+    away = sphere.distance(centre[0], centre[1], np.radians(lon), np.radians(lat)).ravel()
+    area = np.broadcast_to(cell_area(origin)[:, None], place.shape)
+    out: dict[str, float | str] = {
+        "lon_deg": float((origin.mean[0] + 180) % 360 - 180),
+        "lat_deg": origin.mean[1],
+        "time": _utc(origin.mean[2]),
+        "east_std_km": origin.std[0] / 1000,
+        "north_std_km": origin.std[1] / 1000,
+        "time_std_h": origin.std[2] / 3600,
+        "east_error_km": origin.error[0] / 1000,
+        "north_error_km": origin.error[1] / 1000,
+        "time_error_h": origin.error[2] / 3600,
+    }
+    near, dense = np.argsort(away, kind="stable"), np.argsort(-(place / area).ravel(), kind="stable")
+    for share in (50, 90):
+        k, m = (int(np.searchsorted(np.cumsum(place.ravel()[order]), share / 100 - 1e-12)) for order in (near, dense))
+        out[f"radius_{share}_km"] = float(away[near[min(k, near.size - 1)]]) / 1000
+        out[f"area_{share}_km2"] = float(area.ravel()[dense[: m + 1]].sum()) / 1e6
+    seconds = origin.time.astype(np.int64)
+    half = (seconds[1] - seconds[0]) / 2 if seconds.size > 1 else 0.0
+    edges = np.concatenate([seconds - half, [seconds[-1] + half]])
+    reached = np.concatenate([[0.0], np.cumsum(when)])
+    for share in (10, 50, 90):
+        out[f"time_{share}"] = _utc(float(np.interp(share / 100, reached, edges)))
+    out["worlds"], out["effective_worlds"] = float(origin.worlds), origin.effective
+    return out
+
+
+def _utc(seconds: float) -> str:
+    return f"{np.datetime64(round(seconds), 's')}Z"

@@ -1,0 +1,211 @@
+"""The particles that go back from the finds of a spill: where and when each begins, and what weight it has along its way.
+
+Every find sends out particles of every class that it may be of, the same number in each world. They begin where and
+when their object was found: at sea about its place; ashore a little off the beach at a time of arrival drawn from the
+law of waits for a report, weighted by the patrols that missed it. Particles that can't begin in water have no weight.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import special
+
+from drift.case.file import Case
+from drift.case.spill import Find, Kind, Spill
+from drift.motion import ensemble as record
+from drift.motion import prior
+from drift.motion.ensemble import Ensemble
+from drift.motion.leeway import AIR_IN_WATER
+from drift.spill import evidence, release
+from drift.spill.worlds import Worlds
+from geo import sphere
+from geo.coast import edges as shoreline
+from geo.coast.edges import Coast
+from geo.coast.segments import Segments
+from kernels import noise, runtime
+from kernels import prior as kernel
+
+Array = npt.NDArray[Any]
+Real = npt.NDArray[np.float64]
+
+OFFING = (50.0, 100.0)  # [m] off the beach where the track of a find ashore begins
+FEWEST = 10  # particles of a find, a class and a world
+TRIES = 64  # rounds of candidates for a place in water
+SECOND = np.timedelta64(1, "s")
+
+
+@dataclass(frozen=True)
+class Group:
+    """The slots from `first` on that go back from one find as objects of one class: `count` for every world."""
+
+    find: int
+    kind: int
+    share: float
+    first: int
+    count: int
+
+
+def begin(
+    case: Case,
+    spill: Spill,
+    shared: Worlds,
+    coast: Coast | None,
+    segments: Segments | None,
+    stretch: Sequence[int],
+    per_find: int,
+    rng: np.random.Generator,
+) -> tuple[Ensemble, list[Group]]:
+    """Return the particles of a run backward, all pending, and how they belong to finds and classes.
+
+    case: starts at the last find and runs backward. stretch: the segment of each find, -1 at sea. per_find: particles
+    of a find in a world, at least FEWEST of each class that it may be of.
+    """
+    groups, bounds = _groups(spill, shared.size, per_find)
+    ensemble = _equip(case, spill, shared, groups, bounds)
+    _place(ensemble, case, spill, coast, segments, stretch, shared, groups, rng)
+    return ensemble, groups
+
+
+def _groups(spill: Spill, worlds: int, per_find: int) -> tuple[list[Group], tuple[int, ...]]:
+    """Return the groups, those of a class side by side, and the bounds of the classes' slots."""
+    groups, bounds = [], [0]
+    for k, kind in enumerate(spill.kinds):
+        first = bounds[-1]
+        for f, find in enumerate(spill.finds):
+            share = kind.share if find.kind is None else float(find.kind == kind.name)
+            if share > 0:
+                count = max(round(per_find * share), FEWEST)
+                groups.append(Group(f, k, share, first, count))
+                first += worlds * count
+        bounds.append(first)
+    return groups, tuple(bounds)
+
+
+def _equip(case: Case, spill: Spill, shared: Worlds, groups: list[Group], bounds: tuple[int, ...]) -> Ensemble:
+    """Return objects of every class with the worlds they belong to, each with its own leeway and errors."""
+    seed = (case.seed + 1) % 2**63  # not the noise of the forward run
+    ensemble, key = record.empty(seed, bounds), noise.key(seed)
+    world = np.concatenate([np.repeat(np.arange(shared.size, dtype=np.int32), group.count) for group in groups])
+    ensemble.world.from_numpy(world)
+    factor = runtime.upload(shared.windage.astype(np.float32))
+    for kind, slots in zip(spill.kinds, ensemble.scenarios, strict=True):
+        if slots[0] == slots[1]:
+            continue
+        prior.equip(ensemble, slots, key, kind.object)
+        if kind.object.immersion is not None:
+            kernel.draw_immersion(*slots, ensemble.down_slope, *key, *kind.object.immersion, AIR_IN_WATER)
+        for name in record.LEEWAY:
+            kernel.scale_windage(*slots, getattr(ensemble, name), ensemble.world, factor)
+        prior.draw_errors(case, ensemble, slots, key)
+    release.share(ensemble, shared.current_east, shared.current_north)
+    return ensemble
+
+
+def _place(
+    ensemble: Ensemble,
+    case: Case,
+    spill: Spill,
+    coast: Coast | None,
+    segments: Segments | None,
+    stretch: Sequence[int],
+    shared: Worlds,
+    groups: list[Group],
+    rng: np.random.Generator,
+) -> None:
+    """Put every particle where and when its object was: found at sea, or come ashore and lying there till found."""
+    lon, lat = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.int32)
+    release, log_weight = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.float32)
+    edge = shoreline.edges(coast) if coast else np.empty((0, 4), np.int32)
+    for group in groups:
+        find, on = spill.finds[group.find], stretch[group.find]
+        shape = (shared.size, group.count)
+        slots = slice(group.first, group.first + shape[0] * shape[1])
+        late = np.full(shape, (case.start - find.time) / SECOND)
+        if on < 0:
+            x, y, wet = _at_sea(find, coast, shape[0] * shape[1], rng)
+        else:
+            assert segments is not None
+            assert coast is not None
+            x, y, wet = _off_beach(edge[segments.of_edge == on], coast, shape[0] * shape[1], rng)
+            wait = _wait(find, spill, float(evidence.rates(spill.reporting, segments)[on]), shared, group.count, rng)
+            log_weight[slots] = _missed(find, spill, segments, on, wait).ravel()
+            late += wait
+        lon[slots], lat[slots], release[slots] = x, y, np.rint(late).ravel()
+        log_weight[slots][~wet] = -np.inf
+    for column, values in zip(("lon", "lat", "release", "log_weight"), (lon, lat, release, log_weight), strict=True):
+        getattr(ensemble, column).from_numpy(values)
+
+
+def _at_sea(find: Find, coast: Coast | None, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Return places [binary angle] about a find, its radius being the standard deviation of a component; and if wet."""
+    lon, lat = np.empty(n, np.int32), np.empty(n, np.int32)
+    dry = np.arange(n)
+    for _ in range(TRIES):
+        shift = find.radius * rng.standard_normal((2, dry.size))
+        x, y = sphere.destination(np.radians(find.lon), np.radians(find.lat), *shift)
+        lon[dry], lat[dry] = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
+        dry = dry[shoreline.is_land(coast, lon[dry], lat[dry])] if coast else dry[:0]
+        if not dry.size:
+            break
+    return lon, lat, ~np.isin(np.arange(n), dry)
+
+
+def _off_beach(edge: Array, coast: Coast, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Return places [binary angle] in water a little off edges, uniform along them; and whether one was found."""
+    scale = np.cos(edge[:, 1] * sphere.UNIT)  # a unit of longitude in units of latitude
+    east = (edge[:, 2].astype(np.int64) - edge[:, 0]).astype(np.int32) * scale
+    north = edge[:, 3].astype(np.float64) - edge[:, 1]
+    length = np.hypot(east, north)
+    lon, lat = np.empty(n, np.int32), np.empty(n, np.int32)
+    dry = np.arange(n)
+    for _ in range(TRIES):
+        k = rng.choice(len(edge), dry.size, p=length / length.sum())
+        along = rng.random(dry.size)
+        off = (
+            rng.uniform(*OFFING, dry.size)
+            * rng.choice((-1.0, 1.0), dry.size)
+            / (length[k] * sphere.RADIUS * sphere.UNIT)
+        )
+        x = edge[k, 0] + np.rint((along * east[k] - off * north[k]) / scale[k]).astype(np.int64)
+        lon[dry], lat[dry] = x.astype(np.int32), edge[k, 1] + np.rint(along * north[k] + off * east[k]).astype(np.int32)
+        dry = dry[shoreline.is_land(coast, lon[dry], lat[dry])]
+        if not dry.size:
+            break
+    return lon, lat, ~np.isin(np.arange(n), dry)
+
+
+def _wait(find: Find, spill: Spill, rate: float, shared: Worlds, count: int, rng: np.random.Generator) -> Real:
+    """Return times [s] (worlds, count) from going ashore to being found, at most since the earliest release.
+
+    Reported or removed at a constant rate, they are exponential; uniform where found at an unknown time before.
+    """
+    longest = float((find.time - spill.prior.release_start) / SECOND)
+    u = rng.random((shared.size, count))
+    if find.latest:
+        return u * longest
+    rates = np.maximum(rate * shared.reporting + spill.reporting.removal, 1e-9 / longest)
+    return np.asarray(-np.log1p(u * np.expm1(-rates * longest)[:, None]) / rates[:, None])
+
+
+def _missed(find: Find, spill: Spill, segments: Segments, on: int, wait: Real) -> Real:
+    """Return the log probability that the patrols of a stretch missed an object lying there `wait` [s] before its find."""
+    log_missed = np.zeros(wait.shape)
+    for patrol in spill.patrols:
+        before = (find.time - patrol.time) / SECOND
+        if patrol.name != find.by and before > 0 and on in evidence.walked(patrol, segments):
+            with np.errstate(divide="ignore"):
+                log_missed += np.where(wait > before, np.log1p(-patrol.detection), 0.0)
+    return log_missed
+
+
+def afloat(kind: Kind, time: Real, age: Real) -> Real:
+    """Return the probability that an object has not sunk at an age [s] (worlds, n), by the worlds' times (worlds,)."""
+    if kind.sinking is None:
+        return np.ones(age.shape)
+    relative = np.maximum(age, 1e-9) / time[:, None]
+    if kind.sinking.spread > 0:
+        return np.asarray(special.ndtr(-np.log(relative) / kind.sinking.spread))
+    return np.asarray(np.exp2(-relative))

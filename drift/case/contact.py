@@ -1,0 +1,175 @@
+"""Contacts as a case file gives them: positions, bearings, ranges and areas at which something was seen, and how surely."""
+
+import math
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from drift.case import fields, units
+from drift.case.context import Run, all_told
+from drift.case.objects import ObjectTable
+from drift.case.pattern import RegionTable
+from drift.case.scenario import ErrorTable
+from drift.case.sensor import Zones, probability
+from drift.search.records import Contact, Fix
+
+KINDS = ("position", "bearing", "range", "area")
+DENSITY = {  # unit and example of the density of false contacts
+    "position": ("1/m^2", "0.001 /nmi2"),
+    "area": ("1/m^2", "0.001 /nmi2"),
+    "bearing": ("1/rad", "0.01 /deg"),
+    "range": ("1/m", "0.02 /nmi"),
+}
+
+
+def _fix(row: object) -> Fix:
+    if not isinstance(row, list | tuple) or len(row) != 2:
+        raise ValueError(f'{row!r} is not a fix; write [position, share], like ["27 30N 088 15W", 0.7]')
+    place, share = units.position(row[0]), probability(row[1], "share")
+    if share == 0:
+        raise ValueError(f"a fix with a share of 0, at {row[0]!r}, says nothing; leave it out")
+    return Fix(*place, share)
+
+
+class PlaceTable(ErrorTable):
+    """A position, or rival ones with their shares (fixes A and B of a beacon), and its error."""
+
+    at: fields.Position | None = None
+    fixes: Annotated[list[Any], Field(min_length=1, max_length=100)] | None = None
+
+    @model_validator(mode="after")
+    def proper(self) -> "PlaceTable":
+        """Refuse none or two places, shares that don't add up, and a position without error."""
+        fields.one_of(self, ("at", "fixes"))
+        self.places()
+        if min(self.axes()[:2]) <= 0:
+            raise ValueError(
+                'a contact\'s position has an error above 0, like error = "1 nmi" (half of them within it)'
+            )
+        return self
+
+    def places(self) -> tuple[Fix, ...]:
+        """Return the positions it may be at, shares adding up to 1."""
+        if self.at is not None:
+            return (Fix(*self.at),)
+        fixes = [_fix(row) for row in self.fixes or ()]
+        total = math.fsum(fix.share for fix in fixes)
+        if not math.isclose(total, 1, abs_tol=0.01):
+            raise ValueError(f"shares of the fixes add up to {total:g}; they must add up to 1")
+        return tuple(Fix(fix.lon, fix.lat, fix.share / total) for fix in fixes)
+
+
+class BearingTable(fields.Table):
+    """A line of bearing from a place: a flare, a direction finder, a sonar."""
+
+    from_: fields.Position = Field(alias="from")
+    bearing: fields.Direction
+    std: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "deg", "angle", "5 deg"))]
+    near: fields.Length = 0.0
+    far: fields.Length | None = None
+    zones: Zones | None = None
+
+    @model_validator(mode="after")
+    def proper(self) -> "BearingTable":
+        """Refuse an error that is none, and ranges from far to near."""
+        if not 0 < self.std <= 90:
+            raise ValueError(f"std {self.std:g} deg must be above 0 and at most 90 deg")
+        if self.far is not None and self.far <= self.near:
+            raise ValueError("far must be farther than near")
+        return self
+
+
+class RangeTable(fields.Table):
+    """A distance from a place."""
+
+    from_: fields.Position = Field(alias="from")
+    range: Annotated[fields.Length, Field(gt=0)]
+    std: Annotated[fields.Length, Field(gt=0)]
+    zones: Zones | None = None
+
+
+def _belief(value: object) -> float:
+    belief = probability(value, "belief")
+    if belief == 0:
+        raise ValueError("belief 0: a contact that is surely none of ours says nothing; leave it out")
+    return belief
+
+
+def _object(value: object) -> object:
+    return {"name": value} if isinstance(value, str) else value
+
+
+class ContactTable(fields.Table):
+    """A [[contact]] table as written."""
+
+    name: fields.Label | None = None
+    time: fields.Time
+    belief: Annotated[float, BeforeValidator(_belief)] | None = None
+    false_density: Any = None
+    position: PlaceTable | None = None
+    bearing: BearingTable | None = None
+    range: RangeTable | None = None
+    area: RegionTable | None = None
+    of: Annotated[ObjectTable, BeforeValidator(_object)] | None = None
+
+    @model_validator(mode="after")
+    def one_kind(self) -> "ContactTable":
+        """Refuse none or two kinds, and two ways of being false."""
+        fields.one_of(self, KINDS)
+        if self.belief is not None and self.false_density is not None:
+            raise ValueError("give belief or false_density, not both: either says how a contact may be false")
+        self.false()
+        return self
+
+    def kind(self) -> Any:
+        """Return the kind of contact."""
+        return fields.one_of(self, KINDS)
+
+    def false(self) -> float:
+        """Return the density of false contacts, in what the contact is measured in."""
+        if self.false_density is None:
+            return 0.0
+        unit, example = DENSITY[self.kind()]
+        given = self.false_density
+        if not isinstance(given, str) and given != 0:  # SI would be one a square metre
+            raise ValueError(f'false_density {given!r} needs a unit here, like "{example}"')
+        density = units.quantity(given, unit, "density of false contacts", example)
+        if density < 0:
+            raise ValueError(f"false_density {given!r} must be at least 0")
+        return density
+
+    def contact(self, name: str, run: Run) -> Contact:
+        """Return the record; raise ValueError for what does not fit the run."""
+        time = units.resolve(self.time, run.start)
+        run.check(time, time)
+        more: dict[str, Any] = {}
+        if self.position is not None:
+            major, minor, turn = self.position.axes()
+            more = {"fixes": self.position.places(), "major": major, "minor": minor, "orientation": turn}
+        elif self.bearing is not None:
+            more = {
+                "sensor": self.bearing.from_,
+                "bearing": math.radians(self.bearing.bearing),
+                "bearing_std": math.radians(self.bearing.std),
+                "near": self.bearing.near,
+                "far": math.inf if self.bearing.far is None else self.bearing.far,
+                "zones": self.bearing.zones,
+            }
+        elif self.range is not None:
+            more = {
+                "sensor": self.range.from_,
+                "range": self.range.range,
+                "range_std": self.range.std,
+                "zones": self.range.zones,
+            }
+        elif self.area is not None:
+            more = {"area": self.area.area()}
+        belief = 1.0 if self.belief is None else self.belief
+        drifter = self.of.drifter() if self.of is not None else None
+        return Contact(name, time, self.kind(), belief, self.false(), drifter=drifter, **more)
+
+
+def build(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:
+    """Return the contacts by time; raise UserError for what is wrong with one."""
+    made = all_told([table.contact for table in tables], [table.name for table in tables], "contact", run)
+    return tuple(sorted(made, key=lambda contact: contact.time))

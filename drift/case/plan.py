@@ -1,0 +1,187 @@
+"""What a case file says of the next search: units that can be sent, what the plan is for, and resampling."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, field_validator
+
+from drift.case import fields, units
+from drift.case.context import Run, all_told
+from drift.case.mistakes import Mistakes
+from drift.case.sensor import VISUAL, Kind, SensorTable
+from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit
+from geo.errors import UserError
+
+LEAST, MOST = 1000, 1_000_000  # particles that a plan is made on
+MOST_ROUNDS = 20
+MOST_ENDURANCE = 30 * 86_400.0  # [s]
+MOST_TURNAROUND = 30 * 86_400.0  # [s]
+
+
+def _turnaround(value: object) -> float:
+    number = units.quantity(value, "s", "duration", "2 h")
+    if not 0 <= number <= MOST_TURNAROUND:
+        raise ValueError(f"turnaround {value!r} must be 0 to {MOST_TURNAROUND / 86_400:.0f} days")
+    return number
+
+
+def _endurance(value: object) -> float:
+    number = units.quantity(value, "s", "duration", "4 h")
+    if not 0 < number <= MOST_ENDURANCE:
+        raise ValueError(f"endurance {value!r} must be above 0 and at most {MOST_ENDURANCE / 86_400:.0f} days on scene")
+    return number
+
+
+class UnitTable(SensorTable):
+    """A [[unit]] table as written."""
+
+    name: fields.Label
+    kind: Kind = ""
+    base: fields.Position
+    return_to: fields.Position | None = None
+    ready: fields.Time | None = None
+    search_speed: fields.ShipSpeed
+    transit_speed: fields.ShipSpeed | None = None
+    endurance: Annotated[float, BeforeValidator(_endurance)]
+    daylight: bool | None = None
+    turnaround: Annotated[float, BeforeValidator(_turnaround)] = 7200.0
+    least_spacing: fields.Length = 0.0
+    clear_of_land: fields.Length | None = None
+    draught: fields.Length | None = None
+
+    def unit(self, name: str, run: Run, plan: PlanSpec) -> Unit:
+        """Return the record; raise ValueError for what does not fit the plan."""
+        ready = plan.begin if self.ready is None else units.resolve(self.ready, run.start)
+        if self.ready is not None and ready >= plan.until:
+            raise ValueError(
+                f"ready at {units.group(ready)}, not before the plan's end, {units.group(plan.until)}; change ready, or "
+                "until in [plan], or run for longer"
+            )
+        for key in ("clear_of_land", "draught"):
+            if getattr(self, key) is not None and self.kind != "Boat":
+                raise ValueError(
+                    f'{key} is of boats: what flies goes straight on; give kind = "Boat", or leave {key} out'
+                )
+        visual = self.sensor == VISUAL
+        return Unit(
+            name=name,
+            kind=self.kind,
+            base=self.base,
+            return_to=self.base if self.return_to is None else self.return_to,
+            ready=ready,
+            search_speed=self.search_speed,
+            transit_speed=self.search_speed if self.transit_speed is None else self.transit_speed,
+            endurance=self.endurance,
+            law=self.law,
+            sweep_width=self.widths(self.kind, self.search_speed, run.scenarios),
+            shape=self.shape(),
+            group=self.group(self.kind),
+            altitude=self.height(),
+            daylight=visual if self.daylight is None else self.daylight,
+            turnaround=self.turnaround,
+            least_spacing=self.least_spacing,
+            clear_of_land=self.clear_of_land or 0.0,
+            draught=self.draught or 0.0,
+        )
+
+
+class PlanTable(fields.Table):
+    """The [plan] table as written."""
+
+    begin: fields.Time | None = None
+    until: fields.Time | None = None
+    objective: Literal["pos", "alive"] = "pos"
+    separation: fields.Length = 0.0
+    rounds: Annotated[fields.Count, Field(ge=1, le=MOST_ROUNDS)] = 1
+    particles: fields.Count = 40_000
+
+    @field_validator("particles")
+    @classmethod
+    def enough(cls, value: int) -> int:
+        """Refuse too few to plan on, and more than a plan gains from."""
+        if not LEAST <= value <= MOST:
+            raise ValueError(f"{value:,} must be {LEAST:,} to {MOST:,} particles")
+        return value
+
+    def spec(self, run: Run, sorties: Sequence[Sortie], contacts: Sequence[Contact], asked: bool) -> PlanSpec:
+        """Return the record; asked: whether there is something to plan, so that its times must leave room for it."""
+        known = [run.start, *(sortie.end for sortie in sorties), *(contact.time for contact in contacts)]
+        begin = max(known) if self.begin is None else units.resolve(self.begin, run.start)
+        until = run.end if self.until is None else units.resolve(self.until, run.start)
+        wrong = Mistakes()
+        for key, time in (("begin", begin), ("until", until)):
+            if getattr(self, key) is not None:
+                with wrong.gathered(f"plan.{key}"):
+                    run.check(time, time)
+        if self.begin is None:
+            begin = min(begin, until)  # all has been flown: a run need not mind that there is no time left to plan for
+        elif asked and begin >= until:
+            wrong.lines.append(
+                f"plan: it begins at {units.group(begin)}, not before its end, {units.group(until)}; give begin and "
+                "until in [plan], or run for longer"
+            )
+        if self.objective == "alive" and all(scenario.survival is None for scenario in run.scenarios):
+            wrong.lines.append(
+                'plan.objective: "alive" needs survival in the scenarios, like survival = { median = "18 h", spread = 1.6 }'
+            )
+        wrong.refuse()
+        return PlanSpec(begin, until, self.objective, self.separation, self.rounds, self.particles)
+
+
+class ResamplingTable(fields.Table):
+    """The [resampling] table as written."""
+
+    method: Literal["systematic", "kahn"] = "systematic"
+    below: fields.Share = 0.0
+
+    @field_validator("below")
+    @classmethod
+    def proper(cls, value: float) -> float:
+        """Refuse to resample always."""
+        if value >= 1:
+            raise ValueError(f"{value:g} must be below 1: the share of effective particles under which it resamples")
+        return value
+
+    def resampling(self) -> Resampling:
+        """Return the record."""
+        return Resampling(self.method, self.below)
+
+
+def build(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit, ...]:
+    """Return the units; raise UserError for what is wrong with one."""
+
+    def maker(table: UnitTable) -> Callable[[str, Run], Unit]:
+        return lambda name, run: table.unit(name, run, plan)
+
+    return tuple(all_told([maker(table) for table in tables], [table.name for table in tables], "unit", run))
+
+
+def check_groups(sorties: Sequence[Sortie], known: Sequence[Unit]) -> None:
+    """Refuse a group whose members know their sweep widths differently well: its unknown factor is one."""
+    first: dict[str, tuple[str, float]] = {}
+    members: list[tuple[str, Sortie | Unit]] = [
+        (f'sortie "{sortie.name}"', sortie) for sortie in sorties if not sortie.watch
+    ]
+    members += [(f'unit "{unit.name}"', unit) for unit in known]
+    for place, member in members:
+        name, shape = first.setdefault(member.group, (place, member.shape))
+        if shape != member.shape:
+            raise UserError(
+                f"{place}: sweep_width_uncertainty is {_share(member.shape)}, but {_share(shape)} in {name} of the same "
+                f'sweep_group "{member.group}", whose unknown factor is one; give both the same, or a sweep_group of its own'
+            )
+
+
+def _share(shape: float) -> str:
+    return "0" if math.isinf(shape) else f"{100 / math.sqrt(shape):.3g} %"
+
+
+def times(sorties: Sequence[Sortie], contacts: Sequence[Contact]) -> list[np.datetime64]:
+    """Return the times worth a map: start, middle and end of each sortie, and of each contact."""
+    found = [contact.time for contact in contacts]
+    for sortie in sorties:
+        half = (sortie.end - sortie.start) // 2
+        found += [sortie.start, sortie.start + half, sortie.end]
+    return found

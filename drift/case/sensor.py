@@ -1,0 +1,281 @@
+"""How a unit sees, as a case file says it: law of detection, sweep width, what is not known of it, zones of range.
+
+Sorties and units share these keys. A sweep width is one quantity, one for each scenario by name, or the conditions by
+which the published tables give it for each scenario's search_object.
+"""
+
+import difflib
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, PlainValidator, model_validator
+
+from drift.case import fields, units
+from drift.case.scenario import Scenario
+from drift.search import sweep_width
+from drift.search.records import Law, Watch
+from geo.errors import UserError
+
+NMI = units.NMI
+LAWS = ("random", "inverse_cube", "definite_range")
+VISUAL = "visual"  # the sensor of the tables
+SENSORS = (VISUAL, "radar", "infrared", "nvg", "sonar", "beacon", "other")
+
+
+def _sensor(value: object) -> str:
+    name = str(value).strip().lower()
+    if name not in SENSORS:
+        near = difflib.get_close_matches(name, SENSORS, n=1)
+        hint = f'did you mean "{near[0]}"? ' if near else ""
+        raise ValueError(f'no sensor "{value}"; {hint}Allowed: {", ".join(SENSORS)}')
+    return name
+
+
+Sensor = Annotated[str, BeforeValidator(_sensor)]
+MOST_WIDTH = 200 * NMI  # [m]
+MOST_UNKNOWN = 1.0  # standard deviation of a sweep width as a share of it: beyond, 16 values do not tell its tail
+
+
+def _length(value: object) -> float:
+    number = units.quantity(value, "m", "distance", "1 nmi")
+    if not 0 <= number <= fields.HALF_TURN:
+        raise ValueError(f"distance {value!r} must be at least 0 m and at most half the way round the Earth")
+    return number
+
+
+def probability(value: object, what: str = "POD") -> float:
+    """Return a probability: a number or a percentage."""
+    number = units.quantity(value, "", what, "0.6")
+    if not 0 <= number <= 1:
+        raise ValueError(f"{what} {value!r} must be a probability, 0 to 1")
+    return number
+
+
+def _law(value: object) -> Law:
+    if isinstance(value, Law):
+        return value
+    if isinstance(value, str) and value in LAWS:
+        return Law(value)  # type: ignore[arg-type]
+    if isinstance(value, dict) and set(value) == {"m_beta"}:
+        beta = probability(value["m_beta"], "m_beta")
+        if beta == 0:
+            raise ValueError("m_beta 0 never detects; it is the chance of detection within the maximum range")
+        return Law("m_beta", beta=beta)
+    if isinstance(value, dict) and set(value) == {"curve"}:
+        return _curve(value["curve"])
+    near = difflib.get_close_matches(str(value), LAWS, n=1, cutoff=0.5)
+    hint = f'did you mean "{near[0]}"? ' if near and isinstance(value, str) else ""
+    raise ValueError(
+        f'no law of detection {value!r}; {hint}Allowed: "{LAWS[0]}", "{LAWS[1]}", "{LAWS[2]}", {{ m_beta = 0.8 }}, '
+        '{ curve = [["0 nmi", 0.9], ["1 nmi", 0.4]] }'
+    )
+
+
+def _curve(value: object) -> Law:
+    if (
+        not isinstance(value, list)
+        or len(value) < 2
+        or not all(isinstance(row, list) and len(row) == 2 for row in value)
+    ):
+        raise ValueError('curve needs two or more rows of lateral range and chance of detection, like ["1 nmi", 0.4]')
+    ranges = tuple(_length(row[0]) for row in value)
+    chances = tuple(probability(row[1], "chance of detection") for row in value)
+    if ranges[0] != 0:
+        raise ValueError(f"curve begins at {value[0][0]!r}; its first lateral range must be 0")
+    for k, (near, far) in enumerate(itertools.pairwise(ranges)):
+        if far <= near:
+            raise ValueError(f"curve: {value[k + 1][0]!r} does not come after {value[k][0]!r}")
+    if max(chances) == 0:
+        raise ValueError("curve detects nothing at any range")
+    return Law("curve", ranges=ranges, chances=chances)
+
+
+class ConditionsTable(fields.Table):
+    """What the sweep width tables ask: visibility, height, weather and fatigue."""
+
+    visibility: Annotated[fields.Length, Field(gt=0)]
+    altitude: fields.Length | None = None
+    wind: fields.WindSpeed | None = None
+    seas: fields.Length | None = None
+    fatigue: bool = False
+
+    @model_validator(mode="after")
+    def weather(self) -> "ConditionsTable":
+        """Refuse a search in no weather: left out it would pass for fair, up to four times the sweep width."""
+        if self.wind is None and self.seas is None:
+            raise ValueError(
+                'wind or seas is missing: bad weather leaves a quarter of the sweep width; give wind = "12 kn", say'
+            )
+        return self
+
+
+def _width(value: object) -> Any:
+    """Return a sweep width [m], a dict of them by scenario, or conditions."""
+    if not isinstance(value, dict):
+        return _one_width(value)
+    if set(value) & set(ConditionsTable.model_fields):
+        return ConditionsTable.model_validate(value)
+    if not value:
+        raise ValueError(
+            "is empty; give a length, one for each scenario, or { visibility = .., wind = .. } for the tables"
+        )
+    return {str(name): _one_width(width, least=0.0) for name, width in value.items()}
+
+
+def _one_width(value: object, least: float = 10.0) -> float:
+    number = units.quantity(value, "m", "sweep width", "1.2 nmi")
+    if not (least <= number <= MOST_WIDTH and not 0 < number < 10):
+        raise ValueError(
+            f'sweep width {value!r} must be 10 m to {MOST_WIDTH / NMI:g} nmi; write its unit, like "1.2 nmi"'
+            + ("" if least == 0 else "; 0 may stand in a table by scenario, for what is not seen")
+        )
+    return number
+
+
+def _unknown(value: object) -> float:
+    share = units.quantity(value, "", "share", "30 %")
+    if not 0 <= share <= MOST_UNKNOWN:
+        raise ValueError(
+            f"{value!r} must be a standard deviation as a share of the sweep width, 0 to {MOST_UNKNOWN:.0%}"
+        )
+    return share
+
+
+def _kind(value: object) -> object:
+    if isinstance(value, str):
+        try:
+            return sweep_width.find_kind(value)
+        except UserError:
+            kinds = ", ".join(f'"{kind}"' for kind in sweep_width.KINDS)
+            raise ValueError(
+                f'no kind of unit "{value}"; allowed: {kinds}; leave it out for others, and name their sensor'
+            ) from None
+    return value
+
+
+Kind = Annotated[str, BeforeValidator(_kind)]
+
+
+class SensorTable(fields.Table):
+    """Keys of sorties and units that say how they see."""
+
+    sensor: Sensor = VISUAL
+    law: Annotated[Law, BeforeValidator(_law)] = Law()
+    sweep_width: Annotated[Any, PlainValidator(_width)] = None
+    sweep_width_uncertainty: Annotated[float, BeforeValidator(_unknown)] = 0.0
+    sweep_group: fields.Label | None = None
+    altitude: fields.Length | None = None
+
+    def shape(self) -> float:
+        """Return the shape of the unknown factor's gamma distribution of mean 1: its variance is 1 / shape."""
+        return 1 / self.sweep_width_uncertainty**2 if self.sweep_width_uncertainty > 0 else math.inf
+
+    def group(self, kind: str) -> str:
+        """Return which sorties share the unknown factor: by default those of one kind of unit, sensor and uncertainty."""
+        shape = self.shape()
+        unsure = "" if math.isinf(shape) else f", {100 / math.sqrt(shape):.3g} %"
+        return self.sweep_group or f"{kind} {self.sensor}{unsure}".strip()
+
+    def height(self) -> float:
+        """Return the altitude [m], NaN where it is not told."""
+        told = self.altitude
+        if told is None and isinstance(self.sweep_width, ConditionsTable):
+            told = self.sweep_width.altitude
+        return math.nan if told is None else told
+
+    def widths(self, kind: str, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
+        """Return the sweep width [m] for each scenario; a lateral range curve brings its own.
+
+        kind: of unit, "" if not told; speed [m/s], NaN if not told. Raises ValueError for what is missing.
+        """
+        from drift.search import laws  # here, since most cases search nothing and its SciPy takes half a second
+
+        given = self.sweep_width
+        if given is None and self.law.kind == "curve":
+            return (laws.swept(self.law),) * len(scenarios)
+        if given is None:
+            raise ValueError(
+                "sweep_width is missing; give a length, one for each scenario, or { visibility = .., wind = .. } for the tables"
+            )
+        if isinstance(given, ConditionsTable):
+            return tuple(self._tabulated(given, kind, speed, scenario) for scenario in scenarios)
+        if isinstance(given, dict):
+            return by_scenario(given, scenarios, "sweep_width")
+        if self.law.kind == "curve" and not math.isclose(given, swept := laws.swept(self.law), rel_tol=0.02):
+            raise ValueError(
+                f"sweep_width is {given / NMI:.3g} nmi, but the curve sweeps {swept / NMI:.3g} nmi (twice its integral); "
+                "leave sweep_width out, or give one for each scenario, to which the curve is stretched"
+            )
+        return (float(given),) * len(scenarios)
+
+    def _tabulated(self, seen: ConditionsTable, kind: str, speed: float, scenario: Scenario) -> float:
+        if self.sensor != VISUAL:
+            raise ValueError(
+                f'sweep_width: the tables are of visual search, not of sensor "{self.sensor}"; give a length'
+            )
+        if not kind:
+            kinds = ", ".join(sweep_width.KINDS)
+            raise ValueError(f"the sweep width tables need the kind of unit: {kinds}")
+        if scenario.search_object is None:
+            raise ValueError(
+                f'the sweep width tables need search_object in scenario "{scenario.name}", like search_object = "Raft 4 person"'
+            )
+        altitude = self.height()
+        if math.isnan(altitude):
+            if kind != "Boat":
+                raise ValueError(f'the sweep width tables of {kind} need altitude, like altitude = "500 ft"')
+            altitude = 8 * sweep_width.FOOT  # height of eye in a small boat
+        given = sweep_width.Conditions(seen.visibility, altitude, speed, seen.wind, seen.seas, seen.fatigue)
+        try:
+            return sweep_width.width(scenario.search_object, kind, given)
+        except UserError as error:
+            raise ValueError(f"sweep_width: {error}") from None
+
+
+def by_scenario(given: dict[str, float], scenarios: Sequence[Scenario], key: str) -> tuple[float, ...]:
+    """Return values in the order of the scenarios from a table by name; every scenario is in it and nothing else."""
+    names = [scenario.name for scenario in scenarios]
+    for name in given:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+            hint = f'did you mean "{near[0]}"? ' if near else ""
+            raise ValueError(f'{key}: no scenario "{name}"; {hint}there are: {", ".join(names)}')
+    missing = [name for name in names if name not in given]
+    if missing:
+        raise ValueError(f'{key} lacks scenario "{missing[0]}"; give one for each, 0 where it is not seen at all')
+    return tuple(given[name] for name in names)
+
+
+def _zone(row: object) -> tuple[float, float, float]:
+    if not isinstance(row, list | tuple) or len(row) != 3:
+        raise ValueError(
+            f'{row!r} is not a zone; write [inner range, outer range, POD], like ["28 nmi", "32 nmi", 0.6]'
+        )
+    inner, outer, pod = _length(row[0]), _length(row[1]), probability(row[2])
+    if outer <= inner:
+        raise ValueError(f"zone from {row[0]!r} to {row[1]!r} must go from its inner to its outer range")
+    if pod == 0:
+        raise ValueError(
+            f"zone from {row[0]!r} to {row[1]!r} has a POD of 0; leave it out: nothing is seen outside zones"
+        )
+    return inner, outer, pod
+
+
+def _zones(value: object) -> Watch:
+    if not isinstance(value, list) or not value:
+        raise ValueError('must be a list of zones, like [["0 nmi", "5 nmi", 0.8], ["28 nmi", "32 nmi", 0.6]]')
+    rows = sorted(_zone(row) for row in value)
+    for (_, outer, _), (inner, _, _) in itertools.pairwise(rows):
+        if inner < outer:
+            raise ValueError(
+                f"two zones overlap between {inner / NMI:g} and {outer / NMI:g} nmi; each range has one POD"
+            )
+    return Watch(*(tuple(row[k] for row in rows) for k in range(3)))
+
+
+Zones = Annotated[Watch, BeforeValidator(_zones)]
+Pod = Annotated[Any, PlainValidator(
+    lambda value: {str(name): probability(pod) for name, pod in value.items()} if isinstance(value, dict) else probability(value)
+)]  # fmt: skip

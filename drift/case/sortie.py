@@ -1,0 +1,361 @@
+"""Sorties as a case file gives them, and the records that the engine takes.
+
+A sortie searches an area, or along legs (a pattern, waypoints, a track), or it watches in zones of range. What was done
+counts, not what was planned: `completed` cuts the legs, `actual` replaces them.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from drift.case import fields, units
+from drift.case import pattern as pattern_table
+from drift.case import track as track_table
+from drift.case.context import Run, all_told
+from drift.case.pattern import PatternTable, RegionTable, Spacing, Waypoints
+from drift.case.scenario import Scenario
+from drift.case.sensor import Kind, Pod, SensorTable, Zones, by_scenario
+from drift.search import patterns
+from drift.search.records import Area, Legs, Sortie
+from geo import polyline
+
+NMI, KNOT = units.NMI, units.KNOT
+MODES = ("area", "pattern", "waypoints", "track", "watch")
+
+
+class WatchTable(fields.Table):
+    """A sensor with zones of range: at one place, or moving along the sortie's waypoints or track."""
+
+    at: fields.Position | None = None
+    zones: Zones
+
+
+class MarkerTable(fields.Table):
+    """Where the marker of a drifting search was: a GPX track, or positions with times."""
+
+    track: str | None = None
+    positions: Waypoints | None = None
+
+    @model_validator(mode="after")
+    def one_way(self) -> "MarkerTable":
+        """Refuse none or two ways, and positions without times."""
+        fields.one_of(self, ("track", "positions"))
+        if self.positions is not None and self.positions[0][0] is None:
+            raise ValueError('positions of a marker need their times: ["211800ZNOV26", "27 30N 088 15W"]')
+        return self
+
+
+def _actual(value: object) -> Any:
+    if isinstance(value, str):
+        return value
+    rows: Any = pattern_table.waypoints(value)
+    if rows[0][0] is None:
+        raise ValueError('actual is a GPX file, or positions with their times: ["211800ZNOV26", "27 30N 088 15W"]')
+    return rows
+
+
+def _completed(value: object) -> float:
+    share: float = units.quantity(value, "", "share", "60 %")
+    if not 0 < share <= 1:
+        raise ValueError(
+            f'{value!r} must be a share above 0 and at most 1, like 0.6 or "60 %"; leave out what was not flown'
+        )
+    return share
+
+
+class SortieTable(SensorTable):
+    """A [[sortie]] table as written."""
+
+    name: fields.Label | None = None
+    unit: Kind = ""
+    start: fields.Time | None = None
+    end: fields.Time | None = None
+    speed: fields.ShipSpeed | None = None
+    completed: Annotated[float, BeforeValidator(_completed)] = 1.0
+    actual: Annotated[Any, BeforeValidator(_actual)] = None
+    frame: Literal["ground", "datum"] | None = None
+    marker: MarkerTable | None = None
+    area: RegionTable | None = None
+    pod: Pod = None
+    spacing: Spacing | None = None
+    pattern: PatternTable | None = None
+    waypoints: Waypoints | None = None
+    transit_legs: list[fields.Count] | None = None
+    track: Annotated[str, Field(min_length=1)] | None = None
+    watch: WatchTable | None = None
+
+    @model_validator(mode="after")
+    def one_search(self) -> "SortieTable":
+        """Refuse none or two places of search, and keys that belong to another kind."""
+        if self.watch is not None:
+            self._check_watch()
+        else:
+            fields.one_of(self, MODES)
+        if self.area is None:
+            for key in ("pod", "spacing"):
+                if getattr(self, key) is not None:
+                    where = "inside pattern" if self.pattern is not None and key == "spacing" else "with area"
+                    raise ValueError(f"{key} belongs {where}; legs tell their own coverage")
+        if self.law.kind == "random" and self.area is None and self.watch is None:
+            raise ValueError(
+                'law = "random" is of an area searched anyhow; legs are swept: give another law, or an area'
+            )
+        if self.actual is not None:
+            self._check_actual()
+        if self.area is not None and self.actual is None:
+            self._check_effort()
+        if self.pattern is not None and self.speed is None and self.actual is None:
+            raise ValueError('speed is missing: a pattern is flown at one, like speed = "90 kn"')
+        if self.frame == "datum" and (self.track is not None or self.watch is not None):
+            raise ValueError(
+                'frame = "datum" is of a planned search; a track made good and a watch are over the ground'
+            )
+        if self.transit_legs is not None and (self.waypoints is None or self.actual is not None):
+            raise ValueError(
+                "transit_legs are numbers of legs between waypoints that do not search; give them with waypoints"
+            )
+        if self.marker is not None and self.frame_() == "ground":
+            raise ValueError('marker belongs to frame = "datum", a search that drifts with it')
+        return self
+
+    def _check_watch(self) -> None:
+        assert self.watch is not None
+        for key in ("area", "pattern"):
+            if getattr(self, key) is not None:
+                raise ValueError(f"watch and {key}: a watch has a place (at), waypoints or a track")
+        places = [self.watch.at is not None, self.waypoints is not None, self.track is not None]
+        if sum(places) != 1:
+            raise ValueError("watch needs exactly one place: watch.at, or waypoints or a track along which it moves")
+        for key in ("law", "sweep_width", "sweep_width_uncertainty", "completed", "actual"):
+            if key in self.model_fields_set:
+                raise ValueError(f"{key} does not belong to a watch, whose zones say how it sees; leave it out")
+
+    def _check_actual(self) -> None:
+        for key in ("completed", "track", "marker"):
+            if key in self.model_fields_set:
+                raise ValueError(f"give actual, the track made good, or {key}, not both")
+        if self.frame == "datum":
+            raise ValueError('actual is a track over the ground; leave out frame = "datum"')
+        if self.law.kind == "random":
+            raise ValueError('law = "random" with actual: a track sweeps; give another law, or leave actual out')
+
+    def _check_effort(self) -> None:
+        given = [key for key in ("pod", "spacing") if getattr(self, key) is not None]
+        if len(given) == 2:
+            raise ValueError("give pod or spacing, not both: either says how well the area was searched")
+        if not given and self.speed is None:
+            raise ValueError(
+                "how well was the area searched? Give one of pod, spacing, or speed (then effort is speed x time)"
+            )
+
+    def frame_(self) -> Literal["ground", "datum"]:
+        """Return the frame: expanding squares and sectors drift with their datum unless told otherwise."""
+        if self.actual is not None:
+            return "ground"
+        drifting = self.pattern is not None and self.pattern.kind in {"square", "sector"}
+        return self.frame or ("datum" if drifting else "ground")
+
+    def sortie(self, name: str, run: Run) -> Sortie:
+        """Return the record; raise ValueError for what does not fit the run."""
+        start = None if self.start is None else units.resolve(self.start, run.start)
+        end = None if self.end is None else units.resolve(self.end, run.start)
+        if start is not None and end is not None and end <= start:
+            raise ValueError(f"end {units.group(end)} is not after start {units.group(start)}")
+        area, legs = self._place(start, end, run)
+        begin, finish = self._times(start, end, legs)
+        run.check(begin, finish)
+        speed = self._speed(legs)
+        widths = self._widths(speed, run.scenarios)
+        if self.actual is not None or self.track is not None:
+            assert legs is not None
+            legs = polyline.thinned(legs, _fineness(widths))
+        if area is None and legs is not None and self.watch is None and max(widths) > 0:
+            area = polyline.strip(legs, max(widths))
+        made = Sortie(
+            name,
+            self.unit,
+            begin,
+            finish,
+            self.law,
+            widths,
+            shape=self.shape(),
+            group="" if self.watch else self.group(self.unit),
+            area=area,
+            coverage=self._coverage(widths, area, begin, finish, run.scenarios) if legs is None else (),
+            legs=legs,
+            watch=self.watch.zones if self.watch else None,
+            completed=self.completed,
+            speed=speed,
+            altitude=self.height(),
+            spacing=self._given_spacing(),
+        )
+        return self._drifting(made, run)
+
+    def _place(
+        self, start: np.datetime64 | None, end: np.datetime64 | None, run: Run
+    ) -> tuple[Area | None, Legs | None]:
+        """Return the area and the legs that were made good."""
+        since = None if start is None else pattern_table.seconds(start)
+        until = None if end is None else pattern_table.seconds(end)
+        if self.actual is not None:
+            legs = track_table.made(self.actual, "actual", self.speed, since, until, run)
+            if self.pattern is None:
+                return self.area.area() if self.area else None, legs
+            return self._planned(since or legs.time[0], until or legs.time[-1], self._speed(legs)).area, legs
+        if self.area is not None:
+            return self.area.area(), None
+        if self.track is not None:
+            return None, track_table.cut(
+                track_table.made(self.track, "track", self.speed, since, until, run), self.completed, until
+            )
+        if self.waypoints is not None and self.waypoints[0][0] is not None:
+            legs = self._transit(pattern_table.timed_legs(self.waypoints, run.start))
+            track_table.check_speed(legs, self.speed, 0.0, "waypoints")
+            return None, track_table.cut(legs, self.completed, until)
+        if since is None:
+            raise ValueError("start is missing and has no default")
+        if self.watch is not None and self.watch.at is not None:
+            if until is None:
+                raise ValueError("end is missing and has no default: a watch lasts until it")
+            lon, lat = self.watch.at
+            return None, Legs((since, until), (lon, lon), (lat, lat), (True,))
+        if self.pattern is not None:
+            assert self.speed is not None  # one_search
+            pattern = self._planned(since, until, self.speed)
+            return pattern.area, track_table.cut(pattern.legs, self.completed, until)
+        assert self.waypoints is not None
+        if self.speed is None:
+            raise ValueError('speed is missing: waypoints without times are passed at one, like speed = "90 kn"')
+        lon_, lat_ = np.array([place for _, place in self.waypoints]).T
+        try:
+            return None, track_table.cut(
+                self._transit(polyline.fly(lon_, lat_, since, self.speed)), self.completed, until
+            )
+        except ValueError as error:
+            raise ValueError(f"waypoints: {error}") from None
+
+    def _transit(self, legs: Legs) -> Legs:
+        """Return legs of which those that are named do not search."""
+        if self.transit_legs is None:
+            return legs
+        many, named = len(legs.searching), self.transit_legs
+        if not named or min(named) < 1 or max(named) > many or len(set(named)) == many:
+            raise ValueError(f"transit_legs {named} must be numbers of some of its {many} legs, from 1, not of all")
+        return replace(legs, searching=tuple(k + 1 not in named for k in range(many)))
+
+    def _planned(self, since: float, until: float | None, speed: float) -> patterns.Pattern:
+        assert self.pattern is not None
+        try:
+            return self.pattern.pattern(since, speed, until)
+        except ValueError as error:
+            raise ValueError(f"pattern: {error}") from None
+
+    def _times(
+        self, start: np.datetime64 | None, end: np.datetime64 | None, legs: Legs | None
+    ) -> tuple[np.datetime64, np.datetime64]:
+        """Return when the sortie began and ended: as told, or as its legs did."""
+        if legs is None:
+            for key, time in (("start", start), ("end", end)):
+                if time is None:
+                    raise ValueError(f"{key} is missing and has no default")
+            assert start is not None
+            assert end is not None
+            return start, end
+        first, last = (
+            pattern_table.moment(math.floor(legs.time[0] + 1e-6)),
+            pattern_table.moment(legs.time[-1], up=True),
+        )
+        for given, known, late in ((start, first, False), (end, last, True)):
+            if given is not None and (known > given if late else known < given):
+                raise ValueError(
+                    f"its legs {'end' if late else 'begin'} at {units.group(known)}, "
+                    f"{'after its end' if late else 'before its start'}, {units.group(given)}"
+                )
+        return first if start is None else start, last if end is None else end
+
+    def _speed(self, legs: Legs | None) -> float:
+        """Return the speed [m/s], that of the legs where none is told; NaN if nothing tells."""
+        if self.speed is not None:
+            return self.speed
+        if legs is None or (self.watch is not None and self.watch.at is not None):
+            return math.nan
+        return float(polyline.lengths(legs).sum()) / (legs.time[-1] - legs.time[0])
+
+    def _widths(self, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
+        """Return sweep widths [m]; NaN for a watch, and where a POD says all and none is told."""
+        if self.watch is not None:
+            return (math.nan,) * len(scenarios)
+        if self.area is not None and self.actual is None and self.pod is not None and self.sweep_width is None:
+            return (math.nan,) * len(scenarios)
+        return self.widths(self.unit, speed, scenarios)
+
+    def _coverage(
+        self,
+        widths: tuple[float, ...],
+        area: Area | None,
+        start: np.datetime64,
+        end: np.datetime64,
+        scenarios: Sequence[Scenario],
+    ) -> tuple[float, ...]:
+        """Return the coverage of an area for each scenario."""
+        assert area is not None
+        if self.pod is not None:
+            from drift.search import laws
+
+            pods = (
+                by_scenario(self.pod, scenarios, "pod") if isinstance(self.pod, dict) else (self.pod,) * len(scenarios)
+            )
+            try:
+                return tuple(laws.coverage_of(self.law, pod) for pod in pods)
+            except ValueError as error:
+                raise ValueError(f"pod: {error}") from None
+        size, duration = patterns.square_metres(area), float((end - start) / np.timedelta64(1, "s"))
+        if self.spacing is None:
+            assert self.speed is not None  # _check_effort
+            return tuple(width * self.speed * duration / size for width in widths)
+        takes = size / self.spacing / self.speed if self.speed else 0.0
+        if takes > track_table.TOO_FAST * duration and self.completed == 1:
+            assert self.speed is not None
+            raise ValueError(
+                f"{size / NMI**2:.3g} nmi2 at a spacing of {self.spacing / NMI:.3g} nmi take {track_table.hours(takes)} at "
+                f"{self.speed / KNOT:.3g} kn, from start to end are {track_table.hours(duration)}; change one of these, or give completed"
+            )
+        return tuple(width / self.spacing for width in widths)
+
+    def _given_spacing(self) -> float:
+        told = self.pattern.spacing if self.pattern is not None else self.spacing
+        return math.nan if told is None else told
+
+    def _drifting(self, made: Sortie, run: Run) -> Sortie:
+        """Return a sortie with its frame: where it begins to drift, and with what marker."""
+        if self.frame_() == "ground":
+            return made
+        if self.pattern is not None and self.pattern.datum is not None:
+            datum = self.pattern.datum
+        elif self.pattern is not None and self.pattern.centre is not None:
+            datum = self.pattern.centre
+        elif self.area is not None:
+            datum = self.area.middle()
+        else:
+            assert made.legs is not None
+            datum = (made.legs.lon[0], made.legs.lat[0])
+        marker = None
+        if self.marker is not None:
+            given = (self.marker.track, self.marker.positions)
+            marker = track_table.marker(*given, made.start, made.end, run)
+        return replace(made, frame="datum", datum=datum, marker=marker)
+
+
+def build(tables: Sequence[SortieTable], run: Run) -> tuple[Sortie, ...]:
+    """Return the sorties by start; raise UserError for what is wrong with one, or between them."""
+    made = all_told([table.sortie for table in tables], [table.name for table in tables], "sortie", run)
+    return tuple(sorted(made, key=lambda sortie: (sortie.start, sortie.end)))
+
+
+def _fineness(widths: tuple[float, ...]) -> float:
+    seen = [width for width in widths if width > 0]
+    return min([track_table.FINEST, *(width / 20 for width in seen)])

@@ -1,0 +1,480 @@
+"""The command line `drift`: run, plan, verify or check a case, fit its errors, list cases and objects, say how a forcing file was understood.
+
+Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing heavy is imported before
+the command that needs it, so that help and lists come at once.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from drift.cli import terminal
+from drift.output import interrupt
+from geo.errors import UserError
+
+BACKENDS = ("cpu", "cuda", "vulkan", "metal")
+EXAMPLES = """examples:
+  drift run overdue_boat
+  drift plan overdue_boat
+  drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
+  drift objects raft deep ballast
+  drift info currents/*.nc --plot currents.png"""
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose complaints are one line, like every other."""
+
+    def error(self, message: str) -> Any:
+        """Refuse the command line."""
+        raise UserError(f"{message}. See: {self.prog} --help")
+
+
+def parser() -> Parser:
+    """Return the command line's grammar."""
+    whole = Parser(
+        prog="drift",
+        description="Forecast where an object adrift at sea may be.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    whole.add_argument("--version", action="store_true", help="print the version")
+    commands = whole.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+
+    run = commands.add_parser("run", help="forecast a case and write maps and tables")
+    _add_case(run)
+    _add_results(run, "NAME-forecast")
+
+    plan = commands.add_parser(
+        "plan", help="plan the next search of a case with its units, or the next patrols of a spill"
+    )
+    _add_case(plan)
+    _add_results(plan, "NAME-plan")
+
+    origin = commands.add_parser("origin", help="run a spill backward from its finds to where it may have come from")
+    _add_case(origin)
+    _add_results(origin, "NAME-origin")
+
+    verify = commands.add_parser("verify", help="forecast real drifters from many starts and say how that went")
+    _add_case(verify)
+    _add_drifters(verify)
+    verify.add_argument("--every", default="12 h", metavar="TIME", help="time between starts (default: 12 h)")
+    verify.add_argument("--hours", type=float, default=24, metavar="N", help="length of a forecast (default: 24)")
+    verify.add_argument(
+        "--error",
+        default="100 m",
+        metavar="LENGTH",
+        help="radius that holds half of the fixes' errors (default: 100 m)",
+    )
+    verify.add_argument("--particles", type=int, default=4000, metavar="N", help="in each forecast (default: 4000)")
+    _add_results(verify, "NAME-verify")
+
+    fit = commands.add_parser("fit-errors", help="fit a case's [uncertainty] to the tracks of real drifters")
+    _add_case(fit)
+    _add_drifters(fit)
+    fit.add_argument(
+        "--hold-out",
+        action="store_true",
+        help="also fit half of the drifters and say how well that suits the other half",
+    )
+
+    check = commands.add_parser("check", help="validate a case and its forcing without running")
+    _add_case(check)
+
+    commands.add_parser("cases", help="list the cases that ship with drift")
+
+    objects = commands.add_parser("objects", help="list leeway classes, or search them")
+    objects.add_argument("words", nargs="*", metavar="WORDS", help="only classes that hold every word")
+
+    info = commands.add_parser("info", help="say how a forcing file was understood")
+    info.add_argument(
+        "files", nargs="+", metavar="FILE", help="files of one source: joined in time, u and v may be apart"
+    )
+    info.add_argument(
+        "--as", choices=("current", "wind", "stokes"), dest="quantity", help="read the files as this quantity"
+    )
+    info.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        dest="changes",
+        metavar="KEY=VALUE",
+        help="a key of a case's source, like variables.east=ue, units=cm/s, steady=true or depth='5 m'; may be repeated",
+    )
+    info.add_argument("--plot", type=Path, metavar="PNG", help="draw a map of the first time")
+    return whole
+
+
+def _add_case(command: argparse.ArgumentParser) -> None:
+    command.add_argument("case", metavar="CASE", help="a case file, or the name of a shipped case")
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        dest="changes",
+        metavar="KEY=VALUE",
+        help="change one place of the case, like clock.step='10 min'; lists count from 0; may be repeated",
+    )
+    command.add_argument("--seed", type=int, metavar="N", help="another seed than the case's")
+
+
+def _add_drifters(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--drifters", required=True, metavar="FILE", help="tracks of real drifters: CSV, or netCDF with CF trajectories"
+    )
+    command.add_argument(
+        "--columns",
+        default="",
+        metavar="KEY=COLUMN,..",
+        help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and wind_, stokes_ alike",
+    )
+    command.add_argument(
+        "--max-gap", default="3 h", metavar="TIME", help="longest time between fixes that is spanned (default: 3 h)"
+    )
+    command.add_argument(
+        "--max-speed", default="3 m/s", metavar="SPEED", help="fixes that need more are not believed (default: 3 m/s)"
+    )
+
+
+def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
+    command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for the results (default: {folder})")
+    command.add_argument(
+        "--threads", type=int, metavar="N", help="CPU threads (default: all); the result doesn't change"
+    )
+    command.add_argument("--backend", choices=BACKENDS, default="cpu", help="where the particles move (default: cpu)")
+    command.add_argument("--overwrite", action="store_true", help="replace results that the folder holds")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status."""
+    terminal.open_streams()
+    warnings.filterwarnings("ignore", category=RuntimeWarning)  # of NumPy: no user's matter; in tests they are errors
+    warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # the map then shows a box
+    if os.name == "posix" and not os.environ.get("HOME"):  # Taichi aborts at import without one
+        home = os.path.expanduser("~")
+        os.environ["HOME"] = home if os.path.isdir(home) else tempfile.gettempdir()
+    try:
+        with interrupt.ending_cleanly():
+            return _dispatch(argv)
+    except UserError as error:
+        for line in terminal.lines(error):
+            print(f"drift: {line}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(interrupt.INTERRUPTED, file=sys.stderr)
+        return 130
+    except interrupt.Terminated:
+        print(interrupt.TERMINATED, file=sys.stderr)
+        return 143
+    except BrokenPipeError:  # the reader left, as in `drift objects | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except SystemExit as leaving:  # argparse's --help
+        return int(leaving.code or 0)
+    except Exception as error:
+        traceback.print_exc()
+        print(f"drift: an error of drift itself: {type(error).__name__}: {error}", file=sys.stderr)
+        return 1
+
+
+def _dispatch(argv: Sequence[str] | None) -> int:
+    whole = parser()
+    given = whole.parse_args(argv)
+    if given.version:
+        from importlib.metadata import version
+
+        terminal.say(f"drift {version('casp-drift')}")
+        return 0
+    if given.command is None:
+        whole.print_help()
+        return 0
+    commands: dict[str, Callable[[argparse.Namespace], None]] = {
+        "run": _run,
+        "plan": _plan,
+        "origin": _origin,
+        "verify": _verify,
+        "fit-errors": _fit_errors,
+        "check": _check,
+        "cases": _cases,
+        "objects": _objects,
+        "info": _info,
+    }
+    commands[given.command](given)
+    return 0
+
+
+def _load(given: argparse.Namespace) -> Any:
+    from drift.case import file as case_file
+
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise UserError(f"the current folder is not there any more ({error.strerror}); go to one that is") from None
+    overrides = _changes(given)
+    if given.seed is not None:
+        overrides["seed"] = str(given.seed)
+    return case_file.load(given.case, overrides)
+
+
+def _changes(given: argparse.Namespace) -> dict[str, str]:
+    """Return what --set changes, by key."""
+    overrides = {}
+    for change in given.changes:
+        key, equals, value = change.partition("=")
+        if not key.strip() or not equals:
+            raise UserError(f'--set "{change}" must be KEY=VALUE, like clock.step=600')
+        overrides[key.strip()] = value
+    return overrides
+
+
+def _run(given: argparse.Namespace) -> None:
+    with _started(given, "forecast") as (case, out, options):
+        from drift import flow
+        from drift.cli import outcome
+        from drift.forecast import tables
+
+        result = flow.run(case, out, **options)
+    facts = result.summary["run"]
+    last = {**tables.numbers(result.forecast), **result.summary}
+    terminal.facts(case.title, outcome.spill(last) if case.spill else outcome.forecast(last))
+    basis = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
+    terminal.say(f"{basis}\nResults in {out}")
+
+
+def _plan(given: argparse.Namespace) -> None:
+    with _started(given, "plan") as (case, out, options):
+        from drift import flow
+        from drift.cli import outcome
+        from drift.patrols import files as patrol_files
+        from drift.planner import planner
+
+        if case.spill:
+            patrols, result = flow.patrol(case, out, **options)
+        else:
+            made, _ = planner.plan(case, out, **options)
+    if case.spill:
+        assert result.aftermath is not None
+        terminal.facts(case.title, patrol_files.facts(patrols, result.aftermath))
+        terminal.say(f"Patrols in {out / 'patrols.txt'}, all results in {out}")
+        return
+    terminal.facts(case.title, outcome.plan(made))
+    terminal.say(f"Search action plan in {out / 'plan.txt'}, all results in {out}")
+
+
+def _origin(given: argparse.Namespace) -> None:
+    with _started(given, "origin") as (case, out, options):
+        from drift import flow
+        from drift.backtrack import backward
+        from drift.cli import outcome
+
+        found = flow.trace(case, out, **options)
+    terminal.facts(case.title, outcome.origin(backward.summary(found), backward.warnings(found)))
+    terminal.say(f"Results in {out}")
+
+
+def _verify(given: argparse.Namespace) -> None:
+    drifters = _drifters(given)
+    drifters |= {
+        "every": _quantity(given.every, "s", "--every", "12 h"),
+        "error": _quantity(given.error, "m", "--error", "100 m"),
+        "hours": given.hours,
+        "particles": given.particles,
+    }
+    with _started(given, "verify") as (case, out, options):
+        from drift.drifters import text as verification_text
+        from drift.drifters import verification
+
+        made = verification.verify(case, given.drifters, out, **drifters, **options)
+    terminal.facts(case.title, verification_text.facts(made))
+    terminal.say(f"Results in {out}")
+
+
+def _fit_errors(given: argparse.Namespace) -> None:
+    drifters = _drifters(given)
+    with interrupt.leaving_at_once():  # nothing is written
+        case = _load(given)
+        from drift.drifters import fitting, fitting_text
+
+        made = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
+    terminal.facts(f"{case.title}: errors that suit the drifters", fitting_text.facts(made))
+    terminal.say(f"\n{fitting_text.toml(made)}")
+
+
+def _drifters(given: argparse.Namespace) -> dict[str, Any]:
+    """Return how a file of drifters is to be read."""
+    from drift.drifters import reading
+
+    return {
+        "columns": reading.mapped(given.columns),
+        "gap": _quantity(given.max_gap, "s", "--max-gap", "3 h"),
+        "fastest": _quantity(given.max_speed, "m/s", "--max-speed", "3 m/s"),
+    }
+
+
+def _quantity(text: str, unit: str, option: str, example: str) -> float:
+    """Return what an option says in SI; raise UserError unless it is above zero."""
+    from drift.case import units
+
+    try:
+        number = units.quantity(text, unit, "quantity", example)
+    except ValueError as error:
+        raise UserError(f"{option}: {error}") from None
+    if not number > 0:
+        raise UserError(f'{option} "{text}" must be above 0')
+    return number
+
+
+@contextmanager
+def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, dict[str, Any]]]:
+    """Give the case, the folder for its results, and how to run it, showing progress meanwhile."""
+    with interrupt.leaving_at_once():
+        case = _load(given)
+        out = given.out or Path(f"{case.path.stem}-{kind}")
+        if given.threads is not None and given.threads < 1:
+            raise UserError(f"--threads {given.threads} must be at least 1")
+        from drift import flow  # noqa: F401 - flow: what is slow to import is imported here
+        from drift.cli import progress
+        from drift.motion import outlook
+        from kernels import runtime
+
+        cores = runtime.cores()
+        if given.threads is not None and given.threads > cores:
+            print(f"drift: --threads {given.threads}: runs on {cores}, all the cores it may use here", file=sys.stderr)
+
+    if worth := outlook.caution(case):
+        print(f"drift: {worth}", file=sys.stderr)
+    with progress.shown(case) as show:
+
+        def report(phase: str, share: float) -> None:
+            interrupt.heed()
+            show(phase, share)
+
+        options = {"threads": given.threads, "backend": given.backend, "overwrite": given.overwrite, "report": report}
+        yield case, out, options
+
+
+def _check(given: argparse.Namespace) -> None:
+    with interrupt.leaving_at_once():  # nothing is written
+        case = _load(given)
+        from drift import preview
+
+        told = preview.understood(case)
+    terminal.facts(f"{case.title}: ready to run", told)
+
+
+def _cases(given: argparse.Namespace) -> None:
+    from drift.case import file as case_file
+
+    table = terminal.table("Name", "Title")
+    for name, title in case_file.shipped():
+        table.add_row(name, title)
+    terminal.show(table)
+
+
+def _objects(given: argparse.Namespace) -> None:
+    from drift.motion import leeway
+
+    words = " ".join(given.words)
+    found = leeway.search(words)
+    if not found:
+        raise UserError(f'no leeway class holds "{words}"; see them all: drift objects')
+    table = terminal.table("Class", "Description")
+    for side in ("Downwind", "Right", "Left"):
+        table.add_column(f"{side}\n% + cm/s ± cm/s", justify="right", no_wrap=True)
+    for drifter in found:
+        lines = (
+            f"{100 * line.slope:.2f} {100 * line.offset:+6.2f} {100 * line.std:5.2f}"
+            for line in (drifter.down, drifter.right, drifter.left)
+        )
+        table.add_row(drifter.name, "  " * drifter.level + drifter.description, *lines)
+    terminal.show(table)
+    if upwind := [f"{drifter.name} {drifter.lull:.1f}" for drifter in found if drifter.lull > 0]:
+        terminal.say(f"Mean drift is upwind, as published, in winds below [m/s]: {', '.join(upwind)} (docs/leeway.md).")
+    if not words:
+        terminal.say(
+            'Besides: "water" for a pure water drifter, { windage = "3 %" } or lines of your own in the case file.'
+        )
+
+
+def _info(given: argparse.Namespace) -> None:
+    with interrupt.leaving_at_once():  # nothing is written
+        from geo.forcing import describe
+
+        if given.plot is not None:
+            _check_plot(given.plot)
+        options: dict[str, Any] = {}
+        if given.changes:
+            from drift.case import file as case_file
+            from drift.case import sources
+
+            spec = case_file.source(given.quantity or "current", given.files, _changes(given))
+            options = sources.options(spec)
+        understood = describe.understand(given.files, given.quantity, **options)
+        told = ["\n".join([*describe.describe(source), *describe.sketch(source)]) for source in understood]
+    for text in told:
+        terminal.say(text)
+    for source in understood if given.plot is not None else ():
+        plot = given.plot
+        if len(understood) > 1:
+            plot = plot.with_name(f"{plot.stem}-{source.quantity}{plot.suffix}")
+        _draw(source, plot)
+        terminal.say(f"Map in {plot}")
+
+
+def _draw(source: Any, path: Path) -> None:
+    import matplotlib
+
+    from drift.forecast import map as forecast_map
+    from geo import notation
+    from geo.coast import shore
+
+    _check_plot(path)
+    values, grid = source.read(0), source.grid
+    when = f", {notation.group(source.times[0])}" if source.times.size else ""
+    title = f"{source.quantity} {source.name}{when}"
+    land = shore.land("gshhg", grid.box).polygons
+    half = path.with_name(f".{path.name[:100]}.{os.getpid()}.png")
+    try:
+        with matplotlib.rc_context({"text.parse_math": False}):  # a "$" in a file's name is no formula
+            forecast_map.draw_field(
+                half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land
+            )
+        os.replace(half, os.path.realpath(path))
+    except OSError as error:
+        raise UserError(f"--plot {path}: cannot be written ({error.strerror}); name another file") from error
+    finally:
+        half.unlink(missing_ok=True)
+
+
+def _check_plot(path: Path) -> None:
+    """Raise UserError unless a picture can be written to a path."""
+    folder = path.absolute().parent
+    try:
+        there = os.path.lexists(path) and not (path.is_file() and os.access(path, os.W_OK))
+        if path.suffix.lower() != ".png" or not folder.is_dir() or len(os.fsencode(path.name)) > 255 or there:
+            raise UserError(f"--plot {str(path)[:300]}: must be a .png file in a folder that exists")
+    except (OSError, ValueError) as error:
+        raise UserError(f"--plot {str(path)[:300]!a}: {error}; name another file") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise UserError(f"--plot {path}: cannot write in {folder}; name another file")
+
+
+def leave() -> None:
+    """Run the command line and end the process: at once where that was asked for, as taking Taichi down takes a second."""
+    status = main()
+    if status in (130, 143):  # all is unwound, nothing is left to write
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(status)
+    sys.exit(status)
+
+
+if __name__ == "__main__":
+    leave()

@@ -1,0 +1,137 @@
+"""The picture of a verification: distances by time, the share that areas held, and the drifters' ranks."""
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from drift.case.units import NMI
+from drift.drifters import text as verification_text
+from drift.drifters import verification
+from drift.drifters.verification import Verification
+from drift.maps import page
+from drift.maps.chart import INK
+
+GREY, BLUE, RED, SAND = "#55606b", "#0b4f8a", "#a33b20", "#b9802a"
+MARKS = (("#5b8db8", "s"), (BLUE, "o"), (RED, "^"), (SAND, "D"))  # of areas, by share
+
+
+def draw(made: Verification, path: Path, *, footer: str, attributes: Mapping[str, str]) -> None:
+    """Draw a verification."""
+    figure, canvas = page.figure(11.7, 8.3)
+    figure.text(0.05, 0.955, page.fit(made.case.title, 90), fontsize=15, weight="bold", color=INK)
+    figure.text(0.05, 0.922, verification_text.headline(made), fontsize=12, color=INK)
+    about = verification_text.facts(made)["forecasts"]
+    doubt = verification_text.doubt(made)
+    figure.text(
+        0.05, 0.895, page.fit(f"forecasts: {about}{f'; {doubt}' if doubt else ''}", 150), fontsize=9, color=GREY
+    )
+    _distances(figure.add_axes((0.07, 0.5, 0.40, 0.33)), made)
+    _held(figure.add_axes((0.56, 0.5, 0.40, 0.33)), made)
+    last = f"after {made.leads[-1]:g} h"
+    for k, (ranks, title, low, high) in enumerate((
+        (made.containment, f"Containment {last}", "in the middle", "outside"),
+        (made.along, f"Rank along the drift {last}", "drifter behind", "ahead"),
+        (made.across, f"Rank across the drift {last}", "drifter to the left", "to the right"),
+    )):  # fmt: skip
+        _ranks(figure.add_axes((0.07 + 0.315 * k, 0.11, 0.26, 0.26)), made, ranks[:, -1], title, low, high)
+    figure.text(0.05, 0.02, page.fit(footer, 170), fontsize=7, color=GREY)
+    page.save(canvas, path, f"{made.case.title}: forecasts of drifters", attributes, dpi=120)
+
+
+def _distances(axes: Axes, made: Verification) -> None:
+    """Draw mean separations with two standard errors, their median, persistence and spread."""
+    hours = np.append(0.0, made.hours)
+    found = [made.mean(made.apart[:, k]) for k in range(made.hours.size)]
+    mean, error = (np.append(0.0, [getattr(one, name) for one in found]) / NMI for name in ("mean", "error"))
+    axes.fill_between(
+        hours, mean - 2 * error, mean + 2 * error, color=BLUE, alpha=0.18, linewidth=0, label="± 2 standard errors"
+    )
+    axes.plot(hours, mean, color=BLUE, linewidth=2.2, label="forecast's mean from the drifter, mean")
+    axes.plot(
+        hours,
+        np.append(0.0, np.median(made.apart, axis=0)) / NMI,
+        color=BLUE,
+        linewidth=1.1,
+        linestyle=(0, (2, 1.5)),
+        label="median",
+    )
+    axes.plot(
+        hours,
+        np.append(0.0, made.waiting.mean(axis=0)) / NMI,
+        color=RED,
+        linewidth=1.5,
+        linestyle=(0, (6, 2)),
+        label="staying put, mean",
+    )
+    start = made.error / np.sqrt(np.log(2))  # of the radius that holds half
+    spread = np.append(start, np.sqrt((made.spread**2).mean(axis=0))) / NMI
+    apart = np.append(0.0, np.sqrt((made.apart**2).mean(axis=0))) / NMI
+    axes.plot(hours, apart, color=INK, linewidth=1.1, label="from the drifter, root mean square")
+    axes.plot(
+        hours,
+        spread,
+        color=SAND,
+        linewidth=1.6,
+        linestyle=(0, (6, 2, 1, 2)),
+        label="spread of the particles, root mean square",
+    )
+    axes.set_title("Distance [nmi]: the last two lines should agree", fontsize=10, loc="left", color=INK)
+    axes.set_xlabel("hours after the start", fontsize=9)
+    axes.set_xlim(0, hours[-1])
+    axes.set_ylim(0, None)
+    axes.legend(fontsize=7, frameon=False, loc="upper left")
+    _plain(axes)
+
+
+def _held(axes: Axes, made: Verification) -> None:
+    """Draw the share of positions that each area held, by lead, beside what it should hold."""
+    place = np.arange(made.leads.size, dtype=float)
+    for k, (share, (colour, mark)) in enumerate(zip(made.shares, itertools.cycle(MARKS), strict=False)):
+        found = [made.held(lead, share) for lead in range(made.leads.size)]
+        shift = 0.5 * ((k + 0.5) / len(made.shares) - 0.5)
+        axes.axhline(share, color=colour, linewidth=0.9, linestyle=(0, (6, 2)))
+        axes.errorbar(
+            place + shift, [one.mean for one in found],
+            [[min(2 * one.error, one.mean) for one in found], [min(2 * one.error, 1 - one.mean) for one in found]], color=colour, marker=mark,
+            linestyle="none", markersize=6, capsize=3, linewidth=1.2, label=f"{100 * share:.0f} % area",
+        )  # fmt: skip
+    axes.set_xticks(place, [f"{hours:g} h" for hours in made.leads])
+    axes.set_xlim(-0.5, made.leads.size - 0.5)
+    axes.set_ylim(0, 1.04)
+    axes.set_yticks(np.linspace(0, 1, 6), [f"{tick:.0f} %" for tick in np.linspace(0, 100, 6)])
+    axes.set_title(
+        "Share of positions held (± 2 standard errors); dashed: as stated", fontsize=10, loc="left", color=INK
+    )
+    axes.legend(fontsize=8, frameon=False, loc="lower right", ncols=2)
+    _plain(axes)
+
+
+def _ranks(axes: Axes, made: Verification, ranks: np.ndarray, title: str, low: str, high: str) -> None:
+    """Draw a histogram of ranks with two standard errors, and the level of equal shares."""
+    number = np.minimum((ranks * verification.BINS).astype(int), verification.BINS - 1)
+    found = [made.mean(number == k, share=True) for k in range(verification.BINS)]
+    middle = (np.arange(verification.BINS) + 0.5) / verification.BINS
+    axes.bar(
+        middle, [one.mean for one in found], 0.9 / verification.BINS, color="#cfe0ee", edgecolor=BLUE,
+        yerr=[[min(2 * one.error, one.mean) for one in found], [2 * one.error for one in found]], error_kw={"ecolor": GREY, "elinewidth": 0.9},
+    )  # fmt: skip
+    axes.axhline(1 / verification.BINS, color=RED, linewidth=1.4, linestyle=(0, (6, 2)))
+    axes.set_title(title, fontsize=10, loc="left", color=INK)
+    axes.set_xlim(0, 1)
+    axes.set_ylim(0, None)
+    axes.set_xticks([0, 0.5, 1], [f"0\n{low}", "0.5", f"1\n{high}"], fontsize=8)
+    labels = axes.get_xticklabels()
+    labels[0].set_horizontalalignment("left")
+    labels[-1].set_horizontalalignment("right")
+    axes.set_yticks(ticks := axes.get_yticks()[:6], [f"{100 * tick:.0f} %" for tick in ticks])
+    _plain(axes)
+
+
+def _plain(axes: Axes) -> None:
+    axes.tick_params(labelsize=8, colors=INK)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(axis="y", color="#d5dbe1", linewidth=0.6)
+    axes.set_axisbelow(True)

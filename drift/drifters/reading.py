@@ -1,0 +1,317 @@
+"""Files of drifters' tracks -> tracks, as they stand: CSV, and netCDF with CF trajectories.
+
+CSV: one fix a row; who, when and where in columns under their common names, a second header row with units as in files of
+the Global Drifter Program, any order. netCDF: (trajectory, obs) padded with missing values (as trajan writes it too),
+(trajectory, time), or one after another with the length of each (contiguous ragged) or the number of the track of each
+fix (indexed ragged), CF 1.11, appendix H.4. Which fixes are believed is the matter of drift.drifters.records.
+"""
+
+import csv
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from drift.case import units
+from drift.drifters.records import Array, Track, taken
+from geo.errors import UserError
+from geo.files import small
+
+LARGEST = 1024 * 2**20  # [bytes] of a CSV file
+NAMES = {  # how columns are called, in lower case without blanks, underscores and hyphens
+    "id": ("id", "platformcode", "drifterid", "drifter", "buoyid", "buoy", "platform", "platformid", "wmo", "deviceid",
+           "device", "name", "trajectory", "trajectoryid", "drifternames", "drifterid", "imei", "ship", "mmsi", "ids"),
+    "time": ("time", "datetime", "timestamp", "timeutc", "datetimeutc", "utc", "obstime", "date", "datautc"),
+    "lon": ("lon", "longitude", "long", "lng", "londeg", "longitudedeg", "x", "lons"),
+    "lat": ("lat", "latitude", "latdeg", "latitudedeg", "y", "lats"),
+}  # fmt: skip
+ZONE = re.compile(r"\s*(?:(Z|UTC|GMT)|([+-])(\d{2})(?::?(\d{2}))?)$", re.IGNORECASE)
+ISO = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}(:\d{2}(:\d{2}(\.\d+)?)?)?)?")
+OTHER_FORMS = ("%Y/%m/%d %H:%M:%S", "%Y/%m/%d %H:%M", "%Y%m%d %H:%M:%S", "%Y%m%dT%H%M%S", "%d-%b-%Y %H:%M:%S",
+               "%d-%b-%Y %H:%M", "%d %b %Y %H:%M:%S", "%d %b %Y %H:%M")  # fmt: skip
+AMBIGUOUS = re.compile(r"\d{1,2}[/.]\d{1,2}[/.]\d{4}\b")
+DATASETS = (".nc", ".nc4", ".netcdf", ".cdf")
+
+
+def read(path: str | os.PathLike[str], columns: Sequence[str] = ()) -> tuple[Track, ...]:
+    """Return the tracks of a file; columns: names of other columns that are wanted with them.
+
+    Raises UserError, one line, for what holds no tracks.
+    """
+    path = Path(path)
+    try:
+        if path.suffix.lower() in DATASETS or path.is_dir():
+            return _netcdf(path, columns)
+        return _csv(path, columns)
+    except OSError as error:
+        raise UserError(f'--drifters "{path}": cannot be read: {error.strerror or error}') from None
+    except (ValueError, csv.Error) as error:
+        raise UserError(f'--drifters "{path}": {" ".join(str(error).split())[:300]}') from None
+
+
+def _plain(name: str) -> str:
+    """Return a column's name as NAMES has it: without its unit in brackets, as ERDDAP writes it, in lower case."""
+    return re.sub(r"[\s_\-]|\(.*\)|\[.*\]", "", name).lower()
+
+
+def _column(header: Sequence[str], what: str) -> int | None:
+    """Return which column holds the id, time, lon or lat: the first of the common names that there is."""
+    plain = [_plain(name) for name in header]
+    return next((plain.index(name) for name in NAMES[what] if name in plain), None)
+
+
+def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
+    try:
+        text = small.contents(path, LARGEST).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError("is neither netCDF (.nc) nor a table as text in UTF-8 (.csv)") from None
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if len(lines) < 2:
+        raise ValueError("holds no table: a header and at least one row are needed")
+    mark = max(",;\t", key=lines[0].count)
+    header, *rows = list(csv.reader(lines, delimiter=mark, skipinitialspace=True))
+    who = _column(header, "id")
+    found = {what: _column(header, what) for what in ("time", "lon", "lat")}
+    where = {what: index for what, index in found.items() if index is not None}
+    if lacking := next((what for what in found if what not in where), None):
+        raise ValueError(
+            f"no column of {lacking}; its columns are {', '.join(header)[:200]}; one must be called "
+            f"{', '.join(NAMES[lacking][:4])}"
+        )
+    names = [name.strip() for name in header]
+    if missing := [name for name in wanted if name not in names]:
+        raise ValueError(f'--columns: no column "{missing[0]}"; its columns are {", ".join(names)[:300]}')
+    width = max(index for index in (*where.values(), *(names.index(n) for n in wanted), who) if index is not None) + 1
+    rows = [[*row, *[""] * (width - len(row))] for row in rows]  # what a short row lacks is no position
+    comma = mark != ","  # then it may be a decimal one, as half of Europe writes it
+    lat = _numbers((row[where["lat"]] for row in rows), comma)
+    if rows and not np.isfinite(lat[0]) and not _is_time(rows[0][where["time"]]):  # a second header row, with units
+        rows, lat = rows[1:], lat[1:]
+    if not rows:
+        raise ValueError("holds no fix")
+    clock = next((i for i, name in enumerate(header) if _plain(name) in ("time", "timeutc", "hour", "hms")), None)
+    stamps = [row[where["time"]].strip() for row in rows]
+    if _plain(header[where["time"]]) == "date" and clock is not None:
+        stamps = [f"{stamp} {row[clock].strip()}" for stamp, row in zip(stamps, rows, strict=True)]
+    elif (
+        clock is not None and (day := next((i for i, n in enumerate(header) if _plain(n) == "date"), None)) is not None
+    ):
+        stamps = [f"{row[day].strip()} {row[clock].strip()}" for row in rows]
+    time = _times(stamps)
+    lon = _numbers((row[where["lon"]] for row in rows), comma)
+    for what, values in (("lon", lon), ("lat", lat)):
+        if not np.isfinite(values).any():
+            raise ValueError(
+                f'no row has a number in its column of {what}, "{header[where[what]]}": the first has "{rows[0][where[what]][:40]}"; '
+                "write degrees like -5.5"
+            )
+    extra = {name: _numbers((row[names.index(name)] for row in rows), comma) for name in wanted}
+    one = Track(path.stem, time, lon, lat, extra)
+    if who is None:
+        return (one,)
+    return _apart(one, np.array([row[who].strip() for row in rows]))
+
+
+def _apart(whole: Track, name: Array) -> tuple[Track, ...]:
+    """Return the tracks of which fixes, each with its drifter's name, are made; in the order of their first fixes."""
+    found, first, number = np.unique(name, return_index=True, return_inverse=True)
+    whose = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
+    return tuple(replace(taken(whole, whose[one]), name=str(found[one])) for one in np.argsort(first))
+
+
+def _numbers(texts: Any, comma: bool) -> Array:
+    """Return texts as numbers, NaN for what is none; comma: a comma may stand for the point."""
+
+    def number(text: str) -> float:
+        try:
+            return float(text.replace(",", ".") if comma else text)
+        except ValueError:
+            return np.nan
+
+    return np.array([number(text) for text in texts], np.float64)
+
+
+def _is_time(text: str) -> bool:
+    try:
+        return bool(np.isfinite(_moment(text)))
+    except ValueError:
+        return False
+
+
+def _times(stamps: Sequence[str]) -> Array:
+    """Return times [s since 1970]; NaN for none. Without a zone they are UTC."""
+    if not any(_is_time(stamp) for stamp in stamps[:100]):
+        _moment(next((stamp for stamp in stamps if stamp), ""))  # says what is wrong with it
+        raise ValueError(f'"{stamps[0]}" is not a time; write it like 2021-03-03T18:00:00Z')
+    known = {
+        stamp: _moment(stamp) if _is_time(stamp) else np.nan for stamp in set(stamps)
+    }  # drifters report at the same times
+    return np.array([known[stamp] for stamp in stamps])
+
+
+def _moment(text: str) -> float:
+    """Return a time [s since 1970]: ISO 8601, a date-time group, seconds or milliseconds since 1970, or with a month's name."""
+    text = text.strip()
+    try:
+        number = float(text)
+    except ValueError:
+        number = np.nan
+    if 1e8 <= number < 1e10 and not re.fullmatch(r"\d{8}", text):
+        return number
+    if 1e11 <= number < 1e13:
+        return number / 1000
+    zone = ZONE.search(text)
+    bare, shift = text, 0.0
+    if zone and ":" in text[: zone.start()]:
+        bare = text[: zone.start()]
+        if zone[2]:
+            shift = (-1 if zone[2] == "+" else 1) * (3600.0 * int(zone[3]) + 60.0 * int(zone[4] or 0))
+    if ISO.fullmatch(bare.strip()):
+        moment = np.datetime64(bare.strip().replace(" ", "T", 1), "us")
+        return float(moment.astype(np.int64)) / 1e6 + shift
+    if AMBIGUOUS.match(bare):
+        raise ValueError(
+            f'time "{text}" can be read in two ways (day or month first); write it like 2021-03-03T18:00:00Z'
+        )
+    for form in OTHER_FORMS:
+        try:
+            made = datetime.strptime(bare, form)
+        except ValueError:
+            continue
+        return float(np.datetime64(made, "s").astype(np.int64)) + shift
+    moment_or_interval = units.time(text)
+    if not isinstance(moment_or_interval, np.datetime64):
+        raise ValueError(f'"{text}" is not a time; write it like 2021-03-03T18:00:00Z')
+    return float(moment_or_interval.astype("datetime64[s]").astype(np.int64))
+
+
+def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
+    try:
+        with xr.open_dataset(path, decode_timedelta=False) as data:
+            return _tracks(data.load(), path, wanted)
+    except (UserError, OSError):
+        raise
+    except ValueError as error:
+        if "did not find a match" in str(error):
+            raise ValueError("is no netCDF file, whatever its name says; a table as text must be called .csv") from None
+        raise
+    except Exception as error:  # what libraries raise over damaged files
+        raise ValueError(f"cannot be read ({type(error).__name__}: {error})") from error
+
+
+def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
+    found = {what: _variable(data, what) for what in ("time", "lon", "lat")}
+    if missing := [name for name in wanted if name not in data.variables]:
+        raise ValueError(
+            f'--columns: no variable "{missing[0]}"; there are {", ".join(map(str, data.variables))[:300]}'
+        )
+    lon = data[found["lon"]]
+    names = _names(data)
+    sizes = next((v for v in data.variables.values() if "sample_dimension" in v.attrs), None)
+    if sizes is None and lon.ndim == 1:  # as files of the Global Drifter Program call it without saying so
+        sizes = next((data.variables[n] for n in ("rowsize", "row_size", "rowSize") if n in data.variables), None)
+    index = next((v for v in data.variables.values() if "instance_dimension" in v.attrs), None)
+    columns = {what: data[name] for what, name in (*found.items(), *((n, n) for n in wanted))}
+    if lon.ndim == 1:
+        flat = {what: _seconds(column) if what == "time" else _floats(column) for what, column in columns.items()}
+        if any(column.shape != lon.shape for column in flat.values()):
+            raise ValueError("time, lon, lat and the columns wanted don't have the same length")
+        whole = Track(path.stem, flat["time"], flat["lon"], flat["lat"], {n: flat[n] for n in wanted})
+        if sizes is not None:
+            rows = np.repeat(np.arange(sizes.size), sizes.values.astype(int))
+            if rows.size != lon.size:
+                raise ValueError(
+                    f"its tracks have {rows.size:,} fixes by their lengths, and {lon.size:,} by their positions"
+                )
+        elif index is not None:
+            rows = index.values.astype(int)
+        elif names is not None and names.size == lon.size:
+            return _apart(whole, names)
+        else:
+            return (whole if names is None or names.size != 1 else Track(str(names.ravel()[0]), whole.time, whole.lon, whole.lat, whole.columns),)  # fmt: skip
+    elif lon.ndim == 2:
+        many_first = names is not None and names.size == lon.shape[1] != lon.shape[0]
+        if many_first or lon.dims[0] in ("obs", found["time"]):  # the tracks stand side by side
+            columns = {what: c.transpose(*c.dims[::-1]) for what, c in columns.items()}
+        shape = columns["lon"].shape
+        flat = {}
+        for what, column in columns.items():
+            if column.shape not in (shape, shape[1:]):
+                raise ValueError(f"{what} {column.shape} and positions {shape} don't go together as tracks")
+            values = _seconds(column) if what == "time" else _floats(column)
+            flat[what] = np.broadcast_to(values, shape).ravel()
+        padded = ~(np.isfinite(flat["lon"]) & np.isfinite(flat["lat"]) & np.isfinite(flat["time"]))
+        rows = np.repeat(np.arange(shape[0]), shape[1])[~padded]
+        flat = {what: column[~padded] for what, column in flat.items()}
+        whole = Track(path.stem, flat["time"], flat["lon"], flat["lat"], {n: flat[n] for n in wanted})
+    else:
+        raise ValueError(
+            f"positions have {lon.ndim} dimensions; tracks have one (one after another) or two (trajectory, obs)"
+        )
+    if names is None or names.size <= rows.max(initial=-1):
+        label = np.array([f"{path.stem} {k + 1}" for k in range(int(rows.max(initial=0)) + 1)])
+    else:
+        label = names.ravel()
+    if len(set(label.tolist())) < label.size:  # two tracks of one name stay two
+        label = np.array([f"{name} ({k + 1})" for k, name in enumerate(label)])
+    return _apart(whole, label[rows])
+
+
+def _variable(data: xr.Dataset, what: str) -> str:
+    """Return the name of the variable of time, lon or lat: by its standard name, else by its own."""
+    standard = {"time": "time", "lon": "longitude", "lat": "latitude"}[what]
+    listed = [str(name) for name in data.variables]
+    for name in listed:
+        if data.variables[name].attrs.get("standard_name") == standard and data.variables[name].ndim:
+            return name
+    plain = {_plain(name): name for name in reversed(listed)}
+    for name in NAMES[what]:
+        if name in plain and data.variables[plain[name]].ndim:
+            return plain[name]
+    raise ValueError(f"no variable of {what} (standard_name {standard}); there are {', '.join(listed)[:300]}")
+
+
+def _names(data: xr.Dataset) -> Array | None:
+    """Return the drifters' names as text; None where there are none."""
+    by_role = [str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "trajectory_id"]
+    plain = {_plain(str(name)): str(name) for name in data.variables}
+    for name in (*by_role, *(plain[one] for one in NAMES["id"] if one in plain)):
+        values = data.variables[name].values
+        if values.ndim <= 1:
+            texts = [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in np.atleast_1d(values)]
+            return np.array([text.strip() for text in texts])
+    return None
+
+
+def _floats(column: xr.DataArray) -> Array:
+    return np.asarray(column.values, np.float64)
+
+
+def _seconds(column: xr.DataArray) -> Array:
+    """Return times [s since 1970], NaN for none."""
+    if column.dtype.kind != "M":
+        raise ValueError(f'time "{column.name}" has no units such as "seconds since 1970-01-01"')
+    moments = column.values.astype("datetime64[us]")
+    return np.where(np.isnat(moments), np.nan, moments.astype(np.int64) / 1e6)
+
+
+def mapped(text: str) -> Mapping[str, str]:
+    """Return which column holds what, from "current_east=u, wind_east=wu"; raise UserError for what it cannot be."""
+    allowed = [f"{quantity}_{side}" for quantity in ("current", "wind", "stokes") for side in ("east", "north")]
+    found: dict[str, str] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        key, equals, column = (piece.strip() for piece in part.partition("="))
+        if not equals or not column or key not in allowed:
+            raise UserError(f'--columns "{part}": must be one of {", ".join(allowed)}, each followed by =COLUMN')
+        found[key] = column
+    for quantity in ("current", "wind", "stokes"):
+        given = [side for side in ("east", "north") if f"{quantity}_{side}" in found]
+        if len(given) == 1:
+            raise UserError(f"--columns: {quantity}_{given[0]} is given without its other component")
+    return found

@@ -1,0 +1,361 @@
+"""Snapshots of the particles -> what a planner reads: probability maps, containment areas, contours, mean tracks.
+
+Everything here is float64 NumPy on fixed-point deposits, in one order: the same snapshots give the same bits on any
+number of threads. A map holds the object adrift or ashore; what is outside the forcing, has left, sunk or is not yet
+released is in the account (`status_probability`, which adds up to 1) but on no map. Longitudes run on over the
+antimeridian, from the grid's western edge eastward.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+import xarray as xr
+from scipy import ndimage
+
+from drift.case.grid import QUANTUM
+from drift.case.shares import SHARES
+from drift.forecast import areas, cells, containment, dataset, density
+from drift.forecast.cells import Array, Cells, Deposit, IsLand
+from drift.motion.snapshot import Snapshot, mapped
+from drift.motion.status import Status
+from geo import sphere
+from geo.errors import UserError
+
+__all__ = ["Contour", "Forecast", "Snapshot", "build"]
+
+AT_ONCE = 2  # maps that are made at the same time: each holds some 50 MB meanwhile
+ACROSS = 360  # cells across the forecast's grid at most
+ACROSS_ONE = 840  # and across the finer one of a single snapshot
+MOST_ONE = 1_500_000  # cells of a snapshot on a given grid
+METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridian
+
+
+@dataclass(frozen=True)
+class Contour:
+    """Outline of the smallest area that holds a share of the probability at a time [deg, unwrapped]."""
+
+    time: np.datetime64
+    share: float
+    area: float  # [m2]
+    polygon: shapely.MultiPolygon
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """All products: `data` is what forecast.nc holds (see drift.forecast.dataset)."""
+
+    data: xr.Dataset
+    contours: tuple[Contour, ...]
+
+    @property
+    def probability(self) -> xr.DataArray:
+        """Probability that the object is in a cell, adrift or ashore (time, lat, lon)."""
+        return self.data["probability"]
+
+    def containment_at(self, time: np.datetime64, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
+        """Return the smallest share of the probability whose area holds each of some points [deg], (n,): see drift.forecast.containment."""
+        return containment.at(self.data, time, lon, lat)
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """The shares whose areas it tells, ascending."""
+        return tuple(float(share) for share in self.data["share"].values)
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """The smallest and the largest of them: what a small map has room for."""
+        return tuple(dict.fromkeys((self.shares[0], self.shares[-1])))
+
+
+@dataclass(frozen=True)
+class _Cloud:
+    """The mapped particles of a snapshot: where they are, and how fine they would have the cells."""
+
+    index: Array  # slots
+    west: int  # extent [binary angle], longitudes relative to the common reference
+    east: int
+    south: int
+    north: int
+    spacing: float  # bandwidth [binary angle units]
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """What a snapshot leaves in its own cells, and which of these are land (nlat, nlon); None where none is."""
+
+    cells: Cells
+    deposits: areas.Deposits
+    land: Array | None
+
+
+def build(
+    snapshots: Sequence[Snapshot],
+    *,
+    scenarios: Sequence[str],
+    is_land: IsLand | None = None,
+    deposit: Deposit = cells.deposit,
+    shares: tuple[float, ...] = SHARES,
+    grid: Cells | None = None,
+) -> Forecast:
+    """Return the products of an ensemble's snapshots.
+
+    scenarios: names, in order of their numbers.
+    is_land: int32 binary angles (lon, lat), each (n,) -> bool (n,); particles' own cells always count as reachable.
+    deposit: (lon, lat, weight, cells) -> int64 (nlat, nlon), as `cells.deposit`.
+    shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are made on cells
+    that divide its cells, as far as there is anything: areas and containment count what lies outside it.
+    """
+    return begin(snapshots, scenarios=scenarios, is_land=is_land, deposit=deposit, shares=shares, grid=grid)()
+
+
+def begin(
+    snapshots: Sequence[Snapshot],
+    *,
+    scenarios: Sequence[str],
+    is_land: IsLand | None = None,
+    deposit: Deposit = cells.deposit,
+    shares: tuple[float, ...] = SHARES,
+    grid: Cells | None = None,
+) -> Callable[[], Forecast]:
+    """Return what does the rest of `build`, in any thread: `is_land` and `deposit`, which may need the device, have been asked."""
+    centre = _reference(snapshots)
+    clouds = [_cloud(one, centre) for one in snapshots]
+    windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
+    land = _Land(is_land, common)
+    laid = [
+        None
+        if cloud is None or window is None
+        else _Laid(window, _deposits(one, cloud, window, len(scenarios), deposit), land.on(window))
+        for one, cloud, window in zip(snapshots, clouds, windows, strict=True)
+    ]
+    bandwidths = None if grid is None else [None if cloud is None else cloud.spacing for cloud in clouds]
+
+    def rest() -> Forecast:
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            made = list(pool.map(lambda one: None if one is None else _map(one, shares, common), laid))
+        contours = tuple(
+            Contour(one.time, share, float(size), line)
+            for one, drawn in zip(snapshots, made, strict=True)
+            if drawn is not None
+            for share, size, line in zip(shares, drawn[0].areas, drawn[1], strict=True)
+        )
+        maps = [None if drawn is None else drawn[0] for drawn in made]
+        return Forecast(dataset.build(snapshots, scenarios, common, maps, shares, bandwidths), contours)
+
+    return rest
+
+
+def _reference(snapshots: Sequence[Snapshot]) -> int:
+    """Return the longitude [binary angle] round which to unwrap: that of the mean position at all times."""
+    x = y = 0.0
+    for one in snapshots:
+        weight = np.where(mapped(one), one.probability, 0.0)
+        lon = one.lon * sphere.UNIT
+        x, y = x + float(np.sum(weight * np.cos(lon))), y + float(np.sum(weight * np.sin(lon)))
+    return int(sphere.to_binary(np.degrees(np.arctan2(y, x))))
+
+
+def _cloud(one: Snapshot, centre: int) -> _Cloud | None:
+    """Return a snapshot's extent and spacing; None if no probability is adrift or ashore."""
+    index = np.flatnonzero(mapped(one))
+    if not len(index):
+        return None
+    # int32 subtraction wraps: longitudes relative to the centre, in [-180, 180) degrees
+    lon, lat = np.subtract(one.lon[index], np.int32(centre)), one.lat[index]
+    shrink = float(np.cos(np.mean(lat) * sphere.UNIT))
+    spacing = density.typical_spacing(lon * shrink, lat.astype(np.float64), one.probability[index])
+    return _Cloud(index, int(lon.min()), int(lon.max()), int(lat.min()), int(lat.max()), spacing)
+
+
+def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells | None], Cells]:
+    """Return each snapshot's own cells and the common ones; the former divide the latter by powers of two."""
+    present = [cloud for cloud in clouds if cloud is not None]
+    if not present:
+        return [None] * len(clouds), Cells(centre, 0, 2**12, 2**12, 1, 1)
+    south, north = min(c.south for c in present), max(c.north for c in present)
+    west, east = min(c.west for c in present), max(c.east for c in present)
+    shrink = max(float(np.cos((south + north) / 2 * sphere.UNIT)), 0.01)
+    across = max(north - south, (east - west) * shrink)
+    wanted = [max(cloud.spacing / 2.5, 0.2 * METRE) for cloud in present]
+    side = max(across / ACROSS, min(*wanted, across / 120) if len(wanted) > 1 else min(wanted[0], across / 120), 32.0)
+    halvings = min(max(int(np.log2(side / 8)), 0), 10)
+    height = _multiple(side, 2**halvings)
+    width = _multiple(side / shrink, 2**halvings)
+
+    def span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
+        """First and last + 1 common cell of an extent with its margin."""
+        margin = reach + 0.04 * (high - low)
+        return int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1
+
+    boxes: list[tuple[int, int, int, int, int] | None] = []
+    for cloud in clouds:
+        if cloud is None:
+            boxes.append(None)
+            continue
+        fine = max(cloud.spacing / 2.5, 0.2 * METRE)
+        x0, x1 = span(cloud.west, cloud.east, width, 15 * fine / shrink)
+        y0, y1 = span(cloud.south, cloud.north, height, 15 * fine)
+        y0, y1 = max(y0, -(2**30) // height), min(y1, 2**30 // height)
+        k = 0
+        while height / 2**k > 1.4 * fine and k < halvings and max(x1 - x0, y1 - y0) * 2 ** (k + 1) <= ACROSS_ONE:
+            k += 1
+        boxes.append((x0, x1, y0, y1, k))
+    known = [box for box in boxes if box is not None]
+    left, right = (
+        min(b[0] for b in known),
+        min(max(b[1] for b in known), min(b[0] for b in known) + sphere.TURN // width),
+    )
+    low, high = min(b[2] for b in known), max(b[3] for b in known)
+
+    def lon0(x: int) -> int:
+        return centre + x * width
+
+    turns = (lon0(left) + 2**31) // sphere.TURN * sphere.TURN  # the grid's western edge in [-180, 180)
+    grid = Cells(lon0(left) - turns, low * height, width, height, right - left, high - low)
+    windows = [
+        None
+        if box is None
+        else Cells(
+            lon0(box[0]) - turns, box[2] * height, width, height, min(box[1], right) - box[0], box[3] - box[2]
+        ).finer(box[4])
+        for box in boxes
+    ]
+    return windows, grid
+
+
+def _fixed(clouds: Sequence[_Cloud | None], centre: int, grid: Cells) -> list[Cells | None]:
+    """Return each snapshot's own cells, which divide those of a given grid by powers of two, on its turn of longitude."""
+    middle = grid.lon0 + grid.nlon * grid.width // 2
+    offset = (centre - middle + sphere.TURN // 2) % sphere.TURN - sphere.TURN // 2 + middle - grid.lon0
+    halvings = (QUANTUM & -QUANTUM).bit_length() - 1
+    shrink = grid.height / grid.width
+    windows: list[Cells | None] = []
+    for cloud in clouds:
+        if cloud is None:
+            windows.append(None)
+            continue
+        fine = max(cloud.spacing / 2.5, 0.2 * METRE)
+        spans = []
+        for low, high, cell in (
+            (offset + cloud.west, offset + cloud.east, grid.width),
+            (cloud.south - grid.lat0, cloud.north - grid.lat0, grid.height),
+        ):
+            margin = 15 * fine * cell / grid.height + 0.04 * (high - low)
+            spans.append((int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1))
+        (x0, x1), (y0, y1) = spans
+        y0, y1 = max(y0, -((2**30 + grid.lat0) // grid.height)), min(y1, (2**30 - grid.lat0) // grid.height)
+        if (x1 - x0) * (y1 - y0) > MOST_ONE:
+            across = max((x1 - x0) * grid.width * shrink, (y1 - y0) * grid.height) / METRE
+            raise UserError(
+                f"output.grid: the particles are {across / 1000:,.0f} km across, {x1 - x0:,} x {y1 - y0:,} of its cells; at most "
+                f"{MOST_ONE:,} can be smoothed: make spacing {np.sqrt((x1 - x0) * (y1 - y0) / MOST_ONE):.1f} times as large"
+            )
+        k = 0
+        while grid.height / 2**k > 1.4 * fine and k < halvings and max(x1 - x0, y1 - y0) * 2 ** (k + 1) <= ACROSS_ONE:
+            k += 1
+        corner = grid.lon0 + x0 * grid.width, grid.lat0 + y0 * grid.height
+        windows.append(Cells(*corner, grid.width, grid.height, x1 - x0, y1 - y0).finer(k))
+    return windows
+
+
+def _multiple(size: float, quantum: int) -> int:
+    return max(round(size / quantum), 1) * quantum
+
+
+class _Land:
+    """Land at cell centres; looked up once for all snapshots on the common cells."""
+
+    def __init__(self, is_land: IsLand | None, grid: Cells) -> None:
+        self.is_land, self.grid = is_land, grid
+        self.common = None if is_land is None else self._look(grid)
+
+    def _look(self, where: Cells) -> Array:
+        assert self.is_land is not None
+        lon, lat = where.centres()
+        return np.asarray(self.is_land(lon.ravel(), lat.ravel()), bool).reshape(where.shape)
+
+    def on(self, window: Cells) -> Array | None:
+        """Return land (nlat, nlon) on a window of the common cells or finer; None if there is none."""
+        if self.common is None:
+            return None
+        x, y = (window.lon0 - self.grid.lon0) // window.width, (window.lat0 - self.grid.lat0) // window.height
+        within = x >= 0 and y >= 0 and x + window.nlon <= self.grid.nlon and y + window.nlat <= self.grid.nlat
+        if window.width == self.grid.width and within:
+            land = self.common[y : y + window.nlat, x : x + window.nlon]
+        else:
+            land = self._look(window)
+        return land if land.any() else None
+
+
+def group(n: int) -> Array:
+    """Return the group 0..3 of each slot: held out of a map together. A hash of the slot, in runs of up to 32.
+
+    Resampling lays a particle's offspring side by side: brothers must not sit on both sides of a check.
+    """
+    run = min(max(n // 2048, 1), 32)
+    code = np.arange(n, dtype=np.uint64) // np.uint64(run) + np.uint64(1)
+    with np.errstate(over="ignore"):  # splitmix64 (Steele et al. 2014, doi:10.1145/2660193.2660195)
+        code = code * np.uint64(0x9E3779B97F4A7C15)
+        code = (code ^ (code >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        code = (code ^ (code >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
+
+
+def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
+    """Return the map of one snapshot on its own cells, of which `common` are multiples, and the outlines of its areas."""
+    media, k = _media(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
+    made = areas.build(laid.cells, laid.deposits, media, shares, k)
+    return made, areas.contours(made)
+
+
+def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
+    """Return what lies in each cell of a snapshot's own."""
+    index = cloud.index
+    lon, lat, weight = one.lon[index], one.lat[index], one.probability[index]
+    ashore = (one.status[index] == Status.ASHORE).astype(np.int8)
+    media = 2 if ashore.any() else 1
+    amount, heaviest = cells.fixed(weight), float(weight.max())
+    level = bool(weight.min() == heaviest)
+    square = amount if level else cells.fixed(weight * (weight / heaviest))
+    held = np.flatnonzero(deposit(lon, lat, amount, window) > 0)
+
+    def sums(code: Array, number: int, amounts: Array) -> Array:
+        """Deposits of each class of particles in the cells that hold any, shape (number, n)."""
+        made = np.zeros((number, held.size))
+        order = np.argsort(code, kind="stable")
+        for out, some in zip(made, np.split(order, np.searchsorted(code[order], np.arange(1, number))), strict=True):
+            if len(some):
+                out[:] = deposit(lon[some], lat[some], amounts[some], window).ravel()[held] / cells.ONE
+        return made
+
+    code = group(len(one.lon))[index] * media + ashore
+    mass = sums(code, 4 * media, amount).reshape(4, media, -1)
+    squares = (mass if level else sums(code, 4 * media, square).reshape(4, media, -1)) * heaviest
+    by_scenario = mass.sum(axis=0)[None]
+    if scenarios > 1:
+        of_scenario = one.scenario[index].astype(np.int16) * media + ashore
+        by_scenario = sums(of_scenario, media * scenarios, amount).reshape(scenarios, media, -1)
+    return areas.Deposits(held, mass, squares, by_scenario)
+
+
+def _media(made: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
+    """Return where the object can be adrift and ashore: in water joined to a particle's, and along its shoreline."""
+    mass = made.mass.sum(axis=0)
+    if land is None:
+        return [density.medium(np.ones(shape, bool))] * len(mass)
+    basins, count = ndimage.label(~land)  # a kernel reaches across a spit, but not into a bay that holds nobody
+    holds = np.zeros(count + 1, bool)
+    holds[np.unique(basins.ravel()[made.cells])] = True
+    holds[0] = False
+    water = holds[basins]
+    allowed = [water.copy()]
+    if len(mass) > 1:
+        square = np.ones((3, 3), bool)
+        allowed.append(ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square))
+    for where, weights in zip(allowed, mass, strict=True):
+        where.ravel()[made.cells[weights > 0]] = True
+    return [density.medium(where) for where in allowed]

@@ -1,0 +1,387 @@
+"""Pictures of a forecast: the map that a planner pins up, small multiples by time, and a forcing field.
+
+Land comes from the polygons handed in; nothing is downloaded. Figures are made and drawn without pyplot and leave no
+state behind. Shading runs from light to dark (magma reversed): even steps to the eye and in grey print.
+"""
+
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import LogNorm, PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from drift.case import shares, units
+from drift.forecast import beyond, effective, layers, tables
+from drift.forecast.build import Forecast
+from drift.forecast.cells import Array
+from drift.forecast.layers import Line, Mark
+from drift.maps import chart, labels, page
+from drift.maps.chart import INK, Frame
+from drift.search import layers as search_layers
+from drift.search.records import Contact, Sortie
+
+ROW = 0.03  # of the page, a row of warnings over the map
+
+__all__ = ["Line", "Mark", "draw_field", "draw_map", "draw_snapshots"]
+
+
+def draw_map(
+    forecast: Forecast,
+    path: Path,
+    *,
+    title: str,
+    polygons: Iterable[Any] = (),
+    marks: Sequence[Mark] = (),
+    lines: Sequence[Line] = (),
+    known_as: str = "Last known position",
+    particles: int | None = None,
+    footer: str = "",
+    attributes: Mapping[str, str] | None = None,
+    caution: str = "",
+    time: int = -1,
+    searched: Sequence[Sortie] = (),
+    contacts: Sequence[Contact] = (),
+) -> None:
+    """Draw the forecast at one output time (index).
+
+    polygons: shapely land polygons [deg]. known_as: what the marks are. particles: their number in the run.
+    footer: a line of where it comes from (case, seed, version); attributes: the same in full, into the file.
+    caution: what the forecast must not be believed of, on a banner beside the title. searched, contacts: of which those begun by then are drawn.
+    """
+    figure, canvas = page.figure(11.7, 8.3)
+    at = forecast.data.isel(time=time)
+    now = at["time"].values[()]
+    outlines = [c for c in forecast.contours if c.time == now]
+    begun = [sortie for sortie in searched if sortie.start <= now]
+    seen = [contact for contact in contacts if contact.time <= now]
+    places = search_layers.places(seen, begun)
+    count = effective.at(forecast.data, time, particles)
+    said = [text for text in (labels.missing(at), labels.unshaded(at), *effective.parts(forecast.data, time)) if text]
+
+    def framed(above: list[str]) -> tuple[float, Frame, list[str]]:
+        """Return the map's height [of the page] under a banner and rows of text, its frame, and what that leaves out."""
+        high = 0.775 - ROW * (count.few + len(above))
+        here = layers.extent(forecast, [now], marks, lines, 0.665 * 11.7 / (high * 8.3), places.values())
+        return high, here, textwrap.wrap(beyond.told(here, at, places), 135)
+
+    high, here, out = framed(said)
+    if out:
+        high, here, out = framed([*said, *out])
+    ax = figure.add_axes((0.055, 0.095, 0.665, high))
+    chart.prepare(ax, here)
+    density = layers.density(forecast, time)
+    shown = np.where(at["containment"].values <= layers.SHOWN, density, np.nan)
+    mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
+    land = chart.land_path(here, polygons, 1100)
+    chart.draw_land(ax, land)
+    chart.graticule(ax, here)
+    for i, line in enumerate(lines):
+        layers.prior_line(ax, here, line, i)
+    if count.few:
+        layers.rough(ax, here, layers.widest(outlines))
+    for outline in outlines:
+        layers.rings(ax, here, outline.polygon, layers.line(outline.share, forecast, count.few))
+    for sortie in begun:
+        search_layers.sortie(ax, here, sortie, now, light=True)
+    for contact in seen:
+        search_layers.contact(ax, here, contact, 0.75)
+    ashore = layers.ashore_marks(ax, here, forecast, time)
+    layers.track(ax, canvas, here, forecast, time, marks)
+
+    figure.text(0.055, 0.955, page.fit(title, 60 if caution else 95), fontsize=15, weight="bold", color=INK)
+    valid = f"Valid {units.group(now)}   ({tables.iso(now)}, UTC)"
+    figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
+    figure.text(0.055, 0.888, labels.basis(forecast, time, particles), fontsize=9, color=INK)
+    if caution:
+        page.banner(figure, 0.985, 0.955, "right", 10, caution)
+    if count.few:
+        page.banner(figure, 0.058, 0.884 - ROW, "left", 11, effective.banner(count))
+    for k, text in enumerate([*said, *out], 1 + count.few):
+        style: dict[str, Any] = {"fontsize": 9.5, "weight": "bold", "color": layers.LAST_KNOWN}
+        figure.text(0.055, 0.879 - ROW * k, page.fit(text, 130), **style)
+    rows = _rows(forecast, time, outlines, lines, ashore, (known_as, len(marks)), land is not None, count.few)
+    rows += search_layers.key(begun, seen, search_layers.LIGHT)
+    _legend(figure, rows)
+    _panel(figure, at, mesh)
+    figure.text(0.055, 0.04, labels.account(at), fontsize=9.5, color=INK)
+    if footer:
+        figure.text(0.055, 0.015, textwrap.shorten(footer, 190, placeholder=" …"), fontsize=7.5, color="#55606b")
+    page.save(canvas, path, title, attributes, dpi=140)
+
+
+def draw_snapshots(
+    forecast: Forecast,
+    path: Path,
+    *,
+    title: str,
+    polygons: Iterable[Any] = (),
+    marks: Sequence[Mark] = (),
+    particles: int | None = None,
+    footer: str = "",
+    attributes: Mapping[str, str] | None = None,
+    caution: str = "",
+) -> None:
+    """Draw the output times side by side, at most twelve, on one extent and one colour scale; see draw_map."""
+    count = forecast.data.sizes["time"]
+    picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int))
+    columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
+    rows = -(-len(picks) // columns)
+    least, least_at = effective.fewest(forecast.data, picks, particles)
+    wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(caution) + least.few), 0.5, 0.35
+    width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
+    figure, canvas = page.figure(width, height)
+    times = [forecast.data["time"].values[i] for i in picks]
+    here = layers.extent(forecast, times, marks, (), aspect=1.0)
+    land = chart.land_path(here, polygons, 420)
+    densities = [layers.density(forecast, i) for i in picks]
+    # what few leave must not make the others pale
+    sure = [i for i in picks if not effective.at(forecast.data, int(i)).few]
+    top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or picks)
+    waiting = "not yet released" if times[-1] < times[0] else "not yet adrift"
+    norm, mesh = LogNorm(top / 1000, top), None
+    for k, (i, density) in enumerate(zip(picks, densities, strict=True)):
+        row, column = divmod(k, columns)
+        left, bottom = side + column * (wide + gap), height - head - (row + 1) * (wide + 0.28) + 0.28
+        ax = figure.add_axes((left / width, bottom / height, wide / width, wide / height))
+        chart.prepare(ax, here)
+        at = forecast.data.isel(time=i)
+        contained = at["containment"].values
+        shown = np.where((contained <= layers.SHOWN) & (density > 0), np.maximum(density, top / 1000), np.nan)
+        mesh = layers.shade(ax, here, forecast, shown, norm)
+        chart.draw_land(ax, land)
+        below = k + columns >= len(picks)
+        chart.graticule(ax, here, lines=3, size=7, labels=(below, column == 0))
+        stands_on = effective.at(forecast.data, int(i), particles)
+        outlines = layers.areas_of(forecast, at["time"].values, forecast.ends)
+        if stands_on.few:
+            layers.rough(ax, here, layers.widest(outlines))
+        for outline in outlines:
+            style = layers.line(outline.share, forecast, stands_on.few)
+            layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+        layers.ashore_marks(ax, here, forecast, int(i), scale=0.5)
+        for mark in marks:
+            layers.mark_point(ax, here, mark, 6)
+        ax.set_title(units.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
+        ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
+        notes = [_off_map(at, waiting)] if labels.missing(at) and np.isfinite(at["mean_lat"]) else []
+        notes += layers.beside(here, at, stands_on)
+        if notes:
+            ax.text(
+                0.98,
+                0.02,
+                "\n".join(notes),
+                fontsize=7,
+                color=layers.LAST_KNOWN,
+                ha="right",
+                va="bottom",
+                transform=ax.transAxes,
+                path_effects=labels.HALO,
+                zorder=16,
+            )
+        if k == 0:
+            chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
+    if caution:
+        page.banner(figure, side / width, 1 - 0.9 / height, "left", 8, caution)
+    if least.few:
+        words = effective.banner(least, "areas are rough", units.group(forecast.data["time"].values[least_at]))
+        page.banner(figure, side / width, 1 - (0.9 + 0.3 * bool(caution)) / height, "left", 8, words)
+    figure.text(side / width, 1 - 0.36 / height, page.fit(title, width * 9), fontsize=12, weight="bold", color=INK)
+    figure.text(
+        side / width,
+        1 - 0.62 / height,
+        page.fit(_joined(labels.span(times, forecast.ends), particles), width * 15),
+        fontsize=8,
+        color=INK,
+    )
+    if footer:
+        figure.text(side / width, 0.1 / height, page.fit(footer, width * 17), fontsize=7, color="#55606b")
+    if mesh is not None:
+        bar = figure.add_axes((1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height))
+        figure.colorbar(mesh, cax=bar, extend="both")
+        per, unit = labels.scale(top)
+        powers = 10.0 ** np.arange(np.ceil(np.log10(top * per) - 3), np.floor(np.log10(top * per)) + 1)
+        bar.set_yticks(powers / per, labels=[labels.plain(v) for v in powers])
+        bar.minorticks_off()
+        bar.set_title(f"% per {unit}", fontsize=7, color=INK, pad=8)
+        bar.tick_params(labelsize=7)
+    page.save(canvas, path, title, attributes, dpi=130)
+
+
+def draw_field(
+    path: Path, lon: Array, lat: Array, east: Array, north: Array, *, title: str, polygons: Iterable[Any] = ()
+) -> None:
+    """Draw a field's speed [m/s] as shading and its direction as arrows; missing values stay blank.
+
+    lon: (nlon,), lat: (nlat,) [deg], ascending; east, north: (nlat, nlon) [m/s].
+    """
+    figure, canvas = page.figure(9.0, 7.2)
+    ax = figure.add_axes((0.08, 0.07, 0.76, 0.84))
+    here = chart.frame(lon[[0, -1, 0, -1]], lat[[0, -1, -1, 0]], aspect=0.76 * 9.0 / (0.84 * 7.2), margin=0.02)
+    chart.prepare(ax, here)
+    jump = max(1, max(len(lon), len(lat)) // 800)
+    speed = np.hypot(east, north)[::jump, ::jump]
+    speeds = speed[np.isfinite(speed)]
+    top = float(np.quantile(speeds, 0.995)) if len(speeds) else 1.0
+    mesh = ax.pcolormesh(
+        *here.project(*np.meshgrid(layers.edges(lon[::jump]), layers.edges(lat[::jump]))),
+        np.ma.masked_invalid(speed),
+        cmap=matplotlib.colormaps["viridis_r"],
+        vmin=0,
+        vmax=top or 1.0,
+        zorder=1,
+        rasterized=True,
+    )
+    chart.draw_land(ax, chart.land_path(here, polygons, 900))
+    chart.graticule(ax, here)
+    every = (max(1, len(lat) // 22), max(1, len(lon) // 28))
+    some = np.s_[every[0] // 2 :: every[0], every[1] // 2 :: every[1]]
+    known = np.isfinite(np.hypot(east, north)[some])
+    px, py = (v[some][known] for v in np.meshgrid(lon, lat))
+    u, v = turned(here, px, py, east[some][known], north[some][known])
+    ax.quiver(*here.project(px, py), u, v, color=INK, scale=22 * max(top, 1e-9), width=0.002, zorder=4.5, pivot="mid")
+    bar = figure.add_axes((0.87, 0.15, 0.02, 0.6))
+    figure.colorbar(mesh, cax=bar, extend="max", label="speed [m/s]")
+    figure.text(0.08, 0.945, page.fit(title, 80), fontsize=12, weight="bold", color=INK)
+    page.save(canvas, path, title, None, dpi=110)
+
+
+def turned(here: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
+    """Return vectors [m/s] at positions [deg] in the directions of the projection's axes, of the same length; all (n,)."""
+    step = 1e-4  # [deg]
+    x, y = here.project(lon, lat)
+    along_x, along_y = here.project(lon + step / np.cos(np.radians(lat)), lat)
+    up_x, up_y = here.project(lon, lat - step)
+    u = east * (along_x - x) - north * (up_x - x)
+    v = east * (along_y - y) - north * (up_y - y)
+    length = np.hypot(u, v)
+    scale = np.divide(np.hypot(east, north), length, out=np.zeros_like(length), where=length > 0)
+    return u * scale, v * scale
+
+
+def _joined(text: str, particles: int | None) -> str:
+    return text if particles is None else f"{text}; {particles:,} particles"
+
+
+def _sizes(at: Any, waiting: str) -> str:
+    """Return what stands over a panel: the areas, or why there are none."""
+    areas = list(zip(at["share"].values, at["containment_area"].values / tables.NMI**2, strict=True))
+    if np.isfinite(areas[0][1]):
+        ends = dict.fromkeys((areas[0], areas[-1]))
+        return "   ".join(f"{shares.percent(share)} %: {labels.number(area)}" for share, area in ends) + " nmi²"
+    return waiting if labels.statuses(at)["pending"] > 0 else "nothing left on the map"
+
+
+def _off_map(at: Any, waiting: str) -> str:
+    """Return how much of the probability a panel does not show, in a few words."""
+    pending = labels.statuses(at)["pending"]
+    gone = sum(labels.statuses(at)[name] for name in ("outside", "left", "sunk"))
+    parts = [f"{labels.percent(pending)} {waiting}"] if pending > 0 else []
+    return "\n".join(parts + ([f"{labels.percent(gone)} off the map"] if gone > 0 else []))
+
+
+def _rows(
+    forecast: Forecast,
+    time: int,
+    outlines: Sequence[Any],
+    lines: Sequence[Line],
+    ashore: float,
+    marks: tuple[str, int],
+    land: bool,
+    few: bool,
+) -> list[tuple[Any, str]]:
+    """Return symbols and texts of the legend: areas, track, priors, what is ashore.
+
+    marks: what they are, and how many. few: few particles count.
+    """
+    rows: list[tuple[Any, str]] = []
+    for one in outlines:
+        size = labels.number(one.area / tables.NMI**2)
+        words = f"{shares.percent(one.share)} % area: {'rough, ' if few else ''}{size} nmi²"
+        rows.append((Line2D([], [], **layers.line(one.share, forecast, few)), words))
+    if few and outlines:
+        rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))
+    style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}
+    first, last = layers.complete(forecast), range(forecast.data.sizes["time"])[time]
+    if first <= last:
+        rows.append(
+            (
+                Line2D([], [], linewidth=1.4, markersize=4.5, markerfacecolor="white", **style),
+                "Mean track, day and time UTC",
+            )
+        )
+    if np.isfinite(forecast.data["mean_lat"].values[:first]).any():
+        rows.append((Line2D([], [], **layers.PARTIAL), "Mean of the part adrift so far"))
+    rows.append((Line2D([], [], linestyle="none", markersize=7, **style), "Mean position at the valid time"))
+    if marks[1]:
+        style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
+        symbol = (
+            Line2D([], [], marker="o", markersize=8, markerfacecolor="white", **style),
+            Line2D([], [], marker="+", markersize=13, **style),
+        )
+        rows.append((symbol, marks[0] if marks[1] == 1 else marks[0].replace("osition", "ositions")))
+    for i, line in enumerate(lines):
+        kind = "area" if line.closed else "trackline"
+        rows.append((Line2D([], [], **layers.prior_style(i)), f"Start {kind}: {line.label}"))
+    if ashore >= labels.TINY:
+        triangle = Line2D(
+            [], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white"
+        )
+        rows.append((triangle, f"Ashore, {labels.percent(ashore)} in all; size by\nprobability"))
+    if land:
+        rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
+    return rows
+
+
+def _legend(figure: Figure, rows: Sequence[tuple[Any, str]]) -> None:
+    """Write the legend beside the map, as small as it must be to end above the positions."""
+    handles = [handle for handle, _ in rows]
+    for size in (9.5, 8.0, 6.5, 5.0):
+        wide = int(34 * 9.5 / size)
+        legend = figure.legend(
+            handles,
+            [textwrap.fill(text, wide) if "\n" not in text else text for _, text in rows],
+            loc="upper left",
+            bbox_to_anchor=(0.735, 0.875),
+            frameon=False,
+            fontsize=size,
+            labelspacing=0.75,
+            handlelength=2.8,
+            labelcolor=INK,
+            borderaxespad=0,
+        )
+        if size == 5.0 or legend.get_window_extent().y0 > 0.425 * figure.bbox.height:
+            return
+        legend.remove()
+
+
+def _panel(figure: Figure, at: Any, mesh: Any) -> None:
+    """Write positions, the colour bar and what the areas are beside the map."""
+    mean = tables.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
+    datum = tables.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
+    figure.text(
+        0.738, 0.36, f"Mean position   {mean}\nDatum (adrift)   {datum}", fontsize=9.5, color=INK, linespacing=1.6
+    )
+    bar = figure.add_axes((0.745, 0.27, 0.215, 0.022))
+    figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="max")
+    per, unit = labels.scale(mesh.norm.vmax)
+    ticks = labels.ticks(mesh.norm.vmax * per)
+    bar.set_title(f"Probability density [% per {unit}]", fontsize=9, loc="left", color=INK)
+    bar.tick_params(labelsize=8)
+    bar.set_xticks(ticks / per, labels=[labels.plain(v) for v in ticks])
+    bar.minorticks_off()
+    figure.text(
+        0.738,
+        0.145,
+        "Areas are the smallest that hold the stated\nshare of the probability adrift or ashore.\n"
+        f"Shaded: {100 * layers.SHOWN:g} %. Islands and holes of under\n"
+        f"{100 * layers.ISLAND:g} % of an area are not drawn.",
+        fontsize=8,
+        color="#55606b",
+        linespacing=1.4,
+    )

@@ -1,0 +1,164 @@
+"""A plan of patrols as text: the schedule for people, a table, and [[patrol]] tables to append once they were made."""
+
+import json
+import math
+import textwrap
+from typing import Any
+
+from drift.case import units
+from drift.forecast import effective, tables
+from drift.patrols import planner as patrol_planner
+from drift.patrols.planner import PatrolPlan, Slot, Visit
+from drift.spill import renewal
+from drift.spill.renewal import Aftermath
+
+WIDE = 78
+HEADER = (
+    "date_time_group", "time", "patrol_unit", "segment", "stretch", "position", "access", "length_km", "lying", "found", "found_se",
+    "effective_worlds", "run_id",
+)  # fmt: skip
+
+
+def text(made: PatrolPlan, after: Aftermath, run: str, synthetic: bool) -> str:
+    """Return the schedule as plain ASCII but for names."""
+    lines = ["PATROL PLAN", *_fill(after.case.title), f"Run {run}. Times are UTC.", ""]
+    for warning in warnings(made, after, synthetic):
+        lines += [*_fill(f"WARNING: {warning}"), ""]
+    lines += ["1  WORTH", *_fill(f"Objective: the most objects found on average. {worth(made)}.", 3)]
+    if made.daily:
+        lines += _fill("Planned day by day: the bound adds up the best of each day by itself and is loose.", 3)
+    lines += [*_fill(f"Not sent: {', '.join(made.idle)}", 3)] if made.idle else []
+    lines += ["", "2  PATROLS"]
+    for slot, visits in patrol_planner.by_patrol(made):
+        length = sum(float(after.segments.length[visit.segment]) for visit in visits) / 1000
+        whole = sum(visit.found for visit in visits)
+        head = f"{units.group(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
+        lines += ["", *_fill(f"{head}, detection {slot.team.detection:.2f}, {whole:.2g} found", 3, 6)]
+        for visit in sorted(visits, key=lambda visit: -visit.found):
+            name = renewal.stretch(after.segments, visit.segment)
+            size = float(after.segments.length[visit.segment]) / 1000
+            told = f"{visit.found:.2g} +- {visit.error:.1g} found of {visit.lying:.2g}   {size:.1f} km   {name}"
+            lines += _fill(told, 6, 10)
+    lines += ["", "3  NOTES"]
+    for note in (
+        "Found: expected numbers, those left out that the public reports or that are taken away before the patrol comes; on a second "
+        "visit, what the first leaves and what has come since.",
+        f"A stretch is visited at most {patrol_planner.VISITS} times, whole. Ways between stretches are not counted. "
+        f"Stretches that would add under {100 * patrol_planner.TRIFLE:g} % to a patrol are left out.",
+        "Afterwards append patrols.toml to the case, with what was done, and each object found as a [[find]].",
+    ):
+        lines += _fill(f"- {note}", 3, 5)
+    return "\n".join(lines) + "\n"
+
+
+def worth(made: PatrolPlan) -> str:
+    """Return in a line what a plan is expected to find, and what none could exceed."""
+    return f"{made.found:.3g} +- {made.error:.2g} objects; no plan of these teams finds more than {_up(made.bound)} on average"
+
+
+def _up(value: float) -> str:
+    """Return a bound to three digits, not rounded down."""
+    if value <= 0:
+        return "0"
+    step = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.ceil(value / step) * step:.3g}"
+
+
+def warnings(made: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
+    """Return what must not be believed of a plan."""
+    found = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
+    count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
+    if count.few:
+        found.append(effective.sentence(count, "", "numbers and the choice of stretches are rough"))
+    return found
+
+
+def csv(made: PatrolPlan, after: Aftermath, run: str) -> str:
+    """Return a row for each visit, by time and team."""
+    segments, rows = after.segments, []
+    for slot, visits in patrol_planner.by_patrol(made):
+        for visit in visits:
+            s = visit.segment
+            place = tables.position(float(segments.lon[s]), float(segments.lat[s])) or ""
+            figures = [
+                float(segments.length[s]) / 1000,
+                visit.lying,
+                visit.found,
+                visit.error,
+                after.posterior.effective,
+            ]
+            rows.append(
+                [
+                    units.group(slot.when), tables.iso(slot.when), slot.team.name, s, segments.name[s], place, segments.access[s],
+                    *(f"{value:.6g}" for value in figures), run,
+                ]
+            )  # fmt: skip
+    return tables.csv_text(list(HEADER), rows)
+
+
+def toml(made: PatrolPlan, after: Aftermath) -> str:
+    """Return [[patrol]] tables that can be appended to the case."""
+    taken = {patrol.name for patrol in after.spill.patrols}
+    parts = [
+        "# The plan's patrols. Append them to the case once they were made; say what was done: stretches left out, the time, the",
+        "# detection. Objects found are [[find]] tables with by = the patrol's name.",
+    ]
+    for slot, visits in patrol_planner.by_patrol(made):
+        name, number = patrol_planner.heading(slot), 2
+        while name in taken:
+            name, number = f"{patrol_planner.heading(slot)} ({number})", number + 1
+        taken.add(name)
+        parts += [
+            "",
+            "[[patrol]]",
+            f"name = {json.dumps(name, ensure_ascii=False)}",
+            f"stretches = [{', '.join(json.dumps(_spelled(after, visit), ensure_ascii=False) for visit in visits)}]",
+            f'time = "{tables.iso(slot.when)}"',
+            f"detection = {slot.team.detection:g}",
+        ]
+    return "\n".join(parts) + "\n"
+
+
+def numbers(made: PatrolPlan) -> dict[str, Any]:
+    """Return what the summary holds of a plan."""
+    return {
+        "found": made.found,
+        "found_se": made.error,
+        "bound": made.bound,
+        "day_by_day": made.daily,
+        "patrols": [
+            {
+                "patrol_unit": slot.team.name,
+                "time": slot.when,
+                "segments": [visit.segment for visit in visits],
+                "found": sum(visit.found for visit in visits),
+            }
+            for slot, visits in patrol_planner.by_patrol(made)
+        ],
+    }
+
+
+def facts(made: PatrolPlan, after: Aftermath) -> dict[str, str]:
+    """Return what a terminal tells."""
+    told = {"plan": worth(made)}
+    for slot, visits in patrol_planner.by_patrol(made):
+        names = "; ".join(renewal.stretch(after.segments, visit.segment) for visit in visits)
+        told[_key(slot)] = f"{sum(visit.found for visit in visits):.2g} found: {names}"
+    if made.idle:
+        told["not sent"] = ", ".join(made.idle)
+    return told | {f"warning {k}": warning for k, warning in enumerate(warnings(made, after, synthetic=False), 1)}
+
+
+def _key(slot: Slot) -> str:
+    return f"{units.group(slot.when)} {slot.team.name}"
+
+
+def _spelled(after: Aftermath, visit: Visit) -> str:
+    """Return a stretch as a case names it: by its name, or by its number where two could have that."""
+    name = after.segments.name[visit.segment]
+    return name if after.segments.name.count(name) == 1 else f"stretch {visit.segment}"
+
+
+def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
+    rest = " " * (indent if hang is None else hang)
+    return textwrap.wrap(words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False)

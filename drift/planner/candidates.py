@@ -1,0 +1,132 @@
+"""Rectangles chosen for units, what they find at a stage of the optimiser, and the taskings that they become."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.planner import availability as reaches
+from drift.planner import courses, joint, rectangle
+from drift.planner.joint import Find
+from drift.planner.records import Tasking
+from drift.planner.rectangle import Crew, Flown
+from drift.search.records import Sortie
+from geo import polyline
+from geo.polyline import Place
+from kernels import rectangles, sweeps
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Particles and how a rectangle is scored on them."""
+
+    m: int
+    swarm: rectangles.Swarm
+    weight: Array  # (m,)
+    nodes: Array  # (nodes,) weights of the joint nodes
+    executed: bool  # legs as flown; else smeared out
+    separation: float  # [m]
+    price: float = (
+        math.inf
+    )  # share of what is found that being too near costs, by its share of a unit's size; inf: forbidden
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A unit's rectangle, and what it finds."""
+
+    crew: Crew
+    row: Array
+    flown: Flown
+    find: Find
+
+
+Plan = list[Choice | None]  # one a unit; None: it cannot search, or has not been given anything
+
+
+def choose(crew: Crew, row: Array, stage: Stage) -> Choice:
+    """Return a rectangle with what it finds at this stage."""
+    flown = rectangle.fly(crew, row[None, :], stage.executed)
+    if stage.executed and not crew.random:
+        chance, worth = sweeps.found(
+            stage.swarm, crew.table, rectangle.path(crew, row, flown, 0), crew.width, crew.factor
+        )
+    else:
+        table, coverage = rectangle.smeared(crew, row[None, :], flown)
+        chance, worth = rectangles.found(
+            stage.swarm, crew.random, table, coverage[0], crew.factor, rectangle.STEP, crew.curve
+        )
+    return Choice(crew, row, flown, Find(float(flown.start[0] + flown.duration[0] / 2), chance, worth))
+
+
+def moved(plan: Plan, stage: Stage) -> Plan:
+    """Return the same rectangles with what they find at another stage; those that are not possible there are dropped."""
+    made = [choice and choose(choice.crew, choice.row, stage) for choice in plan]
+    return [choice if choice and choice.flown.possible[0] else None for choice in made]
+
+
+def value(plan: Plan, stage: Stage) -> float:
+    """Return what a plan finds at a stage."""
+    finds = [choice.find for choice in plan if choice is not None]
+    return float(stage.weight @ joint.worth(finds, stage.nodes)) if finds else 0.0
+
+
+def near(choice: Choice, rows: Array, flown: Flown, stage: Stage) -> Array:
+    """Return by how much [m] rectangles are too near another unit's, 0 where they are not."""
+    if stage.separation <= 0:
+        return np.zeros(len(rows))
+    return np.maximum(stage.separation - rectangle.apart(rows, flown, choice.row, choice.flown), 0.0)
+
+
+def taskings(chosen: Sequence[Choice], weight: Array, nodes: Array) -> tuple[Tasking, ...]:
+    """Return rectangles as they are flown, in the order of their middles; each POS given that those before failed."""
+    ordered = sorted(chosen, key=lambda choice: choice.find.time)
+    left = np.broadcast_to(nodes, ordered[0].find.chance.shape).copy()
+    made = []
+    for choice in ordered:
+        missed = left * (1 - choice.find.chance)
+        before = float(weight @ left.sum(axis=1))
+        made.append(_tasking(choice, 1 - float(weight @ missed.sum(axis=1)) / before if before > 0 else 0.0))
+        left = missed
+    return tuple(made)
+
+
+def _tasking(choice: Choice, pos: float) -> Tasking:
+    crew, flown, unit = choice.crew, choice.flown, choice.crew.unit
+    whole = rectangle.laid(crew, choice.row, flown, 0)
+    spacing, length, width = (float(v[0]) for v in (flown.spacing, flown.length, flown.width))
+    legs, cut = whole.pattern.legs, tuple[int, ...]()
+    start = float(legs.time[0])
+    if flown.sailed[0] is not None:
+        (made,) = rectangle.cut(crew, [whole])
+        assert made is not None  # it was made of the same legs before
+        legs = polyline.through(start + made.elapsed, made.lon, made.lat, made.searching.tolist())
+        # Every other leg of a pattern is a cross leg
+        cut = tuple(sorted({k // 2 + 1 for k in made.cut if k % 2 == 0}))
+    end = min(start + float(flown.duration[0]), crew.reach.spans[-1][1]) if crew.random else legs.time[-1]
+    coverage = tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in unit.sweep_width)
+    sortie = Sortie(
+        name=unit.name, kind=unit.kind, start=reaches.moment(start), end=reaches.moment(math.ceil(end)), law=unit.law,
+        sweep_width=unit.sweep_width, shape=unit.shape, group=unit.group, area=whole.pattern.area,
+        coverage=coverage if crew.random else (), legs=None if crew.random else legs,
+        speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
+    )  # fmt: skip
+    ends = [(legs.lon[k], legs.lat[k]) for k in (0, -1)]
+    ways: tuple[tuple[Place, ...], tuple[Place, ...]] = ((), ())
+    if crew.course is not None:
+        ways = courses.both(crew.course, *ends)
+    there, back = (
+        polyline.way(way or straight) / unit.transit_speed
+        for way, straight in zip(ways, ((unit.base, ends[0]), (ends[1], unit.return_to)), strict=True)
+    )
+    return Tasking(
+        unit=unit, round=1, sortie=sortie, takeoff=reaches.moment(max(math.floor(start - there), math.ceil(crew.reach.leaves))), on_scene=sortie.start,
+        off_scene=sortie.end, home=reaches.moment(math.ceil(end + back)), centre=whole.centre, length=length, width=width,
+        orientation=whole.turn, creep=(whole.turn - whole.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
+        legs=int(flown.legs[0]), pos=pos, out=ways[0], back=ways[1], cut=cut,
+    )  # fmt: skip

@@ -1,0 +1,291 @@
+"""A plan as files for navigators and maps: GPX 1.1 routes, KML 2.2, GeoJSON; and as tables to append to the case."""
+
+import html
+import json
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from drift.case import units
+from drift.forecast import tables
+from drift.forecast.tables import NMI
+from drift.planner import subareas
+from drift.planner import text as plan_text
+from drift.planner.records import Plan, Tasking
+from drift.planner.subareas import KNOT
+from drift.search import patterns
+from drift.search import shapes as search_shapes
+from drift.search.records import Law
+from geo import sphere
+
+GPX = "http://www.topografix.com/GPX/1/1"
+KML = "http://www.opengis.net/kml/2.2"
+SAME = 20.0  # [m] by which legs may differ from those of the pattern that is written for them
+INKS = ("ff2a00c8", "ffb04f0b", "ff008a1c", "ff7a0f9b", "ff006a8a", "ff3a3a3a")  # aabbggrr
+
+
+def numbers(plan: Plan) -> dict[str, Any]:
+    """Return a plan's numbers for plan.json; see drift.planner.subareas."""
+    return {**subareas.numbers(plan), "warnings": plan_text.rough(plan)}
+
+
+def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
+    """Return a route for each tasking, from its base over the ends of its legs home, and its search point as a waypoint."""
+    root = ET.Element("gpx", {"xmlns": GPX, "version": "1.1", "creator": "casp-drift"})
+    about = ET.SubElement(root, "metadata")
+    _leaf(about, "name", title)
+    if told := _about(plan, run):
+        _leaf(about, "desc", told)
+    named = list(zip(subareas.names(plan), plan.taskings, strict=True))
+    for name, one in named:
+        start = next(point for point in subareas.route(name, one) if point.what == "csp")
+        _point(root, "wpt", start, f"commence search, {one.unit.name}")
+    for number, (name, one) in enumerate(named, 1):
+        way = ET.SubElement(root, "rte")
+        _leaf(way, "name", f"{name} {one.unit.name}")
+        _leaf(way, "desc", _told(one))
+        _leaf(way, "number", str(number))
+        _leaf(way, "type", "search")
+        for point in subareas.route(name, one):
+            _point(way, "rtept", point, "")
+    return _xml(root)
+
+
+def _point(parent: ET.Element, tag: str, point: subareas.Waypoint, words: str) -> None:
+    lon = (point.lon + 180) % 360 - 180
+    made = ET.SubElement(parent, tag, {"lat": f"{point.lat:.7f}", "lon": f"{lon:.7f}"})
+    _leaf(made, "time", tables.iso(point.time))
+    _leaf(made, "name", point.name)
+    if words:
+        _leaf(made, "desc", words)
+    _leaf(made, "type", point.what)
+
+
+def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
+    """Return a folder for each tasking: its sub-area, legs, ways out and home and search point; cut at 180 degrees."""
+    root = ET.Element("kml", {"xmlns": KML})
+    document = ET.SubElement(root, "Document")
+    _leaf(document, "name", title)
+    _leaf(document, "description", _about(plan, run))
+    for k, ink in enumerate(INKS):
+        for kind, width in (("area", "3"), ("legs", "1.5"), ("transit", "1")):
+            style = ET.SubElement(document, "Style", {"id": f"{kind}{k}"})
+            line = ET.SubElement(style, "LineStyle")
+            _leaf(line, "color", ink if kind != "transit" else f"99{ink[2:]}")
+            _leaf(line, "width", width)
+            if kind == "area":
+                fill = ET.SubElement(style, "PolyStyle")
+                _leaf(fill, "color", f"22{ink[2:]}")
+    for k, (name, one) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
+        folder = ET.SubElement(document, "Folder")
+        _leaf(folder, "name", f"{name} {one.unit.name}")
+        for shape, geometry in _shapes(one).items():
+            place = ET.SubElement(folder, "Placemark")
+            _leaf(place, "name", name if shape == "area" else f"{name} {shape}")
+            _leaf(place, "description", html.escape(_told(one), quote=False))  # readers show it as HTML
+            span = ET.SubElement(place, "TimeSpan")
+            _leaf(span, "begin", tables.iso(one.takeoff if shape == "transit" else one.on_scene))
+            _leaf(span, "end", tables.iso(one.home if shape == "transit" else one.off_scene))
+            if shape != "csp":
+                _leaf(place, "styleUrl", f"#{'transit' if shape == 'round' else shape}{k % len(INKS)}")
+            _geometry(place, geometry)
+    return _xml(root)
+
+
+def _geometry(parent: ET.Element, geometry: Mapping[str, Any]) -> None:
+    """Append a GeoJSON geometry as KML's."""
+    kind, coordinates = geometry["type"], geometry["coordinates"]
+    if kind == "Point":
+        _leaf(ET.SubElement(parent, "Point"), "coordinates", _coordinates([coordinates]))
+        return
+    many = ET.SubElement(parent, "MultiGeometry")
+    for part in coordinates:
+        if kind == "MultiLineString":
+            line = ET.SubElement(many, "LineString")
+            _leaf(line, "tessellate", "1")
+            _leaf(line, "coordinates", _coordinates(part))
+            continue
+        polygon = ET.SubElement(many, "Polygon")
+        _leaf(polygon, "tessellate", "1")
+        for edge, ring in zip(["outerBoundaryIs", *["innerBoundaryIs"] * (len(part) - 1)], part, strict=True):
+            _leaf(ET.SubElement(ET.SubElement(polygon, edge), "LinearRing"), "coordinates", _coordinates(ring))
+
+
+def _coordinates(points: Sequence[Sequence[float]]) -> str:
+    return " ".join(f"{lon:.7f},{lat:.7f}" for lon, lat in points)
+
+
+def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return areas, legs, ways round land, ways out and home (transit) and search points as GeoJSON (RFC 7946), cut at 180 degrees."""
+    features = []
+    whole = numbers(plan)
+    counts = {f"effective_particles_{name}": value for name, value in whole["effective_particles"].items()}
+    for told, one in zip(whole["taskings"], plan.taskings, strict=True):
+        for shape, geometry in _shapes(one).items():
+            properties = {"shape": shape, **told, **counts}
+            features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+
+
+def _shapes(one: Tasking) -> dict[str, dict[str, Any]]:
+    """Return a tasking's shapes as GeoJSON geometries."""
+    area = patterns.rectangle(one.centre, one.length, one.width, one.orientation)
+    found = {"area": search_shapes.polygon([search_shapes.outline(area)])}
+    if legs := search_shapes.flown(one.sortie):
+        found["legs"] = search_shapes.lines([points for searching, points in legs if searching])
+        if ways := [points for searching, points in legs if not searching]:
+            found["round"] = search_shapes.lines(ways)
+    if ways := subareas.transits(one):
+        found["transit"] = search_shapes.lines(ways)
+    return {**found, "csp": search_shapes.point(*subareas.begin(one))}
+
+
+def _told(one: Tasking) -> str:
+    """Return a tasking in a line."""
+    return (
+        f"{one.unit.name}: on scene {units.group(one.on_scene)}, off {units.group(one.off_scene)}; "
+        f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, spacing {one.spacing / NMI:.2f} nmi, "
+        f"creep {subareas.degrees(one.creep):03d}T, {one.unit.search_speed / KNOT:.0f} kn; POS {plan_text.chance(one.pos)}"
+    )
+
+
+def _about(plan: Plan, run: str) -> str:
+    """Return what stands at the head of a file: the run, and what of the plan stands on few particles."""
+    return ". ".join([*([f"run {run}"] if run else []), *(f"WARNING: {told}" for told in plan_text.rough(plan))])
+
+
+def _leaf(parent: ET.Element, tag: str, text: str) -> None:
+    """Append an element with a text, without what XML 1.0 cannot hold."""
+    ET.SubElement(parent, tag).text = "".join(c for c in text if c >= " " and c not in "\ufffe\uffff")
+
+
+def _xml(root: ET.Element) -> str:
+    ET.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+def toml(plan: Plan, taken: Sequence[str] = ()) -> str:
+    """Return the plan's sorties as [[sortie]] tables that can be appended to its case.
+
+    taken: names of the case's own sorties, from which these are kept apart. A sortie is written as its pattern; where its
+    legs are not those of the pattern, as waypoints with times.
+    """
+    used, parts = set(taken), [
+        "# The plan's sorties. Append them to the case once they were flown and found nothing; say what was done with",
+        '# completed = "60 %" or actual = "track.gpx".',
+    ]  # fmt: skip
+    parts += [f"# WARNING: {told}" for told in plan_text.rough(plan)]
+    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
+        title, number = f"{name} {one.unit.name}", 2
+        while title in used:
+            title, number = f"{name} {one.unit.name} ({number})", number + 1
+        used.add(title)
+        parts += ["", "[[sortie]]", *(f"{key} = {value}" for key, value in _table(title, one, plan.scenarios).items())]
+    return "\n".join(parts) + "\n"
+
+
+def _table(name: str, one: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
+    """Return the keys of a [[sortie]] table with their values in TOML."""
+    sortie = one.sortie
+    found = {"name": _quoted(name)}
+    if sortie.kind:
+        found["unit"] = _quoted(sortie.kind)
+    found["start"] = _quoted(tables.iso(sortie.start))
+    if sortie.legs is None:
+        found["end"] = _quoted(tables.iso(sortie.end))
+    found["law"] = _law(sortie.law)
+    found["sweep_width"] = _widths(sortie.sweep_width, scenarios)
+    if math.isfinite(sortie.shape):
+        found["sweep_width_uncertainty"] = f"{1 / math.sqrt(sortie.shape):.9g}"
+    if sortie.group:
+        found["sweep_group"] = _quoted(sortie.group)
+    found["speed"] = _quoted(f"{one.unit.search_speed / KNOT:.9g} kn")
+    if math.isfinite(sortie.altitude):
+        found["altitude"] = _quoted(f"{sortie.altitude / 0.3048:.9g} ft")
+    return found | _where(one)
+
+
+def _where(one: Tasking) -> dict[str, str]:
+    """Return what a sortie searches: a pattern, waypoints, or an area with its spacing."""
+    sortie = one.sortie
+    shape = {
+        "centre": _quoted(place(*one.centre)),
+        "length": _quoted(f"{one.length / NMI:.9g} nmi"),
+        "width": _quoted(f"{one.width / NMI:.9g} nmi"),
+        "orientation": f"{math.degrees(one.orientation) % 360:.9g}",
+    }
+    if sortie.legs is None:
+        # The spacing at which these sweep widths come to the plan's coverage
+        spacing = next(
+            (w / c for w, c in zip(sortie.sweep_width, sortie.coverage, strict=True) if w > 0 and c > 0), one.spacing
+        )
+        return {"area": _inline(shape), "spacing": _quoted(f"{spacing / NMI:.9g} nmi")}
+    if _is_parallel(one):
+        shape |= {"spacing": _quoted(f"{one.spacing / NMI:.9g} nmi"), "corner": _quoted(place(*subareas.begin(one)))}
+        return {"pattern": _inline({"kind": '"parallel"', **shape})}
+    legs = sortie.legs
+    rows = [
+        f"[{_quoted(tables.iso(np.datetime64(round(t), 's')))}, {_quoted(place(x, y))}]"
+        for t, x, y in zip(legs.time, legs.lon, legs.lat, strict=True)
+    ]
+    found = {"waypoints": "[\n  " + ",\n  ".join(rows) + ",\n]"}
+    if not all(legs.searching):
+        found["transit_legs"] = str([k for k, seeks in enumerate(legs.searching, 1) if not seeks])
+    return found
+
+
+def _is_parallel(one: Tasking) -> bool:
+    """Whether the legs are those that the pattern of the same numbers makes, at the same times."""
+    legs = one.sortie.legs
+    assert legs is not None
+    start, size = search_shapes.epoch(one.sortie.start), (one.length, one.width, one.orientation, one.spacing)
+    for corner in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+        try:
+            made = patterns.parallel(one.centre, *size, start, one.unit.search_speed, corner).legs
+        except ValueError:
+            return False
+        if len(made.lon) != len(legs.lon) or not all(legs.searching):
+            return False
+        apart = sphere.distance(*np.radians([made.lon, made.lat, legs.lon, legs.lat]))
+        if apart.max() < SAME and np.abs(np.subtract(made.time, legs.time)).max() < SAME / one.unit.search_speed + 1:
+            return True
+    return False
+
+
+def _law(law: Law) -> str:
+    if law.kind == "m_beta":
+        return f"{{ m_beta = {law.beta!r} }}"
+    if law.kind == "curve":
+        rows = (f'["{r:.9g} m", {p!r}]' for r, p in zip(law.ranges, law.chances, strict=True))
+        return f"{{ curve = [{', '.join(rows)}] }}"
+    return _quoted(law.kind)
+
+
+def _widths(widths: Sequence[float], scenarios: Sequence[str]) -> str:
+    told = [_quoted(f"{width / NMI:.9g} nmi") for width in widths]
+    if len(set(told)) == 1:
+        return told[0]
+    return _inline({_quoted(name): width for name, width in zip(scenarios, told, strict=True)})
+
+
+def _inline(table: Mapping[str, str]) -> str:
+    return "{ " + ", ".join(f"{key} = {value}" for key, value in table.items()) + " }"
+
+
+def _quoted(text: str) -> str:
+    """Return a TOML basic string: JSON's escapes are TOML's too, but for the delete character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def place(lon: float, lat: float) -> str:
+    """Return a position in degrees and decimal minutes to 0.2 m, 27 30.5000N 088 15.0000W."""
+    lon = (lon + 180) % 360 - 180
+    return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
+
+
+def _minutes(angle: float, digits: int) -> str:
+    whole = round(abs(angle) * 600_000)  # [1e-4 arc minutes]
+    return f"{whole // 600_000:0{digits}d} {whole % 600_000 / 10_000:07.4f}"

@@ -1,0 +1,357 @@
+"""The picture of a plan: sub-areas, legs and search points on the probability at the time of search, and its figures."""
+
+import math
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from drift.case import shares, units
+from drift.forecast import beyond, effective, layers, tables
+from drift.forecast.build import Forecast
+from drift.forecast.cells import Array
+from drift.forecast.layers import Line, Mark
+from drift.forecast.tables import NMI
+from drift.maps import chart, labels, page
+from drift.maps.chart import INK, Frame
+from drift.planner import subareas
+from drift.planner import text as plan_text
+from drift.planner.records import Plan, Tasking
+from drift.planner.subareas import KNOT
+from drift.search import layers as search_layers
+from drift.search import shapes as search_shapes
+from geo import sphere
+
+MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
+SIZE = (11.7, 8.3)  # [in]
+GREY = "#55606b"
+POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
+BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
+ROW = 0.03  # of the page, a row of warnings over the map
+FIGURES = 2.72  # [em] that "0.12  " is wide
+TITLED = 0.65  # of the page, where a title ends that has a warning right of it
+LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
+
+
+def draw(
+    forecast: Forecast,
+    plan: Plan,
+    path: Path,
+    *,
+    title: str,
+    time: int | None = None,
+    polygons: Iterable[Any] = (),
+    marks: Sequence[Mark] = (),
+    particles: int | None = None,
+    footer: str = "",
+    attributes: Mapping[str, str] | None = None,
+    caution: str = "",
+) -> None:
+    """Draw a plan on the probability at an output (index; the one nearest to the middle of its first round unless told).
+
+    See maps.draw_map for the rest.
+    """
+    i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
+    at = forecast.data.isel(time=i)
+    now = at["time"].values[()]
+    figure, canvas = page.figure(*SIZE)
+    count = effective.at(forecast.data, i, particles)
+    least = count if count.few else min(_stood_on(plan, count), key=lambda one: one.number)
+    high = MAP[3] - ROW * least.few
+    here = _extent(forecast, plan, i, marks, high)
+    if out := textwrap.wrap(beyond.told(here, at), 110):
+        high -= ROW * len(out)
+        here = _extent(forecast, plan, i, marks, high)
+        out = textwrap.wrap(beyond.told(here, at), 110)
+    ax = figure.add_axes((*MAP[:3], high))
+    chart.prepare(ax, here)
+    shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
+    mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
+    land = chart.land_path(here, polygons, 1000)
+    chart.draw_land(ax, land)
+    chart.graticule(ax, here)
+    outlines = layers.areas_of(forecast, now, forecast.ends)
+    if count.few:
+        layers.rough(ax, here, layers.widest(outlines))
+    for outline in outlines:
+        style = layers.line(outline.share, forecast, count.few)
+        layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+    ashore = layers.ashore_marks(ax, here, forecast, i)
+    _plan(ax, canvas, here, forecast, plan, i, marks)
+
+    _title(figure, canvas, title, TITLED if caution else 0.985)
+    figure.text(0.055, 0.92, f"Plan: {plan_text.worth(plan)}", fontsize=12.5, weight="bold", color=INK)
+    when = f"Probability at {units.group(now)}, given that all searches until then have failed"
+    many = "" if particles is None else f"   ·   {particles:,} particles"
+    figure.text(0.055, 0.887, page.fit(when + many, 120), fontsize=9.5, color=INK)
+    if caution:
+        page.banner(figure, 0.985, 0.96, "right", 10, caution)
+    if least.few:
+        page.banner(figure, 0.058, 0.876 - ROW, "left", 10, effective.banner(least, "areas and POS are rough"))
+    for k, text in enumerate(out, 1 + least.few):
+        red: dict[str, Any] = {"weight": "bold", "color": layers.LAST_KNOWN}
+        figure.text(0.055, 0.875 - ROW * k, text, fontsize=9, **red)
+    _legend(figure, plan, forecast, outlines, len(marks), ashore, land is not None, count.few)
+    _panel(figure, plan)
+    _bar(figure, mesh)
+    if footer:
+        figure.text(0.055, 0.012, page.fit(footer, 190), fontsize=7.5, color=GREY)
+    page.save(canvas, path, title, attributes, dpi=140)
+
+
+def _title(figure: Figure, canvas: FigureCanvasAgg, title: str, right: float) -> None:
+    """Write the title, cut where it would reach beyond a place on the page."""
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+    written = figure.text(0.055, 0.955, title, fontsize=15, weight="bold", color=INK)
+    words = title.split()
+    while len(words) > 1 and written.get_window_extent(renderer).x1 > right * figure.bbox.width:
+        words.pop()
+        written.set_text(f"{' '.join(words)} …")
+
+
+def nearest(forecast: Forecast, plan: Plan) -> int:
+    """Return the output nearest to the middle of the first round's time on scene; the last where nothing is tasked."""
+    first = [one for one in plan.taskings if one.round == plan.taskings[0].round]
+    if not first:
+        return int(forecast.data.sizes["time"]) - 1
+    begin, end = min(one.on_scene for one in first), max(one.off_scene for one in first)
+    return int(np.argmin(np.abs(forecast.data["time"].values - (begin + (end - begin) // 2))))
+
+
+def _stood_on(plan: Plan, shown: effective.Count) -> list[effective.Count]:
+    """Return what a plan's figures and its picture stand on."""
+    return [shown, *(count for count in (plan.scored_on, plan.made_on) if count is not None and count.few)]
+
+
+def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float) -> Frame:
+    """Return the frame of the sub-areas and the probability; of the bases too where that makes it little larger."""
+    rings = [ring(one) for one in plan.taskings]
+    lines = [Line(around[:, 0].tolist(), around[:, 1].tolist(), "") for around in rings]
+    one = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
+    times, aspect = [one.data["time"].values[0]], MAP[2] * SIZE[0] / (high * SIZE[1])
+    here = layers.extent(one, times, marks, lines, aspect)
+    bases = [Mark(*place) for t in plan.taskings for place in (t.unit.base, t.unit.return_to)]
+    whole = layers.extent(one, times, [*marks, *bases], lines, aspect)
+    return whole if layers.little(here, whole) else here
+
+
+def ring(one: Tasking) -> Array:
+    """Return the closed outline of a sub-area, (n, 2) [deg]."""
+    corners = np.array(subareas.corners(one))
+    return search_shapes.curve(np.append(corners[:, 0], corners[0, 0]), np.append(corners[:, 1], corners[0, 1]))
+
+
+def _plan(
+    ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark]
+) -> None:
+    """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar in a free corner."""
+    texts: list[labels.Point] = []
+    busy = list(layers.occupied(here, forecast, [forecast.data["time"].values[i]]))
+    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
+        for points in subareas.transits(one):
+            line(ax, here, points, {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}, 7)
+        for searching, points in search_shapes.flown(one.sortie):
+            line(ax, here, points, search_layers.LEGS if searching else search_layers.TRANSIT, 8)
+        around = ring(one)
+        style = {**search_layers.AREA, "linewidth": 2.0, "linestyle": "-" if one.round == 1 else LATER}
+        line(ax, here, around, style, 8.5)
+        x, y = here.project(around[:, 0], around[:, 1])
+        busy = [np.append(busy[0], x), np.append(busy[1], y)]
+        if one.sortie.legs is not None:
+            creep(ax, here, one)
+        x, y = here.project(*subareas.begin(one))
+        ax.plot(x, y, markersize=7.5, markeredgewidth=1.8, zorder=12, **POINT)
+        bold = {"fontsize": 9.5, "weight": "bold", "color": "#000000"}
+        # Areas may overlap where they are searched at other times: the label tells which is first
+        label = f"{name} {page.fit(one.unit.name, 26)}\n{short(one.on_scene)}"
+        texts.append((float(x), float(y), label, bold))
+    must = len(texts)
+    for mark in marks:
+        layers.mark_point(ax, here, mark, 8)
+        x, y = here.project(mark.lon, mark.lat)
+        texts.append((float(x), float(y), mark.label, {"fontsize": 8.5, "color": layers.LAST_KNOWN, "weight": "bold"}))
+    for place in sorted({place for one in plan.taskings for place in (one.unit.base, one.unit.return_to)}):
+        x, y = here.project(*place)
+        if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
+            ax.plot(x, y, markersize=8, markeredgewidth=1.0, zorder=12, **BASE)
+            who = [one.unit.name for one in plan.taskings if place in (one.unit.base, one.unit.return_to)]
+            texts.append((float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK}))
+    texts += _beyond(here, plan)
+    bar = chart.scale_bar(ax, here, chart.free_corner(here, *busy))
+    labels.place(ax, canvas, texts, [bar], must=set(range(must)))
+
+
+def line(ax: Axes, here: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:
+    """Draw a line through positions [deg], with a halo if it is not thin."""
+    halo = [patheffects.withStroke(linewidth=style["linewidth"] + 1.8, foreground="white", alpha=0.8)]
+    x, y = here.project(points[:, 0], points[:, 1])
+    ax.plot(
+        x,
+        y,
+        zorder=zorder,
+        scalex=False,
+        scaley=False,
+        path_effects=halo if style["linewidth"] >= 0.9 else None,
+        **style,
+    )
+
+
+def creep(ax: Axes, here: Frame, one: Tasking) -> None:
+    """Draw an arrow in the direction of creep in the middle of a sub-area."""
+    reach = 0.22 * one.width
+    ends = []
+    for sign in (-1, 1):
+        east, north = sign * reach * np.sin(one.creep), sign * reach * np.cos(one.creep)
+        lon, lat = sphere.destination(math.radians(one.centre[0]), math.radians(one.centre[1]), east, north)
+        ends.append((np.degrees(lon), np.degrees(lat)))
+    (x0, y0), (x1, y1) = (here.project(*end) for end in ends)
+    arrow = {"arrowstyle": "-|>,head_width=0.28,head_length=0.5", "color": "#000000", "linewidth": 1.5}
+    arrow |= {"shrinkA": 0, "shrinkB": 0, "path_effects": [patheffects.withStroke(linewidth=3.5, foreground="white")]}
+    ax.annotate("", (float(x1), float(y1)), (float(x0), float(y0)), arrowprops=arrow, zorder=11)
+
+
+def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
+    """Return what says at the chart's edge how far it is to a base beyond it, and in which direction, once a base."""
+    found: list[labels.Point] = []
+    for place in sorted({one.unit.base for one in plan.taskings}):
+        x, y = (float(v) for v in here.project(*place))
+        if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
+            continue
+        based = [one for one in plan.taskings if one.unit.base == place]
+        one = based[0]
+        px, py = (float(v) for v in here.project(*subareas.begin(one)))
+        shares = [
+            (edge - start) / (end - start)
+            for start, end, edges in ((px, x, here.x), (py, y, here.y))
+            for edge in edges
+            if abs(end - start) > 1e-6 and (edge - start) / (end - start) > 0
+        ]
+        share = 0.97 * min([1.0, *shares])
+        start, goal = np.radians(subareas.begin(one)), np.radians(place)
+        far = float(sphere.distance(*start, *goal)) / NMI
+        east, north = sphere.offset(*start, *goal)
+        way = subareas.degrees(math.atan2(float(east), float(north)))
+        told = f"{_some(list(dict.fromkeys(o.unit.name for o in based)))}\nbase {far:.0f} nmi, {way:03d}T"
+        found.append((px + share * (x - px), py + share * (y - py), told, {"fontsize": 8, "color": INK}))
+    return found
+
+
+def _some(who: list[str]) -> str:
+    """Return whose base it is."""
+    more = f" and {len(who) - 1} more" if len(who) > 1 else ""
+    return f"{page.fit(who[0], 26)}{more}"
+
+
+def _legend(
+    figure: Figure,
+    plan: Plan,
+    forecast: Forecast,
+    outlines: Sequence[Any],
+    marks: int,
+    ashore: float,
+    land: bool,
+    few: bool,
+) -> None:
+    rows: list[tuple[Any, str]] = [
+        (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0}), "Sub-area"),
+        (Line2D([], [], **search_layers.LEGS), "Legs; arrow: creep"),
+        (Line2D([], [], markersize=7.5, markeredgewidth=1.8, **POINT), "Commence search point"),
+        (Line2D([], [], markersize=8, **BASE), "Base"),
+        (Line2D([], [], color="#000000", linewidth=0.9, linestyle=(0, (1, 2.5))), "Way out and home"),
+    ]
+    if any(one.round > 1 for one in plan.taskings):
+        rows.insert(1, (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0, "linestyle": LATER}), "Later round"))
+    for outline in outlines:
+        style = layers.line(outline.share, forecast, few)
+        symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
+        size = f"{'rough, ' if few else ''}{labels.number(outline.area / NMI**2)}"
+        rows.append((symbol, f"{shares.percent(outline.share)} % area: {size} nmi²"))
+    if few and outlines:
+        rows.append((Patch(**layers.ROUGH), "Rough: few particles"))
+    if marks:
+        style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
+        ring = Line2D([], [], marker="o", markersize=7, markerfacecolor="white", **style)
+        rows.append(((ring, Line2D([], [], marker="+", markersize=11, **style)), "Position known or reported"))
+    if ashore >= labels.TINY:
+        style = {"color": layers.ASHORE, "linestyle": "none", "markeredgecolor": "white"}
+        rows.append((Line2D([], [], marker="^", markersize=8, **style), f"Ashore, {labels.percent(ashore)}"))
+    if land:
+        rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
+    figure.legend(
+        [symbol for symbol, _ in rows],
+        [text for _, text in rows],
+        loc="lower left",
+        bbox_to_anchor=(0.672, 0.035),
+        ncols=2,
+        frameon=False,
+        fontsize=7.8,
+        labelspacing=0.6,
+        handlelength=2.4,
+        columnspacing=1.2,
+        labelcolor=INK,
+        borderaxespad=0,
+    )
+
+
+def _panel(figure: Figure, plan: Plan) -> None:
+    """Write the figures of the plan and of each tasking right of the map, as large as they fit."""
+    lines: list[tuple[str, float, str, float]] = []  # text, height in lines, weight, indent [em]
+
+    def say(text: str, high: float = 1.0, weight: str = "normal", indent: float = 0.0) -> None:
+        lines.append((text, high, weight, indent))
+
+    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
+        say(f"{name}  {page.fit(one.unit.name, 26)}   POS {plan_text.chance(one.pos)}", 1.15, "bold")
+        say(f"on scene {short(one.on_scene)} to {short(one.off_scene)}, home {short(one.home)}")
+        say(f"{one.length / NMI:.1f} × {one.width / NMI:.1f} nmi along {subareas.degrees(one.orientation):03d}T, "
+            f"{one.unit.search_speed / KNOT:.0f} kn")  # fmt: skip
+        if one.sortie.legs is not None:
+            say(f"CSP {tables.position(*subareas.begin(one))}")
+            say(f"{one.legs} legs, spacing {one.spacing / NMI:.2f} nmi, creep {subareas.degrees(one.creep):03d}T", 1.35)
+        else:
+            say(f"centre {tables.position(*one.centre)}", 1.35)
+    if not plan.taskings:
+        say("No unit can search in this period.", 1.5, "bold")
+    say("POS, had it been", 1.05, "bold")
+    for scenario, pos in zip(plan.scenarios, plan.by_scenario, strict=True):
+        say(f"{plan_text.chance(pos)}  {page.fit(scenario, 40)}")
+    if plan.alternatives:
+        say("", 0.3)
+        say("Instead", 1.05, "bold")
+        for other in plan.alternatives:
+            first, *rest = textwrap.wrap(other.name, 46) or [""]
+            say(f"{plan_text.chance(other.value)}  {first}")
+            if rest:
+                say(page.fit(" ".join(rest), 46), indent=FIGURES)
+    top, bottom = 0.9, 0.295
+    step = min(0.0215, (top - bottom) / sum(high for _, high, _, _ in lines))
+    size, y = min(9.0, 9.0 * step / 0.0205), top
+    for text, high, weight, indent in lines:
+        x = 0.672 + indent * size / 72 / SIZE[0]
+        figure.text(x, y, text, fontsize=size, weight=weight, color=INK, va="top")
+        y -= step * high
+
+
+def _bar(figure: Figure, mesh: Any) -> None:
+    bar = figure.add_axes((0.675, 0.225, 0.215, 0.016))
+    figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="max")
+    per, unit = labels.scale(mesh.norm.vmax)
+    ticks = labels.ticks(mesh.norm.vmax * per)
+    bar.set_title(f"Probability density [% per {unit}]", fontsize=8.5, loc="left", color=INK, pad=4)
+    bar.tick_params(labelsize=7.5)
+    bar.set_xticks(ticks / per, labels=[labels.plain(v) for v in ticks])
+    bar.minorticks_off()
+
+
+def short(time: np.datetime64) -> str:
+    """Return a time without its month, 161350Z."""
+    return f"{units.group(time)[:6]}Z"

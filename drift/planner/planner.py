@@ -1,0 +1,218 @@
+"""The next search: planned on particles of its own, scored by executing it on the case's, written as crews read it.
+
+Several rounds are planned one after the other, each on the failure of those before. The score of a plan is one minus the
+evidence of its having failed: the same run that a debrief would make.
+"""
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from drift import figures, flow, turns
+from drift.case.file import Case
+from drift.case.units import group
+from drift.flow import Report, Result, Stopwatch
+from drift.forecast import effective
+from drift.forecast.effective import Count
+from drift.motion.environment import Environment
+from drift.output import writer
+from drift.planner import bound as bounds
+from drift.planner import files as plan_files
+from drift.planner import fleet, follow, optimiser
+from drift.planner import text as plan_text
+from drift.planner.records import Plan, Tasking
+from drift.search.records import Unit
+from geo.errors import UserError
+
+
+@turns.in_turn
+def plan(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> tuple[Plan, Result]:
+    """Plan the next search of a case; with `out`, write it and the forecast of its failure, complete or not at all.
+
+    Raises UserError for all that the user can mend.
+    """
+    tell, out = report or (lambda phase, share: None), flow.folder(out)
+    if not case.units:
+        raise UserError(
+            f"{case.path.name}: has no [[unit]] to plan with: give each its base, search_speed, endurance and sweep_width"
+        )
+    if case.plan.begin >= case.plan.until:
+        raise UserError(
+            f"{case.path.name}: plan: the last sortie or contact is at {group(case.plan.begin)}, when the plan is to end; give begin "
+            "and until in [plan], or run for longer"
+        )
+    known = [(sortie.end, f'sortie "{sortie.name}"') for sortie in case.sorties]
+    known += [(contact.time, f'contact "{contact.name}"') for contact in case.contacts]
+    last, what = max(known, default=(case.plan.begin, ""))
+    if last > case.plan.begin:
+        raise UserError(
+            f"{case.path.name}: plan.begin {group(case.plan.begin)} is before the end of {what}, {group(last)}: a plan begins when all is "
+            "known; give a later begin in [plan], or leave it out"
+        )
+    where, clock = flow.opened(case, datasets, out, threads, backend, overwrite, tell)
+    made, executed, result = scheme(case, where, clock, tell)
+    if out is not None:
+        tell("write", 0.0)
+        flow.write(result, where, out, clock, more=_files(made, executed, case), plan=made, overwrite=overwrite)
+    return made, result
+
+
+def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tuple[Plan, Case, Result]:
+    """Return a plan, the case in which it has been executed and found nothing, and the forecast of that."""
+    spec = case.plan
+    survival = [scenario.survival for scenario in case.scenarios]
+    tasked: list[Tasking] = []
+    units, executed = list(case.units), case
+    seen, left, proposal, found, boats, first = 0.0, 1.0, None, None, None, 0.0
+    for number in range(1, spec.rounds + 1):
+        with clock.phase("follow"):
+            tracks = follow.follow(executed, where)
+        if boats is None:
+            with clock.phase("ways"):
+                boats = fleet.prepare(case, where, tracks)
+            units = list(boats.units)
+        if found is None:
+            first = effective.number(tracks.weight)
+            with clock.phase("bound"):
+                found = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
+        with clock.phase("plan"):
+            telling = partial(_told, tell, number, spec.rounds)
+            proposal = optimiser.plan(tracks, units, spec, case.seed + number, survival, telling, boats.courses)
+            flown, boats = fleet.checked(boats, proposal.taskings)
+        more = [_named(tasking, number, spec.rounds, case) for tasking in flown]
+        if not more:
+            break
+        tasked += more
+        seen += left * proposal.seen
+        left *= math.prod(1 - tasking.pos for tasking in proposal.taskings)  # found dead, it is found too
+        units = _again(units, more)
+        executed = _with(case, tasked)
+    if proposal is None or found is None or boats is None or not tasked:
+        raise UserError(
+            f"plan: no unit can search between {group(spec.begin)} and {group(spec.until)}: each needs time for its transit and some search before "
+            "the end, by daylight if it is visual; give more time (until in [plan]), or units that are nearer or ready earlier"
+            + "".join(f". {words}" for words in (boats.said if boats else ()))
+        )
+    result = flow.forecasted(executed, where, clock, tell)
+    assert result.updates is not None
+    done = {update.name: update for update in result.updates.all}
+    updates = [done[tasking.sortie.name] for tasking in tasked]
+    missed = np.prod([1 - np.asarray(update.pos) for update in updates], axis=0)
+    alive, so_far = 0.0, 1.0
+    for update in updates:
+        alive += so_far * float(np.asarray(update.pos if update.alive is None else update.alive)[-1])
+        so_far *= 1 - float(np.asarray(update.pos)[-1])
+    pos = 1 - float(missed[-1])
+    named = tuple(
+        replace(tasking, pos=float(np.asarray(update.pos)[-1])) for tasking, update in zip(tasked, updates, strict=True)
+    )
+    value = alive if spec.objective == "alive" else pos
+    scored_on = _scored(result, executed, spec.begin)
+    error = _error(found.value, first, value, scored_on)
+    why = bounds.silent(found.value, first, error, seen, value)
+    made = Plan(
+        spec=spec,
+        taskings=named,
+        value=value,
+        pos=pos,
+        by_scenario=1 - missed[:-1],
+        seen=seen,
+        bound=None if why else found.value,
+        bound_error=error,
+        unbounded=why,
+        alternatives=proposal.alternatives if spec.rounds == 1 else (),
+        scenarios=tuple(scenario.name for scenario in case.scenarios),
+        made_on=Count(effective.number(tracks.weight), len(tracks.weight)),
+        scored_on=scored_on,
+        idle=tuple(unit.name for unit in case.units if unit.name not in {tasking.unit.name for tasking in tasked}),
+        said=boats.said,
+    )
+    return made, executed, result
+
+
+def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
+    """Return how many of the case's particles count when a plan begins."""
+    outputs = result.forecast.data["time"].values
+    return effective.at(result.forecast.data, int(np.argmin(np.abs(outputs - begin))), executed.particles)
+
+
+def _error(bound: float, first: float, value: float, scored_on: Count) -> float:
+    """Return the standard error of a bound less what a plan is worth: means over `first` effective particles and over others."""
+    counts = max(first, 1.0), max(scored_on.number, 1.0)
+    return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, value), counts, strict=True)))
+
+
+def _told(tell: Report, number: int, rounds: int, share: float) -> None:
+    tell("plan", (number - 1 + share) / rounds)
+
+
+def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
+    """Return a tasking of a round, its sortie named unlike all others."""
+    name = f"{tasking.unit.name}, planned" + (f" {number}" if rounds > 1 else "")
+    while name in {sortie.name for sortie in case.sorties}:
+        name += " anew"
+    return replace(tasking, round=number, sortie=replace(tasking.sortie, name=name))
+
+
+def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
+    """Return a case in which a plan's sorties have been flown, until the plan's end; few outputs, for planners wait for it."""
+    sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda one: (one.start, one.end)))
+    first = [tasking for tasking in tasked if tasking.round == 1]
+    begin, end = min(one.on_scene for one in first), max(one.off_scene for one in first)
+    middle = begin + (end - begin) // 2  # what plan.png shows
+    outputs = np.unique(np.array([case.start, case.plan.begin, middle, case.plan.until], "datetime64[s]"))
+    return replace(case, sorties=sorties, outputs=outputs, end=case.plan.until)
+
+
+def _again(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
+    """Return the units with the time at which each is ready after its sortie."""
+    home = {tasking.unit.name: tasking.home for tasking in flown}
+    later = [
+        replace(unit, ready=max(unit.ready, home[unit.name] + np.timedelta64(round(unit.turnaround), "s")))
+        if unit.name in home
+        else unit
+        for unit in units
+    ]
+    return later
+
+
+def _flying(units: Sequence[Unit], rounds: int) -> list[Unit]:
+    """Return units that can search as long as all their sorties together: what bounds several rounds."""
+    return [replace(unit, endurance=unit.endurance * rounds) for unit in units]
+
+
+def _files(made: Plan, executed: Case, case: Case) -> list[writer.Product]:
+    """Return what a plan hands to people."""
+    synthetic = figures.synthetic(case)
+    taken = [sortie.name for sortie in case.sorties]
+    notes = [
+        f"{name} is not sent: it cannot search in this period, or would add nothing."
+        for name in made.idle
+        if not any(words.startswith(f"{name} is not sent") for words in made.said)
+    ] + list(made.said)
+
+    def product(name: str, make: Callable[[Any], Any]) -> writer.Product:
+        return writer.Product(name, make)
+
+    return [
+        product("plan.txt", lambda s: plan_text.text(made, case.title, s["run_id"], notes, synthetic=synthetic)),
+        product("plan.gpx", lambda s: plan_files.gpx(made, case.title, s["run_id"])),
+        product("plan.kml", lambda s: plan_files.kml(made, case.title, s["run_id"])),
+        product("plan.geojson", lambda s: plan_files.geojson(made, s)),
+        product("plan.json", lambda s: {"run_id": s["run_id"], **plan_files.numbers(made)}),
+        product("plan.toml", lambda s: plan_files.toml(made, taken)),
+    ]

@@ -1,0 +1,71 @@
+"""A plan: what each unit is to do next, what that is worth, and an estimated bound of what any plan is."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.forecast.effective import Count
+from drift.search.records import PlanSpec, Sortie, Unit
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Tasking:
+    """One sortie of a plan: a sub-area searched by parallel tracks."""
+
+    unit: Unit
+    round: int  # from 1: planned on the failure of the rounds before
+    sortie: Sortie  # as it is to be flown: its area, legs and times of search
+    takeoff: np.datetime64
+    on_scene: np.datetime64  # at the commence search point
+    off_scene: np.datetime64
+    home: np.datetime64
+    centre: tuple[float, float]  # (lon, lat) [deg] of the sub-area
+    length: float  # [m] along the legs
+    width: float  # [m] across them
+    orientation: float  # [rad] of the legs, clockwise from north
+    creep: float  # [rad] direction in which the legs follow each other, clockwise from north
+    spacing: float  # [m] between tracks
+    legs: int
+    pos: float  # probability that it finds the object, given that all before it in the plan failed
+    out: tuple[
+        tuple[float, float], ...
+    ] = ()  # (lon, lat) [deg] of a boat's way by sea to where it commences; (): straight from its base
+    back: tuple[tuple[float, float], ...] = ()  # and from where its search ends
+    cut: tuple[int, ...] = ()  # numbers of the legs, from 1, that are cut at the coast, or go round it
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another plan, scored on the same particles and random numbers."""
+
+    name: str
+    value: float  # of the objective
+    difference: float  # plan - alternative
+    standard_error: float  # of the difference
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to do next. `value` is the objective: POS, or the probability of finding alive."""
+
+    spec: PlanSpec
+    taskings: tuple[Tasking, ...]
+    value: float  # on the case's own particles, which the plan has not seen
+    pos: float  # there: 1 - evidence of executing it
+    by_scenario: Array  # (scenarios,) POS given each scenario, there
+    seen: float  # on the particles that it was made on: what exceeds `value` is optimism
+    bound: (
+        float | None
+    )  # estimated: no plan of these units, laws and times should find more of the particles that it was made on
+    bound_error: float  # standard error of `bound` less `value`, each of which is a mean over particles of its own
+    alternatives: tuple[Alternative, ...]
+    scenarios: tuple[str, ...]
+    idle: tuple[str, ...] = ()  # units that are not sent
+    said: tuple[str, ...] = ()  # of boats: how they leave harbour, and why one cannot get there
+    made_on: Count | None = None  # how many of the particles that it was made on count
+    scored_on: Count | None = None  # and of the case's own, when it begins
+    unbounded: str = ""  # why there is no bound, in a few words

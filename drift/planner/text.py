@@ -1,0 +1,285 @@
+"""A plan as plain text: the search action plan, laid out as crews and coordinators read it (IAMSAR Manual, Vol. II).
+
+Plain ASCII of at most 78 columns but for names: it goes by mail, telex or radio. Positions are degrees and decimal
+minutes, directions true, times date-time groups.
+"""
+
+import math
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+
+from drift.case import units
+from drift.forecast import effective, tables
+from drift.forecast.tables import NMI
+from drift.planner import subareas
+from drift.planner.records import Plan, Tasking
+from drift.planner.subareas import KNOT
+from geo import sphere
+
+WIDE = 78
+FOOT = 0.3048  # [m]
+LABEL = 18
+LONG_WAIT = 0.5  # [h] that a crew is told the reason of
+OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
+OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
+PATTERN = "parallel sweep (PS)"
+
+
+def text(
+    plan: Plan,
+    case_title: str,
+    run: str,
+    notes: Sequence[str] = (),
+    *,
+    datum: tuple[float, float, np.datetime64] | None = None,
+    synthetic: bool = False,
+) -> str:
+    """Return the search action plan.
+
+    run: its run_id. notes: what else a coordinator must know. datum: (lon, lat) [deg] and its time. synthetic: winds or
+    currents are made up.
+    """
+    names = subareas.names(plan)
+    lines = ["SEARCH ACTION PLAN", *_fill(case_title, 0), f"Run {run}. Times are UTC, directions true.", ""]
+    for warning in warnings(plan, synthetic):
+        lines += [*_fill(f"WARNING: {warning}", 0), ""]
+    lines += ["1  WORTH", *_worth(plan, datum), "", "2  SEARCH AREAS", *_table(plan, names), "", "3  TASKING"]
+    number = 0
+    for name, tasking in zip(names, plan.taskings, strict=True):
+        if tasking.round != number and plan.spec.rounds > 1:
+            number = tasking.round
+            said = (
+                "" if number == 1 else ", planned on the failure of all before: plan anew with what was flown and seen"
+            )
+            lines += ["", *_fill(f"Round {number}{said}", 3)]
+        lines += ["", *task(plan, name, tasking)]
+    if not plan.taskings:
+        lines += ["   none: no unit can search in this period"]
+    rest = [
+        ("COORDINATION, COMMUNICATIONS, REPORTS", ["   to be filled in by the search mission coordinator"]),
+        ("NOTES", [line for note in (*notes, *_standing(plan)) for line in _fill(f"- {note}", 3, 5)]),
+    ]
+    if plan.alternatives:
+        rest.insert(0, ("ALTERNATIVES, on the same particles and random numbers", _alternatives(plan)))
+    for section, (head, body) in enumerate(rest, 4):
+        lines += ["", f"{section}  {head}", *body]
+    return "\n".join(lines) + "\n"
+
+
+def warnings(plan: Plan, synthetic: bool) -> list[str]:
+    """Return what stands at the head of a plan: what it must not be used for, or believed of."""
+    found = []
+    if synthetic:
+        found.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
+    if plan.seen - plan.value > OPTIMISTIC:
+        found.append(
+            f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: it fits chance. "
+            "Plan with more particles."
+        )
+    return found + rough(plan)
+
+
+def rough(plan: Plan) -> list[str]:
+    """Return which figures of a plan stand on few particles."""
+    found = []
+    if plan.made_on is not None and plan.made_on.few:
+        found.append(
+            effective.sentence(plan.made_on, "of those that the plan was made on", "its areas and its bound are rough")
+        )
+    if plan.scored_on is not None and plan.scored_on.few:
+        found.append(effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough"))
+    return found
+
+
+def worth(plan: Plan) -> str:
+    """Return in a line what a plan is worth and the estimated bound of all plans, or why there is none.
+
+    The bound is rounded up; with three digits where two tell no difference.
+    """
+    digits = 3 if plan.bound is not None and f"{plan.value:.2f}" == f"{_up(plan.bound, 2):.2f}" else 2
+    value = f"POS {chance(plan.value, digits)}"
+    if plan.spec.objective == "alive":
+        value = f"{chance(plan.value, digits)} to detect alive (POS {chance(plan.pos, digits)})"
+    if plan.bound is None:
+        return f"{value}; no bound: {plan.unbounded}" if plan.unbounded else value
+    error = f" (+-{_up(2 * plan.bound_error, digits):.{digits}f})" if plan.bound_error > 0 else ""
+    return f"{value}; estimated bound {_up(plan.bound, digits):.{digits}f}{error}"
+
+
+def chance(value: float, digits: int = 2) -> str:
+    """Return a probability in so many digits; what is not certain is not written as 1."""
+    told = f"{value:.{digits}f}"
+    return f">{1 - 10.0**-digits:.{digits}f}" if value < 1 and float(told) == 1 else told
+
+
+def _up(value: float, digits: int) -> float:
+    """Return a number rounded up to so many digits: a bound does not get lower by being written."""
+    return float(math.ceil(round(value * 10.0**digits, 6)) / 10.0**digits)
+
+
+def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list[str]:
+    rows = [("Period", f"{units.group(plan.spec.begin)} to {units.group(plan.spec.until)}")]
+    if datum is not None and (where := tables.position(*datum[:2])) is not None:
+        rows.append(("Datum", f"{where} at {units.group(datum[2])}"))
+    rows += [("Objective", OBJECTIVES[plan.spec.objective]), ("Worth", worth(plan))]
+    if plan.bound:
+        rows.append(
+            (
+                "Bound",
+                f"An estimate: no plan of these units, laws and times is expected to find more than {_up(plan.bound, 3):.3f} of the particles "
+                f"that this one was made on. It finds {plan.seen:.3f} of those: {100 * plan.seen / plan.bound:.0f} %. The particles that its "
+                f"worth is told of are others: two standard errors of sampling are {_up(2 * plan.bound_error, 3):.3f}",
+            )
+        )
+    if plan.spec.rounds > 1 and plan.bound is not None:
+        told = f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
+        rows.append(("", told))
+    rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
+    for k, (name, pos) in enumerate(zip(plan.scenarios, plan.by_scenario, strict=True)):
+        rows.append(("POS, had it been" if k == 0 else "", f"{chance(pos):5} {name}"))
+    return [line for row in rows for line in _row(*row)]
+
+
+def _table(plan: Plan, names: Sequence[str]) -> list[str]:
+    lines = [f"   {'Area':6}{'Unit':24}{'Takeoff':9}{'On scene':10}{'Off':9}{'Home':9}{'POS':>5}"]
+    for name, one in zip(names, plan.taskings, strict=True):
+        times = [_short(time) for time in (one.takeoff, one.on_scene, one.off_scene, one.home)]
+        unit = one.unit.name if len(one.unit.name) <= 23 else f"{one.unit.name[:20]}..."
+        lines.append(f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{chance(one.pos):>5}")
+    return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
+
+
+def task(plan: Plan, name: str, one: Tasking) -> list[str]:
+    """Return what a unit is told to do, as lines."""
+    unit, sortie = one.unit, one.sortie
+    title = f"{name}  {unit.name}" + (f" ({unit.kind})" if unit.kind and unit.kind != unit.name else "")
+    corners = [tables.position(*corner) or "" for corner in subareas.corners(one)]
+    rows: list[tuple[str, str]] = [
+        ("Corners", f"{corners[0]}   {corners[1]}"),
+        ("", f"{corners[2]}   {corners[3]}"),
+        ("Centre", tables.position(*one.centre) or ""),
+        ("Size", f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, length along {_both(one.orientation)}"),
+    ]
+    if sortie.legs is not None:
+        many = f"{one.legs} leg{'s' * (one.legs != 1)}"
+        rows += [
+            ("Pattern", PATTERN),
+            ("CSP", f"{tables.position(*subareas.begin(one))}   (commence search point)"),
+            ("First leg", f"{_first_course(one):03d}T, {many} of {subareas.leg_length(one) / NMI:.1f} nmi"),
+            ("Creep", f"{subareas.degrees(one.creep):03d}T"),
+            ("Track spacing", f"{one.spacing / NMI:.2f} nmi"),
+        ]
+    else:
+        rows.append(("Pattern", f"search of the whole area, {subareas.track_length(one) / NMI:.0f} nmi of track"))
+    if one.cut:
+        rows.append(("Cut legs", f"{listed(one.cut)}: cut at the coast; {_round(one)} of ways round it search nothing"))
+    rows.append(("Speed", f"{unit.search_speed / KNOT:.0f} kn search, {unit.transit_speed / KNOT:.0f} kn transit"))
+    if math.isfinite(unit.altitude):
+        what = "Height of eye" if unit.kind == "Boat" else "Altitude"
+        rows.append((what, f"{unit.altitude / FOOT:.0f} ft"))
+    waits = float((one.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
+    if waits >= LONG_WAIT:
+        reasons = ["for daylight"] * unit.daylight + ["to keep clear of others"] * (plan.spec.separation > 0)
+        why = ", ".join([*reasons, "or because more is found then" if reasons else "more is found then"])
+        rows.append(("Waits", f"{waits:.1f} h after it is ready: {why}"))
+    rows += [
+        ("Takeoff", f"{units.group(one.takeoff)}   from {tables.position(*unit.base)}"),
+        ("On scene", f"{units.group(one.on_scene)}   at the CSP" if sortie.legs else units.group(one.on_scene)),
+        ("Off scene", f"{units.group(one.off_scene)}   at {tables.position(*subareas.end(one))}"),
+        ("Home", f"{units.group(one.home)}   at {tables.position(*unit.return_to)}"),
+        *(
+            (told, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
+            for told, way, straight in subareas.by_sea(one)
+        ),
+        ("POS", chance(one.pos)),
+    ]
+    if unit.afloat:
+        keeps = [f"{unit.clear_of_land / NMI:.2g} nmi off land"] * (unit.clear_of_land > 0)
+        keeps += [f"in water deeper than {unit.draught:.1f} m"] * (unit.draught > 0)
+        rows += [("Keeps", ", ".join(keeps))] * bool(keeps)
+    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, one)]
+
+
+def listed(numbers: Sequence[int]) -> str:
+    """Return numbers in order, those that follow each other as a range: 6 to 8, 12."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(
+        str(run[0]) if len(run) == 1 else f"{run[0]}{' to ' if len(run) > 2 else ', '}{run[-1]}" for run in runs
+    )
+
+
+def _round(one: Tasking) -> str:
+    return f"{subareas.round_length(one) / NMI:.1f} nmi"
+
+
+def _expected(plan: Plan, one: Tasking) -> list[str]:
+    """Return the POD that a tasking expects: in a line where it is the same for all scenarios, else as a table of them."""
+    width, coverage, pod = np.array(one.sortie.sweep_width) / NMI, subareas.coverages(one), subareas.pods(one)
+    if np.ptp(coverage) < 1e-9 and np.ptp(width) < 1e-9:
+        return _row("Expected POD", f"{chance(pod[0])} at W {width[0]:.2f} nmi, coverage {coverage[0]:.2f}", indent=6)
+    wide = max(map(len, plan.scenarios))
+    rows = [f"{'':{wide}}   POD  W [nmi]  Coverage"]
+    for scenario, *figures in zip(plan.scenarios, pod, width, coverage, strict=True):
+        rows.append(f"{scenario:{wide}} {chance(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}")
+    return [f"      {'' if k else 'Expected POD':{LABEL}}{row}" for k, row in enumerate(rows)]
+
+
+def _alternatives(plan: Plan) -> list[str]:
+    lines = []
+    for other in plan.alternatives:
+        gap = "better" if other.difference >= 0 else "WORSE"
+        told = f"{other.value:.3f}  {other.name}; the plan is {gap} by {abs(other.difference):.3f} +- {other.standard_error:.3f}"
+        lines += _fill(told, 3, 10)
+    return lines
+
+
+def _standing(plan: Plan) -> tuple[str, ...]:
+    boats = (
+        "Boats go by sea on the coast of this case, whose shores may be off by more than they keep from it; rocks awash, tides "
+        "and, without a depth grid, depths are not known: check the ways on a chart.",
+    )
+    return (
+        *boats * any(one.unit.afloat for one in plan.taskings),
+        "Altitudes and times are for planning: crews and controllers settle separation, weather and daylight.",
+        "POD is for an object that stays in the area; POS counts those that drift in and out of it.",
+        "Afterwards append plan.toml to the case, with what was flown: completed or actual.",
+    )
+
+
+def _row(label: str, value: str, indent: int = 3) -> list[str]:
+    start = " " * indent + f"{label:{LABEL}}"
+    return textwrap.wrap(value, WIDE, initial_indent=start, subsequent_indent=" " * len(start), drop_whitespace=True,
+                         break_long_words=False, fix_sentence_endings=False) or [start.rstrip()]  # fmt: skip
+
+
+def _fill(words: str, indent: int, hang: int | None = None) -> list[str]:
+    return textwrap.wrap(
+        words, WIDE, initial_indent=" " * indent, subsequent_indent=" " * (indent if hang is None else hang)
+    )
+
+
+def _both(angle: float) -> str:
+    """Return the two directions of an axis, 030/210T."""
+    first = subareas.degrees(angle)
+    low, high = sorted((first, (first + 179) % 360 + 1))
+    return f"{low:03d}/{high:03d}T"
+
+
+def _first_course(one: Tasking) -> int:
+    """Return the course [deg] of the first leg: of the two along the orientation the one that it is flown on."""
+    legs = one.sortie.legs
+    assert legs is not None
+    east, north = sphere.offset(*np.radians([legs.lon[0], legs.lat[0], legs.lon[1], legs.lat[1]]))
+    ahead = math.sin(one.orientation) * float(east) + math.cos(one.orientation) * float(north) >= 0
+    return subareas.degrees(one.orientation + (0 if ahead else math.pi))
+
+
+def _short(time: np.datetime64) -> str:
+    return f"{units.group(time)[:6]}Z"

@@ -1,0 +1,87 @@
+"""How well a contact fits each place: logs of the probability density of what was seen, given where the object was.
+
+Gaussian fixes, bearings, ranges and areas, each with the sensor's chance of detection by range (SEARCH.md, "Contacts").
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.search import patterns, sensor_path
+from drift.search.records import Area, Contact
+from geo import sphere
+
+Array = npt.NDArray[Any]
+
+LOG_TURN = math.log(2 * math.pi)
+BEYOND = 6.0  # standard deviations: 2e-9 of a normal
+
+
+def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
+    """Return the log likelihood of a contact at binary angles lon, lat, float64, shape (n,); -inf where it is impossible.
+
+    A density: per m2 for positions and areas, per radian for bearings, per metre for ranges; belief and false contacts are left out.
+    Beyond 6 standard deviations, where no error is normal, it is impossible: a wrong digit must not look like a discovery.
+    """
+    x, y = lon * sphere.UNIT, lat * sphere.UNIT
+    with np.errstate(divide="ignore"):
+        if contact.kind == "position":
+            return _fixes(contact, x, y)
+        if contact.kind == "area":
+            assert contact.area is not None
+            return np.log(inside(contact.area, lon, lat).astype(np.float64)) - math.log(
+                patterns.square_metres(contact.area)
+            )
+        assert contact.sensor is not None
+        east, north = sphere.offset(math.radians(contact.sensor[0]), math.radians(contact.sensor[1]), x, y)
+        far = np.hypot(east, north)
+        if contact.kind == "bearing":
+            apart = (np.arctan2(east, north) - contact.bearing + np.pi) % (2 * np.pi) - np.pi
+            found = _normal(apart, contact.bearing_std)
+            found = np.where((far >= contact.near) & (far <= contact.far), found, -np.inf)
+        else:
+            found = _normal(far - contact.range, contact.range_std)
+        return np.asarray(found + np.log(_detection(contact, far)))
+
+
+def _fixes(contact: Contact, x: Array, y: Array) -> Array:
+    """Return the log of the mixture of normals round the fixes, in their tangent planes."""
+    c, s = math.cos(contact.orientation), math.sin(contact.orientation)
+    total = np.full(x.shape, -np.inf)
+    for fix in contact.fixes:
+        east, north = sphere.offset(math.radians(fix.lon), math.radians(fix.lat), x, y)
+        along, across = north * c + east * s, east * c - north * s
+        one = _normal(along, contact.major) + _normal(across, contact.minor) + math.log(fix.share)
+        total = np.logaddexp(total, one)
+    if contact.zones is not None and contact.sensor is not None:
+        lon, lat = (math.radians(angle) for angle in contact.sensor)
+        total += np.log(_detection(contact, sphere.distance(lon, lat, x, y)))
+    return total
+
+
+def _normal(x: Array, std: float) -> Array:
+    return np.where(np.abs(x) > BEYOND * std, -np.inf, -0.5 * (x / std) ** 2 - math.log(std) - 0.5 * LOG_TURN)
+
+
+def _detection(contact: Contact, far: Array) -> Array:
+    """Return the sensor's chance of detection at ranges [m]."""
+    if contact.zones is None:
+        return np.ones_like(far)
+    chance = np.zeros_like(far)
+    for inner, outer, pod in zip(contact.zones.inner, contact.zones.outer, contact.zones.pod, strict=True):
+        chance[(far >= inner) & (far < outer)] = pod
+    return chance
+
+
+def inside(area: Area, lon: Array, lat: Array) -> Array:
+    """Return which binary angles lie inside an area, bool (n,)."""
+    import shapely
+
+    at_lon, at_lat, outline = sensor_path.ring(area)
+    shape = shapely.Polygon(outline.reshape(-1, 2).astype(np.float64))
+    apart = np.subtract(lon, sphere.to_binary(at_lon)).astype(np.float64) * sphere.UNIT  # wraps as int32
+    return np.asarray(
+        shapely.contains_xy(shape, *sensor_path.chart(0.0, math.radians(at_lat), apart, lat * sphere.UNIT))
+    )

@@ -1,0 +1,153 @@
+"""A sortie as it is flown: what its sensor has done to each particle so far, and what its failure does to weights.
+
+An area counts the time inside it, legs the hazard along relative tracks or the passes abeam, a watch the time in its zones.
+All of it is kept on the device, in columns that go when the sortie is over.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.motion.ensemble import Ensemble
+from drift.motion.forcing import Forcing
+from drift.search import laws, markers, sensor_path
+from drift.search.markers import Marker, Tracked
+from drift.search.records import Sortie
+from kernels import runtime, sweep
+
+Array = npt.NDArray[Any]
+Device = Any
+
+CERTAIN = 1 - 1e-12  # a watch's chance of detection of which a hazard can be told
+
+
+class Flown:
+    """One sortie in one run; times are seconds after the run's start."""
+
+    def __init__(self, sortie: Sortie, start: int, scenarios: int) -> None:
+        """Make ready; start: of the run [s since 1970]."""
+        self.sortie = sortie
+        self.begin, self.end = (
+            int(t.astype("datetime64[s]").astype(np.int64)) - start for t in (sortie.start, sortie.end)
+        )
+        self.factors, self.chances = laws.factors(sortie.shape)
+        self._path = sensor_path.of_legs(sortie.legs, start) if sortie.legs else None
+        self._place, self._ring = None, None
+        if sortie.area is not None:
+            lon, lat, self._ring = sensor_path.ring(sortie.area)
+            self._place = sensor_path.standing(lon, lat, self.begin, self.end)
+        self._markers: list[Marker | Tracked] | None = None
+        self._datum = (0.0, 0.0)
+        if sortie.frame == "datum":
+            self._datum, self._markers = self._drifting(start, scenarios)
+        self._seen = self.begin  # until when its columns tell
+        self.columns: list[Device] = []  # exposure; the share of time in its area, where that is another
+
+    def _drifting(self, start: int, scenarios: int) -> tuple[tuple[float, float], list[Marker | Tracked]]:
+        """Return where a drifting frame begins (lon, lat) [deg], and its marker in each scenario."""
+        path = self._path or self._place
+        assert path is not None
+        datum = self.sortie.datum or (float(path.lon[0]), float(path.lat[0]))
+        if self.sortie.marker is not None:
+            return datum, [markers.tracked(self.sortie.marker, start)] * scenarios
+        return datum, [Marker(*datum, self.begin, scenario) for scenario in range(scenarios)]
+
+    @property
+    def _kind(self) -> int:
+        """What its exposure adds up."""
+        if self.sortie.watch:
+            return int(sweep.ZONES)
+        if self._path is None:
+            return int(sweep.INSIDE)
+        return int(sweep.CUBE if self.sortie.law.kind == "inverse_cube" else sweep.ABEAM)
+
+    def as_flown(self, scenario: int, start: int) -> Sortie:
+        """Return the sortie, with the track of its marker in a scenario if it drifts; start: of the run [s since 1970]."""
+        marker = self._markers[scenario] if self._markers else None
+        return replace(self.sortie, marker=marker.legs(start)) if isinstance(marker, Marker) else self.sortie
+
+    def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
+        """Take its markers over a step, for which the forcing is set."""
+        for marker in self._markers or ():
+            marker.drift(forcing, elapsed, duration)
+
+    def expose(
+        self, ensemble: Ensemble, before: tuple[Device, Device], step: tuple[int, int], until: int, keep: bool = True
+    ) -> list[Device]:
+        """Return its columns with what it does until a time, within the step (elapsed, duration) that has just been made.
+
+        Unless they are kept, its own stay as they were: whoever merely looks on does not cut its legs.
+        """
+        if not self.columns:
+            several = len(self.factors) if self._kind == sweep.ABEAM else 1
+            self.columns = [runtime.empty(ensemble.n * several)]
+            if self._kind in (sweep.CUBE, sweep.ABEAM) and self._place is not None:
+                self.columns.append(runtime.empty(ensemble.n))
+        begin, end = max(self._seen, step[0], self.begin), min(until, self.end)
+        if begin >= end:
+            return self.columns
+        columns = self.columns if keep else [runtime.copy(column) for column in self.columns]
+        if keep:
+            self._seen = end
+        share = np.array([1 / (self.end - self.begin)])
+        for scenario, slots in enumerate(ensemble.scenarios):
+            moved = self._markers[scenario].where if self._markers else None
+            if self._path is not None and (self.sortie.watch or self.sortie.sweep_width[scenario] > 0):
+                track = self._path.between(begin, end, step[0], moved, self._datum)
+                if track is not None:
+                    sweep.expose(ensemble, slots, before, *step, self._kind, track, *self._tables(scenario), columns[0])
+            if self._place is not None:
+                track = self._place.between(begin, end, step[0], moved, self._datum)
+                sweep.expose(ensemble, slots, before, *step, sweep.INSIDE, track, self._ring, share, columns[-1])
+        return columns
+
+    def _tables(self, scenario: int) -> tuple[Array, Array]:
+        """Return the kernel's table and scale for the objects of a scenario."""
+        if self.sortie.watch:
+            watch = self.sortie.watch
+            chance = np.minimum(np.array(watch.pod), CERTAIN)
+            rate = -np.log1p(-chance) * self.sortie.completed / (self.end - self.begin)
+            return np.stack([watch.inner, watch.outer], axis=1).reshape(-1), rate
+        if self._kind == sweep.CUBE:
+            return np.zeros(1), np.zeros(1)
+        ranges, chances = laws.table(self.sortie.law)
+        return np.stack([ranges, chances], axis=1).reshape(-1), 1 / (self.sortie.sweep_width[scenario] * self.factors)
+
+    def fail(self, ensemble: Ensemble, columns: list[Device], shared: Device, log_weight: Device) -> None:
+        """Multiply weights by the chance that it has missed each particle, in place.
+
+        columns: what it has done to them. shared: logs of the misses so far of all sorties that share its unknown factor of
+        sweep width.
+        """
+        for scenario, slots in enumerate(ensemble.scenarios):
+            meaning, coefficient = self._coefficients(scenario)
+            if coefficient.max() > 0:
+                sweep.fail(slots, meaning, columns[0], coefficient, self.chances, shared, log_weight)
+
+    def _coefficients(self, scenario: int) -> tuple[int, Array]:
+        """Return what the exposure means, and what to multiply it by, by factor of the sweep width."""
+        sortie, kind = self.sortie, self._kind
+        if kind == sweep.ZONES:
+            return sweep.HAZARD, np.ones(1, np.float32)
+        if kind == sweep.INSIDE:
+            coverage = sortie.coverage[scenario] * self.factors
+            if sortie.law.kind == "random":
+                return sweep.HAZARD, (coverage * sortie.completed).astype(np.float32)
+            return sweep.SHARE, (laws.pod(sortie.law, coverage) * sortie.completed).astype(np.float32)
+        width = sortie.sweep_width[scenario] * self.factors
+        if kind == sweep.CUBE:
+            return sweep.HAZARD, (width**2 / (4 * math.pi)).astype(np.float32)
+        return sweep.MISS, np.full(len(width), float(width[0] > 0), np.float32)
+
+    def searched(self) -> Array:
+        """Return the share of its time that each particle was where it searched, float64 (n,).
+
+        That is its area; of what has none, a watch, all that came into a zone.
+        """
+        if self._place is None:
+            exposed = self.columns[0].to_numpy().reshape(len(self.factors) if self._kind == sweep.ABEAM else 1, -1)
+            return np.asarray(exposed.any(axis=0), np.float64)
+        return np.asarray(self.columns[-1].to_numpy(), np.float64)

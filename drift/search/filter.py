@@ -1,0 +1,313 @@
+"""The filter: what sorties that found nothing, and contacts, do to the weights of an ensemble while it moves.
+
+The clock of the forecast tells it of every step. A sortie's exposure grows as it is flown and changes weights when it ends;
+an output in between sees what it has done so far. Evidence is the mean weight after over that before. A sortie that does
+nothing changes no bit.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.case.file import Case
+from drift.motion import ensemble as record
+from drift.motion import prior, resample, weights
+from drift.motion.ensemble import Ensemble
+from drift.motion.simulate import Place, Scene
+from drift.motion.status import Status
+from drift.search import contacts as contact_laws
+from drift.search import debris
+from drift.search.exposure import Flown
+from drift.search.records import Contact
+from drift.search.updates import Update, Updates
+from drift.suspend.standing import Standing, standing
+from geo.errors import UserError
+from kernels import runtime
+from kernels.advance import Step
+
+Array = npt.NDArray[Any]
+Device = Any
+
+FARTHEST = 20.0  # that the log of the sum of weights may be off before they are brought back
+
+
+class Search:
+    """Sorties and contacts of one run; `updates` tells afterwards what each did."""
+
+    def __init__(self, case: Case, ensemble: Ensemble, scene: Scene) -> None:
+        """Make ready for a run of an ensemble through a scene."""
+        self.case, self.ensemble, self._scene = case, ensemble, scene
+        self._start = int(case.start.astype("datetime64[s]").astype(np.int64))
+        self._all = [Flown(sortie, self._start, len(case.scenarios)) for sortie in case.sorties]
+        self._waiting = list(self._all)
+        self._contacts = [(prior.elapsed(case, contact.time), contact) for contact in case.contacts]
+        self._shared: dict[tuple[str, float], Device] = {}
+        self._step = (0, 0)
+        self._before: tuple[Device, Device] | None = None
+        self._debris = debris.of_contacts(case, self._contacts, scene)
+        self._updates: list[Update] = []
+        first = self.ensemble.log_weight.to_numpy()
+        self._prior = self._stories(first)
+        self.unsearched = first.astype(
+            np.float64
+        )  # log weights (n,) by all that was seen, as if no sortie had been flown
+        self._missed = np.ones(len(case.scenarios) + 1)  # product of 1 - POS so far
+        self._lineage = np.arange(ensemble.n, dtype=np.int32)
+        self._ancestors: Array | None = None
+        self._events = 0
+        self._never: Array | None = None  # share of its time in each sortie that a particle was not where that searched
+        self._least = np.inf  # effective particles after any update
+        self._target = [_living(slots, ensemble) for slots in ensemble.scenarios]
+
+    @property
+    def updates(self) -> Updates:
+        """What has happened so far; sorties as they were flown, drifting with their markers in the likeliest scenario."""
+        last = self._updates[-1].posterior if self._updates else self._prior
+        likeliest = int(np.argmax(last))
+        flown = tuple(one.as_flown(likeliest, self._start) for one in self._all)
+        return Updates(tuple(s.name for s in self.case.scenarios), self._prior, tuple(self._updates), flown)
+
+    def stops(self, after: int, until: int) -> list[int]:
+        """Return the times in (after, until] at which something takes effect [s after start]."""
+        times = [flown.end for flown in self._waiting] + [time for time, _ in self._contacts]
+        return sorted({t for t in times if after < t <= until})
+
+    def before(self, elapsed: int, duration: int) -> None:
+        """Remember where the step begins, if a sortie is flown in it; take its markers over it. The forcing is set."""
+        self._step, self._before = (elapsed, duration), None
+        for flown in self._flown(elapsed + duration):
+            flown.drift(self._scene.forcing, elapsed, duration)
+            if self._before is None:
+                self._before = runtime.copy(self.ensemble.lon), runtime.copy(self.ensemble.lat)
+
+    def advance(self, low: int, high: int, step: Step) -> None:
+        """Move debris over a step."""
+        for one in self._debris.values():
+            if one.last > step.elapsed:
+                one.before = one.ensemble.lon.to_numpy(), one.ensemble.lat.to_numpy()
+                one.scene.advance(one.ensemble, low, high, step)
+
+    def _flown(self, until: int) -> list[Flown]:
+        """Return the sorties that have begun before a time and are not over."""
+        return [flown for flown in self._waiting if flown.begin < until]
+
+    def _exposed(self, flown: Flown, until: int, keep: bool) -> list[Device]:
+        assert self._before is not None
+        return flown.expose(self.ensemble, self._before, self._step, until, keep)
+
+    def take_effect(self, time: int, place: Place) -> None:
+        """Change weights by all that ends or is seen at a time; place: gives where an ensemble's particles were then."""
+        for flown in [f for f in self._waiting if f.end == time]:
+            self._fail(flown)
+            self._waiting.remove(flown)
+            flown.columns = []
+            if all(other.sortie.group != flown.sortie.group for other in self._waiting):
+                self._shared.pop((flown.sortie.group, flown.sortie.shape), None)
+        for when, contact in [c for c in self._contacts if c[0] == time]:
+            self._contacts.remove((when, contact))
+            self._see(contact, time, place)
+
+    def _fail(self, flown: Flown) -> None:
+        """Take in that a sortie found nothing."""
+        sortie, columns = flown.sortie, self._exposed(flown, flown.end, keep=True)
+        before = self.ensemble.log_weight.to_numpy()
+        flown.fail(self.ensemble, columns, self._group(flown, self._shared), self.ensemble.log_weight)
+        after = self.ensemble.log_weight.to_numpy()
+        evidence = self._evidence(before, after, f'sortie "{sortie.name}"')
+        weight = weights.relative(before)
+        pos = np.nan_to_num(-np.expm1(evidence))  # of a story that had no weight: nothing
+        self._missed = self._missed * (1 - pos)
+        lost, alive = weight - weights.relative(after, before), None
+        if any(s.survival for s in self.case.scenarios):
+            alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
+        searched = flown.searched()
+        self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
+        self._note(
+            Update(
+                sortie.name, "sortie", sortie.end, evidence, self._stories(after), weights.ess(before), weights.ess(after),
+                poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
+                standing=self._standing(sortie.end, after),
+            )
+        )  # fmt: skip
+        self._settle(after.astype(np.float64))
+
+    def _see(self, contact: Contact, time: int, place: Place) -> None:
+        """Take in a contact."""
+        who, begin = self.ensemble, None
+        if contact.drifter is not None:
+            seen = self._debris[contact.drifter]
+            who, begin = seen.ensemble, seen.before
+        lon, lat = place(who, begin, time)
+        found = contact_laws.log_likelihood(contact, lon, lat)
+        found = np.where(_there(who, time), found, -np.inf)
+        before, now = self.ensemble.log_weight.to_numpy(), self.log_weight(time)
+        mean = weights.log_sum(now + found) - weights.log_sum(
+            now
+        )  # of all that is known then, sorties under way included
+        if contact.false_density > 0:
+            found = np.logaddexp(found, np.log(contact.false_density))
+        elif contact.belief < 1:  # in units of the mean, so that the evidence is a density all the same
+            if mean == -np.inf:
+                found = np.zeros_like(found)
+            else:
+                with np.errstate(divide="ignore"):
+                    found = np.logaddexp(np.log(contact.belief) + found, np.log1p(-contact.belief) + mean)
+        self.unsearched = self.unsearched + found
+        after = before + found
+        evidence = self._evidence(before, after, f'contact "{contact.name}"')
+        self._note(
+            Update(
+                contact.name,
+                "contact",
+                contact.time,
+                evidence,
+                self._stories(after),
+                weights.ess(before),
+                weights.ess(after),
+                standing=self._standing(contact.time, after),
+            )
+        )
+        self._settle(after, changed=True)
+
+    def _settle(self, log_weight: Array, changed: bool = False) -> None:
+        """Bring the sum of weights back to 1 once it is far off, where float32 would lose digits of small differences."""
+        total = weights.log_sum(log_weight)
+        if abs(total) > FARTHEST:
+            self.ensemble.log_weight.from_numpy((log_weight - total).astype(np.float32))
+        elif changed:
+            self.ensemble.log_weight.from_numpy(log_weight.astype(np.float32))
+
+    def log_weight(self, time: int) -> Array:
+        """Return the weights as they stand at a time, with what sorties under way have missed until then; float32 (n,)."""
+        under_way = self._flown(time)
+        if not under_way:
+            return np.asarray(self.ensemble.log_weight.to_numpy())
+        weight = runtime.copy(self.ensemble.log_weight)
+        groups = {(flown.sortie.group, flown.sortie.shape) for flown in under_way}
+        shared = {key: runtime.copy(column) for key, column in self._shared.items() if key in groups}
+        for flown in under_way:
+            flown.fail(self.ensemble, self._exposed(flown, time, keep=False), self._group(flown, shared), weight)
+        return np.asarray(weight.to_numpy())
+
+    def watch(self, until: int) -> None:
+        """See what all sorties do until the end of the step that has just been made."""
+        for flown in self._flown(until):
+            self._exposed(flown, until, keep=True)
+
+    def after(self, until: int) -> None:
+        """Resample at the end of a step, if the effective particles are fewer than asked for."""
+        rule = self.case.resampling
+        changed = self._updates and self._events < len(self._updates)
+        if rule.below <= 0 or not changed:
+            return
+        self._events = len(self._updates)
+        ess = weights.ess(self.ensemble.log_weight.to_numpy())
+        if ess >= rule.below * sum(self._target):
+            return
+        ancestors = self._draw(rule.method, until)
+        self._lineage = self._lineage[ancestors]
+        self._ancestors = ancestors if self._ancestors is None else self._ancestors[ancestors]
+        weight = self.ensemble.log_weight.to_numpy()
+        distinct = len(np.unique(self._lineage[weight > -np.inf])) / sum(self._target)
+        self._updates[-1] = replace(self._updates[-1], ess_resampled=weights.ess(weight), distinct=distinct)
+
+    def _draw(self, method: str, until: int) -> Array:
+        """Replace all particles by offspring, in place; return their ancestors (n,)."""
+        e = self.ensemble
+        seeds = self.case.seed, self._events
+        before = e.log_weight.to_numpy()
+        ancestors, log_weight, spare = resample.offspring(before, e.scenarios, self._target, method, seeds)
+        with np.errstate(invalid="ignore"):  # what is to spare has no weight before or after
+            own = self.unsearched[ancestors] - before[ancestors] + log_weight
+        self.unsearched = np.where(log_weight > -np.inf, own, -np.inf)
+        columns = [getattr(e, name) for name in (*record.INTEGERS, *record.REALS)]
+        columns += [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
+        for one in self._debris.values():
+            columns += [getattr(one.ensemble, name) for name in (*record.INTEGERS, *record.REALS)]
+        if self._never is not None:
+            self._never = self._never[ancestors]
+        for column in columns:
+            values = column.to_numpy().reshape(-1, e.n)
+            column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
+        e.log_weight.from_numpy(log_weight)
+        status, ended = e.status.to_numpy(), e.ended.to_numpy()
+        e.status.from_numpy(np.where(spare, int(Status.LEFT), status).astype(np.int32))
+        if self._scene.place.beach.stay > 0:
+            # The wait of what lies ashore is a function of slot and landing. It has no memory: copies begin theirs anew.
+            e.ended.from_numpy(np.where(status == Status.ASHORE, until, ended).astype(np.int32))
+        return ancestors
+
+    def ancestors(self) -> Array | None:
+        """Return whose offspring the particles are, int64 (n,), since it was last asked; None if they are themselves."""
+        found, self._ancestors = self._ancestors, None
+        return found
+
+    def _group(self, flown: Flown, columns: dict[tuple[str, float], Device]) -> Device:
+        """Return the columns of the misses that share a sortie's unknown factor of sweep width."""
+        if len(flown.factors) == 1:
+            return self.ensemble.log_weight  # not used: any column will do
+        key = (flown.sortie.group, flown.sortie.shape)
+        if key not in columns:
+            columns[key] = runtime.empty(self.ensemble.n * len(flown.factors))
+        return columns[key]
+
+    def _evidence(self, before: Array, after: Array, what: str) -> Array:
+        """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
+        with np.errstate(invalid="ignore"):  # of a story that had no weight before it is not a number
+            sums = [
+                np.subtract(weights.log_sum(after[a:b]), weights.log_sum(before[a:b]))
+                for a, b in self.ensemble.scenarios
+            ]
+        whole = weights.log_sum(after) - weights.log_sum(before)
+        if not np.isfinite(whole):
+            names = ", ".join(f'"{s.name}"' for s in self.case.scenarios)
+            raise UserError(
+                f"{what} contradicts every scenario ({names}): after it no particle has any weight, and nothing can be said. Check its "
+                "place, time and error, or allow for doubt: a POD below 1, a belief below 1, or a wider prior"
+            )
+        return np.array([*sums, whole])
+
+    def _stories(self, log_weight: Array) -> Array:
+        """Return the probability of each scenario."""
+        weight = weights.relative(log_weight)
+        return np.asarray([weight[a:b].sum() / weight.sum() for a, b in self.ensemble.scenarios])
+
+    def _mean(self, part: Array, weight: Array) -> Array:
+        """Return a part of the weight as a share, by scenario and of all; 0 where there is no weight."""
+        ranges = [*self.ensemble.scenarios, (0, self.ensemble.n)]
+        sums = np.array([[part[a:b].sum(), weight[a:b].sum()] for a, b in ranges])
+        return np.asarray(np.divide(sums[:, 0], sums[:, 1], out=np.zeros(len(ranges)), where=sums[:, 1] > 0))
+
+    def _alive(self, time: float) -> Array:
+        """Return each particle's chance of being alive at a time [s after start]; 1 where no survival is told."""
+        release = self.ensemble.release.to_numpy()
+        alive = np.ones(self.ensemble.n)
+        for scenario, (a, b) in zip(self.case.scenarios, self.ensemble.scenarios, strict=True):
+            if scenario.survival:
+                alive[a:b] = scenario.survival.alive(time - release[a:b])
+        return alive
+
+    def _standing(self, time: np.datetime64, log_weight: Array) -> Standing:
+        """Return how the search stands at a time, by weights."""
+        self._least = min(self._least, weights.ess(log_weight))
+        weight, release = weights.relative(log_weight), self.ensemble.release.to_numpy()
+        return standing(time, weight, release, self.ensemble.scenarios, self._never, self._least)
+
+    def _note(self, update: Update) -> None:
+        distinct = self._updates[-1].distinct if self._updates else 1.0
+        self._updates.append(replace(update, distinct=distinct))
+
+
+def _living(slots: tuple[int, int], ensemble: Ensemble) -> int:
+    """Return how many of a scenario's slots hold particles; others are to spare."""
+    status = ensemble.status.to_numpy()[slots[0] : slots[1]]
+    return int((status != Status.LEFT).sum())
+
+
+def _there(ensemble: Ensemble, time: int) -> Array:
+    """Return which particles were adrift or ashore at a time, bool (n,)."""
+    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
+    over = (status > Status.ASHORE) & (status != Status.PENDING) & (ended <= time)
+    return np.asarray((release <= time) & ~over)

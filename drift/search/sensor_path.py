@@ -1,0 +1,136 @@
+"""Where a sensor is, at any time: the legs of a sortie, cut where a great circle is no longer straight enough.
+
+What a kernel needs of them for one stretch of a step is a `kernels.sweep.Track`.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.search.records import Area, Legs
+from geo import sphere
+from kernels.sweep import Track
+
+Array = npt.NDArray[Any]
+Moved = Callable[[Array], tuple[Array, Array]]  # times [s after start] -> where a marker is, lon and lat [rad]
+
+PIECE = (
+    50_000.0  # [m] of a leg up to 62 degrees N, shorter as the tangent of the latitude: past a particle within half of
+)
+# that its great circle is straight to 0.3 m, while the particle drifts by 1 km to 2 m
+EDGE = 10_000.0  # [m] of an area's edge: it bulges by less than 4 m up to 60 degrees N
+
+
+@dataclass(frozen=True)
+class Path:
+    """Nodes of a sensor's way and its pieces between them, whole or part of a straight leg."""
+
+    time: Array  # [s after the run's start], ascending, (k + 1,)
+    lon: Array  # [deg] without jumps
+    lat: Array
+    course: Array  # east and north of the leg's direction at begin and end of each piece, (k, 4)
+    searching: Array  # bool (k,)
+
+    def between(
+        self, begin: float, end: float, elapsed: int, moved: Moved | None, datum: tuple[float, float]
+    ) -> Track | None:
+        """Return the way from begin to end [s after the run's start], within the step from `elapsed` on; None for none.
+
+        moved: where a marker is that takes it along, as far and in the direction from it as from its datum (lon, lat) [deg].
+        """
+        begin, end = max(begin, float(self.time[0])), min(end, float(self.time[-1]))
+        if begin >= end:
+            return None
+        inner = self.time[(self.time > begin) & (self.time < end)]
+        time = np.concatenate([[begin], inner, [end]])
+        lon, lat = self._at(time)
+        piece = np.clip(np.searchsorted(self.time, time[:-1], side="right") - 1, 0, len(self.searching) - 1)
+        low, span = self.time[piece], np.diff(self.time)[piece]
+        first, last = self.course[piece, :2], self.course[piece, 2:]
+        at, to = ((time[:-1] - low) / span)[:, None], ((time[1:] - low) / span)[:, None]
+        course = np.concatenate([first + at * (last - first), first + to * (last - first)], axis=1)
+        course[:, :2] = np.where(at == 0, first, course[:, :2])
+        course[:, 2:] = np.where(to == 1, last, course[:, 2:])
+        if moved is not None:
+            x, y = moved(time)
+            apart = sphere.offset(np.radians(datum[0]), np.radians(datum[1]), np.radians(lon), np.radians(lat))
+            lon, lat = (np.degrees(angle) for angle in sphere.destination(x, y, *apart))
+        place = np.stack([sphere.to_binary(lon), sphere.to_binary(lat)], axis=1)
+        turned = np.radians(lat)
+        trig = np.stack([np.cos(turned), 0.25 * sphere.UNIT * np.sin(2 * turned)], axis=1)
+        return Track(
+            (time - elapsed).astype(np.float32),
+            place.reshape(-1),
+            trig.astype(np.float32).reshape(-1),
+            course.astype(np.float32).reshape(-1),
+            self.searching[piece].astype(np.int32),
+        )
+
+    def _at(self, time: Array) -> tuple[Array, Array]:
+        """Return where it is [deg]: the same to the bit for the same time, so that stretches join."""
+        node = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.searching) - 1)
+        share = (time - self.time[node]) / (self.time[node + 1] - self.time[node])
+        lon, lat = np.radians(self.lon), np.radians(self.lat)
+        east, north = sphere.offset(lon[node], lat[node], lon[node + 1], lat[node + 1])
+        x, y = sphere.destination(lon[node], lat[node], share * east, share * north)
+        found = self.lon[node] + (np.degrees(x) - self.lon[node] + 180) % 360 - 180, np.degrees(y)
+        first, last = (
+            np.select([share == 0, share == 1], [all_[node], all_[node + 1]], one)
+            for all_, one in zip((self.lon, self.lat), found, strict=True)
+        )
+        return first, last
+
+
+def of_legs(legs: Legs, start: int) -> Path:
+    """Return the path of legs; start: of the run [s since 1970]."""
+    time, lon, lat, course, searching = [legs.time[0]], [legs.lon[0]], [legs.lat[0]], [], []
+    for k, seeks in enumerate(legs.searching):
+        longest = PIECE * min(1.0, 1.9 / max(math.tan(math.radians(max(map(abs, legs.lat[k : k + 2])))), 1e-9))
+        x, y = sphere.track(np.radians(legs.lon[k : k + 2]), np.radians(legs.lat[k : k + 2]), longest)
+        pieces = len(x) - 1
+        # The tangent of the leg's great circle at each node: the same wherever a leg is cut.
+        east, north = sphere.offset(x[:-1], y[:-1], x[-1], y[-1])
+        back = sphere.offset(x[-1], y[-1], x[0], y[0])
+        way = np.stack([np.append(east, -back[0]), np.append(north, -back[1])], axis=1)
+        way /= np.maximum(np.hypot(*way.T), 1e-9)[:, None]
+        course.append(np.concatenate([way[:-1], way[1:]], axis=1))
+        share = np.arange(1, pieces + 1) / pieces
+        time.extend(legs.time[k] + share * (legs.time[k + 1] - legs.time[k]))
+        lon.extend(np.degrees(x[1:]))
+        lat.extend(np.degrees(y[1:]))
+        searching.extend([seeks] * pieces)
+    unwrapped = np.degrees(np.unwrap(np.radians(lon)))
+    return Path(np.array(time) - start, unwrapped, np.array(lat), np.concatenate(course), np.array(searching))
+
+
+def standing(lon: float, lat: float, begin: float, end: float) -> Path:
+    """Return the path of what stays at a place [deg] from begin to end [s after the run's start]."""
+    course = np.array([[0.0, 1.0, 0.0, 1.0]])
+    return Path(np.array([begin, end]), np.array([lon, lon]), np.array([lat, lat]), course, np.array([True]))
+
+
+def chart(at_lon: float, at_lat: float, lon: Array, lat: Array) -> tuple[Array, Array]:
+    """Return (x, y) [m] of places [rad] on the plane in which `kernels.sweep` tells whether they are in a ring about a place."""
+    apart = lon - at_lon
+    y = lat - at_lat - 0.25 * np.sin(2 * at_lat) * apart**2
+    return apart * np.cos(at_lat) * sphere.RADIUS, y * sphere.RADIUS
+
+
+def ring(area: Area) -> tuple[float, float, Array]:
+    """Return a place (lon, lat) [deg] amid an area, and its outline round it as `kernels.sweep.expose` takes it.
+
+    The outline, (x, y, x, y, ...) [m], runs counterclockwise; edges are great circles, cut up where they bulge.
+    """
+    corners = np.radians(np.array(area.ring))
+    x, y = sphere.track(corners[:, 0], corners[:, 1], EDGE)
+    lon, lat = np.unwrap(x[:-1]), y[:-1]
+    at_lon, at_lat = 0.5 * (lon.min() + lon.max()), 0.5 * (lat.min() + lat.max())
+    outline = np.stack(chart(at_lon, at_lat, lon, lat), axis=1)
+    after = np.roll(outline, -1, axis=0)
+    if np.sum(outline[:, 0] * after[:, 1] - outline[:, 1] * after[:, 0]) < 0:
+        outline = outline[::-1]
+    return float(np.degrees(at_lon)), float(np.degrees(at_lat)), outline.reshape(-1).astype(np.float32)

@@ -1,0 +1,195 @@
+"""Where a search went, as shapes over the ground: outlines of areas, legs as flown, and where a contact may have been.
+
+Shapes are arrays (n, 2) of lon, lat [deg], longitudes running on without a jump; edges follow great circles. What
+drifts with a marker is moved with it, where the marker's track is known. No area may hold a pole.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from drift.forecast import tables
+from drift.search.records import Area, Contact, Legs, Sortie
+from drift.spill import tables as washup_tables
+from geo import polyline, sphere
+
+Array = npt.NDArray[Any]
+Shape = tuple[str, Array]  # what it is, and its points
+
+LONGEST = 20_000.0  # [m] between points of an edge: at 60 degrees of latitude a chord is 14 m off the great circle
+NEAR_ALL = 0.95  # share of a contact's error that its shape holds
+IN_PLANE = math.sqrt(-2 * math.log(1 - NEAR_ALL))  # standard deviations: Rayleigh's quantile
+ON_LINE = 1.959964  # normal's two-sided quantile
+FARTHEST = 100 * 1852.0  # [m] to which a bearing without a far end is drawn
+DIGITS = 7  # decimals of a degree: 1 cm
+
+
+def epoch(time: Any) -> float:
+    """Return a time, np.datetime64, in seconds since 1970."""
+    return float(np.asarray(time).astype("datetime64[ms]").astype(np.int64)) / 1000
+
+
+def curve(lon: Sequence[float] | Array, lat: Sequence[float] | Array) -> Array:
+    """Return points along great circles from vertex to vertex [deg], at most LONGEST apart, (n, 2)."""
+    x, y = sphere.track(np.radians(lon), np.radians(lat), LONGEST)
+    return np.column_stack([np.degrees(np.unwrap(x)), np.degrees(y)])
+
+
+def outline(area: Area) -> Array:
+    """Return an area's closed outline, (n, 2)."""
+    ring = np.array(area.ring)
+    return curve(ring[:, 0], ring[:, 1])
+
+
+def circle(lon: float, lat: float, radius: float, begin: float = 0.0, end: float = 2 * math.pi) -> Array:
+    """Return an arc [m, rad clockwise from north] round a point [deg], (n, 2); the whole circle unless told."""
+    angle = np.linspace(begin, end, max(int(abs(end - begin) / 0.05), 2) + 1)
+    return _about(lon, lat, radius * np.sin(angle), radius * np.cos(angle))
+
+
+def _about(lon: float, lat: float, east: Array, north: Array) -> Array:
+    x, y = sphere.destination(np.radians(lon), np.radians(lat), east, north)
+    return np.column_stack([lon + (np.degrees(x) - lon + 180) % 360 - 180, np.degrees(y)])
+
+
+def searched(sortie: Sortie, time: Any = None) -> Array | None:
+    """Return the closed outline of a sortie's area at a time (its start unless told), (n, 2); None if it has none."""
+    if sortie.area is None:
+        return None
+    if not _drifts(sortie):
+        return outline(sortie.area)
+    at = epoch(sortie.start if time is None else time)
+    lon, lat = _moved(sortie, np.full(len(sortie.area.lon), at), np.array(sortie.area.lon), np.array(sortie.area.lat))
+    return outline(Area(tuple(lon), tuple(lat)))
+
+
+def flown(sortie: Sortie, until: Any = None) -> list[tuple[bool, Array]]:
+    """Return a sortie's legs over the ground to a time (its end unless told): whether they search, and points (n, 2).
+
+    Neighbouring legs of one sort are one line.
+    """
+    if sortie.legs is None:
+        return []
+    legs = _over_ground(sortie)
+    if until is not None:
+        if epoch(until) <= legs.time[0]:
+            return []
+        legs = polyline.between(legs, legs.time[0], epoch(until))
+    found: list[tuple[bool, list[int]]] = []
+    for i, searching in enumerate(legs.searching):
+        if not found or found[-1][0] != searching:
+            found.append((searching, [i]))
+        found[-1][1].append(i + 1)
+    return [(seeks, curve([legs.lon[i] for i in which], [legs.lat[i] for i in which])) for seeks, which in found]
+
+
+def place(legs: Legs, time: float) -> tuple[float, float]:
+    """Return where on its legs something is at a time [s since 1970], (lon, lat) [deg]; before and after, at their ends."""
+    return polyline.place(legs, min(max(time, legs.time[0]), legs.time[-1]))
+
+
+def zones(sortie: Sortie, time: Any) -> list[Array]:
+    """Return the edges of a watch's zones round its sensor at a time, each (n, 2)."""
+    if sortie.watch is None or sortie.legs is None:
+        return []
+    lon, lat = place(sortie.legs, epoch(time))
+    edges = sorted({*sortie.watch.inner, *sortie.watch.outer} - {0.0})
+    return [circle(lon, lat, radius) for radius in edges if math.isfinite(radius)]
+
+
+def contact(one: Contact) -> list[Shape]:
+    """Return where something seen may have been: points, and shapes that hold NEAR_ALL of its error.
+
+    Shapes are "point" (1, 2), "region" (closed) or "line". A bearing without a far end is drawn to FARTHEST.
+    """
+    if one.kind == "position":
+        return [*_fixes(one)]
+    if one.kind == "area":
+        assert one.area is not None
+        return [("region", outline(one.area))]
+    assert one.sensor is not None
+    lon, lat = one.sensor
+    made: list[Shape] = [("point", np.array([[lon, lat]]))]
+    if one.kind == "bearing":
+        far = one.far if math.isfinite(one.far) else max(FARTHEST, 2 * one.near)
+        low, high = one.bearing - ON_LINE * one.bearing_std, one.bearing + ON_LINE * one.bearing_std
+        outer, inner = circle(lon, lat, far, low, high), circle(lon, lat, max(one.near, 1.0), high, low)
+        made.append(("region", np.concatenate([outer, inner, outer[:1]])))
+        ends = _about(lon, lat, *(np.array([one.near, far]) * f(one.bearing) for f in (math.sin, math.cos)))
+        return [*made, ("line", curve(ends[:, 0], ends[:, 1]))]
+    near, far = one.range - ON_LINE * one.range_std, one.range + ON_LINE * one.range_std
+    return [*made, *(("line", circle(lon, lat, radius)) for radius in (near, one.range, far) if radius > 0)]
+
+
+def _fixes(one: Contact) -> Iterator[Shape]:
+    angle = np.linspace(0, 2 * np.pi, 73)
+    along, across = IN_PLANE * one.major * np.cos(angle), IN_PLANE * one.minor * np.sin(angle)
+    east = along * math.sin(one.orientation) + across * math.cos(one.orientation)
+    north = along * math.cos(one.orientation) - across * math.sin(one.orientation)
+    for fix in one.fixes:
+        yield "point", np.array([[fix.lon, fix.lat]])
+        if one.major > 0:
+            yield "region", _about(fix.lon, fix.lat, east, north)
+
+
+def polygon(rings: Sequence[Array]) -> dict[str, Any]:
+    """Return closed outlines as a GeoJSON MultiPolygon, cut at the antimeridian, outer rings anticlockwise."""
+    whole = shapely.MultiPolygon([part for ring in rings for part in _valid(ring)])
+    parts = [
+        [np.round(edge.coords, DIGITS).tolist() for edge in (part.exterior, *part.interiors)]
+        for part in tables.cut(whole).geoms
+    ]
+    return {"type": "MultiPolygon", "coordinates": parts}
+
+
+def _valid(ring: Array) -> list[Any]:
+    """Return the polygons of an outline, which a planner may have drawn across itself."""
+    made = shapely.make_valid(shapely.Polygon(ring))
+    return [part for part in shapely.get_parts(made) if part.geom_type == "Polygon"]
+
+
+def lines(parts: Sequence[Array]) -> dict[str, Any]:
+    """Return lines as a GeoJSON MultiLineString, cut at the antimeridian."""
+    pieces = [piece for part in parts for piece in washup_tables.cut(shapely.LineString(part))]
+    return {"type": "MultiLineString", "coordinates": [np.round(piece.coords, DIGITS).tolist() for piece in pieces]}
+
+
+def point(lon: float, lat: float) -> dict[str, Any]:
+    """Return a position [deg] as a GeoJSON Point."""
+    return {"type": "Point", "coordinates": [round((lon + 180) % 360 - 180, DIGITS), round(lat, DIGITS)]}
+
+
+def _drifts(sortie: Sortie) -> bool:
+    """Whether a sortie's shapes drift with a marker whose track is known."""
+    return sortie.frame == "datum" and sortie.marker is not None and sortie.datum is not None
+
+
+def _over_ground(sortie: Sortie) -> Legs:
+    """Return legs over the ground: those flown in the frame of a marker move with it, in pieces between its fixes."""
+    assert sortie.legs is not None
+    if not _drifts(sortie):
+        return sortie.legs
+    assert sortie.marker is not None
+    legs = sortie.legs
+    between = [t for t in sortie.marker.time if legs.time[0] < t < legs.time[-1]]
+    times = np.array(sorted({*legs.time, *between}))
+    where = np.array([place(legs, t) for t in times])
+    lon, lat = _moved(sortie, times, where[:, 0], where[:, 1])
+    which = np.clip(np.searchsorted(legs.time, times[:-1], side="right") - 1, 0, len(legs.searching) - 1)
+    return Legs(tuple(times), tuple(lon), tuple(lat), tuple(legs.searching[k] for k in which))
+
+
+def _moved(sortie: Sortie, times: Array, lon: Array, lat: Array) -> tuple[Array, Array]:
+    """Return positions [deg] moved as the marker has moved from the datum by each time, (n,)."""
+    assert sortie.marker is not None
+    assert sortie.datum is not None
+    marker = np.radians([place(sortie.marker, t) for t in times])
+    east, north = sphere.offset(
+        math.radians(sortie.datum[0]), math.radians(sortie.datum[1]), np.radians(lon), np.radians(lat)
+    )
+    x, y = sphere.destination(marker[:, 0], marker[:, 1], east, north)
+    return np.degrees(np.unwrap(x)), np.degrees(y)

@@ -1,0 +1,230 @@
+"""What each sortie and contact did to the probability, as text: a table, shapes as GeoJSON, the summary's numbers."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.case import units
+from drift.forecast import tables
+from drift.forecast.tables import NMI
+from drift.search import shapes as search_shapes
+from drift.search.records import Contact, Sortie
+from drift.search.updates import Update, Updates
+
+Array = npt.NDArray[Any]
+
+ALL = "all"
+HEADER = [
+    "update",
+    "name",
+    "kind",
+    "time",
+    "date_time_group",
+    "scenario",
+    "pod",
+    "poc",
+    "pos",
+    "pos_alive",
+    "pos_cumulative",
+    "log_evidence",
+    "bayes_factor",
+    "prior",
+    "posterior",
+    "ess_before",
+    "ess_after",
+    "resampled",
+    "ess_resampled",
+    "distinct",
+    "run_id",
+]
+
+
+def csv(updates: Updates, run: str) -> str:
+    """Return a row for each update and scenario, and one for all together, as CSV; run: its run_id, in the last column.
+
+    prior and posterior are a scenario's probability before and after the update, bayes_factor its odds after over its
+    odds before. A contact has no POD, POC and POS; empty: does not apply, or nothing known.
+    """
+    rows = []
+    for number, (update, before) in enumerate(steps(updates), 1):
+        factors, pod = bayes_factors(update, before), update.pod
+        columns = [pod, update.poc, update.pos, update.alive, update.cumulative, update.log_evidence]
+        for j, scenario in enumerate([*updates.scenarios, ALL]):
+            one = j < len(updates.scenarios)
+            rows.append(
+                [
+                    number,
+                    update.name,
+                    update.kind,
+                    tables.iso(update.time),
+                    units.group(update.time),
+                    scenario,
+                    *(_text(None if values is None else values[j]) for values in columns),
+                    _text(factors[j] if one else None),
+                    _text(before[j] if one else 1.0),
+                    _text(update.posterior[j] if one else 1.0),
+                    _text(update.ess_before),
+                    _text(update.ess_after),
+                    "yes" if update.resampled else "no",
+                    "" if update.ess_resampled is None else _text(update.ess_resampled),
+                    _text(update.distinct),
+                    run,
+                ]
+            )
+    return tables.csv_text(HEADER, rows)
+
+
+def steps(updates: Updates) -> list[tuple[Update, Array]]:
+    """Return each update with the probability of each scenario before it."""
+    before = [np.asarray(updates.prior, float), *(np.asarray(update.posterior, float) for update in updates.all)]
+    return list(zip(updates.all, before, strict=False))
+
+
+def bayes_factors(update: Update, before: Array) -> Array:
+    """Return by how much an update multiplied each scenario's odds against all others together, (scenarios,).
+
+    It is P(seen | scenario) / P(seen | another), the others in proportion to `before`; NaN where there are no others.
+    """
+    log = np.asarray(update.log_evidence[:-1], float)
+    top = log[before > 0].max(initial=-math.inf)
+    like = np.exp(np.where(before > 0, log - top, -math.inf)) if math.isfinite(top) else np.zeros_like(before)
+    found = np.full(len(before), np.nan)
+    for j in range(len(before)):
+        others = np.arange(len(before)) != j
+        if not (before[j] > 0 and before[others].sum() > 0):
+            continue
+        rest = float(like[others] @ before[others] / before[others].sum())
+        found[j] = like[j] / rest if rest > 0 else (math.inf if like[j] > 0 else np.nan)
+    return found
+
+
+def numbers(updates: Updates) -> dict[str, Any]:
+    """Return what the summary tells of the search: each update, and where it stands after all of them."""
+    names = updates.scenarios
+    done = [update for update in updates.all if update.cumulative is not None]
+    last = updates.all[-1].posterior if updates.all else updates.prior
+    return {
+        "updates": [_update(updates, update, before) for update, before in steps(updates)],
+        "sorties": sum(update.kind == "sortie" for update in updates.all),
+        "contacts": sum(update.kind == "contact" for update in updates.all),
+        "cumulative_pos": _by_scenario(names, done[-1].cumulative if done else None),
+        "scenarios": {
+            name: {"prior": float(updates.prior[j]), "posterior": float(last[j])} for j, name in enumerate(names)
+        },
+        "log_evidence": updates.log_evidence,
+        "distinct": updates.all[-1].distinct if updates.all else 1.0,
+    }
+
+
+def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
+    names = updates.scenarios
+    told: dict[str, Any] = {
+        "name": update.name,
+        "kind": update.kind,
+        "time": update.time,
+        "date_time_group": units.group(update.time),
+        "log_evidence": _by_scenario(names, update.log_evidence),
+        "bayes_factor": dict(zip(names, bayes_factors(update, before).tolist(), strict=True)),
+        "posterior": dict(zip(names, np.asarray(update.posterior, float).tolist(), strict=True)),
+        "ess_before": update.ess_before,
+        "ess_after": update.ess_after,
+        "resampled": update.resampled,
+        "ess_resampled": update.ess_resampled,
+        "distinct": update.distinct,
+    }
+    if update.kind == "sortie":
+        told |= {
+            "pod": _by_scenario(names, update.pod),
+            "poc": _by_scenario(names, update.poc),
+            "pos": _by_scenario(names, update.pos),
+            "pos_alive": _by_scenario(names, update.alive),
+            "cumulative_pos": _by_scenario(names, update.cumulative),
+        }
+    return told
+
+
+def _by_scenario(names: Sequence[str], values: Array | None) -> dict[str, Any] | None:
+    """Return figures under "all" and "scenarios" by name; a scenario may be called anything."""
+    if values is None:
+        return None
+    found = [float(v) for v in values]
+    return {ALL: found[-1], "scenarios": dict(zip(names, found[:-1], strict=True))}
+
+
+def geojson(
+    sorties: Sequence[Sortie], contacts: Sequence[Contact], updates: Updates, attributes: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return areas, legs as flown and contacts as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian.
+
+    A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its end), or of a contact
+    point, region or line. What drifts with a marker is where it was over the ground if the marker's track is known.
+    """
+    known = {(update.kind, update.name): update for update in updates.all}
+    features = []
+    for sortie in sorties:
+        properties = _sortie(sortie, known.get(("sortie", sortie.name)), updates.scenarios)
+        if (ring := search_shapes.searched(sortie)) is not None:
+            features.append(_feature(search_shapes.polygon([ring]), "area", properties))
+        parts = search_shapes.flown(sortie)
+        for shape, wanted in (("legs", True), ("transit", False)):
+            some = [points for searching, points in parts if searching == wanted]
+            if some:
+                features.append(_feature(search_shapes.lines(some), shape, properties))
+        if rings := search_shapes.zones(sortie, sortie.end):
+            features.append(_feature(search_shapes.lines(rings), "zones", properties))
+    for contact in contacts:
+        update = known.get(("contact", contact.name))
+        told = {
+            "name": contact.name,
+            "kind": "contact",
+            "time": tables.iso(contact.time),
+            "of": contact.kind,
+            "belief": contact.belief,
+            "log_evidence": _finite(update.log_evidence[-1]) if update else None,
+        }
+        for shape, points in search_shapes.contact(contact):
+            if shape == "region":
+                geometry = search_shapes.polygon([points])
+            elif shape == "line":
+                geometry = search_shapes.lines([points])
+            else:
+                geometry = search_shapes.point(*points[0])
+            features.append(_feature(geometry, shape, told))
+    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+
+
+def _feature(geometry: dict[str, Any], shape: str, properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": geometry, "properties": {"shape": shape, **properties}}
+
+
+def _sortie(sortie: Sortie, update: Update | None, scenarios: Sequence[str]) -> dict[str, Any]:
+    told = {
+        "name": sortie.name,
+        "kind": "sortie",
+        "unit": sortie.kind,
+        "start": tables.iso(sortie.start),
+        "end": tables.iso(sortie.end),
+        "law": sortie.law.kind,
+        "frame": sortie.frame,
+        "over_ground": sortie.frame == "ground" or sortie.marker is not None,
+        "completed": sortie.completed,
+        "sweep_width_nmi": dict(zip(scenarios, (w / NMI for w in sortie.sweep_width), strict=True)),
+    }
+    for name, values in () if update is None else (("pod", update.pod), ("poc", update.poc), ("pos", update.pos)):
+        told[name] = None if values is None else _finite(values[-1])
+        told[f"{name}_by_scenario"] = (
+            None if values is None else dict(zip(scenarios, map(_finite, values[:-1]), strict=True))
+        )
+    return told
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _text(value: Any) -> str:
+    """Return a number for CSV; empty for what is unknown or without end."""
+    return "" if value is None or not np.isfinite(value) else f"{float(value):.8g}"

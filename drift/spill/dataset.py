@@ -1,0 +1,138 @@
+"""The contents of washup.nc: CF-1.11 variables by stretch of coast and output time, and the account of all objects."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from drift.forecast.cells import Array
+from drift.spill import estimate
+from geo.coast.segments import Segments
+
+SHARES = (0.1, 0.5, 0.9)
+FATES = ("pending", "afloat", "ashore", "sunk", "gone", "destroyed", "found")
+FATES_MEAN = (
+    "pending: not yet released; afloat: adrift; gone: left the domain or ran out of forcing; destroyed: lost at once; "
+    "found: found and taken away; the last two hold at all times"
+)
+EPOCH = "seconds since 1970-01-01 00:00:00"
+
+BY_TIME = ("time", "segment")
+GIVEN = "over the simulated spills in which any object arrives there within the run"
+# name: dimensions, unit, meaning; each has its standard error in name + "_se"
+FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "expected": (BY_TIME, "1", "expected number of objects that lie on the stretch"),
+    "probability": (BY_TIME, "1", "probability that at least one object lies on the stretch"),
+    "number": (("quantile", *BY_TIME), "1", "quantile of the number of objects that lie on the stretch"),
+    "arrived": (BY_TIME, "1", "expected number of objects that have ever lain on the stretch"),
+    "expected_by_kind": (("kind", *BY_TIME), "1", "expected number of objects of a class that lie on the stretch"),
+    "ever": (("segment",), "1", "probability that any object arrives on the stretch within the run"),
+    "first_arrival": (("quantile", "segment"), EPOCH, f"quantile of the time at which the first arrives, UTC, {GIVEN}"),
+    "bulk_arrival": (
+        ("quantile", "segment"),
+        EPOCH,
+        f"quantile of the median time at which the objects of a spill arrive, UTC, {GIVEN}",
+    ),
+    "total": (("fate", "time"), "1", "expected number of objects by what has become of them"),
+    "total_number": (("quantile", "fate", "time"), "1", "quantile of the number of objects by what has become of them"),
+}
+ERROR = "standard error, from the number of worlds and of particles, of the "
+ERRORS_MEAN = (
+    "errors of means and probabilities hold what worlds that were not seen leave open (drift.spill.estimate.unseen); "
+    "NaN: too few worlds to tell"
+)
+
+
+def build(
+    found: Mapping[str, Array],
+    segments: Segments,
+    touched: Array,
+    weight: Array,
+    realisations: int,
+    outputs: Array,
+    start: np.datetime64,
+    kinds: Sequence[str],
+) -> xr.Dataset:
+    """Return figures (see drift.spill.washup.build) as a dataset; those of stretches have no stretch where none was touched.
+
+    found: FIGURES and their errors by name, times in seconds after the start; those of stretches may be missing.
+    touched: numbers of the stretches in `segments`, (s,).
+    """
+    start = start.astype("datetime64[s]")
+    coords = {
+        "time": (
+            "time",
+            (start + outputs.astype("timedelta64[s]")).astype("datetime64[ns]"),
+            {"standard_name": "time", "long_name": "time, UTC", "axis": "T"},
+        ),
+        "start": ((), start.astype("datetime64[ns]"), {"long_name": "start of the run, UTC"}),
+        "segment": ("segment", touched.astype(np.int32), {"long_name": "number of the stretch of coast"}),
+        **_places(segments, touched),
+        "quantile": ("quantile", np.array(SHARES), {"long_name": "share of the distribution below", "units": "1"}),
+        "kind": ("kind", np.array(kinds, object), {"long_name": "class of objects"}),
+        "fate": ("fate", np.array(FATES, object), {"long_name": "what has become of an object", "comment": FATES_MEAN}),
+    }
+    sizes = {name: len(coords[name][1]) for name in ("time", "segment", "quantile", "kind", "fate")}
+    begin = int(start.astype(np.int64))
+    data: dict[str, tuple[Any, ...]] = {}
+    for name, (dims, unit, words) in FIGURES.items():
+        blank = np.zeros([sizes[dim] for dim in dims])
+        value, error = found.get(name, blank), found.get(f"{name}_se", blank)
+        moment = unit == EPOCH
+        clock = {"calendar": "standard"} if moment else {}
+        data[name] = (
+            dims,
+            begin + value if moment else value,
+            {"long_name": words, "units": unit, **clock, "ancillary_variables": f"{name}_se"},
+        )
+        data[f"{name}_se"] = (
+            dims,
+            error,
+            {"long_name": ERROR + words, "units": "s" if moment else unit, "comment": ERRORS_MEAN},
+        )
+    data["effective_arrivals"] = (
+        ("segment",),
+        found.get("effective_arrivals", np.zeros(sizes["segment"])),
+        {"long_name": "effective number of worlds in which any object arrives on the stretch", "units": "1"},
+    )
+    data["world_total"] = (
+        ("world", "time", "fate"),
+        found["world_total"],
+        {
+            "long_name": "number of objects by what has become of them in each world, mean of its realisations",
+            "units": "1",
+            "comment": "adds up to the world's number of objects",
+        },
+    )
+    data["world_weight"] = (("world",), weight, {"long_name": "probability of the world", "units": "1"})
+    data["effective_worlds"] = (
+        (),
+        estimate.effective(weight),
+        {"long_name": "effective number of worlds", "units": "1"},
+    )
+    data["realisations"] = ((), realisations, {"long_name": "simulated spills of each world", "units": "1"})
+    return xr.Dataset(data, coords)
+
+
+def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dict[str, str]]]:
+    """Return what is known of the stretches as coordinates."""
+    return {
+        "name": (
+            "segment",
+            np.array([segments.name[i] for i in touched], object),
+            {"long_name": "name of the stretch"},
+        ),
+        "access": ("segment", np.array([segments.access[i] for i in touched], object), {"long_name": "kind of shore"}),
+        "lon": (
+            "segment",
+            segments.lon[touched],
+            {"standard_name": "longitude", "long_name": "longitude of the middle", "units": "degrees_east"},
+        ),
+        "lat": (
+            "segment",
+            segments.lat[touched],
+            {"standard_name": "latitude", "long_name": "latitude of the middle", "units": "degrees_north"},
+        ),
+        "length": ("segment", segments.length[touched], {"long_name": "length along the shoreline", "units": "m"}),
+    }

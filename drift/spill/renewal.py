@@ -1,0 +1,328 @@
+"""After a spill's drift: its fates, what the finds say about its worlds, and the washup that follows.
+
+Where the finds leave too few worlds that count, worlds are drawn anew about those that do and the drift is run again:
+population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803), the finds tempered while the worlds are chosen,
+never in the result.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy import special  # stats would take a second to import
+
+from drift.case.file import Case
+from drift.case.spill import Spill
+from drift.forecast import effective, tables
+from drift.motion.environment import Environment
+from drift.motion.prior import elapsed
+from drift.motion.spool import Spool
+from drift.motion.start import Start, renew
+from drift.motion.status import Status
+from drift.output.writer import Product
+from drift.search.updates import Updates
+from drift.spill import evidence, finds, unknowns, washup, worlds
+from drift.spill import tables as washup_tables
+from drift.spill.fates import FOREVER, Fates, Realisation
+from drift.spill.realisations import realise
+from drift.spill.strandings import Landings
+from drift.spill.worlds import Worlds
+from geo.coast.segments import Segments
+
+Array = npt.NDArray[Any]
+
+FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn anew
+NARROWING = 20.0  # times fewer worlds than are drawn may count where a proposal is made: what one renewal narrows down
+ENOUGH = 10.0  # effective worlds a latent that a proposal is made from at least
+WORST = 10  # stretches that the summary tells
+ODD = 0.02  # tail probability below which a find is called odd
+REALISATIONS = 4  # complete spills drawn in every world, at most
+
+
+@dataclass(frozen=True)
+class Drifted:
+    """A run that has been made: how it started, the particles at its outputs, their stays on the shore."""
+
+    start: Start
+    snapshots: Spool
+    landings: Landings
+    updates: Updates | None = None  # what sorties and contacts did
+
+
+@dataclass(frozen=True)
+class Aftermath:
+    """What a spill has come to."""
+
+    case: Case
+    spill: Spill
+    segments: Segments
+    fates: Fates
+    worlds: Worlds
+    prior: Worlds  # of the first round
+    posterior: finds.Posterior
+    surprises: tuple[finds.Surprise, ...]
+    washup: xr.Dataset
+    rounds: tuple[float, ...]  # effective worlds in each round
+
+
+def stretches(case: Case, spill: Spill, where: Environment, begin: Start) -> Segments:
+    """Return the stretches of coast that a spill is told by; raise UserError for finds and patrols that cannot be."""
+    assert where.coast is not None
+    assert begin.worlds is not None
+    segments = evidence.cut(spill, where.coast)
+    evidence.build(case, spill, segments, where.coast, begin.worlds)
+    return segments
+
+
+def settle(
+    case: Case,
+    spill: Spill,
+    where: Environment,
+    segments: Segments,
+    first: Drifted,
+    drift: Callable[[Start], Drifted],
+) -> tuple[Drifted, Aftermath]:
+    """Return the run whose worlds the finds leave enough of, weighted by them, and its aftermath.
+
+    drift: moves a start's ensemble through the run.
+    """
+    assert where.coast is not None
+    assert first.start.worlds is not None
+    done, drawn, rounds = first, first.start.worlds, [0.0]
+    while True:
+        known = evidence.build(case, spill, segments, where.coast, drawn)
+        known = replace(known, adrift=_adrift(case, known, done.snapshots))
+        fates = _fates(spill, done, segments)
+        told = finds.posterior(fates, known, drawn.latent, drawn.log_weight)
+        rounds[-1] = told.effective
+        if told.effective >= FEWEST or len(rounds) > spill.renewals or not (known.finds or known.patrols):
+            break
+        least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
+        # From where these worlds were drawn (exponent 0) towards where the finds have them (1): never back to the prior.
+        aim = told.log_likelihood + drawn.log_weight
+        about = worlds.around(drawn, worlds.normal(finds.tempered(aim, least) * aim))
+        done = drift(renew(case, spill, where, done.start, about, len(rounds)))
+        assert done.start.worlds is not None
+        drawn = done.start.worlds
+        rounds.append(0.0)
+    _reweigh(done, fates, told)
+    made = Aftermath(
+        case,
+        spill,
+        segments,
+        fates,
+        drawn,
+        first.start.worlds,
+        told,
+        finds.surprises(fates, known, drawn.latent, drawn.log_weight),
+        _washup(case, spill, segments, fates, told, done.start.ensemble.seed),
+        tuple(rounds),
+    )
+    return done, made
+
+
+def _fates(spill: Spill, done: Drifted, segments: Segments) -> Fates:
+    """Return what became of every particle by the end of the run."""
+    ensemble = done.start.ensemble
+    snapshot = done.snapshots[-1]
+    over = np.isin(snapshot.status, (Status.SUNK, Status.LEFT, Status.OUTSIDE))
+    return Fates(
+        worlds=spill.worlds,
+        world=ensemble.world.to_numpy(),
+        kind=snapshot.scenario,
+        release=ensemble.release.to_numpy(),
+        ended=np.where(over, ensemble.ended.to_numpy(), FOREVER).astype(np.int32),
+        ending=snapshot.status,
+        stays=done.landings.stays(segments.of_edge),
+    )
+
+
+def _adrift(case: Case, known: finds.Known, snapshots: Spool) -> dict[int, finds.Adrift]:
+    """Return where the particles are at the times of finds at sea, which are output times."""
+    times = [elapsed(case, time) for time in case.outputs]
+    found = {}
+    for number, find in enumerate(known.finds):
+        if isinstance(find.place, finds.AtSea):
+            at = snapshots[times.index(find.time)]
+            found[number] = finds.Adrift(at.lon, at.lat, at.status)
+    return found
+
+
+def _reweigh(done: Drifted, fates: Fates, told: finds.Posterior) -> None:
+    """Give the particles the weights of what is left: of their world, of the objects of their class still to be found in
+    it, in proportion to the chance of not having been found."""
+    left = finds.remaining(told)
+    if not (left * told.weight[:, None]).any():  # all are found: the map shows where they might have been
+        left = np.ones_like(left)
+    cell = fates.world.astype(np.int64) * left.shape[1] + fates.kind
+    unfound = 1 - told.found
+    shared = np.bincount(cell, unfound, left.size)
+    with np.errstate(divide="ignore"):
+        each = np.log(told.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300)).reshape(left.shape)
+        log_weight = each.ravel()[cell] + np.log(np.maximum(unfound, 1e-300))
+    done.start.ensemble.log_weight.from_numpy((log_weight - log_weight.max()).astype(np.float32))
+    done.snapshots.reweigh(done.start.ensemble)
+
+
+def _washup(case: Case, spill: Spill, segments: Segments, fates: Fates, told: finds.Posterior, seed: int) -> xr.Dataset:
+    count = int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
+    drawn: Sequence[Realisation] = realise(fates, told, seed, count)
+    outputs = np.array([elapsed(case, time) for time in case.outputs])
+    kinds = [kind.name for kind in spill.kinds]
+    return washup.build(fates, segments, drawn, told.weight, outputs, case.start, kinds)
+
+
+def files(after: Aftermath) -> tuple[Product, ...]:
+    """Return the files that a spill adds to a forecast's."""
+    spill = after.spill
+    data, told = (
+        after.washup,
+        unknowns.table(after.worlds, after.prior, after.posterior, after.case.start, [k.name for k in spill.kinds]),
+    )
+    return (
+        Product("washup.nc", lambda stamped: data),
+        Product("washup.csv", lambda stamped: washup_tables.stretches(data, stamped["run_id"])),
+        Product("washup_times.csv", lambda stamped: washup_tables.times(data, stamped["run_id"])),
+        Product("totals.csv", lambda stamped: washup_tables.totals(data, stamped["run_id"])),
+        Product("washup.geojson", lambda stamped: washup_tables.geojson(data, after.segments, stamped)),
+        Product("unknowns.csv", lambda stamped: unknowns.text(told, after.posterior.effective, stamped["run_id"])),
+    )
+
+
+def numbers(after: Aftermath) -> dict[str, Any]:
+    """Return the numbers of a spill for the summary."""
+    data, spill = after.washup, after.spill
+    end = data.isel(time=-1)
+    columns = washup_tables.records(data)
+    worst = list(zip(*(list(column)[:WORST] for column in columns.values()), strict=True))
+    return {
+        "spill": {
+            "objects": list(spill.objects),
+            "worlds": spill.worlds,
+            "particles_per_world": spill.per_world,
+            "effective_worlds": after.posterior.effective,
+            "effective_worlds_by_round": list(after.rounds),
+            "warning": warning(after),
+            "notes": notes(spill),
+            "stretches": len(after.segments.name),
+            "totals": {
+                str(fate): {
+                    "expected": float(end["total"].values[k]),
+                    "standard_error": float(end["total_se"].values[k]),
+                }
+                for k, fate in enumerate(data["fate"].values)
+            },
+            "worst_stretches": [dict(zip(columns, row, strict=True)) for row in worst],
+            "patrols": patrols(spill, after.segments),
+            "finds": [_find(after, surprise) for surprise in after.surprises],
+            "unknowns": unknowns.table(
+                after.worlds, after.prior, after.posterior, after.case.start, [k.name for k in spill.kinds]
+            ),
+        }
+    }
+
+
+def position(after: Aftermath, find: finds.Find) -> tuple[float, float]:
+    """Return where a find lies (lon, lat) [deg]: as given, or the middle of its stretch."""
+    if isinstance(find.place, finds.AtSea):
+        return find.place.lon, find.place.lat
+    given = next(one for one in after.spill.finds if one.name == find.name)
+    if given.stretch is None:
+        return given.lon, given.lat
+    return float(after.segments.lon[find.place]), float(after.segments.lat[find.place])
+
+
+def _find(after: Aftermath, surprise: finds.Surprise) -> dict[str, Any]:
+    find = surprise.find
+    number, given = next(pair for pair in enumerate(after.spill.finds, 1) if pair[1].name == find.name)
+    segment = None if isinstance(find.place, finds.AtSea) else find.place
+    return {
+        "number": number,  # as the case lists them; so do the pictures
+        "name": find.name,
+        "time": given.time,
+        "not_later_than": find.latest,
+        "position": tables.position(*position(after, find)),
+        "stretch": "at sea" if segment is None else stretch(after.segments, segment),
+        "segment": segment,
+        "class": given.kind,
+        "by": given.by or "public",
+        "probability_beforehand": surprise.probability,
+        "tail": surprise.tail,
+        "odd": surprise.tail < ODD,
+    }
+
+
+def stretch(segments: Segments, number: int) -> str:
+    """Return what a stretch is called."""
+    place = tables.position(float(segments.lon[number]), float(segments.lat[number])) or ""
+    return washup_tables.called(number, segments.name[number], place)
+
+
+def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
+    """Return what each patrol is taken to have searched."""
+    made = []
+    for patrol in spill.patrols:
+        walked = list(evidence.walked(patrol, segments))
+        made.append(
+            {
+                "name": patrol.name,
+                "time": patrol.time,
+                "detection": patrol.detection,
+                "stretches": [stretch(segments, k) for k in walked],
+                "segments": walked,
+                "length_km": float(segments.length[walked].sum() / 1000),
+            }
+        )
+    return made
+
+
+def warning(after: Aftermath) -> str | None:
+    """Return the warnings in a sentence; None where all is well."""
+    return "; ".join(warnings(after)) or None
+
+
+def warnings(after: Aftermath) -> list[str]:
+    """Return what of the finds does not fit, and what to raise where too few worlds count; empty where all is well."""
+    told = []
+    few, many = _odds(after)
+    if min(few, many) < ODD:
+        how = f"so few had a probability of {few:.1g}" if few < many else f"so many had a probability of {many:.1g}"
+        told.append(
+            f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; check the patrols' detection, "
+            "[spill.reporting] rate and [spill] destroyed before believing the figures"
+        )
+    count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
+    if count.few:
+        when = "after the finds" if after.posterior.known.finds else ""
+        told.append(
+            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.renewals, or check the finds "
+            "that are called odd"
+        )
+    return told
+
+
+def _odds(after: Aftermath) -> tuple[float, float]:
+    """Return the probabilities, before any find, of as few finds and of as many."""
+    told, numbers = after.posterior, after.posterior.known.numbers
+    found = sum(find.false < 0.5 and not isinstance(find.place, finds.AtSea) for find in told.known.finds)
+    if not told.known.finds and not told.known.patrols:
+        return 1.0, 1.0
+    world = worlds.normal(after.worlds.log_weight)
+    chance = (told.share @ numbers.shares)[:, None, None] * (1 - numbers.destroyed)
+    joint = world[:, None, None] * numbers.objects_prior[:, None] * numbers.destroyed_prior
+    count = numbers.objects[:, None]
+    few = float((joint * special.bdtr(np.minimum(found, count), count, chance)).sum())
+    return few, float((joint * special.bdtrc(np.minimum(found - 1, count), count, chance)).sum())
+
+
+def notes(spill: Spill) -> list[str]:
+    """Return what a reader of the numbers must know of how they were made."""
+    if spill.objects[1] <= spill.per_world:
+        return []
+    return [
+        f"a world has {spill.per_world:,} particles for up to {spill.objects[1]:,} objects: each stands for several, which makes "
+        f"ranges up to {(spill.objects[1] / spill.per_world) ** 0.5:.2f} times too wide; raise spill.per_world"
+    ]

@@ -1,0 +1,170 @@
+"""The washup as text: stretches worst first as CSV and as GeoJSON lines, by time, and the account. Writes no file."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import shapely
+import xarray as xr
+
+from drift.case import units
+from drift.forecast import tables
+from drift.forecast.cells import Array
+from drift.spill import washup
+from geo.coast.segments import Segments
+
+DIGITS = 7  # decimals of a degree: 1 cm
+
+Columns = dict[str, Any]  # arrays or lists of the same length, by the column's name
+
+
+def stretches(data: xr.Dataset, run: str) -> str:
+    """Return the touched stretches at the end of the run, worst first, as CSV; run: its run_id, in the last column.
+
+    Arrival times are in UTC and in hours after the run's start; empty: nothing known.
+    """
+    columns = records(data)
+    rows = [[*map(_text, row), run] for row in zip(*columns.values(), strict=True)]
+    return tables.csv_text([*columns, "run_id"], rows)
+
+
+def records(data: xr.Dataset) -> Columns:
+    """Return what is known of the touched stretches at the end of the run, worst first; NaN for unknown."""
+    order = washup.worst(data)
+    at = data.isel(time=-1, segment=order)
+    lon, lat = (at["lon"].values + 180) % 360 - 180, at["lat"].values
+    made: Columns = {
+        "rank": np.arange(1, len(order) + 1),
+        "segment": at["segment"].values,
+        "name": at["name"].values,
+        "access": at["access"].values,
+        "lon": np.round(lon, DIGITS),
+        "lat": np.round(lat, DIGITS),
+        "position": [tables.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
+        "length_km": _significant(at["length"].values / 1000),
+        **_figures(at),
+        "ever": _significant(at["ever"].values),
+        "ever_se": _significant(at["ever_se"].values),
+    }
+    start = data["start"].values.astype("datetime64[s]").astype(np.int64)
+    for short, name in (("first", "first_arrival"), ("bulk", "bulk_arrival")):
+        for j, share in enumerate(_shares(data)):
+            moment = at[name].values[j]
+            made[f"{short}_{share}"] = [tables.iso(when) for when in np.rint(moment).astype("datetime64[s]")]
+            made[f"{short}_{share}_h"] = _significant((moment - start) / 3600)
+            made[f"{short}_{share}_se_h"] = _significant(at[f"{name}_se"].values[j] / 3600)
+    if data.sizes["kind"] > 1:
+        for j, kind in enumerate(data["kind"].values):
+            for end in ("", "_se"):
+                made[f"expected_{kind}{end}"] = _significant(at[f"expected_by_kind{end}"].values[j])
+    made["effective_worlds"] = np.full(len(order), _worlds(data))
+    return made
+
+
+def called(number: int, name: str, place: str) -> str:
+    """Return what a stretch is called wherever it is named: one without a name, which bears its place, has its number too."""
+    return f"stretch {number}, {name}" if name == place else name
+
+
+def times(data: xr.Dataset, run: str) -> str:
+    """Return the stretches at every output time, as CSV, worst first at each; without those where none has ever come."""
+    rows: list[list[Any]] = []
+    header, worlds = [*_figures(data.isel(time=0)), "effective_worlds"], _text(_worlds(data))
+    for t, when in enumerate(data["time"].values):
+        order = washup.worst(data, time=t)
+        order = order[data["arrived"].values[t, order] > 0]
+        at = data.isel(time=t, segment=order)
+        names = at["segment"].values, at["name"].values
+        moment = [tables.iso(when), units.group(when)]
+        rows += [
+            [*moment, *row[:2], *map(_text, row[2:]), worlds, run]
+            for row in zip(*names, *_figures(at).values(), strict=True)
+        ]
+    return tables.csv_text(["time", "date_time_group", "segment", "name", *header, "run_id"], rows)
+
+
+def totals(data: xr.Dataset, run: str) -> str:
+    """Return the account by time as CSV, one row a time and fate; the expected numbers of a time add up to N."""
+    mean, number = (
+        [_significant(data[name + end].values) for end in ("", "_se")] for name in ("total", "total_number")
+    )
+    figures, worlds = [*mean, *number[0], *number[1]], _text(_worlds(data))
+    rows = [
+        [tables.iso(when), units.group(when), fate, *(_text(values[f, t]) for values in figures), worlds, run]
+        for t, when in enumerate(data["time"].values)
+        for f, fate in enumerate(data["fate"].values)
+    ]
+    quantiles = [f"number_{share}{end}" for end in ("", "_se") for share in _shares(data)]
+    header = ["time", "date_time_group", "fate", "expected", "expected_se", *quantiles, "effective_worlds", "run_id"]
+    return tables.csv_text(header, rows)
+
+
+def geojson(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the touched stretches as a GeoJSON FeatureCollection of lines (RFC 7946), worst first, cut at 180 degrees.
+
+    A feature's id is the stretch's number, its properties are the columns of `stretches`; null: unknown.
+    """
+    columns = records(data)
+    features = [
+        {
+            "type": "Feature",
+            "id": int(number),
+            "geometry": {
+                "type": "MultiLineString",
+                "coordinates": [np.round(part.coords, DIGITS).tolist() for part in cut(segments.lines[number])],
+            },
+            "properties": {name: _number(value) for name, value in zip(columns, row, strict=True)},
+        }
+        for number, row in zip(columns["segment"], zip(*columns.values(), strict=True), strict=True)
+    ]
+    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+
+
+def cut(line: Any) -> Iterator[Any]:
+    """Yield the parts of a line of unwrapped longitudes, cut at the antimeridian, in [-180, 180]."""
+    for turn in (-720, -360, 0, 360, 720):
+        inside = shapely.intersection(line, shapely.box(turn - 180, -90, turn + 180, 90))
+        moved = shapely.transform(inside, lambda xy, turn=turn: xy - np.array([turn, 0.0]))
+        yield from (part for part in shapely.get_parts(moved) if part.geom_type == "LineString" and not part.is_empty)
+
+
+def _worlds(data: xr.Dataset) -> float:
+    """Return how many worlds count, to six digits: below effective.FEW all figures are rough."""
+    return float(f"{data['effective_worlds'].item():.6g}")
+
+
+def _shares(data: xr.Dataset) -> list[str]:
+    return [f"{100 * share:.0f}" for share in data["quantile"].values]
+
+
+def _figures(at: xr.Dataset) -> dict[str, Array]:
+    """Return the figures of a time by column, each (segment,)."""
+    found: dict[str, Array] = {}
+    for name in ("expected", "probability", "number", "arrived"):
+        for end in ("", "_se"):
+            values = _significant(at[name + end].values)
+            if name == "number":
+                found |= {f"number_{share}{end}": values[j] for j, share in enumerate(_shares(at))}
+            else:
+                found[name + end] = values
+    return found
+
+
+def _significant(values: Array) -> Array:
+    """Return numbers rounded to six digits."""
+    power = 5 - np.floor(np.log10(np.maximum(np.abs(values), 1e-30)))
+    return np.asarray(np.round(values * 10.0**power) / 10.0**power)
+
+
+def _number(value: Any) -> Any:
+    """Return a value that JSON can hold: null for what is unknown."""
+    if isinstance(value, float):
+        return float(value) if np.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else str(value)
+
+
+def _text(value: Any) -> str:
+    """Return a value for CSV: empty for what is unknown."""
+    if isinstance(value, float):
+        return f"{value:.10g}" if np.isfinite(value) else ""
+    return str(value)

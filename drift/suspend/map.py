@@ -1,0 +1,217 @@
+"""The picture beside suspend.txt: who may still be alive, what the sorties have come to, and what searching on would add."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from drift.case import units
+from drift.forecast import effective
+from drift.forecast.cells import Array
+from drift.forecast.layers import LAST_KNOWN
+from drift.maps import labels, page
+from drift.maps.chart import INK
+from drift.search.evidence_map import GREY, STROKES
+from drift.suspend.decision import Suspension
+from drift.suspend.text import immortal, reached, share
+
+WIDTH, HEIGHT = 14.0, 6.4  # [in]
+ALL: dict[str, Any] = {"color": INK, "linewidth": 2.2}
+FOUND, ALIVE = "#cfe0ee", "#0b4f8a"
+
+
+def draw(
+    told: Suspension,
+    path: Path,
+    *,
+    title: str,
+    footer: str = "",
+    attributes: Mapping[str, str] | None = None,
+    caution: str = "",
+) -> None:
+    """Draw it; see maps.draw_map for title, footer, attributes and caution."""
+    figure, canvas = page.figure(WIDTH, HEIGHT)
+    figure.text(0.02, 0.945, page.fit(title, 75 if caution else 95), fontsize=14, weight="bold", color=INK)
+    as_of = f"What a decision to suspend rests on, as of {units.group(told.now)}, given that nothing has been found"
+    figure.text(0.02, 0.903, as_of, fontsize=10.5, color=INK)
+    if told.count.few:
+        page.banner(figure, 0.0225, 0.862, "left", 10, effective.banner(told.count, "every figure here is rough"))
+    for warning in immortal(told):
+        figure.text(0.02, 0.825, page.fit(warning, 160), fontsize=9, weight="bold", color=LAST_KNOWN, va="center")
+    if caution:
+        page.banner(figure, 0.985, 0.95, "right", 10, caution)
+    panels = [_alive, _left, _further] if told.mortal else [_left, _further]
+    wide, high = (0.265, 0.54) if told.mortal else (0.43, 0.56)  # without survival times no line needs a legend above
+    for panel, left in zip(panels, (0.05, 0.38, 0.715) if told.mortal else (0.05, 0.55), strict=True):
+        panel(figure.add_axes((left, 0.2, wide, high)), told)
+    _legend(figure, told)
+    figure.text(0.02, 0.055, page.fit(_note(told), 230), fontsize=8, color=GREY, va="center")
+    if footer:
+        figure.text(0.02, 0.015, page.fit(footer, 210), fontsize=7, color=GREY)
+    page.save(canvas, path, f"Suspend: {title}", attributes, dpi=120)
+
+
+def _note(told: Suspension) -> str:
+    """Return what the errors that are drawn hold, and why there are none."""
+    said = []
+    if told.mortal:
+        said.append("The band is of the particles alone: survival times are far less sure.")
+    else:
+        said.append("Who may be alive is not drawn: no scenario has survival times.")
+    if told.further:
+        said.append(
+            "Whiskers: two standard errors of the particles, not of winds, currents and sweep widths."
+            if told.planned
+            else "Days bear no errors: their map is held still, which makes later days look better than they are."
+        )
+    return " ".join([*said, "Nothing here recommends: see suspend.txt."])
+
+
+def _prepare(ax: Axes, head: str) -> None:
+    ax.set_title(head, fontsize=10, color=INK, loc="left", weight="bold")
+    ax.set_facecolor("white")
+    ax.tick_params(labelsize=8, colors=INK, length=3)
+    for spine in ax.spines.values():
+        spine.set(color=INK, linewidth=0.8)
+
+
+def _percents(ax: Axes) -> None:
+    ax.set_ylim(0, 1.02)
+    ax.set_yticks(np.linspace(0, 1, 6), labels=[f"{100 * y:.0f} %" for y in np.linspace(0, 1, 6)])
+    ax.grid(color=INK, alpha=0.2, linewidth=0.5, zorder=0)
+
+
+def _seconds(times: Array) -> Array:
+    return np.asarray(times, "datetime64[s]").astype(np.int64).astype(float)
+
+
+def _alive(ax: Axes, told: Suspension) -> None:
+    """Draw the probability of being alive by time, by scenario and of all, with two standard errors."""
+    _prepare(ax, "Probability of being alive")
+    x = _seconds(told.times)
+    for s in range(len(told.scenarios) if len(told.scenarios) > 1 else 0):
+        colour, dashes, _ = STROKES[s % len(STROKES)]
+        ax.plot(x, told.alive[:, s], color=colour, linestyle=dashes, linewidth=1.4, zorder=3)
+    mean, error = told.alive[:, -1], 2 * told.alive_error[:, -1]
+    ax.fill_between(x, (mean - error).clip(0), (mean + error).clip(max=1), color=INK, alpha=0.15, linewidth=0, zorder=2)
+    ax.plot(x, mean, zorder=4, **ALL)
+    now = float(_seconds(np.array([told.now]))[0])
+    ax.axvline(now, color="#a33b20", linewidth=1.4, zorder=3)
+    at = float(np.interp(now, x, mean))
+    ax.plot([now], [at], "o", markersize=6, markerfacecolor="white", markeredgecolor="#a33b20", zorder=6)
+    right = now < (x[0] + x[-1]) / 2
+    ax.annotate(
+        f"now {share(at)}", (now, at), (8 if right else -8, 8), textcoords="offset points", fontsize=9, weight="bold",
+        color="#a33b20", ha="left" if right else "right", zorder=7, bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5},
+    )  # fmt: skip
+    words = [f"{100 * level:.0f} % at {units.group(time)[:6]}Z" for level, time in reached(told)]
+    ax.text(0.98, 0.97, "\n".join(words), fontsize=8.5, color=INK, ha="right", va="top", transform=ax.transAxes, zorder=7,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5})  # fmt: skip
+    ax.set_xlim(x[0], x[-1])
+    ticks = labels.round_times(x[0], x[-1], 5)
+    ax.set_xticks(ticks, labels=[f"{units.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
+    _percents(ax)
+
+
+def _left(ax: Axes, told: Suspension) -> None:
+    """Draw by scenario what would have been found, what was searched and missed, and what no sortie searched."""
+    _prepare(ax, "Searched so far")
+    rows = [*told.scenarios, "all"] if len(told.scenarios) > 1 else ["all"]
+    which = range(len(told.scenarios) + 1) if len(rows) > 1 else [len(told.scenarios)]
+    y = np.arange(len(rows))
+    pos, never = told.cumulative[list(which)], told.never[list(which)]
+    missed = (1 - pos) * (1 - never)
+    parts = (
+        (pos, ALIVE, "", "cumulative POS: would have been found"),
+        (missed, "#f3d9a4", "////", "searched and missed"),
+        ((1 - pos) * never, "#ffffff", "....", "never where a sortie searched"),
+    )
+    left = np.zeros(len(rows))
+    for width, colour, hatch, word in parts:
+        ax.barh(y, width, 0.5, left, facecolor=colour, hatch=hatch, edgecolor=INK, linewidth=0.8, label=word, zorder=3)
+        left = left + width
+    for k, name in enumerate(rows):
+        told_as = (
+            f"{page.fit(name, 26)}: POS {share(float(pos[k]))}; of the rest {share(float(never[k]))} never searched"
+        )
+        ax.text(0.01, y[k] - 0.33, told_as, fontsize=7, color=INK, va="bottom")
+    ax.set_ylim(len(rows) - 0.5, -0.75)
+    ax.set_xlim(0, 1)
+    ax.set_yticks([])
+    ax.set_xticks(np.linspace(0, 1, 6), labels=[f"{100 * x:.0f} %" for x in np.linspace(0, 1, 6)])
+    ax.legend(
+        loc="upper left", bbox_to_anchor=(0, -0.06), fontsize=7.5, frameon=False, labelcolor=INK, handlelength=1.6
+    )
+
+
+def _further(ax: Axes, told: Suspension) -> None:
+    """Draw the probability that searching on finds, and finds alive, by its end; that of a plan with two standard errors.
+
+    Days on a map that is held err by more than their particles do, and by how much is not known: whiskers would hide it.
+    """
+    _prepare(ax, "Searching on from now")
+    if not told.further:
+        ax.set_axis_off()
+        ax.text(0, 0.9, page.fit(told.how, 60), fontsize=9, color=INK, transform=ax.transAxes, wrap=True)
+        return
+    x = np.arange(len(told.further))
+    series = [
+        (np.array([one.pos for one in told.further]), [one.pos_error for one in told.further], FOUND, "found by then")
+    ]
+    if told.mortal:
+        alive = np.array([one.alive for one in told.further])
+        series.append((alive, [one.alive_error for one in told.further], ALIVE, "found alive by then"))
+    wide = 0.72 / len(series)
+    for k, (value, error, colour, word) in enumerate(series):
+        at = x + (k - (len(series) - 1) / 2) * wide
+        ax.bar(at, value, wide * 0.95, facecolor=colour, edgecolor=INK, linewidth=0.8, label=word, zorder=3)
+        above = 2 * np.array(error) * told.planned
+        if told.planned:
+            ax.errorbar(at, value, above, fmt="none", ecolor=INK, elinewidth=0.9, capsize=2, zorder=4)
+        if len(x) <= 4:
+            for i, v in enumerate(value):
+                ax.text(at[i], v + above[i] + 0.015, share(float(v)), fontsize=7.5, color=INK, ha="center", va="bottom")
+    middle, half = (len(x) - 1) / 2, max(len(x), 3) / 2
+    ax.set_xlim(middle - half - 0.1, middle + half + 0.1)
+    ax.set_xticks(
+        x, labels=[f"{units.group(one.until)[:6]}Z" for one in told.further], rotation=30 if len(x) > 4 else 0
+    )
+    _percents(ax)
+    ax.set_ylim(0, 1.2)  # what stands above a bar of 100 % stays within the frame, and the words above that
+    planned = "the plan of plan.txt" if told.planned else "each day as the last 24 h, map held: rough"
+    ax.text(0.02, 0.97, planned, fontsize=8, color=INK, va="top", transform=ax.transAxes, zorder=6,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5})  # fmt: skip
+    ax.legend(
+        loc="upper left",
+        bbox_to_anchor=(0, -0.09 if len(x) <= 4 else -0.14),
+        fontsize=7.5,
+        frameon=False,
+        ncols=2,
+        labelcolor=INK,
+    )
+
+
+def _legend(figure: Figure, told: Suspension) -> None:
+    """Write which line is which scenario."""
+    if not told.mortal or len(told.scenarios) == 1:
+        return
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color=STROKES[s % len(STROKES)][0], linestyle=STROKES[s % len(STROKES)][1], linewidth=1.4)
+        for s in range(len(told.scenarios))
+    ]
+    names = [page.fit(name, 30) for name in told.scenarios]
+    figure.legend(
+        [*handles, Line2D([], [], **ALL)],
+        [*names, "all, two standard errors"],
+        loc="upper left",
+        bbox_to_anchor=(0.045, 0.815),
+        ncols=len(names) + 1,
+        frameon=False,
+        fontsize=8,
+        labelcolor=INK,
+    )

@@ -1,0 +1,177 @@
+"""What a decision to suspend rests on, as plain ASCII text of at most 78 columns. It recommends nothing."""
+
+import textwrap
+
+import numpy as np
+
+from drift.case import units
+from drift.forecast import effective
+from drift.forecast.tables import NMI
+from drift.suspend.decision import Suspension
+
+WIDE = 78
+FIRST = (0.5, 0.1, 0.01)  # probabilities of being alive whose times are told
+
+
+def text(told: Suspension, case_title: str, run: str, *, synthetic: bool = False, lost: float = 0.0) -> str:
+    """Return it as text. run: its run_id. synthetic: winds or currents are made up. lost: probability that is on no map."""
+    what = "the last sortie or contact" if told.now > told.times[0] and told.sorties else "what is known"
+    lines = ["DECISION TO SUSPEND: WHAT IT RESTS ON", *_fill(case_title), f"Run {run}. Times are UTC.", ""]
+    lines += _fill(f"As of {units.group(told.now)}, {what}. All of it is given that nothing has been found.")
+    lines += _fill("The decision is the coordinator's: nothing here recommends.")
+    for warning in warnings(told, synthetic):
+        lines += ["", *_fill(f"WARNING: {warning}")]
+    for number, (head, body) in enumerate(
+        (
+            ("ALIVE", _alive(told)),
+            ("WHAT HAS BEEN SEARCHED", _searched(told)),
+            ("WHAT IS LEFT", _left(told, lost)),
+            ("SEARCHING ON", _further(told)),
+        ),
+        1,
+    ):
+        lines += ["", f"{number}  {head}", *body]
+    return "\n".join(lines) + "\n"
+
+
+def warnings(told: Suspension, synthetic: bool) -> list[str]:
+    """Return what must not be believed of it."""
+    found = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
+    if told.count.few:
+        found.append(effective.sentence(told.count, "of all that were drawn", "every figure here is rough"))
+    return found + immortal(told)
+
+
+def immortal(told: Suspension) -> list[str]:
+    """Return a warning of scenarios without survival times beside others that have them."""
+    names = ", ".join(f'"{name}"' for name, basis in zip(told.scenarios, told.bases, strict=True) if basis is None)
+    if not (told.mortal and names):
+        return []
+    return [f"no survival times are told for {names}: whoever is adrift there counts as alive for ever."]
+
+
+def share(value: float) -> str:
+    """Return a probability in percent, with the digits that tell it from 0 and from 1."""
+    if value <= 0:
+        return "0 %"
+    if value < 5e-4:
+        return "< 0.1 %"
+    return "> 99.9 %" if 1 - 5e-4 < value < 1 - 1e-9 else f"{100 * value:.1f} %"
+
+
+def give_or_take(value: float, error: float) -> str:
+    """Return a probability with its standard error, in percent."""
+    return f"{share(value)} +- {100 * error:.{1 if error >= 9.5e-4 else 2}f}"
+
+
+def reached(told: Suspension) -> list[tuple[float, np.datetime64]]:
+    """Return when the probability of being alive falls to each of FIRST, within the curve."""
+    alive, times = told.alive[:, -1], told.times.astype("datetime64[s]").astype(np.int64)
+    found = []
+    for level in FIRST:
+        below = np.flatnonzero(alive <= level)
+        if len(below) and below[0] > 0:
+            i = int(below[0])
+            part = (alive[i - 1] - level) / (alive[i - 1] - alive[i])
+            found.append((level, np.datetime64(round(times[i - 1] + part * (times[i] - times[i - 1])), "s")))
+    return found
+
+
+def _alive(told: Suspension) -> list[str]:
+    if not told.mortal:
+        return _fill("No scenario has survival times (survival = ...): nothing can be said.", 3)
+    several = len(told.scenarios) > 1
+    lines = [f"   {'':18}{'From now':10}Probability of being alive"]
+    for time, mean, error in told.ahead:
+        hours = float((time - told.now) / np.timedelta64(1, "h"))
+        ahead = "now" if hours == 0 else f"+{hours:.0f} h" if hours < 72 else f"+{hours / 24:.0f} d"
+        lines.append(f"   {units.group(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}")
+    for level, time in reached(told):
+        tense = "was" if time < told.now else "is"
+        lines.append(f"   It {tense} {100 * level:.0f} % at {units.group(time)}.")
+    lines += ["   By scenario, now:"] if several else []
+    for s, basis in enumerate(told.bases):
+        now = f"{share(float(told.ahead[0][1][s]))} alive; " if several else "Survival times: "
+        name = f'"{told.scenarios[s]}": ' if several else ""
+        lines += _fill(f"{name}{now}{basis or 'no survival times'}", 3, 6)
+    told_by = (
+        "The error is that of the particles. Survival times are far less sure: take half and twice the median to see."
+    )
+    return [*lines, *_fill(told_by, 3)]
+
+
+def _searched(told: Suspension) -> list[str]:
+    if not told.sorties:
+        return _fill("No sortie has been flown.", 3)
+    lines = [f"   {'Sortie':25}{'Ended':9}{'nmi2':>8}{'POC':>8}{'POD':>8}{'POS':>8}{'So far':>9}"]
+    for update, area in told.sorties:
+        name = update.name if len(update.name) <= 24 else f"{update.name[:21]}..."
+        size = f"{area / NMI**2:,.0f}" if np.isfinite(area) else ""
+        figures = [
+            float(v[-1]) if v is not None else np.nan for v in (update.poc, update.pod, update.pos, update.cumulative)
+        ]
+        poc, pod, pos, so_far = (f"{100 * v:.1f} %" if np.isfinite(v) else "" for v in figures)
+        lines.append(f"   {name:25}{units.group(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}")
+    total = float(told.cumulative[-1])
+    lines += ["", f"   Cumulative POS  {give_or_take(total, float(told.error(total)))}"]
+    if len(told.scenarios) > 1:
+        for s, name in enumerate(told.scenarios):
+            words = f'{share(float(told.cumulative[s]))} had it been "{name}": {share(float(told.prior[s]))} probable at first'
+            lines += _fill(f"{words}, {share(float(told.share[s]))} now", 3, 6)
+    return lines
+
+
+def _left(told: Suspension, lost: float) -> list[str]:
+    lines = []
+    if told.sorties:
+        never = float(told.never[-1])
+        lines += _fill(
+            f"{give_or_take(never, float(told.error(never)))} of what is still probable was never where a sortie searched; the "
+            f"other {share(1 - never)} was searched and missed.",
+            3,
+        )
+        for s, name in enumerate(told.scenarios if len(told.scenarios) > 1 else ()):
+            lines += _fill(f'"{name}": {share(float(told.never[s]))} of it never searched', 3, 6)
+        lines += _fill("Right after each sortie, the probability that was left where it had searched:", 3)
+        for update, _ in told.sorties:
+            if update.poc is not None and update.pos is not None:
+                poc, pos = float(update.poc[-1]), float(update.pos[-1])
+                lines += _fill(f"{share((poc - pos) / max(1 - pos, 1e-12))}  {update.name}", 3, 6)
+    else:
+        lines += _fill("Nothing has been searched: all of it is left.", 3)
+    if lost > 0:
+        lines += _fill(f"At the end of the run {share(lost)} is on no map: see the account in summary.json.", 3)
+    return lines
+
+
+def _further(told: Suspension) -> list[str]:
+    lines = _fill(f"{told.how[:1].upper()}{told.how[1:]}.", 3)
+    if not told.further:
+        return lines
+
+    def told_as(value: float, error: float) -> str:
+        return give_or_take(value, error) if told.planned else share(value)
+
+    head = f"   {'Until':16}{'Found':>18}"
+    if told.mortal:
+        head += f"{'Found alive':>18}{'Alive, not found':>19}"
+    lines += ["", head]
+    for one in told.further:
+        row = f"   {units.group(one.until):16}{told_as(one.pos, one.pos_error):>18}"
+        if told.mortal:
+            row += f"{told_as(one.alive, one.alive_error):>18}{share(one.waiting):>19}"
+        lines.append(row)
+    lines += ["", *_fill("Probabilities counted from now, each row with those above it.", 3)]
+    if not told.planned:
+        lines += _fill(
+            "It is a rough figure, neither a plan nor a bound: the map is held while the object drifts on and spreads, which makes "
+            "later days look better than they are. How much better is not known, so no errors are given. Regular tracks find more "
+            "than random search does, and effort cannot be divided without limit. drift plan makes a plan.",
+            3,
+        )
+    return lines
+
+
+def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
+    rest = " " * (indent if hang is None else hang)
+    return textwrap.wrap(words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False)

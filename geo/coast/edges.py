@@ -1,0 +1,335 @@
+"""The coast as the kernels see it: shoreline edges in a uniform grid of cells, on the lattice of binary angles.
+
+Every polygon vertex is rounded to int32 binary angles (at most 5 mm away); from there on everything is exact integer
+geometry in the lon-lat plane. A cell lists every edge that touches it, knows how far (in cells) the nearest cell with
+an edge is, and whether its reference point lies on land. Built by `build`, read by kernels.coast and by the functions
+below for single questions. A point exactly on an edge is land. Outside the grid everything is water.
+
+Refused: a box that reaches beyond the box the polygons were cut to (the cut would count as coast).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy import ndimage
+
+from geo import sphere
+from geo.box import Box
+from geo.coast.shore import Shore
+
+TURN = sphere.TURN
+POLE = TURN // 4  # [unit] the north pole's binary latitude
+FINEST = 17  # smallest shift: a cell of 2**17 units is 0.011 degrees, 1.2 km of latitude
+COARSEST = 21  # largest shift: 0.18 degrees, less than geo.coast.shore.MARGIN
+LONGEST_EDGE = 2**18  # [unit] 2.4 km: stretches of coast are made of whole edges; kernels allow 45 degrees
+FAR = 127  # distances [cells] are capped here: seven bits
+LAND = 128  # the bit of a cell's byte that says that its reference point is on land
+
+Ints = npt.NDArray[np.int64]
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Coast:
+    """Shoreline edges by cell; positions and lengths are binary angle units, cells in rows from south to north."""
+
+    lon0: int  # south-west corner of cell (0, 0)
+    lat0: int
+    shift: int  # a cell is 2**shift units wide and high
+    nx: int
+    ny: int
+    cell: npt.NDArray[
+        np.uint8
+    ]  # (ny * nx,) low 7 bits: chessboard distance to a cell with edges, high bit: reference on land
+    start: npt.NDArray[np.int32]  # (ny * nx + 1,) where each cell's edges start in `edge`
+    edge: npt.NDArray[np.int32]  # (n, 4) lon_a, lat_a, lon_b, lat_b; repeated for every cell that it touches
+    edge_id: npt.NDArray[np.int32]  # (n,) number of the shoreline edge, 0 up, running along each shoreline
+    reference: tuple[int, int]  # offset of the reference point in its cell
+    polygons: Array  # shapely land polygons [deg], unwrapped round the box
+    source: str
+
+
+def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
+    """Return the coast of a box; its grid covers the box, rounded outward to cells, in at most max_cells cells."""
+    if shore.box and shore.box.east - shore.box.west >= 360:  # cut nowhere: the grid goes round the Earth as well
+        box = Box(-180.0, box.south, 180.0, box.north)
+    if shore.box and not (
+        shore.box.west <= box.west
+        and shore.box.east >= box.east
+        and shore.box.south <= box.south
+        and shore.box.north >= box.north
+    ):
+        raise ValueError(f"the shore is cut to {shore.box}, which does not hold {box}")
+    for shift in range(FINEST, COARSEST + 1):
+        west, south, nx, ny = _cells(box, shift)
+        if nx * ny <= max_cells or shift == COARSEST:
+            break
+    globe = nx << shift == TURN
+    edges = _edges(shore.polygons)
+    edges -= np.array([west, south, west, south])
+    listed = _without_cuts(edges, globe, south)
+    owner, cell = _touched(listed, shift, nx, ny, globe)
+    order = np.argsort(cell, kind="stable")
+    owner, cell = owner[order], cell[order]
+    start = np.zeros(nx * ny + 1, np.int32)
+    np.cumsum(np.bincount(cell, minlength=nx * ny), out=start[1:])
+    reference = _reference(listed[owner], cell, shift, nx)
+    dry = _land_of_references(edges, reference, shift, nx, ny)
+    if owner.size:
+        empty = (start[1:] == start[:-1]).reshape(ny, nx)
+        if globe:  # the distance goes round the Earth
+            wide = np.concatenate([empty[:, nx - FAR :], empty, empty[:, :FAR]], axis=1)
+            distance = ndimage.distance_transform_cdt(wide, "chessboard")[:, FAR : FAR + nx]
+        else:
+            distance = ndimage.distance_transform_cdt(empty, "chessboard")
+        near = np.minimum(distance, FAR).astype(np.uint8).ravel()
+    else:
+        near = np.full(nx * ny, FAR, np.uint8)
+    used, number = np.unique(owner, return_inverse=True)
+    corner = np.array([west, south, west, south])
+    return Coast(
+        lon0=int(_wrapped(np.array(west))),
+        lat0=south,
+        shift=shift,
+        nx=nx,
+        ny=ny,
+        cell=near | np.where(dry, LAND, 0).astype(np.uint8),
+        start=start,
+        edge=_wrapped(listed[used] + corner)[number],
+        edge_id=number.astype(np.int32),
+        reference=reference,
+        polygons=shore.polygons,
+        source=shore.source,
+    )
+
+
+def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Return whether points [binary angles] lie on land, exactly; a point on an edge does."""
+    lon, lat = np.broadcast_arrays(np.asarray(lon, np.int32), np.asarray(lat, np.int32))
+    shape, lon, lat = lon.shape, lon.ravel(), lat.ravel()
+    x = (lon.astype(np.int64) - coast.lon0) % TURN
+    y = lat.astype(np.int64) - coast.lat0
+    column, row = x >> coast.shift, y >> coast.shift
+    inside = np.flatnonzero((column < coast.nx) & (row >= 0) & (row < coast.ny))
+    cell = (row * coast.nx + column)[inside]
+    land = np.zeros(lon.size, bool)
+    land[inside] = coast.cell[cell] >= LAND
+    count = coast.start[cell + 1] - coast.start[cell]
+    point = np.repeat(inside, count)
+    which = _runs(coast.start[cell], count)
+    corner = 1 << coast.shift
+    px = x[point] % corner - coast.reference[0]  # everything relative to the reference point
+    py = y[point] % corner - coast.reference[1]
+    ax = _difference(coast.edge[which, 0], lon[point]) + px
+    ay = coast.edge[which, 1].astype(np.int64) - lat[point] + py
+    bx = _difference(coast.edge[which, 2], lon[point]) + px
+    by = coast.edge[which, 3].astype(np.int64) - lat[point] + py
+    side_a, side_b = px * ay - py * ax, px * by - py * bx
+    from_reference = ax * by - ay * bx
+    from_point = from_reference + side_a - side_b
+    within = (np.minimum(ax, bx) <= px) & (px <= np.maximum(ax, bx))
+    within &= (np.minimum(ay, by) <= py) & (py <= np.maximum(ay, by))
+    on_edge = (from_point == 0) & within
+    crosses = ((side_a > 0) != (side_b > 0)) & ((from_reference > 0) != (from_point > 0)) & (from_point != 0)
+    land ^= np.bincount(point[crosses], minlength=lon.size).astype(np.int64) % 2 == 1
+    land[point[on_edge]] = True
+    return land.reshape(shape)
+
+
+def edges(coast: Coast) -> npt.NDArray[np.int32]:
+    """Return the shoreline edges by number, shape (m, 4): what an `edge_id` points to."""
+    out = np.empty((int(coast.edge_id.max(initial=-1)) + 1, 4), np.int32)
+    out[coast.edge_id] = coast.edge
+    return out
+
+
+def covers(coast: Coast, box: Box) -> bool:
+    """Return whether the grid covers a box, so that land in it is land of the coast."""
+    if coast.nx << coast.shift == TURN:
+        wide = True
+    else:
+        west = (round(box.west * TURN / 360) - coast.lon0) % TURN
+        wide = west + round((box.east - box.west) * TURN / 360) <= coast.nx << coast.shift
+    south, north = (round(edge * TURN / 360) - coast.lat0 for edge in (box.south, box.north))
+    return wide and south >= 0 and north <= coast.ny << coast.shift
+
+
+def nearest_coast(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, float, float] | None:
+    """Return (lon [deg], lat [deg], distance [m]) of the nearest point of the coast in the grid; None without coast.
+
+    The nearest edge is found in the plane tangent to the parallel: exact nearby, off by some percent at 500 km.
+    """
+    found = _nearest(coast, lon_deg, lat_deg, 1)
+    return _measured(lon_deg, lat_deg, *found[0]) if found else None
+
+
+def nearest_water(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, float, float] | None:
+    """Return (lon [deg], lat [deg], distance [m]) of water near a point on land, some 50 m off the coast if it can."""
+    lon, lat = sphere.to_binary(lon_deg), sphere.to_binary(lat_deg)
+    if not is_land(coast, lon, lat):
+        return lon_deg, lat_deg, 0.0
+    bearing = np.arange(16) * np.pi / 8
+    stretch = 1 / max(np.cos(np.deg2rad(lat_deg)), 0.01)
+    for x, y in _nearest(coast, lon_deg, lat_deg, 32):
+        for radius in (5400, 540, 54, 5, 2):  # [unit] of 9.3 mm
+            lon = _wrapped(np.rint(x + radius * stretch * np.cos(bearing)).astype(np.int64))
+            lat = np.rint(y + radius * np.sin(bearing)).astype(np.int32)
+            wet = np.flatnonzero(~is_land(coast, lon, lat))
+            if wet.size:
+                tried = [_measured(lon_deg, lat_deg, int(lon[i]), int(lat[i])) for i in wet]
+                return min(tried, key=lambda found: found[2])
+    return None
+
+
+def _nearest(coast: Coast, lon_deg: float, lat_deg: float, count: int) -> list[tuple[float, float]]:
+    """Return the nearest points [unit] on the `count` nearest edges."""
+    lon, lat = sphere.to_binary(lon_deg), sphere.to_binary(lat_deg)
+    edge = edges(coast)
+    if not len(edge):
+        return []
+    squeeze = np.cos(np.deg2rad(lat_deg))
+    ax, bx = (_difference(edge[:, i], lon) * squeeze for i in (0, 2))
+    ay, by = (edge[:, i].astype(np.float64) - lat for i in (1, 3))
+    dx, dy = bx - ax, by - ay
+    along = np.clip(-(ax * dx + ay * dy) / (dx * dx + dy * dy + 1e-300), 0, 1)
+    away = np.hypot(ax + along * dx, ay + along * dy)
+    best = np.argsort(away)[:count]
+    x = lon + (ax + along * dx)[best] / max(squeeze, 1e-9)
+    y = lat + (ay + along * dy)[best]
+    return list(zip(x.tolist(), y.tolist(), strict=True))
+
+
+def _measured(lon_deg: float, lat_deg: float, lon: float, lat: float) -> tuple[float, float, float]:
+    x = (lon * 360 / TURN + 180) % 360 - 180
+    y = lat * 360 / TURN
+    return x, y, float(sphere.distance(*np.deg2rad([lon_deg, lat_deg, x, y])))
+
+
+def _wrapped(units: Array) -> npt.NDArray[np.int32]:
+    return (units & (TURN - 1)).astype(np.uint32).view(np.int32)
+
+
+def _difference(a: Array, b: Array) -> Ints:
+    """Return a - b of binary angles, the short way round, as int64."""
+    return np.asarray((a - b).astype(np.int32), np.int64)
+
+
+def _runs(start: Array, count: Array) -> Ints:
+    """Return start[i], start[i] + 1, ... count[i] of them, for every i, in one array."""
+    ends = np.cumsum(count)
+    return np.asarray(np.arange(int(ends[-1]) if ends.size else 0) + np.repeat(start - (ends - count), count), np.int64)
+
+
+def _cells(box: Box, shift: int) -> tuple[int, int, int, int]:
+    """Return (west, south [unit, west not wrapped], columns, rows) of the cells that cover a box, edges included."""
+    size = 1 << shift
+    units = TURN / 360.0
+    west, east = (int(np.floor(box.west * units / size)), int(np.floor(box.east * units / size)) + 1)
+    south, north = (int(np.floor(box.south * units / size)), int(np.floor(box.north * units / size)) + 1)
+    if (east - west) * size >= TURN:
+        west, east = -(TURN // 2 // size), TURN // 2 // size
+    return west * size, south * size, east - west, north - south
+
+
+def _edges(polygons: Array) -> Ints:
+    """Return the polygons' edges [unit, longitudes not wrapped], shape (n, 4), none longer than LONGEST_EDGE."""
+    points, ring = shapely.get_coordinates(shapely.get_rings(polygons), return_index=True)
+    units = np.rint(points * (TURN / 360.0)).astype(np.int64)
+    first = np.flatnonzero((ring[1:] == ring[:-1]) & (units[1:] != units[:-1]).any(axis=1))
+    edge = np.concatenate([units[first], units[first + 1]], axis=1)
+    # Few are long: only those are halved again and again, and then all are put in their order.
+    whole = np.flatnonzero(_long(edge))
+    part, owner = edge[whole], whole
+    while (long := _long(part)).any():
+        halves, owner = np.repeat(part, 1 + long, axis=0), np.repeat(owner, 1 + long)
+        lower = np.flatnonzero(np.repeat(long, 1 + long))[::2]
+        halves[lower, 2:] = halves[lower + 1, :2] = (halves[lower, :2] + halves[lower, 2:]) // 2
+        part = halves
+    if not whole.size:
+        return np.asarray(edge, np.int64)
+    count = np.ones(len(edge), np.int64)
+    count[whole] = np.bincount(owner, minlength=len(edge))[whole]
+    out = np.repeat(edge, count, axis=0)
+    pieces = np.zeros(len(edge), bool)
+    pieces[whole] = True
+    out[np.repeat(pieces, count)] = part
+    return np.asarray(out, np.int64)
+
+
+def _long(edge: Ints) -> npt.NDArray[np.bool_]:
+    """Return which edges are too long to be one."""
+    wide, high = np.abs(edge[:, 2] - edge[:, 0]), np.abs(edge[:, 3] - edge[:, 1])
+    return np.asarray(np.maximum(wide, high) >= LONGEST_EDGE, bool)
+
+
+def _without_cuts(edge: Ints, globe: bool, south: int) -> Ints:
+    """Return the edges that are coast: not the rim at a pole, nor (round the globe) a cut along the seam."""
+    rim = (np.abs(edge[:, 1] + south) == POLE) & (np.abs(edge[:, 3] + south) == POLE)
+    if not globe:
+        return np.asarray(edge[~rim] if rim.any() else edge, np.int64)
+    seam = (edge[:, 0] == edge[:, 2]) & ((edge[:, 0] == 0) | (edge[:, 0] == TURN)) & ~rim
+    ends, times = np.unique(edge[seam][:, [1, 3]], return_counts=True)
+    odd = ends[times % 2 == 1].reshape(-1, 2)  # stretches of the seam with land on one side only are coast
+    one_sided = np.stack([0 * odd[:, 0], odd[:, 0], 0 * odd[:, 0], odd[:, 1]], axis=1)
+    return np.concatenate([edge[~(rim | seam)], one_sided])
+
+
+def _upward(edge: Ints) -> tuple[Ints, Ints, Ints, Ints]:
+    """Return the edges' ends with the southern one first."""
+    ax, ay, bx, by = (np.ascontiguousarray(column) for column in edge.T)
+    down = ay > by
+    return np.where(down, bx, ax), np.minimum(ay, by), np.where(down, ax, bx), np.maximum(ay, by)
+
+
+def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Ints, Ints]:
+    """Return (edge, cell) of all pairs that touch: row by row, the columns between where the edge enters and leaves."""
+    ax, ay, bx, by = _upward(edge)
+    first, last = np.maximum(ay >> shift, 0), np.minimum(by >> shift, ny - 1)
+    near = (np.minimum(ax, bx) >> shift < nx + globe) & (np.maximum(ax, bx) >= 0)
+    count = np.where(near, np.maximum(last - first + 1, 0), 0)
+    owner = np.repeat(np.arange(len(edge)), count)
+    row = _runs(first, count)
+    ax, ay, bx, by = ax[owner], ay[owner], bx[owner], by[owner]
+    rise = np.maximum(by - ay, 1)
+    enter = ax + (np.maximum(row << shift, ay) - ay) * (bx - ax) // rise
+    leave = ax + (np.minimum((row + 1) << shift, by) - ay) * (bx - ax) // rise
+    leave = np.where(by == ay, bx, leave)
+    left = np.maximum(np.minimum(enter, leave) >> shift, 0)
+    right = np.minimum(np.maximum(enter, leave) >> shift, nx - 1 + globe)
+    count = np.maximum(right - left + 1, 0)
+    cell = np.repeat(row * nx, count) + _runs(left, count) % nx
+    return np.repeat(owner, count), cell
+
+
+def _reference(edge: Ints, cell: Ints, shift: int, nx: int) -> tuple[int, int]:
+    """Return an offset within the cells at which no cell's reference point lies on an edge."""
+    size = 1 << shift
+    ax, bx = ((edge[:, i] - (cell % nx << shift)) for i in (0, 2))
+    ay, by = ((edge[:, i] - (cell // nx << shift)) for i in (1, 3))
+    for step in range(64):
+        x, y = (size // 2 + 7919 * step) % size, (size // 2 + 104_729 * step + 1) % size
+        on_line = (bx - ax) * (y - ay) == (by - ay) * (x - ax)
+        on_line &= (np.minimum(ax, bx) <= x) & (x <= np.maximum(ax, bx))
+        on_line &= (np.minimum(ay, by) <= y) & (y <= np.maximum(ay, by))
+        if not on_line.any():
+            return x, y
+    raise ValueError("no reference point found that lies off every shoreline edge")
+
+
+def _land_of_references(edge: Ints, reference: tuple[int, int], shift: int, nx: int, ny: int) -> npt.NDArray[np.bool_]:
+    """Return whether each cell's reference point is on land, by the parity of the edges west of it (exact)."""
+    ax, ay, bx, by = _upward(edge)
+    x, y = reference
+    first = np.maximum(-((y - ay) >> shift), 0)  # rows whose reference latitude lies in [ay, by)
+    last = np.minimum(-((y - by) >> shift) - 1, ny - 1)
+    count = np.where(by > ay, np.maximum(last - first + 1, 0), 0)
+    owner = np.repeat(np.arange(len(edge)), count)  # a small share: most edges lie between two such latitudes
+    row = _runs(first, count)
+    ax, ay, bx, by = ax[owner], ay[owner], bx[owner], by[owner]
+    crossing = ax + ((row << shift) + y - ay) * (bx - ax) // (by - ay)
+    column = np.clip(((crossing - x) >> shift) + 1, 0, nx)
+    toggles = np.bincount(row * (nx + 1) + column, minlength=ny * (nx + 1)).astype(np.uint8) & 1
+    return np.asarray(np.bitwise_xor.accumulate(toggles.reshape(ny, nx + 1), axis=1)[:, :nx].ravel() == 1, bool)

@@ -1,0 +1,398 @@
+"""The shoreline cut into stretches: of a given length, or as a user's GeoJSON names them.
+
+A stretch is a set of whole shoreline edges (geo.coast.edges.edges: they are never split, so lengths are equal as far as edges
+allow). Rings shorter than half a stretch, and what a box or a named stretch leaves of a coast that short, are no
+stretch each: those of one square, about a stretch wide, are one segment together.
+
+Lengths are great circles between the edges' ends. Nearness is reckoned in the plane tangent to the parallel of the
+place in question: exact nearby, off by some percent at 500 km.
+"""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from geo import sphere
+from geo.coast import edges as shoreline
+from geo.coast.edges import Coast
+from geo.errors import UserError
+from geo.files import small as file
+
+NEAR = 2_000.0  # [m] how far from a named line its shoreline may lie
+METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
+DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
+UNKNOWN = ""  # kind of a shore that nobody has told
+
+Array = npt.NDArray[Any]
+Ints = npt.NDArray[np.int32]
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Stretches of shoreline, one a row, shape (n,)."""
+
+    name: tuple[str, ...]  # unique
+    length: Floats  # [m] along the shoreline
+    lon: Floats  # [deg] of the midpoint, which lies on the shoreline; -180 to 180
+    lat: Floats
+    of_edge: Ints  # (edges,) the segment of every shoreline edge, by the edge's number
+    lines: Array  # shapely LineString or MultiLineString [deg], unwrapped round the coast's grid
+    access: tuple[str, ...]  # kind of shore by the user's file; "" where it says none
+
+
+@dataclass(frozen=True)
+class _Feature:
+    name: str
+    access: str
+    shape: Any  # shapely line or polygon [deg], longitudes unwrapped
+
+
+def cut(coast: Coast, length: float = 10_000.0) -> Segments:
+    """Return the coast cut into stretches as near to `length` [m] as whole edges and equal shares of a chain allow."""
+    edge = shoreline.edges(coast)
+    return _cut(coast, edge, np.full(len(edge), -1), [], length)
+
+
+def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) -> Segments:
+    """Return the stretches of a user's GeoJSON, first and in its order, and the rest of the coast cut by `rest` [m].
+
+    A polygon takes the edges whose midpoints lie inside; a line takes those within NEAR of it, save those beyond its
+    ends. Where features compete the nearest has it, the first of them in the file if that is a tie. Properties:
+    "name", needed and unique, and "access". Raises UserError for a file that can't be used and for a feature without
+    shoreline.
+    """
+    features = _read(Path(path))
+    edge = shoreline.edges(coast)
+    lon, lat = _middles(edge)
+    owner, away = np.full(len(edge), -1), np.full(len(edge), np.inf)
+    for number, feature in enumerate(features):
+        which, distance = _taken(feature.shape, lon, lat)
+        if not which.size:
+            raise UserError(f'segments "{path}": {_too_far(feature, coast)}')
+        closer = distance < away[which]
+        owner[which[closer]], away[which[closer]] = number, distance[closer]
+    lost = np.flatnonzero(np.bincount(owner[owner >= 0], minlength=len(features)) == 0)
+    if lost.size:
+        raise UserError(
+            f'segments "{path}": all the shoreline of "{features[lost[0]].name}" belongs to others that lie nearer or '
+            "come first; move or delete it"
+        )
+    return _cut(coast, edge, owner, features, rest)
+
+
+def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) -> tuple[int, float]:
+    """Return (segment, distance [m]) of the shoreline nearest to a point; (-1, inf) where there is no coast."""
+    edge = shoreline.edges(coast)
+    if not len(edge):
+        return -1, np.inf
+    lon, lat = int(sphere.to_binary(lon_deg)), int(sphere.to_binary(lat_deg))
+    squeeze = max(np.cos(np.deg2rad(lat_deg)), 1e-9)
+    ax, ay = _turned(edge[:, 0] - np.int64(lon)) * squeeze, edge[:, 1] - float(lat)
+    dx, dy = _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) * squeeze, edge[:, 3] - edge[:, 1].astype(float)
+    along = np.clip(-(ax * dx + ay * dy) / (dx * dx + dy * dy), 0, 1)
+    x, y = ax + along * dx, ay + along * dy
+    near = np.argpartition(np.hypot(x, y), min(31, len(edge) - 1))[:32]  # the sphere decides among those
+    to = (lon + x[near] / squeeze) * sphere.UNIT, (lat + y[near]) * sphere.UNIT
+    distance = sphere.distance(np.deg2rad(lon_deg), np.deg2rad(lat_deg), *to)
+    best = int(np.argmin(distance))
+    return int(segments.of_edge[near[best]]), float(distance[best])
+
+
+def position(lon: float, lat: float) -> str:
+    """Return a position [deg] in degrees and decimal minutes, 28-42.0N 087-30.0W."""
+    lon = (lon + 180) % 360 - 180
+    return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
+
+
+def _minutes(angle: float, digits: int) -> str:
+    tenths = round(abs(angle) * 600)
+    return f"{tenths // 600:0{digits}d}-{tenths % 600 / 10:04.1f}"
+
+
+def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], length: float) -> Segments:
+    """Return the segments: owner (edges,) says to which feature an edge belongs, -1 for what is cut by length [m]."""
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"length of a segment: {length} m; must be more than 0")
+    order, chain, closed = _chains(edge, owner)
+    a, b = np.deg2rad(edge[order, :2] * DEGREES).T, np.deg2rad(edge[order, 2:] * DEGREES).T
+    size = sphere.distance(*a, *b)
+    total = np.bincount(chain, size)
+    first = np.flatnonzero(np.diff(chain, prepend=-1))
+    share = np.maximum(np.rint(total / length), 1)[chain]  # stretches of the edge's chain
+    reached = np.cumsum(size)
+    middle = reached - (reached - size)[first][chain] - size / 2
+    stretch = np.minimum(np.floor(middle / total[chain] * share), share - 1)
+
+    # A key for every edge (what it is, where or which, stretch), then numbers in the order of their first edges.
+    mine = owner[order]
+    row = np.floor(a[1][first] * sphere.RADIUS / length)
+    column = np.floor(a[0][first] * np.cos((row + 0.5) * length / sphere.RADIUS) * sphere.RADIUS / length)
+    small = (total < length / 2)[chain] & (mine < 0)
+    kind = np.where(mine >= 0, 0, np.where(small, 2, 1))
+    key = np.stack(
+        [
+            kind,
+            np.where(mine >= 0, mine, np.where(small, row[chain], chain)),
+            np.where(small, column[chain], np.where(mine >= 0, 0, stretch)),
+        ],
+        axis=1,
+    )
+    _, begins, number = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    number = number.reshape(-1)
+    rank = np.empty(len(begins), np.int64)
+    rest = kind[begins] > 0  # named ones come first, in the user's order
+    rank[np.lexsort((np.where(rest, begins, 0), rest))] = np.arange(len(begins))
+    number = rank[number]
+
+    by_segment = np.lexsort((np.arange(len(order)), number))
+    order, number, size = order[by_segment], number[by_segment], size[by_segment]
+    of_edge = np.empty(len(edge), np.int32)
+    of_edge[order] = number
+    lengths = np.asarray(np.bincount(number, size, minlength=len(begins)), np.float64)
+    lon, lat = _midpoints(edge[order], number, size)
+    islets = np.bincount(number, (small & closed[chain])[by_segment], minlength=len(begins)) > 0
+    pieces = np.bincount(number, small[by_segment], minlength=len(begins)) > 0
+    words = np.where(islets, "islets near ", np.where(pieces, "shore near ", ""))
+    plain = [f"{word}{position(x, y)}" for word, x, y in zip(words, lon, lat, strict=True)][len(features) :]
+    return Segments(
+        name=_unique([*(f.name for f in features), *plain]),
+        length=lengths,
+        lon=lon,
+        lat=lat,
+        of_edge=of_edge,
+        lines=_lines(coast, edge[order], number),
+        access=(*(f.access for f in features), *[UNKNOWN] * len(plain)),
+    )
+
+
+def _chains(edge: Array, label: Array) -> tuple[Array, Array, Array]:
+    """Return (order, chain, closed): edges in running order chain by chain, the chain of each, which chains are rings.
+
+    A chain is a run of edges of one label, each beginning where the last one ended. The parts of a ring that a box or
+    other labels have cut come together where the ring's own first point lies. A ring begins at its southernmost point,
+    so that stretches depend neither on the box nor on how a file happens to begin.
+    """
+    if not len(edge):
+        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, bool)
+    breaks = np.ones(len(edge), bool)
+    breaks[1:] = (edge[1:, :2] != edge[:-1, 2:]).any(axis=1) | (label[1:] != label[:-1])
+    first = np.flatnonzero(breaks)
+    last = np.append(first[1:], len(edge)) - 1
+    part = np.cumsum(breaks) - 1
+    loose = np.flatnonzero((edge[first, :2] != edge[last, 2:]).any(axis=1))
+    begins = {(label[first[c]], *edge[first[c], :2]): c for c in loose}
+    follows = {c: begins[key] for c in loose if (key := (label[last[c]], *edge[last[c], 2:])) in begins}
+    chain, place = np.arange(len(first)), np.zeros(len(first), np.int64)
+    seen: set[int] = set()
+    followers = set(follows.values())
+    for head in [*(c for c in loose if c not in followers), *loose]:  # what is left then goes round
+        c, along = head, 0
+        while c not in seen:
+            seen.add(c)
+            chain[c], place[c] = head, along
+            along += 1
+            if c not in follows:
+                break
+            c = follows[c]
+    order = np.lexsort((np.arange(len(edge)), place[part], chain[part]))
+    chain = np.unique(chain[part][order], return_inverse=True)[1].reshape(-1)
+    first = np.flatnonzero(np.diff(chain, prepend=-1))
+    count = np.diff(np.append(first, len(edge)))
+    closed = (edge[order[first], :2] == edge[order[first + count - 1], 2:]).all(axis=1)
+    lowest = np.lexsort((edge[order, 0], edge[order, 1], chain))[first] - first
+    turned = np.where(closed, lowest, 0)[chain]
+    within = (np.arange(len(edge)) - first[chain] - turned) % count[chain]
+    return order[np.lexsort((within, chain))], chain, closed
+
+
+def _midpoints(edge: Array, number: Array, size: Array) -> tuple[Floats, Floats]:
+    """Return the points (lon, lat) [deg] at half of each segment's length; edges sorted by segment."""
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    reached = np.cumsum(size)
+    before = (reached - size)[first]
+    half = before + np.add.reduceat(size, first) / 2 if len(first) else before
+    last = np.append(first[1:], len(edge)) - 1
+    at = np.clip(np.searchsorted(reached, half), first, last)
+    share = np.clip((half - (reached - size)[at]) / size[at], 0, 1)
+    lon = edge[at, 0] + share * _turned(edge[at, 2] - edge[at, 0].astype(np.int64))
+    lat = edge[at, 1] + share * (edge[at, 3] - edge[at, 1].astype(float))
+    return (lon * DEGREES + 180) % 360 - 180, lat * DEGREES
+
+
+def _lines(coast: Coast, edge: Array, number: Array) -> Array:
+    """Return each segment's line or lines [deg]; edges sorted by segment, running on within it where they can."""
+    if not len(edge):
+        return np.empty(0, object)
+    centre = np.int64(coast.lon0) + (coast.nx << coast.shift) // 2
+    ax = centre + _turned(edge[:, 0] - centre)
+    bx = ax + _turned(edge[:, 2] - edge[:, 0].astype(np.int64))
+    ends = np.stack([ax, edge[:, 1], bx, edge[:, 3]], axis=1) * DEGREES
+    new = np.ones(len(edge), bool)
+    new[1:] = (ends[1:, :2] != ends[:-1, 2:]).any(axis=1) | (number[1:] != number[:-1])
+    # The edges' ends, and before the first edge of every line its beginning.
+    points = np.repeat(ends[:, 2:], 1 + new, axis=0)
+    points[np.flatnonzero(new) + np.arange(new.sum())] = ends[new, :2]
+    line = np.repeat(np.cumsum(new) - 1, 1 + new)
+    lines = shapely.linestrings(points, indices=line)
+    segment = number[new]
+    several = np.asarray(shapely.multilinestrings(lines, indices=segment))
+    one = np.bincount(segment) == 1
+    several[one] = shapely.get_geometry(several[one], 0)
+    return several
+
+
+def _unique(names: list[str]) -> tuple[str, ...]:
+    """Return names with " (2)", " (3)" after those that come again."""
+    used: set[str] = set()
+    times: dict[str, int] = {}
+    out = []
+    for name in names:
+        new = name
+        while new in used:
+            times[name] = times.get(name, 1) + 1
+            new = f"{name} ({times[name]})"
+        used.add(new)
+        out.append(new)
+    return tuple(out)
+
+
+def _turned(units: Array) -> Floats:
+    """Return differences of binary longitudes the short way round."""
+    return np.asarray(units.astype(np.int64).astype(np.int32), np.float64)
+
+
+def _middles(edge: Array) -> tuple[Floats, Floats]:
+    """Return the midpoints (lon, lat) [deg] of edges; longitudes may leave -180..180 by half an edge."""
+    half = _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) / 2
+    return (edge[:, 0] + half) * DEGREES, (edge[:, 1] / 2 + edge[:, 3] / 2) * DEGREES
+
+
+def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
+    """Return the edges, by their midpoints [deg], that a feature takes, and how far they are from it [m]."""
+    west, south, east, north = shape.bounds
+    centre, squeeze = (west + east) / 2, np.cos(np.deg2rad((south + north) / 2))
+    margin = NEAR / METRES
+    x, y = (lon - centre + 180) % 360 - 180, lat
+    reach = (east - west) / 2 + margin / max(np.cos(np.deg2rad(min(max(abs(south), abs(north)) + margin, 90))), 1e-3)
+    near = np.flatnonzero((np.abs(x) <= reach) & (y >= south - margin) & (y <= north + margin))
+    points = shapely.points(x[near] * squeeze * METRES, y[near] * METRES)
+    plane = shapely.transform(shape, lambda p: (p - [centre, 0.0]) * [squeeze * METRES, METRES])
+    shapely.prepare(plane)
+    if plane.geom_type.endswith("Polygon"):
+        inside = np.asarray(shapely.intersects(plane, points))
+        return near[inside], np.zeros(inside.sum())
+    distance = np.asarray(shapely.distance(plane, points))
+    near, points, distance = near[distance <= NEAR], points[distance <= NEAR], distance[distance <= NEAR]
+    ends = shapely.boundary(plane)  # empty for a closed line
+    beyond = np.asarray(shapely.distance(ends, points)) <= distance * (1 + 1e-9)  # NaN without ends: not beyond
+    beyond &= ~beyond.all()
+    return near[~beyond], distance[~beyond]
+
+
+def _too_far(feature: _Feature, coast: Coast) -> str:
+    middle = feature.shape.point_on_surface()
+    found = shoreline.nearest_coast(coast, float((middle.x + 180) % 360 - 180), float(middle.y))
+    hint = (
+        f"the nearest coast is {found[2] / 1000:.1f} km from {position(middle.x, middle.y)}, at {position(*found[:2])}"
+        if found
+        else "the domain has no coast"
+    )
+    allowed = (
+        "a polygon must hold the middle of a shoreline edge"
+        if feature.shape.geom_type.endswith("Polygon")
+        else f"a line must run within {NEAR / 1000:g} km of the shoreline"
+    )
+    return f'"{feature.name}" matches no shoreline: {hint}; {allowed}. Move it or delete it'
+
+
+def _read(path: Path) -> list[_Feature]:
+    """Return the features of a GeoJSON file; raises UserError for all that is not named lines and polygons."""
+    needed = "give a GeoJSON file of lines or polygons, each with a name"
+    try:
+        content = json.loads(file.contents(path).decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise UserError(f'segments "{path}": no such file; {needed}') from None
+    except OSError as error:
+        raise UserError(f'segments "{path}": cannot be read ({error.strerror}); {needed}') from None
+    except (ValueError, RecursionError) as error:  # UnicodeDecodeError and JSONDecodeError are ValueErrors
+        raise UserError(f'segments "{path}": not GeoJSON ({str(error).splitlines()[0]}); {needed}') from None
+    kind = content.get("type") if isinstance(content, dict) else None
+    rows = content.get("features") if kind == "FeatureCollection" else [content] if kind == "Feature" else None
+    if not isinstance(rows, list):
+        raise UserError(f'segments "{path}": not a GeoJSON FeatureCollection; {needed}')
+    if not rows:
+        raise UserError(f'segments "{path}": holds no feature; {needed}')
+    features: list[_Feature] = []
+    for number, row in enumerate(rows, 1):
+        try:
+            feature = _feature(row)
+            if any(feature.name == other.name for other in features):
+                raise ValueError(f'name "{feature.name}" comes twice; names must be unique')
+        except ValueError as error:
+            raise UserError(f'segments "{path}", feature {number}: {error}') from None
+        features.append(feature)
+    return features
+
+
+def _feature(row: Any) -> _Feature:
+    if not isinstance(row, dict) or row.get("type") != "Feature":
+        raise ValueError("is no GeoJSON Feature")
+    words = row.get("properties") or {}
+    name = words.get("name") if isinstance(words, dict) else None
+    if isinstance(name, (int, float)) and not isinstance(name, bool):
+        name = f"{name:g}"
+    if not isinstance(name, str) or not name.strip():
+        raise ValueError('has no name; write one into its properties: "properties": {"name": "Grand Isle"}')
+    name = " ".join(name.split())
+    access = words.get("access")
+    if access is None:
+        access = UNKNOWN
+    elif not isinstance(access, str) or not access.strip():
+        raise ValueError(f'"{name}": access is {access!r}; must be a word such as "town", "road" or "wild"')
+    geometry = row.get("geometry")
+    kind = geometry.get("type") if isinstance(geometry, dict) else None
+    if kind not in ("LineString", "MultiLineString", "Polygon", "MultiPolygon"):
+        raise ValueError(f'"{name}" is a {kind or "feature without geometry"}; must be a line or a polygon')
+    try:
+        shape = shapely.force_2d(shapely.from_geojson(json.dumps(geometry)))
+    except shapely.errors.GEOSException as error:
+        raise ValueError(f'"{name}": {str(error).splitlines()[0]}') from None
+    if shape.is_empty:
+        raise ValueError(f'"{name}" is an empty {kind}')
+    x, y = shapely.get_coordinates(shape).T
+    if not (np.abs(x) <= 360).all() or not (np.abs(y) <= 90).all():
+        raise ValueError(f'"{name}": coordinates must be degrees, lon -180..360 and lat -90..90, in that order')
+    shape = _unwrapped(shape)
+    if kind.endswith("Polygon"):
+        # What is left of a polygon that crosses itself; lines among it would change the rules for lines.
+        parts = shapely.get_parts(shapely.get_parts(shapely.make_valid(shape)))
+        shape = shapely.multipolygons(parts[shapely.get_type_id(parts) == 3])
+        if shape.is_empty:
+            raise ValueError(f'"{name}" is a {kind} without area')
+    return _Feature(name, " ".join(access.split()), shape)
+
+
+def _unwrapped(shape: Any) -> Any:
+    """Return a geometry without jumps at the antimeridian: each part unwrapped, all within half a turn of the first."""
+    reference: list[float] = []
+
+    def unwrap(points: Array) -> Array:
+        lon = np.unwrap(points[:, 0], period=360)
+        reference.append(reference[0] if reference else lon.mean())
+        return np.stack([lon - 360 * np.round((lon.mean() - reference[0]) / 360), points[:, 1]], axis=1)
+
+    parts = []
+    for part in shapely.get_parts(shape):
+        if part.geom_type == "Polygon":
+            outer, *inner = (unwrap(shapely.get_coordinates(ring)) for ring in shapely.get_rings(part))
+            parts.append(shapely.Polygon(outer, inner))
+        else:
+            parts.append(shapely.LineString(unwrap(shapely.get_coordinates(part))))
+    return shapely.MultiPolygon(parts) if shape.geom_type.endswith("Polygon") else shapely.MultiLineString(parts)

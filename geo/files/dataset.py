@@ -1,0 +1,204 @@
+"""Opening what a case names (netCDF, GRIB, globs, Zarr stores, OPeNDAP addresses) as xarray datasets.
+
+Nothing is read but headers. Every way in which a path can be wrong ends here in one line with the path and the
+key of the case that names it.
+"""
+
+import glob
+import hashlib
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+import xarray as xr
+
+from geo.errors import UserError
+from geo.files import address, digest, grib, messages
+
+WHOLE = 2**28  # [bytes] of a file up to which all of it is hashed; of a larger one, its ends and 256 samples
+SAMPLE = 2**16  # [bytes]
+FAULTS = (OSError, RuntimeError, EOFError, MemoryError, UnicodeError)  # of a damaged file, whoever raises them
+LIBRARIES = {"cftime", "dask", "fsspec", "netCDF4", "numcodecs", "xarray", "zarr"}
+
+Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+
+
+def remote(path: str) -> bool:
+    """Whether a path is an address (OPeNDAP) and no file."""
+    return path.startswith(("http://", "https://", "dods://", "s3://", "gs://"))
+
+
+def expand(paths: Paths, quantity: str) -> list[str]:
+    """Return every path that a case's list of paths and globs stands for; an empty glob is an error."""
+    listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    found: list[str] = []
+    for path in (os.path.expanduser(os.fspath(p)) for p in listed):
+        if remote(path) or os.path.exists(path):
+            found.append(path)
+        elif glob.has_magic(path):
+            matches = sorted(glob.glob(path, recursive=True))
+            if not matches:
+                raise UserError(f'no file matches "{path}"; set [[{quantity}]] files')
+            found += matches
+        else:
+            raise UserError(f'no such file: "{path}"; set [[{quantity}]] files')
+    if not found:
+        raise UserError(f"[[{quantity}]] files is empty; name at least one file")
+    repeated = sorted({p for p in found if found.count(p) > 1})
+    if repeated:
+        raise UserError(f'"{repeated[0]}" is named twice in [[{quantity}]] files')
+    return found
+
+
+def key(path: str, quantity: str) -> str:
+    """Return the key of a case by which what is wrong with a path can be mended."""
+    if remote(path):
+        return f"[[{quantity}]] files or timeout"
+    return f"[[{quantity}]] {'dataset' if path.startswith('dataset ') else 'files'}"
+
+
+def title(paths: Sequence[str | os.PathLike[str]]) -> str:
+    """Return what messages call files: the name of the first, and how many more there are."""
+    first = os.path.basename(os.fspath(paths[0]).rstrip("/")) if paths else ""
+    return first if len(paths) <= 1 else f"{first} and {len(paths) - 1} more"
+
+
+def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.Dataset:
+    """Return one file's dataset with fill values and packing resolved but times as they are stored.
+
+    timeout: how long the server of an address may leave a question unanswered [s].
+    """
+    where = f"set {key(path, quantity)}"
+    is_zarr = os.path.isdir(path)
+    if not remote(path) and not is_zarr and not os.path.isfile(path):  # a pipe would wait for ever
+        raise UserError(f'"{path}" is neither a file nor a folder; {where}')
+    if is_zarr and not any(os.path.exists(os.path.join(path, n)) for n in (".zgroup", ".zmetadata", "zarr.json")):
+        raise UserError(f'"{path}" is a folder, not a netCDF file or a Zarr store; {where}')
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # xarray's on several fill values and Zarr's on consolidation: all are met
+            if remote(path):
+                return address.open_dataset(path, timeout)
+            if not is_zarr:
+                if messages.is_grib(path):
+                    return grib.open_file(path)
+                _refuse_truncated(path)
+            data = xr.open_dataset(
+                path,
+                # named, for xarray offers a file that it does not know to every backend that happens to be installed
+                engine="zarr" if is_zarr else "netcdf4",
+                decode_times=False,
+                decode_coords=False,
+                decode_timedelta=False,
+                cache=False,
+            )
+    except UserError as error:
+        raise UserError(f"{error}; {where}") from error
+    except Exception as error:  # backends raise OSError, ValueError, KeyError, RuntimeError and their own
+        if remote(path):
+            raise UserError(f'cannot open the address "{path}" ({_one_line(error)}); {where}') from error
+        raise UserError(f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}') from error
+    return data
+
+
+def _refuse_truncated(path: str) -> None:
+    """Raise where a classic netCDF file is shorter than its header says: the library would read zeros."""
+    with open(path, "rb") as file:
+        magic = file.read(4)
+    if magic in (b"CDF\x01", b"CDF\x02"):
+        from scipy.io import netcdf_file  # here, not above: a sixth of a second that newer files do not need
+
+        class Header(netcdf_file):  # type: ignore[misc]
+            """A file whose reading may fail in the middle: what is half made then has nothing to close."""
+
+            def __del__(self) -> None:
+                pass
+
+        try:
+            with open(path, "rb") as file, Header(file, mmap=True):
+                pass
+        except Exception as error:
+            raise UserError(f'"{path}" is a truncated or damaged netCDF file') from error
+    if magic == b"CDF\x05":  # scipy does not know it; its values alone must fit into the file
+        import netCDF4
+
+        with netCDF4.Dataset(path) as data:
+            least = sum(int(np.prod(v.shape)) * v.dtype.itemsize for v in data.variables.values())
+        if os.path.getsize(path) < least:
+            raise UserError(f'"{path}" is a truncated or damaged netCDF file')
+
+
+def _why(path: str, error: Exception) -> str:
+    try:
+        with open(path, "rb") as file:
+            magic = file.read(8)
+    except OSError as trouble:
+        return str(trouble.strerror).lower()
+    if not magic:
+        return "it is empty"
+    if any("\ud800" <= letter <= "\udfff" for letter in path):
+        return "its name is not text in UTF-8: rename it"
+    if magic.startswith((b"CDF", b"\x89HDF")):
+        return "it is truncated or damaged"
+    return _one_line(error) if isinstance(error, PermissionError) else "unknown format, and no GRIB either"
+
+
+@contextmanager
+def readable(paths: Paths, quantity: str) -> Iterator[None]:
+    """Turn what the libraries raise over a damaged file, at its opening or later, into one line with its path.
+
+    Headers are read at the opening, attributes and coordinates when they are asked for: each may be what is damaged.
+    """
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:
+        if not isinstance(error, FAULTS) and _raised_in(error) not in LIBRARIES:
+            raise
+        listed = [paths] if isinstance(paths, str | os.PathLike) else paths
+        told = ", ".join(f'"{os.fspath(path)}"' for path in listed)
+        reason = f"{type(error).__name__}: {_one_line(error)}"
+        raise UserError(
+            f"{told[:500]}: cannot be read, truncated or damaged ({reason}); set [[{quantity}]] files"
+        ) from error
+
+
+def _raised_in(error: BaseException) -> str:
+    """Return the package in which an error was raised."""
+    trace, name = error.__traceback__, ""
+    while trace is not None:
+        name = str(trace.tb_frame.f_globals.get("__name__", ""))
+        trace = trace.tb_next
+    return name.partition(".")[0]
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:120]
+
+
+def fingerprint(paths: Sequence[str], datasets: Sequence[xr.Dataset], extra: str = "") -> str:
+    """Return a short hash of what the paths hold; of files above 256 MiB 16 MiB in samples, of addresses the header."""
+    total = hashlib.sha256(extra.encode())
+    for path, data in zip(paths, datasets, strict=True):
+        if remote(path):
+            total.update(repr(data).encode())
+            for name in sorted(map(str, data.variables)):
+                if data[name].ndim == 1 and data[name].size < 100_000:
+                    total.update(np.ascontiguousarray(data[name].values).tobytes())
+        elif os.path.isdir(path) or os.path.getsize(path) <= WHOLE:
+            total.update(digest.of(path).encode())
+        else:
+            _sampled(total, path)
+    return total.hexdigest()[:16]
+
+
+def _sampled(total: "hashlib._Hash", path: str) -> None:
+    size = os.path.getsize(path)
+    total.update(str(size).encode())
+    with open(path, "rb") as file:
+        for start in np.linspace(0, size - SAMPLE, 256).astype(int):
+            file.seek(int(start))
+            total.update(file.read(SAMPLE))

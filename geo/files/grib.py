@@ -1,0 +1,527 @@
+"""GRIB 1 and 2 as datasets like any other: variables over time, level and a grid, decoded slice by slice.
+
+Fields of one name, type of level and grid become a variable; of a level that has other times than the rest, one of
+its own, so that nothing is missing inside a variable. Winds, currents and Stokes drift get CF's standard names: those of
+east and north, or, where the message says that they count along the grid, of x and y. Nothing is written anywhere.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pyproj
+import xarray as xr
+from numpy.typing import NDArray
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from geo.errors import UserError
+from geo.files import decoder, messages
+from geo.files.messages import Message
+
+Array = NDArray[np.float64]
+
+# what a component is called: (quantity, side) by short name, and by number where eccodes knows no name
+NAMED = {
+    **{n: ("wind", k) for k in (0, 1) for n in ("uv"[k], f"10{'uv'[k]}", f"100{'uv'[k]}", f"200{'uv'[k]}", f"{'uv'[k]}10n")},
+    **{n: ("current", k) for k in (0, 1) for n in (("ocu", "ocv")[k], ("uoe", "von")[k], ("ucurr", "vcurr")[k])},
+    "ust": ("stokes", 0), "vst": ("stokes", 1),
+}  # fmt: skip
+NUMBERED = {  # GRIB 2: discipline, category, number; GRIB 1: 1, number in WMO's own tables
+    (0, 2, 2): ("wind", 0), (0, 2, 3): ("wind", 1), (10, 1, 2): ("current", 0), (10, 1, 3): ("current", 1),
+    (10, 0, 21): ("stokes", 0), (10, 0, 22): ("stokes", 1),
+    (1, 33): ("wind", 0), (1, 34): ("wind", 1), (1, 49): ("current", 0), (1, 50): ("current", 1),
+}  # fmt: skip
+CALLED = {"wind": ("u", "v"), "current": ("uogrd", "vogrd"), "stokes": ("ust", "vst")}
+STANDARD = {  # along east and north, along x and y
+    "wind": (("eastward_wind", "northward_wind"), ("x_wind", "y_wind")),
+    "current": (
+        ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
+        ("sea_water_x_velocity", "sea_water_y_velocity"),
+    ),
+    "stokes": (
+        ("sea_surface_wave_stokes_drift_eastward_velocity", "sea_surface_wave_stokes_drift_northward_velocity"),
+        ("sea_surface_wave_stokes_drift_x_velocity", "sea_surface_wave_stokes_drift_y_velocity"),
+    ),
+}
+HEIGHT_IN_NAME = {"10": 10.0, "100": 100.0, "200": 200.0}  # 10u is at 10 m, whatever type of level GRIB 1 writes
+UNVALUED = {"surface", "meanSea", "oceanSurface"}
+UNITS = {"isobaricInhPa": "hPa", "isobaricInPa": "Pa", "heightAboveGround": "m", "heightAboveSea": "m", "depthBelowSea": "m",
+         "pressureFromGroundLayer": "hPa", "depthBelowLand": "m"}  # fmt: skip
+UNROWED = ("sh", "unstructured_grid", "healpix", "triangular_grid")  # types of grid without rows and columns
+COUNTED = ("sigma", "hybrid", "oceanModel", "oceanModelLayer")  # types of level whose value is no length or pressure
+POSITIVE_UP = ("height", "altitude")
+
+
+@dataclass(frozen=True)
+class Field:
+    """A message and what tells it from others of its file.
+
+    name: of its variable, as far as its parameter and kind tell it; role: (quantity, 0 | 1), None of another parameter;
+    kind, level: type of level and the value there, in the units of UNITS; time: seconds since 1970; run: the same;
+    grid: its type.
+    """
+
+    message: Message
+    name: str
+    role: tuple[str, int] | None
+    kind: str
+    level: float
+    time: int
+    run: int
+    member: int
+    along_grid: bool
+    grid: str
+    long_name: str
+    units: str
+
+
+@dataclass(frozen=True)
+class Points:
+    """Where a grid's points lie and how a message's values are brought to them.
+
+    dims: names without suffix; coordinates: {name: (dims, values, attributes)}; mapping: of a projection, or None;
+    shape (ny, nx); rows: of a reduced grid, the number of points of every row; flags: how the values are ordered.
+    """
+
+    dims: tuple[str, str]
+    coordinates: Mapping[str, tuple[tuple[str, ...], Array, dict[str, str]]]
+    mapping: dict[str, Any] | None
+    shape: tuple[int, int]
+    rows: tuple[int, ...]
+    flags: tuple[bool, bool, bool]
+
+
+def open_file(path: str) -> xr.Dataset:
+    """Return the fields of a GRIB file as a dataset whose values are read when they are wanted."""
+    called: dict[bytes, dict[str, Any]] = {}
+    fields = [_field(message, called) for message in messages.cut(path)]
+    if not fields:
+        raise UserError(f'"{path}" holds no GRIB message')
+    wanted = [f for f in fields if f.role is not None]
+    placed = [f for f in wanted if f.grid not in UNROWED]
+    if wanted and not placed:
+        raise UserError(
+            f'"{path}" holds {wanted[0].name} on a grid of type "{wanted[0].grid}", which has no rows and columns: '
+            f"convert it to a regular one (cdo remapbil, or grid = 0.25/0.25 where it was retrieved)"
+        )
+    orders: dict[bytes, Points] = {}  # by the bytes that define a grid
+    grids: list[Points] = []
+    which: dict[bytes, int] = {}  # the grid that these bytes stand for: the two editions write one in two ways
+    for field in placed:
+        shape = field.message.shape
+        if shape not in orders:
+            orders[shape] = _points(field.message)
+            known = [k for k, grid in enumerate(grids) if _alike(grid, orders[shape])]
+            which[shape] = known[0] if known else len(grids)
+            grids += [] if known else [orders[shape]]
+    variables: dict[str, xr.Variable] = {}
+    for k, grid in enumerate(grids):
+        for name, (dims, values, attributes) in grid.coordinates.items():
+            variables[name + _suffix(k)] = xr.Variable([d + _suffix(k) for d in dims], values, attributes)
+        if grid.mapping is not None:
+            variables["projection" + _suffix(k)] = xr.Variable((), 0, grid.mapping)
+    groups: dict[tuple[str, int | None], list[Field]] = {}
+    for field in fields:
+        groups.setdefault((field.name, which.get(field.message.shape)), []).append(field)
+    for (name, at), group in groups.items():
+        if at is None:  # nothing that drifts: its name is enough, to say what the file holds
+            variables.setdefault(name, xr.Variable(("message",), np.zeros(1), {"long_name": group[0].long_name}))
+            continue
+        several = len([1 for other, k in groups if other == name and k is not None]) > 1
+        # where both are the same, one name, lest another grid's be preferred for it
+        if grids[at].dims[0] == "latitude":
+            along = any(f.along_grid for f in placed if f.name == name)
+            group = [replace(f, along_grid=along) for f in group]
+        if group[0].role is not None and len({f.along_grid for f in group}) > 1:
+            raise UserError(f'"{path}" gives {name} along the grid in some messages and along east and north in others')
+        _add(variables, path, f"{name}_grid{at + 1}" if several else name, group, orders, grids[at], _suffix(at))
+    return xr.Dataset(variables)
+
+
+def _suffix(grid: int) -> str:
+    return f"_{grid + 1}" if grid else ""
+
+
+def _alike(one: Points, other: Points) -> bool:
+    """Whether two grids have the same points, to a hundredth of a cell: edition 1 rounds to a thousandth of a degree."""
+    if one.dims != other.dims or one.shape != other.shape or (one.mapping is None) != (other.mapping is None):
+        return False
+    if one.mapping is not None and other.mapping is not None:
+        kinds = [m["grid_mapping_name"] for m in (one.mapping, other.mapping)]
+        numbers = [{k: v for k, v in m.items() if not isinstance(v, str)} for m in (one.mapping, other.mapping)]
+        if kinds[0] != kinds[1] or numbers[0].keys() != numbers[1].keys():
+            return False
+        if not all(np.allclose(numbers[0][k], numbers[1][k], rtol=1e-6, atol=1e-6) for k in numbers[0]):
+            return False
+    for name, (_, values, _) in one.coordinates.items():
+        apart = other.coordinates[name][1] - values
+        if not np.abs(apart).max() <= 0.01 * np.abs(np.diff(values, axis=-1)).max(initial=0.0):
+            return False
+    return True
+
+
+def _field(message: Message, called: dict[bytes, dict[str, Any]]) -> Field:
+    try:
+        keys = decoder.keys(message.header)
+        if message.product not in called:
+            called[message.product] = decoder.names(message.header)
+    except decoder.DecodeError as error:
+        raise _damaged(message, error) from error
+    keys = keys | called[message.product]
+    short = str(keys.get("shortName", "unknown"))
+    role = NAMED.get(short) or (NUMBERED.get(_number(message, keys)) if short in ("unknown", "~") else None)
+    if role is not None and short not in NAMED:
+        short = CALLED[role[0]][role[1]]
+    kind, level = _level(message, keys)
+    high = role is not None and role[0] == "wind" and short not in ("u", "v")
+    if high:
+        height = next((h for n, h in HEIGHT_IN_NAME.items() if short in (f"{n}u", f"{n}v")), 10.0)
+        kind, level = "heightAboveGround", height
+    name = short if kind in UNVALUED or high else f"{short}_{kind}"
+    step = str(keys.get("stepType", "instant"))
+    derived = keys.get("derivedForecast")
+    kept = role
+    if step != "instant":
+        name, kept = f"{name}_{step}", role if step == "avg" else None
+    if derived is not None or str(keys.get("dataType", "")) in ("em", "es"):
+        mean = derived in (0, 1) or keys.get("dataType") == "em"
+        name, kept = f"{name}_{'mean' if mean else 'spread'}", kept if mean else None
+    run = _seconds(keys.get("dataDate"), keys.get("dataTime"), message)
+    long_name = str(keys.get("name", short))
+    return Field(
+        message, name, kept, kind, level, _seconds(keys.get("validityDate"), keys.get("validityTime"), message), run,
+        int(keys.get("perturbationNumber", keys.get("number", 0)) or 0), _along(message, keys), str(keys.get("gridType", "unknown")),
+        long_name if long_name != "unknown" or role is None else f"{'uv'[role[1]]} of {role[0]}",
+        str(keys.get("units", "unknown")),
+    )  # fmt: skip
+
+
+def _along(message: Message, keys: Mapping[str, Any]) -> bool:
+    """Whether vectors count along the grid: bit 5 of the flags (eccodes' uvRelativeToGrid is not there for every grid)."""
+    if "resolutionAndComponentFlags" not in keys and str(keys.get("gridType")) not in (
+        "sh",
+        "unstructured_grid",
+        "healpix",
+    ):
+        raise _damaged(message, f"a grid of type {keys.get('gridType')} does not say along what its vectors count")
+    return bool(int(keys.get("resolutionAndComponentFlags", 0)) & 0x08)
+
+
+def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
+    if message.edition == 2:
+        return tuple(int(keys.get(k, -1)) for k in ("discipline", "parameterCategory", "parameterNumber"))
+    standard = int(keys.get("table2Version", 255)) < 128  # WMO's tables; those above are a centre's own
+    return (1, int(keys.get("indicatorOfParameter", -1))) if standard else ()
+
+
+def _level(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
+    """Return the type of level and its value in the units that UNITS has for it."""
+    kind = str(keys.get("typeOfLevel", "unknown"))
+    value = float(keys.get("level", 0.0))
+    scaled, factor = (keys.get(f"scale{k}OfFirstFixedSurface") for k in ("dValue", "Factor"))
+    if message.edition == 2 and isinstance(scaled, int) and isinstance(factor, int) and abs(factor) < 20:
+        if abs(scaled) < 2**31 - 1:
+            value = scaled / 10.0**factor
+            value /= 100.0 if UNITS.get(kind) == "hPa" else 1.0
+    elif message.edition == 1 and kind == "sigma":
+        value /= 10000.0
+    return kind, value
+
+
+def _seconds(date: Any, time: Any, message: Message) -> int:
+    try:
+        day = np.datetime64(f"{int(date) // 10000:04d}-{int(date) // 100 % 100:02d}-{int(date) % 100:02d}", "s")
+        return int(day.astype(np.int64)) + int(time) // 100 * 3600 + int(time) % 100 * 60
+    except (TypeError, ValueError) as error:
+        raise _damaged(message, f"its date is {date} {time}") from error
+
+
+def _damaged(message: Message, why: object) -> UserError:
+    if "eccodes" in str(why) and "pip install" in str(why):
+        return UserError(f'"{message.path}": {why}')
+    return UserError(
+        f'"{message.path}": message {message.number} of this GRIB file is damaged or not understood ({why})'
+    )
+
+
+def _points(message: Message) -> Points:
+    """Return the points of a message's grid: axes, a projection's plane, or longitudes and latitudes point by point."""
+    try:
+        keys, lat, lon = decoder.points(messages.whole(message))
+    except decoder.DecodeError as error:
+        raise _damaged(message, error) from error
+    east, north = (
+        {"standard_name": n, "units": f"degrees_{d}"} for n, d in (("longitude", "east"), ("latitude", "north"))
+    )
+    if "pl" in keys:
+        return _reduced(message, tuple(keys["pl"]), lon, lat, east, north)
+    nx, ny = (int(keys.get(a, keys.get(b, 0)) or 0) for a, b in (("Ni", "Nx"), ("Nj", "Ny")))
+    if nx < 1 or ny < 1 or nx * ny != lat.size:
+        raise _damaged(message, f"{lat.size} points on a grid of {nx} x {ny}")
+    flags = tuple(bool(keys.get(k, 0)) for k in ("alternativeRowScanning", "jPointsAreConsecutive", "iScansNegatively"))
+    ordered = Points(("y", "x"), {}, None, (ny, nx), (), (flags[0], flags[1], flags[2]))
+    placed = replace(ordered, flags=(False, flags[1], flags[2]))  # eccodes turns no row of points, only of values
+    lon, lat = _arranged(lon, placed), _arranged(lat, placed)
+    if not (np.isfinite(lon).all() and np.isfinite(lat).all()):
+        raise _damaged(message, "points without a longitude and latitude")
+    turn = (lon - lon[:1] + 180.0) % 360.0 - 180.0
+    if np.abs(turn).max() < 1e-6 and np.ptp(lat, axis=1).max() < 1e-6:
+        coordinates = {"latitude": (("latitude",), lat[:, 0], north), "longitude": (("longitude",), lon[0], east)}
+        return Points(("latitude", "longitude"), coordinates, None, (ny, nx), (), ordered.flags)
+    plane = _plane(keys, lon, lat)
+    if plane is None:
+        both = {"latitude": (("y", "x"), lat, north), "longitude": (("y", "x"), lon, east)}
+        return Points(("y", "x"), both, None, (ny, nx), (), ordered.flags)
+    mapping, x, y = plane
+    rotated = mapping["grid_mapping_name"] == "rotated_latitude_longitude"
+    named = ("grid_longitude", "grid_latitude") if rotated else ("projection_x_coordinate", "projection_y_coordinate")
+    units = "degrees" if rotated else "m"
+    axes = {
+        "y": (("y",), y, {"standard_name": named[1], "units": units}),
+        "x": (("x",), x, {"standard_name": named[0], "units": units}),
+    }
+    return Points(("y", "x"), axes, mapping, (ny, nx), (), ordered.flags)
+
+
+def _plane(keys: Mapping[str, Any], lon: Array, lat: Array) -> tuple[dict[str, Any], Array, Array] | None:
+    """Return a projection and its axes where they put the points where the message does, to a thousandth of a cell."""
+    mapping = _mapping(keys)
+    if mapping is None or min(lon.shape) < 2:
+        return None
+    crs = pyproj.CRS.from_cf(mapping)
+    base = crs.source_crs if crs.is_derived and crs.is_geographic else crs.geodetic_crs
+    x, y = (np.asarray(v) for v in pyproj.Transformer.from_crs(base, crs, always_xy=True).transform(lon, lat))
+    if mapping["grid_mapping_name"] == "rotated_latitude_longitude":
+        middle = x[0, x.shape[1] // 2]
+        x = middle + (x - middle + 180.0) % 360.0 - 180.0
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        return None
+    axis_x, axis_y = x.mean(axis=0), y.mean(axis=1)
+    cell = min(np.abs(np.diff(axis_x)).min(), np.abs(np.diff(axis_y)).min())
+    worst = max(np.abs(x - axis_x).max(), np.abs(y - axis_y[:, None]).max())
+    if not worst < 1e-3 * cell + (2e-6 if crs.is_geographic else 0.2):  # GRIB rounds angles to 1e-6 or 1e-3 degrees
+        return None
+    return mapping, axis_x, axis_y
+
+
+def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
+    kind, number = str(keys.get("gridType", "")), {k: float(v) for k, v in keys.items() if isinstance(v, int | float)}
+    if number.get("earthIsOblate"):
+        earth = {
+            "semi_major_axis": number.get("earthMajorAxisInMetres"),
+            "semi_minor_axis": number.get("earthMinorAxisInMetres"),
+        }
+    else:
+        earth = {"earth_radius": number.get("radius")}
+    if kind == "lambert":
+        own = {
+            "grid_mapping_name": "lambert_conformal_conic",
+            "longitude_of_central_meridian": number.get("LoVInDegrees"),
+            "latitude_of_projection_origin": number.get("LaDInDegrees", number.get("Latin1InDegrees")),
+            "standard_parallel": [number.get("Latin1InDegrees"), number.get("Latin2InDegrees")],
+        }
+    elif kind == "polar_stereographic":
+        pole = -90.0 if int(number.get("projectionCentreFlag", 0)) & 0x80 else 90.0
+        own = {
+            "grid_mapping_name": "polar_stereographic",
+            "straight_vertical_longitude_from_pole": number.get("orientationOfTheGridInDegrees"),
+            "latitude_of_projection_origin": pole,
+            "standard_parallel": np.copysign(number.get("LaDInDegrees", 60.0), pole),
+        }
+    elif kind == "rotated_ll" and not number.get("angleOfRotationInDegrees"):
+        own = {
+            "grid_mapping_name": "rotated_latitude_longitude",
+            "grid_north_pole_latitude": -number.get("latitudeOfSouthernPoleInDegrees", -90.0),
+            "grid_north_pole_longitude": (number.get("longitudeOfSouthernPoleInDegrees", 0.0) + 180.0) % 360.0,
+        }
+    else:
+        return None
+    flat = [v for value in (own | earth).values() for v in (value if isinstance(value, list) else [value])]
+    return None if any(v is None for v in flat) else own | earth
+
+
+def _reduced(
+    message: Message, rows: tuple[int, ...], lon: Array, lat: Array, east: dict[str, str], north: dict[str, str]
+) -> Points:
+    """Return the points of a reduced grid filled up: every row has as many as the longest, all from longitude 0."""
+    starts = np.concatenate(([0], np.cumsum(rows)))
+    whole = min(rows, default=0) > 1 and starts[-1] == lat.size
+    for row in range(len(rows) if whole else 0):
+        held = lon[starts[row] : starts[row + 1]]
+        whole &= bool(abs(held[0]) < 1e-6 and abs(held[-1] + held[1] - 360.0) < 1e-3)
+        whole &= bool(np.ptp(lat[starts[row] : starts[row + 1]]) < 1e-6)
+    if not whole:
+        raise UserError(
+            f'"{message.path}" holds fields on part of a reduced grid: convert it to a regular one '
+            f"(cdo setgridtype,regular, or grid = 0.25/0.25 where it was retrieved)"
+        )
+    columns = max(rows)
+    axes = {
+        "latitude": (("latitude",), lat[starts[:-1]], north),
+        "longitude": (("longitude",), np.arange(columns) * 360.0 / columns, east),
+    }
+    return Points(("latitude", "longitude"), axes, None, (len(rows), columns), rows, (False, False, False))
+
+
+def _arranged(values: Array, grid: Points) -> Array:
+    """Return values in a message's order as rows (ny, nx), columns growing along the grid's own i."""
+    ny, nx = grid.shape
+    if grid.rows:
+        result, start = np.empty(grid.shape), 0
+        for row, count in enumerate(grid.rows):
+            place = np.arange(nx) * (count / nx)
+            held, i = values[start : start + count], np.floor(place + 1e-9).astype(int)
+            share = np.clip(place - i, 0.0, 1.0)
+            # a missing neighbour of no weight takes nothing away
+            right = np.where(share > 0, held[(i + 1) % count], 0.0)
+            result[row] = held[i % count] * (1 - share) + right * share
+            start += count
+        return result
+    alternating, down_first, leftwards = grid.flags
+    result = values.reshape((nx, ny) if down_first else (ny, nx)).copy()
+    if alternating:
+        result[1::2] = result[1::2, ::-1]
+    result = result.T if down_first else result
+    return np.ascontiguousarray(result[:, ::-1] if leftwards else result)
+
+
+class Values(BackendArray):  # xarray asks for its own class
+    """The values of a variable: each message is decoded when a part of it is asked for."""
+
+    def __init__(self, held: "NDArray[np.object_]", orders: Mapping[bytes, Points], points: tuple[int, int]) -> None:
+        """held: messages over the dimensions before the horizontal ones; orders: of each message's values."""
+        self.held, self.orders, self.points = held, orders, points
+        self.shape = held.shape + points
+        self.dtype = np.dtype(np.float64)
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return the part that an indexer of xarray's asks for."""
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._part)
+
+    def _part(self, key: tuple[Any, ...]) -> Array:
+        before, across = key[: self.held.ndim], key[self.held.ndim :]
+        chosen = self.held[before]
+        if isinstance(chosen, Message):
+            return np.asarray(_read(chosen, self.orders)[across])
+        result = np.empty(chosen.shape + np.empty(self.points, bool)[across].shape)
+        for at in np.ndindex(chosen.shape):
+            result[at] = _read(chosen[at], self.orders)[across]
+        return result
+
+
+def _read(message: Message, orders: Mapping[bytes, Points]) -> Array:
+    grid = orders[message.shape]
+    try:
+        values = _decoded(messages.whole(message))
+    except decoder.DecodeError as error:
+        raise _damaged(message, error) from error
+    expected = sum(grid.rows) if grid.rows else grid.shape[0] * grid.shape[1]
+    if values.size != expected:
+        raise _damaged(message, f"{values.size} values for {expected} points")
+    return _arranged(values, grid)
+
+
+@lru_cache(maxsize=4)  # two components, each cut in two at the seam
+def _decoded(message: bytes) -> Array:
+    return decoder.values(message)
+
+
+def _add(
+    variables: dict[str, xr.Variable],
+    path: str,
+    name: str,
+    group: list[Field],
+    orders: Mapping[bytes, Points],
+    grid: Points,
+    suffix: str,
+) -> None:
+    """Add the variables of one name, type of level and grid."""
+    held: dict[tuple[int, float, int], Field] = {}
+    for field in group:
+        key = field.member, field.level, field.time
+        if key not in held:
+            held[key] = field
+        elif field.role is not None and messages.whole(field.message) != messages.whole(held[key].message):
+            raise UserError(
+                f'"{path}" gives {name} at {field.level:g} {UNITS.get(field.kind, "")} ({field.kind}) twice for '
+                f"{_time(field.time)} (messages {held[key].message.number} and {field.message.number}, of the runs of "
+                f"{_time(held[key].run)} and {_time(field.run)}): take one out (grib_copy -w dataDate=...,dataTime=...)"
+            )
+    by_level: dict[float, set[tuple[int, int]]] = {}
+    for member, level, time in held:
+        by_level.setdefault(level, set()).add((member, time))
+    alike: dict[frozenset[tuple[int, int]], list[float]] = {}
+    for level, places in by_level.items():
+        alike.setdefault(frozenset(places), []).append(level)
+    for stands, levels in alike.items():
+        members = sorted({m for m, _ in stands})
+        full = len(stands) == len(members) * len({t for _, t in stands})
+        called = name if len(alike) == 1 else f"{name}_{levels[0]:g}"
+        for some in [members] if full else [[m] for m in members]:
+            times = sorted({t for m, t in stands if m in some})
+            lone = len(some) == 1 and some[0] > 0
+            block = np.empty((len(some), len(times), len(levels)), object)
+            for at in np.ndindex(block.shape):
+                block[at] = held[some[at[0]], levels[at[2]], times[at[1]]].message
+            own = f"{called}_member{some[0]}" if lone else called
+            _variable(variables, own, group[0], some, times, levels, block, orders, grid, suffix)
+
+
+def _time(seconds: int) -> str:
+    return str(np.datetime64(seconds, "s").astype("datetime64[m]")).replace("T", " ")
+
+
+def _variable(
+    variables: dict[str, xr.Variable], name: str, field: Field, members: list[int], times: list[int], levels: list[float],
+    block: "NDArray[np.object_]", orders: Mapping[bytes, Points], grid: Points, suffix: str,
+) -> None:  # fmt: skip
+    attributes: dict[str, Any] = {"long_name": field.long_name, "GRIB_typeOfLevel": field.kind}
+    if field.units not in ("unknown", "~"):
+        attributes["units"] = field.units
+    if field.role is not None:
+        quantity, side = field.role
+        attributes |= {"standard_name": STANDARD[quantity][int(field.along_grid)][side], "units": "m s-1"}
+    time = _coordinate(
+        variables, "time", np.array(times, np.int64), {"standard_name": "time", "units": "seconds since 1970-01-01"}
+    )
+    dims, lone = [time], len(levels) == 1
+    beside: list[str] = []
+    if field.kind in UNITS or field.kind in COUNTED or not lone:
+        positive = "up" if field.kind.startswith(POSITIVE_UP) else "down"
+        about = {"units": UNITS.get(field.kind, "1"), "positive": positive, "long_name": f"GRIB level {field.kind}"}
+        if field.kind == "sigma":
+            about["standard_name"] = "atmosphere_sigma_coordinate"
+        level = _coordinate(variables, field.kind, np.array(levels), about, lone)
+        (beside if lone else dims).append(level)
+        if lone:
+            attributes["GRIB_level"] = levels[0]
+    if len(members) > 1:
+        dims.insert(0, _coordinate(variables, "member", np.array(members), {"long_name": "member of an ensemble"}))
+    held = block[:, :, 0] if lone else block
+    held = held if len(members) > 1 else held[0]
+    attributes["coordinates"] = " ".join(beside)
+    if grid.mapping is not None:
+        attributes["grid_mapping"] = "projection" + suffix
+    dims += [d + suffix for d in grid.dims]
+    values = indexing.LazilyIndexedArray(Values(held, orders, grid.shape))
+    variables[name] = xr.Variable(dims, values, attributes)
+
+
+def _coordinate(
+    variables: dict[str, xr.Variable], name: str, values: NDArray[Any], attributes: dict[str, str], lone: bool = False
+) -> str:
+    """Return the name of a coordinate with these values, added where there is none yet."""
+    number = 1
+    while True:
+        own = name if number == 1 else f"{name}_{number}"
+        if own not in variables:
+            variables[own] = xr.Variable(() if lone else (own,), values[0] if lone else values, attributes)
+            return own
+        if variables[own].dims == (() if lone else (own,)) and np.array_equal(
+            np.atleast_1d(variables[own].values), values
+        ):
+            return own
+        number += 1

@@ -1,0 +1,330 @@
+"""One component of a vector quantity in one or several files: which slices, where, in what units."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo import notation
+from geo.errors import UserError
+from geo.forcing import clock, level, quantities, speed
+from geo.forcing.kept import Kept
+from geo.grids import locate, naming, ugrid
+from geo.grids.layout import Layout
+
+HORIZONTAL = ("two", "component", "components", "uv")  # dimensions that hold both components (SCHISM's hvel)
+
+
+@dataclass(frozen=True)
+class Component:
+    """A variable over its files. dims: its horizontal dimensions; fixed: indices along all the others but time.
+
+    segments: (dataset, path, time dimension or None, index along it) of every slice, in the order of time.
+    factor: to m/s; mask: False where the file's own mask says land, over all of `dims`; None without one.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    fixed: dict[str, int]
+    segments: tuple[tuple[xr.Dataset, str, str | None, int], ...]
+    times: clock.Times | None
+    factor: float
+    quantity: str
+    layout: Layout
+    mask: NDArray[np.bool_] | None
+    unmasked: bool = False  # the case says that zeros are still water
+    fills: tuple[float, ...] = ()  # values in the file's own units that mean missing, though it does not say so
+    vouched: bool = False  # the case vouches for its values: no number is missing for what it is
+    kept: Kept | None = None  # slices that stay in memory
+    notes: tuple[str, ...] = field(default=())
+
+
+def describe_dims(data: xr.Dataset, name: str) -> str:
+    """Return "name(dim = size, ...)" for messages."""
+    return f"{name}({', '.join(f'{d} = {data.sizes[d]}' for d in map(str, data[name].dims))})"
+
+
+def gather(
+    name: str,
+    side: int,
+    files: Sequence[tuple[str, xr.Dataset]],
+    quantity: str,
+    chosen: Mapping[str, Any],
+    units: str | None,
+    depth: float | None,
+    needs_times: bool,
+) -> Component:
+    """Return a component from the files that hold it; needs_times: the file's times must be understood.
+
+    side: 0 for the first component, 1 for the second, which matters where one variable holds both.
+    """
+    notes: list[str] = []
+    path, data = files[0]
+    lone = {levels.name: levels for levels in level.beside(data, name, quantity)}
+    odd = [key for key in chosen if key not in quantities.KEYS and key not in data[name].dims and key not in lone]
+    if odd:
+        raise UserError(
+            f"[[{quantity}]] variables.{odd[0]}: allowed are {', '.join(quantities.KEYS)}, the dimensions of "
+            f"{describe_dims(data, name)}" + (f" and its level, {', '.join(lone)}" if lone else "")
+        )
+    time_name = clock.variable_of(data, list(map(str, data[name].dims)), chosen)
+    time_dim = str(data[time_name].dims[0]) if time_name and data[time_name].ndim == 1 else None
+    if time_dim is None:
+        time_dim = next((str(d) for d in data[name].dims if str(d).lower() in {n.lower() for n in clock.NAMES}), None)
+    dims, fixed = _sort_dims(data, name, time_dim, side, quantity, chosen, depth, notes, path)
+    layout, remarks = locate.locate(data, name, dims, chosen, side)
+    notes += remarks
+    for other_path, other in files:
+        notes += [n for n in _beside(other, name, quantity, chosen, depth, other_path) if n not in notes]
+    if depth is not None and not lone and not any(level.is_vertical(data, d) for d in fixed):
+        notes.append(f"depth = {depth:g} m is not used: {name} has no levels")
+    slices: list[tuple[xr.Dataset, str, str | None, int]] = []
+    stamps: list[NDArray[np.datetime64]] = []
+    for other_path, other in files:
+        _same_grid(data, other, path, other_path, name, dims, layout, chosen, quantity)
+        _same_units(data, other, path, other_path, name, units, quantity)
+        for dim, index in fixed.items():
+            if level.is_vertical(data, dim) and not level.same(data, other, dim, index):
+                raise UserError(
+                    f'{other_path} has other levels along "{dim}" than {path}: index {index} is not the same level in both; '
+                    f"give it as a [[{quantity}]] source of its own"
+                )
+        count = int(other.sizes[time_dim]) if time_dim and time_dim in other[name].dims else 1
+        slices += [(other, other_path, time_dim if time_dim in other[name].dims else None, k) for k in range(count)]
+        if not needs_times:
+            continue
+        if time_name is None:
+            raise UserError(_no_time(other_path, quantity, count, "has no time"))
+        try:
+            when, remarks = clock.decode(other, time_name)
+        except UserError as error:
+            raise UserError(_no_time(other_path, quantity, count, str(error))) from error
+        if (np.diff(when) <= np.timedelta64(0, "s")).any():
+            at = int(np.argmax(np.diff(when) <= np.timedelta64(0, "s")))
+            raise UserError(
+                f"{other_path}: times do not increase: {notation.group(when[at])}, the time of slice {at + 1}, is followed by "
+                f"{notation.group(when[at + 1])}; "
+                f"mend the file or state [[{quantity}]] times"
+            )
+        notes += [r for r in remarks if r not in notes]
+        stamps.append(when)
+    if not slices:
+        raise UserError(f"{path}: {describe_dims(data, name)} holds no slice; set [[{quantity}]] files")
+    times = None
+    if needs_times:
+        times = np.concatenate(stamps)
+        order = np.argsort(times, kind="stable")
+        times, slices = times[order], [slices[k] for k in order]
+        same = np.nonzero(np.diff(times) <= np.timedelta64(0, "s"))[0]
+        if len(same):
+            a, b = slices[same[0]][1], slices[same[0] + 1][1]
+            raise UserError(
+                f"{notation.group(times[same[0]])} stands in both {a} and {b}; name one of them in [[{quantity}]] files"
+            )
+    return Component(
+        name, dims, fixed, tuple(slices), times, _factor(data, name, units, quantity, path, notes), quantity,
+        layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _no_time(path: str, quantity: str, count: int, why: str) -> str:
+    keys = f"[[{quantity}]] times = {{ start = ..., every = ... }}"
+    return f"{path}: {why}; state {keys}, or steady = true to hold {'it' if count == 1 else 'the first slice'} constant"
+
+
+def _sort_dims(
+    data: xr.Dataset, name: str, time_dim: str | None, side: int, quantity: str, chosen: Mapping[str, Any],
+    depth: float | None, notes: list[str], path: str,
+) -> tuple[tuple[str, ...], dict[str, int]]:  # fmt: skip
+    """Tell a variable's horizontal dimensions from those along which one index is read."""
+    rest = [str(d) for d in data[name].dims if str(d) != time_dim]
+    fixed: dict[str, int] = {}
+    for dim in list(rest):
+        size = int(data.sizes[dim])
+        if dim in chosen and dim not in quantities.KEYS:
+            index = str(chosen[dim]).strip()
+            if not index.isdigit() or int(index) >= size:
+                raise UserError(f"[[{quantity}]] variables.{dim} = {index}: it is an index, 0 to {size - 1}")
+            fixed[dim] = int(index)
+            notes.append(f"index {fixed[dim]} of {size} along {dim}, as the case says")
+        elif dim.lower() in HORIZONTAL and size == 2:
+            fixed[dim] = side
+        elif level.is_vertical(data, dim):
+            fixed[dim], remark = level.choose(data, name, dim, quantity, depth, path)
+            notes += [remark] if remark else []
+    rest = [d for d in rest if d not in fixed]
+    single = _unstructured(data, name, rest, chosen)
+    wanted = 1 if single else 2
+    for dim in rest:
+        if len(rest) > wanted and data.sizes[dim] == 1 and not _has_axis(data, dim) and dim != single:
+            fixed[dim] = 0
+    rest = [d for d in rest if d not in fixed]
+    if len(rest) > wanted:
+        extra = [d for d in rest if d != single] if single else rest[:-wanted]
+        raise UserError(
+            f"{path}: {describe_dims(data, name)} has more than one {' and '.join(extra)}; "
+            f"set [[{quantity}]] variables.{extra[0]} to an index"
+        )
+    if len(rest) < wanted:
+        raise UserError(
+            f"{path}: {describe_dims(data, name)} is no field over longitude and latitude; "
+            f"set variables = {{ lon = ..., lat = ... }} to those of its points"
+        )
+    if wanted == 2 and _lat_last(data, rest):
+        rest = rest[::-1]
+    return tuple(rest), fixed
+
+
+def _beside(
+    data: xr.Dataset, name: str, quantity: str, chosen: Mapping[str, Any], depth: float | None, path: str
+) -> list[str]:
+    """Return remarks on the levels at which a variable stands without a dimension for them; refuse any but the surface."""
+    remarks = []
+    for levels in level.beside(data, name, quantity):
+        if levels.name not in chosen:
+            remarks.append(level.accept(levels, name, quantity, depth, path))
+        elif str(chosen[levels.name]).strip() != "0":
+            raise UserError(
+                f"[[{quantity}]] variables.{levels.name} = {chosen[levels.name]}: it has a single level, whose index is 0"
+            )
+        else:
+            remarks.append(f'the level of "{levels.name}", as the case says')
+    return [r for r in remarks if r]
+
+
+def _has_axis(data: xr.Dataset, dim: str) -> bool:
+    return bool(naming.LON.match(dim) or naming.LAT.match(dim) or dim.lower() in ("x", "y"))
+
+
+def _lat_last(data: xr.Dataset, dims: Sequence[str]) -> bool:
+    """Whether a variable is stored (lon, lat) instead of (lat, lon)."""
+
+    def says(dim: str, pattern: Any, standard: str, axis: str) -> bool:
+        attributes = data[dim].attrs if dim in data.variables else {}
+        named = str(attributes.get("standard_name", ""))
+        return bool(pattern.match(dim)) or named in (standard, f"projection_{axis}_coordinate", f"grid_{standard}") or (
+            str(attributes.get("axis", "")).lower() == axis
+        ) or dim.lower() == axis  # fmt: skip
+
+    return says(dims[0], naming.LON, "longitude", "x") and says(dims[1], naming.LAT, "latitude", "y")
+
+
+def _unstructured(data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapping[str, Any]) -> str | None:
+    """Return the dimension that longitudes and latitudes share, which no axis is; None on any other grid.
+
+    That of the variable's UGRID mesh, that of the coordinates that the case names, or the last with both along it.
+    """
+    for dim in dims:
+        if ugrid.mesh_of(data, name, dim) is not None:
+            return dim
+    named = [chosen.get(key) for key in ("lon", "lat")]
+    if all(other in data.variables for other in named):
+        own = [tuple(map(str, data[other].dims)) for other in named]
+        return own[0][0] if own[0] == own[1] and len(own[0]) == 1 and own[0][0] in dims else None
+    if not dims:
+        return None
+    held: list[bool] = []
+    for pattern, standard in ((naming.LON, "longitude"), (naming.LAT, "latitude")):
+        along = [(str(n), v) for n, v in data.variables.items() if v.dims == (dims[-1],)]
+        held.append(any(pattern.match(n) or v.attrs.get("standard_name") == standard for n, v in along))
+    return dims[-1] if all(held) else None
+
+
+def _same_grid(
+    data: xr.Dataset, other: xr.Dataset, path: str, other_path: str, name: str, dims: tuple[str, ...],
+    layout: Layout, chosen: Mapping[str, Any], quantity: str,
+) -> None:  # fmt: skip
+    if other is data:
+        return
+    trouble = ""
+    for dim in map(str, data[name].dims):
+        if dim in dims and other.sizes.get(dim) != data.sizes[dim]:
+            trouble = f"{other.sizes.get(dim)} points along {dim} instead of {data.sizes[dim]}"
+    if not trouble:
+        placing = [
+            str(n)
+            for n, v in data.variables.items()
+            if (n in dims or naming.LON.match(str(n)) or naming.LAT.match(str(n)))
+            and n in other.variables
+            and v.dims
+            and set(map(str, v.dims)) <= set(dims)
+            and np.issubdtype(v.dtype, np.number)
+        ]
+        for one in placing:
+            a, b = np.asarray(data[one].values, float), np.asarray(other[one].values, float)
+            if a.shape != b.shape or not np.allclose(a, b, rtol=1e-6, atol=1e-5, equal_nan=True):
+                trouble = f'other values of "{one}"'
+    if trouble:
+        raise UserError(
+            f"{other_path} has another grid than {path}: {trouble}; give it as a [[{quantity}]] source of its own"
+        )
+
+
+def _same_units(
+    data: xr.Dataset, other: xr.Dataset, path: str, other_path: str, name: str, stated: str | None, quantity: str
+) -> None:
+    """Refuse files of one source in different units, unless the case states which they are in."""
+    first, second = (str(one[name].attrs.get("units", "")).strip() for one in (data, other))
+    if stated is None and first.lower() != second.lower():
+        raise UserError(
+            f'{other_path}: "{name}" is in "{second}", and in {path} in "{first}"; give it as a [[{quantity}]] source of its '
+            f"own, or state [[{quantity}]] units if all are in the same"
+        )
+
+
+def _factor(data: xr.Dataset, name: str, units: str | None, quantity: str, path: str, notes: list[str]) -> float:
+    attributes = data[name].attrs
+    held = str(attributes.get("units", "")).strip()
+    if units is not None:
+        if held and held.lower() != units.lower():
+            notes.append(f'units {units} as the case says (the file says "{held}")')
+        return speed.factor(units)
+    if held in ("", "1", "unknown", "none"):
+        inside = speed.inside_text(str(attributes.get("long_name", "")))
+        if inside is None:
+            raise UserError(f'{path}: "{name}" has no units; state them with [[{quantity}]] units = "m/s"')
+        notes.append(f'units "{inside}" read from the long name')
+        return speed.factor(inside)
+    try:
+        factor = speed.factor(held)
+    except UserError as error:
+        raise UserError(f'{path}: "{name}": {error}; or state them with [[{quantity}]] units') from error
+    if factor != 1.0:
+        notes.append(f'converted from "{held}" to m/s')
+    return factor
+
+
+def _mask(
+    data: xr.Dataset, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
+) -> NDArray[np.bool_] | None:
+    """Return where a file's mask (1 water, 0 land) over these dimensions says water."""
+    named = chosen.get("mask")
+    if named in ("none", False):
+        return None
+    for name in [str(named)] if named else ["mask_u", "mask_v", "mask_rho", "umask", "vmask", "tmask"]:
+        if name not in data.variables:
+            if named:
+                raise UserError(f'no variable "{name}" (variables.mask)')
+            continue
+        variable = data[name].squeeze()
+        if variable.dims == dims and np.isin(np.unique(np.nan_to_num(variable.values)), (0, 1)).all():
+            water = _water(variable.attrs)
+            wet = np.asarray(variable.values == water)
+            if wet.all() and not named:
+                continue  # it marks nothing: whether land is stored as zero is still to be seen
+            notes.append(f'land where "{name}" is {1 - water}')
+            return wet
+    return None
+
+
+def _water(attributes: Mapping[str, Any]) -> int:
+    """Return which of a mask's values, 0 or 1, is water: 1 unless its flags say otherwise."""
+    meanings = str(attributes.get("flag_meanings", "")).lower().split()
+    values = np.ravel(attributes.get("flag_values", range(len(meanings))))
+    for meaning, value in zip(meanings, values, strict=False):
+        if "land" in meaning or meaning in ("dry", "masked"):
+            return 1 - int(value)
+    return 1

@@ -1,0 +1,148 @@
+"""What `drift info FILE` prints: how a file was understood, how much is missing, and a small map in characters."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from geo import notation
+from geo.box import Box
+from geo.errors import UserError
+from geo.files import address, dataset
+from geo.forcing import quantities, sources
+from geo.forcing.sources import Source
+
+ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise, 45 degrees each
+LAND, CALM = "·", "○"
+
+
+def understand(paths: dataset.Paths, only: str | None = None, **options: Any) -> list[Source]:
+    """Return a source for every quantity that files hold, each named by the files that hold it.
+
+    only: the one quantity to read them as; options as in `forcing.open_source`. Where a quantity is there but cannot be
+    read (no units, say) its error is raised; where there is none at all, the error says what the files hold.
+    """
+    found: list[Source] = []
+    errors: dict[str, UserError] = {}
+    patience = options.get("timeout", address.TIMEOUT)
+    listed = dataset.expand(paths, only or "current")
+    # The process that reads an address lives as long as one of its datasets: these let one serve all that follows.
+    _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
+    with dataset.readable(listed, "current"):
+        held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
+    own = [str((options.get("variables") or {}).get(key, "")) for key in ("east", "north")]
+    if not held and any(own):
+        raise UserError(
+            f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are a current, a wind or a Stokes drift; "
+            "say which: --as"
+        )
+    for quantity in quantities.QUANTITIES:
+        if held and quantity not in held:
+            continue
+        try:
+            found.append(sources.open_source(quantity, held.get(quantity, listed), lenient=True, **options))
+        except UserError as error:
+            errors[quantity] = error
+    if not held:
+        halves = [e for e in errors.values() if "one component" in str(e)]
+        why = (halves or [errors["current"]])[0]
+        raise UserError(f"no current, wind or Stokes drift found: {why}") from why
+    if not found:
+        raise next(iter(errors.values()))
+    return found
+
+
+def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict[str, list[str]]:
+    """Return for each quantity that is there the files that hold it, and those that hold no quantity, such as grids."""
+    variables: dict[str, dict[str, Any]] = {}
+    for path in listed:
+        data = dataset.open_one(path, "current", patience)
+        variables[path] = {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
+    everything = {name: attributes for held in variables.values() for name, attributes in held.items()}
+    names: dict[str, set[str]] = {}
+    for quantity in quantities.QUANTITIES:
+        try:
+            pair = quantities.search(quantity, everything)
+        except UserError:
+            names[quantity] = set(everything)  # several of them: opening it says which to choose
+            continue
+        if pair is not None:
+            names[quantity] = {pair.east, pair.north}
+    own = {str(chosen[key]) for key in ("east", "north") if key in chosen}
+    names = {quantity: own or wanted for quantity, wanted in names.items()}
+    idle = [path for path, held in variables.items() if not any(wanted & held.keys() for wanted in names.values())]
+    return {
+        quantity: [path for path in listed if path in idle or wanted & variables[path].keys()]
+        for quantity, wanted in names.items()
+    }
+
+
+def describe(source: Source) -> list[str]:
+    """Return lines on a source: what, where, when, how much is missing, how fast, and how it was understood."""
+    grid, box = source.grid, source.grid.box
+    lines = [f"{quantities.SPOKEN[source.quantity]}: {source.name}"]
+    around = " round the Earth" if grid.seamless else ""
+    lines.append(
+        f"  where    {_degrees(box)}{around}; {grid.nlon} x {grid.nlat} nodes of {grid.dlon:.4g} x {grid.dlat:.4g} degrees"
+    )
+    lines.append(f"  when     {_when(source)}")
+    values = source.read(0)
+    speed = np.hypot(values[..., 0], values[..., 1])
+    missing = f"  missing  {source.missing:.1%} of the nodes of the first slice"
+    lines.append(missing)
+    if np.isfinite(speed).any():
+        middle = np.nanmean(values.reshape(-1, 2), axis=0, dtype=float)
+        lines.append(
+            f"  speed    mean {np.nanmean(speed, dtype=float):.2f} m/s, largest {np.nanmax(speed):.2f} m/s; "
+            f"mean vector {middle[0]:+.2f} east, {middle[1]:+.2f} north"
+        )
+    lines += [f"  note     {note}" for note in source.notes]
+    lines.append(f"  hash     {source.fingerprint}")
+    return lines
+
+
+def sketch(source: Source, width: int = 60, height: int = 22) -> list[str]:
+    """Return a map of the first slice in characters, north up: arrows where to, "·" missing, "○" nearly calm."""
+    grid, values = source.grid, source.read(0)
+    middle = np.cos(np.radians(grid.lat0 + grid.dlat * (grid.nlat - 1) / 2))
+    ratio = (grid.nlon - 1) * grid.dlon * max(middle, 0.1) / ((grid.nlat - 1) * grid.dlat)
+    columns = int(min(width, grid.nlon, max(2, round(2 * height * ratio))))  # a character is twice as high as wide
+    rows = int(min(height, grid.nlat, max(2, round(columns / ratio / 2))))
+    j = np.linspace(grid.nlat - 1, 0, rows).round().astype(int)
+    i = np.linspace(0, grid.nlon - 1, columns).round().astype(int)
+    picked = values[np.ix_(j, i)].astype(float)
+    speed = np.hypot(picked[..., 0], picked[..., 1])
+    typical = float(np.sqrt(np.nanmean(speed**2))) if np.isfinite(speed).any() else 0.0
+    lines = []
+    for row, fast in zip(picked, speed, strict=True):
+        text = ""
+        for (east, north), s in zip(row, fast, strict=True):
+            if not np.isfinite(s):
+                text += LAND
+            elif s <= 0.1 * typical:
+                text += CALM
+            else:
+                text += ARROWS[int(np.round(np.degrees(np.arctan2(north, east)) / 45.0)) % 8]
+        lines.append("  " + text)
+    return lines
+
+
+def _when(source: Source) -> str:
+    times = source.times
+    if len(times) == 0:
+        return "steady: at all times"
+    if len(times) == 1:
+        return f"{notation.group(times[0])} only"
+    steps = np.unique(np.diff(times).astype("m8[m]").astype(int))
+    every = f"every {_span(steps[0])}" if len(steps) == 1 else f"{_span(steps[0])} to {_span(steps[-1])} apart"
+    return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {every}"
+
+
+def _span(minutes: int) -> str:
+    return f"{minutes / 60:g} h" if minutes >= 60 else f"{minutes} min"
+
+
+def _degrees(box: Box) -> str:
+    west, east = (f"{abs(v):.2f} {'EW'[v < 0]}" for v in (box.west, (box.east + 180.0) % 360.0 - 180.0))
+    south, north = (f"{abs(v):.2f} {'NS'[v < 0]}" for v in (box.south, box.north))
+    return f"{west} to {east}, {south} to {north}"

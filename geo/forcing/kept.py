@@ -1,0 +1,91 @@
+"""Slices that stay in memory: of a variable as they are read, of a source as they are sampled; for many forecasts from the same files."""
+
+import threading
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from geo.grids.layout import Array, Index
+
+# [bytes] Of one component, and of all finished slices; the slice that was last asked for longest ago goes first.
+MOST = 2**28
+
+
+class Kept:
+    """What has been read over a window: the file's indices along each horizontal dimension."""
+
+    def __init__(self, index: tuple[Index, ...]) -> None:
+        self.index = index
+        self._places = [_places(one) for one in index]
+        self._slices: dict[int, tuple[Array, int]] = {}
+        self._guard = threading.Lock()
+
+    def part(self, index: tuple[Index, ...]) -> tuple[Index, ...] | None:
+        """Return where in the window indices stand; None where some of them are outside it."""
+        found = []
+        for wanted, places in zip(index, self._places, strict=True):
+            if wanted.max(initial=-1) >= len(places) or (places[wanted] < 0).any():
+                return None
+            found.append(places[wanted])
+        return tuple(found)
+
+    def slice(self, i: int, read: Callable[[], tuple[Array, int]]) -> tuple[Array, int]:
+        """Return slice i over the window, and how many fill values it held, read now if it is not there."""
+        with self._guard:
+            got = self._slices.pop(i, None) or read()
+            self._slices[i] = got
+            while len(self._slices) > 1 and sum(values.nbytes for values, _ in self._slices.values()) > MOST:
+                del self._slices[next(iter(self._slices))]
+            return got
+
+
+class Finished:
+    """Slices of parts of sources in true east and north, filled towards the coast: all that is left is to sample them.
+
+    Only what is the same in every bit may share a key: slices of one part of one source, filled equally deep.
+    """
+
+    def __init__(self) -> None:
+        self._slices: dict[Hashable, Array] = {}
+        self._size = 0  # [bytes]
+        self._guard = threading.Lock()
+
+    def find(self, key: Hashable) -> Array | None:
+        """Return the slice of a key; None where it is not there."""
+        with self._guard:
+            values = self._slices.pop(key, None)
+            if values is not None:
+                self._slices[key] = values
+            return values
+
+    def keep(self, key: Hashable, values: Array) -> None:
+        """Keep a slice, which nobody changes from now on."""
+        with self._guard:
+            self._size += values.nbytes - getattr(self._slices.pop(key, None), "nbytes", 0)
+            self._slices[key] = values
+            while len(self._slices) > 1 and self._size > MOST:
+                self._size -= self._slices.pop(next(iter(self._slices))).nbytes
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """Where the finished slices of one part of a source stand among those of others."""
+
+    part: Hashable
+    finished: Finished = field(repr=False)
+
+    def find(self, *key: Hashable) -> Array | None:
+        """Return a slice of this part; None where it is not there."""
+        return self.finished.find((self.part, *key))
+
+    def keep(self, values: Array, *key: Hashable) -> None:
+        """Keep a slice of this part."""
+        self.finished.keep((self.part, *key), values)
+
+
+def _places(index: Index) -> Index:
+    """Return the place of each of the file's indices in a window, -1 where it has none."""
+    places = np.full(int(index.max(initial=0)) + 1, -1, np.int64)
+    places[index] = np.arange(len(index))
+    return places

@@ -1,0 +1,251 @@
+"""How files name currents, winds and Stokes drift: CF standard names first, then names in common use.
+
+A name alone never wins against what a variable says of itself: a `u` whose standard_name or long_name is a
+wind's is not a current.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from geo.errors import UserError
+from geo.forcing import level
+from geo.grids import naming
+
+Attributes = Mapping[str, Any]
+
+QUANTITIES = ("current", "wind", "stokes")
+SPOKEN = {"current": "current", "wind": "wind", "stokes": "Stokes drift"}
+
+# [m/s] The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the strongest sustained wind was
+# 96 (Patricia, 2015), which no model's grid resolves.
+FASTEST = {"current": 8.0, "wind": 90.0, "stokes": 3.0}
+NINES = tuple(
+    k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1
+)  # 9.9 to 99999: fill values
+
+# (east or x, north or y, "true" for east and north | "grid" for the grid's own axes), best first
+STANDARD: dict[str, tuple[tuple[str, str, str], ...]] = {
+    "current": (
+        ("surface_eastward_sea_water_velocity", "surface_northward_sea_water_velocity", "true"),
+        ("eastward_sea_water_velocity", "northward_sea_water_velocity", "true"),
+        ("surface_sea_water_x_velocity", "surface_sea_water_y_velocity", "grid"),
+        ("surface_x_sea_water_velocity", "surface_y_sea_water_velocity", "grid"),
+        ("x_sea_water_velocity", "y_sea_water_velocity", "grid"),
+        ("sea_water_x_velocity", "sea_water_y_velocity", "grid"),
+        ("sea_water_x_velocity_at_u_location", "sea_water_y_velocity_at_v_location", "grid"),
+        (
+            "surface_geostrophic_eastward_sea_water_velocity",
+            "surface_geostrophic_northward_sea_water_velocity",
+            "true",
+        ),
+    ),
+    "wind": (("eastward_wind", "northward_wind", "true"), ("x_wind", "y_wind", "grid"),
+             ("grid_eastward_wind", "grid_northward_wind", "grid")),
+    "stokes": (
+        ("sea_surface_wave_stokes_drift_eastward_velocity", "sea_surface_wave_stokes_drift_northward_velocity", "true"),
+        ("eastward_surface_stokes_drift", "northward_surface_stokes_drift", "true"),
+        ("surface_eastward_stokes_drift", "surface_northward_stokes_drift", "true"),
+        ("sea_surface_wave_stokes_drift_x_velocity", "sea_surface_wave_stokes_drift_y_velocity", "grid"),
+    ),
+}  # fmt: skip
+
+# (east, north, axes): "?" is grid axes on a grid that is not aligned with north, which is how models store them
+COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
+    "current": (
+        ("u_eastward", "v_northward", "true"), ("u_sur_eastward", "v_sur_northward", "true"),
+        ("water_u", "water_v", "true"), ("uo", "vo", "?"), ("uos", "vos", "?"), ("ssu", "ssv", "?"),
+        ("usurf", "vsurf", "?"), ("u_surf", "v_surf", "?"), ("u_sur", "v_sur", "grid"),
+        ("utotal", "vtotal", "true"), ("vozocrtx", "vomecrty", "grid"), ("sozocrtx", "somecrty", "grid"),
+        ("horizontalVelX", "horizontalVelY", "true"), ("hvel", "hvel", "true"), ("uogrd", "vogrd", "true"),
+        ("ucur", "vcur", "true"), ("ucurr", "vcurr", "true"), ("u_current", "v_current", "true"),
+        ("current_u", "current_v", "true"), ("ugos", "vgos", "true"), ("u_velocity", "v_velocity", "?"),
+        ("u", "v", "?"),
+    ),
+    "wind": (
+        ("u10", "v10", "?"), ("U10M", "V10M", "true"), ("u10m", "v10m", "true"), ("10u", "10v", "true"),
+        ("u10n", "v10n", "true"), ("air_u", "air_v", "true"), ("x_wind_10m", "y_wind_10m", "grid"),
+        ("x_wind", "y_wind", "grid"), ("uas", "vas", "true"), ("ugrd10m", "vgrd10m", "true"),
+        ("UGRD_10maboveground", "VGRD_10maboveground", "true"), ("UGRD", "VGRD", "true"),
+        ("u-component_of_wind_height_above_ground", "v-component_of_wind_height_above_ground", "true"),
+        ("uwnd", "vwnd", "true"), ("u_wind", "v_wind", "true"), ("wind_u", "wind_v", "true"),
+        ("eastward_wind", "northward_wind", "true"), ("Uwind", "Vwind", "?"), ("windSpeedX", "windSpeedY", "true"),
+        ("uwind_speed", "vwind_speed", "true"), ("windx", "windy", "true"), ("u", "v", "?"),
+    ),
+    "stokes": (
+        ("VSDX", "VSDY", "true"), ("ust", "vst", "true"), ("uuss", "vuss", "true"), ("uss", "vss", "true"),
+        ("ustokes", "vstokes", "true"), ("u_stokes", "v_stokes", "true"), ("stokes_u", "stokes_v", "true"),
+    ),
+}  # fmt: skip
+# CF's
+MODIFIERS = ("_standard_error", "_number_of_observations", "_status_flag", "_quality_flag", "_detection_minimum")
+PLAIN = {"u", "v"}  # so plain that only a current may be called this without saying what it is
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The two variables of a quantity, along which axes they count ("true", "grid", "?"), and how they were found."""
+
+    east: str
+    north: str
+    axes: str
+    how: str
+
+
+def said(attributes: Attributes) -> str | None:
+    """Return what a variable says of itself: a quantity, "other", or None where it does not say."""
+    standard = _standard_name(attributes, "standard_name")
+    standard = "" if standard in ("unknown", "none") else standard  # GRIB converters write this
+    text = standard or str(attributes.get("long_name", "")).lower()
+    text = text.replace("_", " ")
+    if standard.endswith(MODIFIERS):
+        return "other"
+    if not text:
+        return None
+    if re.search(
+        r"\b(ice|stress|flux|transport|barotropic|bottom|gusts?|depth[- ]averaged?|vertical(ly)?|integrated|tidal|error"
+        r"|uncertainty|variance|anomaly|anomalies|acceleration|std|rms|bias)\b",
+        text,
+    ):
+        return "other"
+    if "stokes" in text:
+        return "stokes"
+    wind = re.search(r"wind", text) is not None
+    water = re.search(r"\b(sea ?water|water|current|currents|ocean)\b", text) is not None
+    if wind != water:
+        return "wind" if wind else "current"
+    return "other" if standard else None
+
+
+def _standard_name(attributes: Attributes, key: str) -> str:
+    text = re.sub(r"\s*[(\[].*$", "", str(attributes.get(key, "")).strip().lower())
+    return re.sub(r"\s+", "_", text)  # FVCOM: "eastward wind"; RTOFS: long_name = "eastward_sea_water_velocity (m/s) "
+
+
+def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str, east: bool) -> list[str]:
+    """Narrow several variables of one standard name: those at the surface first, winds at 10 m, a name in common use."""
+    if len(names) > 1:
+        names = [n for n in names if level.passes(attributes[n], quantity)] or names
+    if len(names) > 1 and quantity == "wind":
+        ten = [n for n in names if re.search(r"(?<!\d)10(?!\d)", f"{n} {attributes[n].get('long_name', '')}")]
+        names = ten or names
+    if len(names) > 1:
+        usual = [pair[0 if east else 1] for pair in COMMON[quantity]]
+        names = [n for n in usual if n in names][:1] or names
+    return names
+
+
+def _by_standard_name(quantity: str, variables: Mapping[str, Attributes], key: str) -> Pair | None:
+    halves: list[str] = []
+    for east_name, north_name, axes in STANDARD[quantity]:
+        held = [
+            _best([n for n, a in variables.items() if _standard_name(a, key) == name], variables, quantity, east)
+            for name, east in ((east_name, True), (north_name, False))
+        ]
+        if not held[0] or not held[1]:
+            halves += held[0] + held[1]
+            continue
+        for names in held:
+            if len(names) > 1:
+                raise UserError(
+                    f"several variables are the {SPOKEN[quantity]}: {', '.join(sorted(names))}; "
+                    f"choose with [[{quantity}]] variables = {{ east = ..., north = ... }}"
+                )
+        return Pair(held[0][0], held[1][0], axes, f"{key} {east_name}")
+    return None
+
+
+def _by_common_name(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
+    folded = {name.lower(): name for name in variables}
+    for east, north, axes in COMMON[quantity]:
+        pair = [name if name in variables else folded.get(name.lower()) for name in (east, north)]
+        if pair[0] is None or pair[1] is None:
+            continue
+        statements = {said(variables[name]) for name in pair if name is not None}
+        if statements - {None, quantity} or (east in PLAIN and quantity != "current" and None in statements):
+            continue
+        return Pair(pair[0], pair[1], axes, "name")
+    return None
+
+
+def search(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
+    """Return the variables of a quantity by standard name, then by common name; None where there are none."""
+    return (
+        _by_standard_name(quantity, variables, "standard_name")
+        or _by_standard_name(quantity, variables, "long_name")
+        or _by_common_name(quantity, variables)
+    )
+
+
+KEYS = (
+    "east",
+    "north",
+    "axes",
+    "lon",
+    "lat",
+    "time",
+    "angle",
+    "mask",
+    "crs",
+    "x",
+    "y",
+    "stagger",
+)  # of a case's variables
+
+
+def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str, Any], name: str) -> Pair:
+    """Return the variables of a quantity among all of `variables` {name: attributes}, or say what is there.
+
+    chosen: the case's own choice {"east": ..., "north": ..., "axes": "true" | "grid"}; it overrides everything.
+    """
+    axes = str(chosen.get("axes", ""))
+    if axes not in ("", "true", "grid"):
+        raise UserError(f'[[{quantity}]] variables.axes = "{axes}": allowed are "true" (east and north) and "grid"')
+    if "east" in chosen or "north" in chosen:
+        for key in ("east", "north"):
+            if key not in chosen:
+                raise UserError(f"[[{quantity}]] variables names one component; set {key} as well")
+            if chosen[key] not in variables:
+                raise UserError(
+                    f'{name}: no variable "{chosen[key]}"; it holds {_list(variables)}; set [[{quantity}]] variables'
+                )
+        east, north = str(chosen["east"]), str(chosen["north"])
+        standard = {e: a for e, _, a in STANDARD[quantity]} | {e: a for e, _, a in COMMON[quantity]}
+        known = standard.get(_standard_name(variables[east], "standard_name")) or standard.get(east) or "?"
+        return Pair(east, north, axes or known, "the case's own choice")
+    pair = search(quantity, variables)
+    if pair is None:
+        raise UserError(_absent(quantity, variables, name))
+    return Pair(pair.east, pair.north, axes or pair.axes, pair.how)
+
+
+def _list(variables: Mapping[str, Attributes]) -> str:
+    names = sorted(n for n in variables if not naming.of_grid(n))
+    return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "no variable"
+
+
+def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> str:
+    where = f"set [[{quantity}]] files to one that does, or [[{quantity}]] variables = {{ east = ..., north = ... }}"
+    components = {
+        name for name, _, _ in STANDARD[quantity] + COMMON[quantity]
+    }, {north for _, north, _ in STANDARD[quantity] + COMMON[quantity]}  # fmt: skip
+    for held, lacking, side in ((0, 1, "northward"), (1, 0, "eastward")):
+        one = [
+            n
+            for n, a in variables.items()
+            if (n in components[held] and said(a) in (None, quantity) and (n not in PLAIN or quantity == "current"))
+            or _standard_name(a, "standard_name") in components[held]
+        ]
+        if one and not any(n in components[lacking] for n in variables):
+            return (
+                f"{name}: {one[0]} is one component of the {SPOKEN[quantity]}, but the {side} one is missing; "
+                f"name the files of both in [[{quantity}]] files, or set [[{quantity}]] variables"
+            )
+    held_instead = []
+    for other in QUANTITIES:
+        pair = search(other, variables) if other != quantity else None
+        if pair is not None:
+            held_instead.append(f"{SPOKEN[other]} ({pair.east}, {pair.north})")
+    what = " and ".join(held_instead) if held_instead else _list(variables)
+    return f"no {SPOKEN[quantity]} in the {SPOKEN[quantity]} file {name}: it holds {what}; {where}"

@@ -1,0 +1,313 @@
+"""From files to a grid, times and a function that reads one slice: everything that `open_source` puts together."""
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo import notation, sphere
+from geo.box import Box
+from geo.errors import UserError
+from geo.files import dataset
+from geo.forcing import clock, component, memory, quantities, slices, survey, tile
+from geo.forcing.component import Component
+from geo.forcing.kept import Kept
+from geo.grids import fill, layout, naming
+from geo.grids.grid import Grid
+from geo.grids.layout import Array, Layout
+
+Values = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What files hold of one quantity: see `forcing.Source`, which it becomes."""
+
+    grid: Grid
+    times: clock.Times
+    read: Callable[[int], Values]
+    missing: float
+    notes: tuple[str, ...]
+    fingerprint: str
+    domain: NDArray[np.bool_] | None
+
+
+@dataclass(frozen=True)
+class Request:
+    """How the user wants files read; see `forcing.open_source`."""
+
+    quantity: str
+    name: str
+    variables: Mapping[str, Any]
+    units: str | None
+    times: Any
+    steady: bool
+    box: Box | None
+    depth: float | None
+    lenient: bool  # a lone slice counts: for a description, not for a run
+    plausible: bool  # the user vouches for speeds that no such quantity has
+    timeout: float  # of an address [s]
+
+
+@dataclass(frozen=True)
+class Opened:
+    """Files, or a dataset in memory, of which all is known that does not depend on the part that a case needs."""
+
+    request: Request
+    paths: dataset.Paths | memory.Held
+    files: list[tuple[str, xr.Dataset]]
+    pair: quantities.Pair
+    components: tuple[Component, Component]
+    times: clock.Times
+    count: int  # slices
+    whole: survey.Survey
+    notes: tuple[str, ...]
+
+
+def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
+    """Open files, or take a dataset in memory, and return how to read the quantity from them."""
+    opened = open_all(request, paths)
+    reading = cut(opened, request.box)
+    q, pair = request.quantity, opened.pair
+    asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
+    time = opened.components[0].segments[0][2]
+    digest = _digest(request, paths, opened.files, pair, time, f"{q} {pair.east} {pair.north} {asked}")
+    return replace(reading, fingerprint=digest)
+
+
+def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
+    """Open files, or take a dataset in memory, find the quantity and survey it as a whole."""
+    q = request.quantity
+    if isinstance(paths, memory.Held):
+        files = [(paths.title, memory.as_stored(paths))]
+    else:
+        files = [(path, dataset.open_one(path, q, request.timeout)) for path in dataset.expand(paths, q)]
+    notes: list[str] = []
+    attributes: dict[str, Mapping[str, Any]] = {}
+    for _, data in files:
+        for key, variable in data.variables.items():
+            if variable.ndim >= 1:
+                attributes.setdefault(str(key), variable.attrs)
+    found = {k: a for k, a in attributes.items() if _is_field(k, files)}
+    _check_chosen(request, files)
+    pair = quantities.find(q, found, request.variables, request.name)
+    notes.append(f"{quantities.SPOKEN[q]} from {pair.east}, {pair.north} (found by {pair.how})")
+    _check_sizes(request, pair, files)
+    first, second = _components(request, pair, files, notes)
+    first, second, times = _join(request, first, second, notes)
+    notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
+    count = 1 if request.steady else len(first.segments)
+    whole = survey.of((first, second), count, request.plausible, request.name)
+    first, second = (
+        replace(c, fills=fills, vouched=request.plausible)
+        for c, fills in zip((first, second), whole.fills, strict=True)
+    )
+    return Opened(request, paths, files, pair, (first, second), times, count, whole, tuple(notes))
+
+
+def cut(opened: Opened, box: Box | None) -> Reading:
+    """Return how to read the part of a source that a case needs; its fingerprint is left empty."""
+    request, (first, second), whole = replace(opened.request, box=box), opened.components, opened.whole
+    wanted = _needed(box)
+    crops = [layout.crop(c.layout, wanted) for c in (first, second)]
+    if crops[0] is None or crops[1] is None:
+        raise UserError(_apart(request, first.layout))
+    made = tile.make((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
+    seen = tile.examine(made, opened.count, whole)
+    if seen.missing == 1.0 and seen.empty:
+        inside = " in the case's area" if box is not None else ""
+        odd = f" ({seen.strange} are no possible speed: are the units right?)" if seen.strange else ""
+        raise UserError(f"{request.name}: every value is missing{inside}{odd}; set [[{request.quantity}]] files")
+    made = seen.tile
+    return Reading(
+        made.grid,
+        opened.times,
+        lambda i: tile.read(made, i),
+        seen.missing,
+        opened.notes + whole.notes + made.notes + seen.notes,
+        "",
+        tile.domain(made),
+    )
+
+
+def keep(opened: Opened, box: Box) -> Opened:
+    """Return a source whose slices, once read, stay in memory over a box: parts of it that lie inside are cut from there."""
+    kept = []
+    for one in opened.components:
+        crop = layout.crop(one.layout, _needed(box))
+        kept.append(one if crop is None else replace(one, kept=Kept(slices.window(crop))))
+    return replace(opened, components=(kept[0], kept[1]))
+
+
+def _digest(
+    request: Request,
+    paths: dataset.Paths | memory.Held,
+    files: list[tuple[str, xr.Dataset]],
+    pair: quantities.Pair,
+    time: str | None,
+    extra: str,
+) -> str:
+    """Return a short hash of what is read: of files their bytes, of a dataset in memory its values."""
+    if not isinstance(paths, memory.Held):
+        return dataset.fingerprint([p for p, _ in files], [d for _, d in files], extra)
+    used = {pair.east, pair.north, *map(str, request.variables.values())}
+    return memory.fingerprint(files[0][1], used, time, extra)
+
+
+def _needed(box: Box | None) -> Box | None:
+    """Return a box with all from which a node inside it may be filled, so that a crop is filled as the whole is."""
+    if box is None:
+        return None
+    margin = float(np.degrees(fill.REACH / sphere.RADIUS))
+    cosine = np.cos(np.radians(min(89.0, max(abs(box.south), abs(box.north)) + margin)))
+    return box.grown(float(margin / cosine), margin)
+
+
+def _check_chosen(request: Request, files: list[tuple[str, xr.Dataset]]) -> None:
+    """Refuse names of variables that no file holds: they would be passed over."""
+    held = {str(n): v for _, d in files for n, v in d.variables.items()}
+    for key in ("lon", "lat", "time", "angle", "mask", "x", "y"):
+        name = request.variables.get(key)
+        if name is None or (key == "mask" and name in ("none", False)):
+            continue
+        if name not in held:
+            raise UserError(f'{request.name}: no variable "{name}"; set [[{request.quantity}]] variables.{key}')
+        if key in ("lon", "lat", "x", "y") and not np.issubdtype(held[name].dtype, np.number):
+            raise UserError(f'{request.name}: "{name}" holds no numbers; set [[{request.quantity}]] variables.{key}')
+
+
+def _check_sizes(request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]]) -> None:
+    """Refuse components without a value, and one variable that is both of them."""
+    for path, data in files:
+        for name in (pair.east, pair.north):
+            empty = [str(d) for d in data[name].dims if data.sizes[d] == 0] if name in data.variables else []
+            if empty:
+                raise UserError(
+                    f"{path}: {component.describe_dims(data, name)} holds no value along {empty[0]}; "
+                    f"set [[{request.quantity}]] files"
+                )
+        both = pair.east == pair.north and pair.east in data.variables
+        if both and not any(str(d).lower() in component.HORIZONTAL for d in data[pair.east].dims):
+            raise UserError(
+                f"{path}: {pair.east} is named as both components; set [[{request.quantity}]] variables.north"
+            )
+
+
+def _is_field(name: str, files: list[tuple[str, xr.Dataset]]) -> bool:
+    """Whether a variable can hold a component: numbers over at least one dimension besides its own."""
+    data = next(d for _, d in files if name in d.variables)
+    return np.issubdtype(data[name].dtype, np.number) and data[name].dims != (name,)
+
+
+def _components(
+    request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]], notes: list[str]
+) -> tuple[Component, Component]:
+    holding = [(p, d) for p, d in files if pair.east in d.variables or pair.north in d.variables]
+    others = [(p, d) for p, d in files if pair.east not in d.variables and pair.north not in d.variables]
+    lent: dict[str, xr.Variable] = {}
+    for path, data in others:
+        own = {str(n): v for n, v in data.variables.items() if naming.of_grid(str(n), v.attrs) and "time" not in v.dims}
+        if not any(naming.LON.match(n) or v.attrs.get("standard_name") == "longitude" for n, v in own.items()):
+            raise UserError(
+                f"{path} holds neither {pair.east} nor {pair.north}; take it out of [[{request.quantity}]] files"
+            )
+        lent |= own
+        notes.append(f"grid from {os.path.basename(path)}")
+    if lent:
+        holding = [(p, _with(d, lent)) for p, d in holding]
+    stated = request.steady or request.times is not None
+    result = []
+    for side, name in enumerate((pair.east, pair.north)):
+        having = [(path, data) for path, data in holding if name in data.variables]
+        try:
+            result.append(
+                component.gather(
+                    name, side, having, request.quantity, request.variables, request.units, request.depth, not stated
+                )
+            )
+        except (IndexError, ValueError) as error:
+            if not {"lon", "lat"} & set(request.variables):
+                raise
+            raise UserError(
+                f"{request.name}: the longitude and latitude that [[{request.quantity}]] variables name do not fit "
+                f"{component.describe_dims(having[0][1], name)}; set variables.lon and variables.lat"
+            ) from error
+    return result[0], result[1]
+
+
+def _with(data: xr.Dataset, lent: Mapping[str, xr.Variable]) -> xr.Dataset:
+    """Return a dataset with the grid's variables that it lacks, where their dimensions agree."""
+    fitting = {
+        n: v
+        for n, v in lent.items()
+        if n not in data.variables and all(data.sizes.get(d, v.sizes[d]) == v.sizes[d] for d in v.dims)
+    }
+    return data.assign(fitting)
+
+
+def _join(
+    request: Request, first: Component, second: Component, notes: list[str]
+) -> tuple[Component, Component, clock.Times]:
+    """Bring both components to the same slices and return their times; empty for a steady field."""
+    q, none = request.quantity, np.empty(0, "datetime64[s]")
+    if request.steady:
+        if len(first.segments) > 1:
+            notes.append(f"steady: the first of {len(first.segments)} slices stands for all times")
+        return first, second, none
+    if request.times is not None:
+        if len(first.segments) != len(second.segments):
+            raise UserError(f"{request.name}: {first.name} and {second.name} have different numbers of slices")
+        times = clock.stated(request.times, len(first.segments), q)
+        if len(times) == 1:
+            raise UserError(f"{request.name}: one slice cannot be interpolated in time; set [[{q}]] steady = true")
+        notes.append("times as the case states them")
+        return first, second, times
+    assert first.times is not None
+    assert second.times is not None
+    times, in_first, in_second = np.intersect1d(first.times, second.times, return_indices=True)
+    if len(times) == 0:
+        raise UserError(f"{request.name}: {first.name} and {second.name} have no time in common")
+    if len(times) < max(len(first.times), len(second.times)):
+        notes.append(
+            f"{len(times)} times common to {first.name} ({len(first.times)}) and {second.name} ({len(second.times)})"
+        )
+        first = replace(first, segments=tuple(first.segments[k] for k in in_first))
+        second = replace(second, segments=tuple(second.segments[k] for k in in_second))
+    if len(times) == 1:
+        if not request.lenient:
+            raise UserError(
+                f"{request.name}: one time only, {notation.group(times[0])}, which says nothing of the hours around it; set "
+                f"[[{q}]] steady = true to hold it constant, or times to say when it holds, or name more files"
+            )
+        notes.append("one time only: a run needs steady = true or times")
+    elif np.median(np.diff(times)) > np.timedelta64(25, "h"):
+        notes.append(
+            f"slices are {np.median(np.diff(times)).astype('m8[h]').astype(int)} h apart: tides and gusts are lost"
+        )
+    return first, second, times
+
+
+def _apart(request: Request, item: Layout) -> str:
+    lon, lat = layout.points(item)
+    box = request.box
+    assert box is not None
+    x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
+    known = np.isfinite(lon) & np.isfinite(lat)
+    near = np.argmin(
+        np.where(known, sphere.distance(np.radians(x), np.radians(y), np.radians(lon), np.radians(lat)), np.inf)
+    )
+    where = notation.toward(x, y, float(lon.flat[near]), float(lat.flat[near]))
+    return (
+        f"{request.name} covers {_span(lon, lat)} and the case needs {box.west:.2f} to {box.east:.2f} E, "
+        f"{box.south:.2f} to {box.north:.2f} N: no overlap; from the middle of that it is {where} to the nearest value; set "
+        f"[[{request.quantity}]] files, or move the case"
+    )
+
+
+def _span(lon: Array, lat: Array) -> str:
+    turned = lon if np.ptp(lon[np.isfinite(lon)]) < 350 else (lon + 180) % 360 - 180
+    return f"{np.nanmin(turned):.2f} to {np.nanmax(turned):.2f} E, {np.nanmin(lat):.2f} to {np.nanmax(lat):.2f} N"

@@ -1,0 +1,217 @@
+"""Currents, winds and Stokes drift as the engine sees them: a regular grid, times, and slices read on demand.
+
+Whatever the files hold (projected, curved, staggered or triangular grids, packed numbers, other units and
+calendars), a `Source` gives true east and north in m/s on a regular longitude-latitude grid, NaN where missing.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from geo.box import Box
+from geo.errors import UserError
+from geo.files import address, dataset
+from geo.forcing import analytic as flows
+from geo.forcing import memory, quantities, reader
+from geo.forcing.kept import Shelf
+from geo.grids.grid import Grid
+
+EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for what does not vary in space
+MOST_NODES = 1_000_000  # of a built-in flow's tile
+
+
+@dataclass(frozen=True)
+class Source:
+    """One source of one quantity.
+
+    quantity: "current" | "wind" | "stokes"; name: for messages; grid: its nodes;
+    times: datetime64[s] UTC, strictly increasing, shape (nt,), empty for a steady field;
+    read: slice index (0 when steady) -> float32 C-contiguous (nlat, nlon, 2), true east and north [m/s], NaN missing;
+    missing: share of nodes missing in the first slice; notes: how it was understood, in plain words;
+    fingerprint: a hash of what is read, independent of where it lies;
+    domain: (nlat, nlon) nodes inside the source's own grid, None where all are: beyond it no value is missing for land;
+    shelf: where slices that are ready to be sampled stay for other forecasts, None: nowhere.
+    """
+
+    quantity: str
+    name: str
+    grid: Grid
+    times: NDArray[np.datetime64]
+    read: Callable[[int], NDArray[np.float32]]
+    missing: float
+    notes: tuple[str, ...]
+    fingerprint: str
+    domain: NDArray[np.bool_] | None = None
+    shelf: Shelf | None = None
+
+
+def open_source(
+    quantity: str,
+    paths: dataset.Paths | memory.Held,
+    *,
+    variables: Mapping[str, Any] | None = None,
+    units: str | None = None,
+    times: Any = None,
+    steady: bool = False,
+    box: Box | None = None,
+    depth: float | None = None,
+    name: str | None = None,
+    lenient: bool = False,
+    plausible: bool = False,
+    timeout: float = address.TIMEOUT,
+) -> Source:
+    """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) or a dataset in memory as one source.
+
+    variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name}, {"axes": "true" |
+    "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it overrides what is found.
+    units: of the values where the file is silent or wrong. times: {"start": ..., "interval": ...} or one time a
+    slice, where the file's are meaningless. steady: the first slice holds at all times. box: what is needed; two
+    nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it. plausible: the user
+    vouches for its values: no speed is refused, no value taken as an undeclared fill value for standing apart.
+    timeout: how long the server of an address may leave a question unanswered [s].
+    """
+    asked, listed = _request(quantity, paths, variables, units, times, steady, box, depth, lenient, plausible, timeout)
+    with dataset.readable(_titles(listed), quantity):
+        reading = reader.read(asked, listed)
+    return _source(asked, name, reading)
+
+
+def open_shared(
+    quantity: str,
+    paths: dataset.Paths | memory.Held,
+    *,
+    variables: Mapping[str, Any] | None = None,
+    units: str | None = None,
+    times: Any = None,
+    steady: bool = False,
+    depth: float | None = None,
+    plausible: bool = False,
+    timeout: float = address.TIMEOUT,
+) -> reader.Opened:
+    """Open files as `open_source` does, for several cases: `keep` and `cut` give each its part."""
+    asked, listed = _request(quantity, paths, variables, units, times, steady, None, depth, False, plausible, timeout)
+    with dataset.readable(_titles(listed), quantity):
+        return reader.open_all(asked, listed)
+
+
+def keep(opened: reader.Opened, box: Box) -> reader.Opened:
+    """Return an opened source whose slices stay in memory over a box, once they are read."""
+    return reader.keep(opened, box)
+
+
+def cut(opened: reader.Opened, box: Box, name: str | None = None) -> Source:
+    """Return the part of an opened source that `open_source` would give for a box; without a fingerprint."""
+    with dataset.readable(_titles(opened.paths), opened.request.quantity):
+        return _source(opened.request, name, reader.cut(opened, box))
+
+
+def _request(
+    quantity: str, paths: dataset.Paths | memory.Held, variables: Mapping[str, Any] | None, *how: Any
+) -> tuple[reader.Request, Any]:
+    """Return a request, and what it is made of."""
+    if quantity not in quantities.QUANTITIES:
+        raise UserError(f'quantity "{quantity}": allowed are {", ".join(quantities.QUANTITIES)}')
+    if isinstance(paths, memory.Held):
+        return reader.Request(quantity, paths.name, variables or {}, *how), paths
+    listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    return reader.Request(quantity, dataset.title(listed), variables or {}, *how), listed
+
+
+def _titles(paths: Any) -> Any:
+    """Return what messages call the files, or the dataset in memory."""
+    return [paths.title] if isinstance(paths, memory.Held) else paths
+
+
+def _source(asked: reader.Request, name: str | None, reading: reader.Reading) -> Source:
+    return Source(
+        asked.quantity, name or asked.name, reading.grid, reading.times, reading.read, reading.missing, reading.notes,
+        reading.fingerprint, reading.domain,
+    )  # fmt: skip
+
+
+def constant(quantity: str, east: float, north: float, name: str = "as reported") -> Source:
+    """Return a steady, uniform field [m/s] over the globe."""
+    return _uniform(quantity, np.empty(0, "datetime64[s]"), np.array([east]), np.array([north]), name)
+
+
+def table(quantity: str, times: ArrayLike, east: ArrayLike, north: ArrayLike, name: str = "as reported") -> Source:
+    """Return a uniform field over the globe that changes in time: times (nt,), east and north [m/s] (nt,)."""
+    when = np.asarray(times).astype("datetime64[s]").reshape(-1)
+    u, v = np.asarray(east, float).reshape(-1), np.asarray(north, float).reshape(-1)
+    if not len(when) == len(u) == len(v) or len(when) < 2:
+        raise UserError(f"[[{quantity}]] table: {len(when)} times for {len(u)} values; give at least two rows")
+    if (np.diff(when) <= np.timedelta64(0, "s")).any():
+        raise UserError(f"[[{quantity}]] table: times must increase")
+    return _uniform(quantity, when, u, v, name)
+
+
+def _uniform(
+    quantity: str, times: NDArray[np.datetime64], east: NDArray[Any], north: NDArray[Any], name: str
+) -> Source:
+    if not (np.isfinite(east).all() and np.isfinite(north).all()):
+        raise UserError(f"[[{quantity}]] {name}: a speed is not a finite number")
+    values = np.stack((east, north), axis=-1).astype(np.float32)
+    digest = hashlib.sha256(quantity.encode() + times.astype(np.int64).tobytes() + values.tobytes()).hexdigest()[:16]
+
+    def read(i: int) -> NDArray[np.float32]:
+        return np.ascontiguousarray(np.broadcast_to(values[i], (2, 2, 2)))
+
+    spoken = " then ".join(_spoken(quantity, *vector) for vector in values[:3].tolist())
+    rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
+    return Source(quantity, name, EVERYWHERE, times, read, 0.0, (f"the same everywhere: {spoken}{rest}",), digest)
+
+
+def _spoken(quantity: str, east: float, north: float) -> str:
+    """Return a vector as mariners say it: winds from, currents toward, knots."""
+    toward = np.degrees(np.arctan2(east, north))
+    angle = (toward + 180 if quantity == "wind" else toward) % 360
+    return f"{np.hypot(east, north) * 3600 / 1852:.1f} kn {'from' if quantity == 'wind' else 'toward'} {angle:03.0f}"
+
+
+def analytic(
+    quantity: str, kind: str, box: Box, start: np.datetime64, end: np.datetime64, **parameters: float
+) -> Source:
+    """Return a built-in synthetic flow over a box, hourly from before start to after end (either order).
+
+    parameters: those of the flow in `geo.forcing.analytic`; spacing [deg] overrides that of its tile.
+    """
+    spacing = parameters.pop("spacing", None)
+    flow, usual = flows.build(quantity, kind, box, **parameters)
+    step = float(spacing or usual)
+    width, height = box.east - box.west, box.north - box.south
+    step = max(step, float(np.sqrt(width * height / MOST_NODES)))
+    if box.east - box.west >= 360.0:
+        step = 360.0 / np.ceil(360.0 / step)
+    # Nodes stand at multiples of the step: where they stand must not depend on the box.
+    west = np.floor(box.west / step)
+    east = min(np.ceil(box.east / step), west + np.ceil(360.0 / step))
+    south, north = np.floor(max(box.south / step, -90 / step + 1)), np.ceil(min(box.north / step, 90 / step - 1))
+    grid = Grid(west * step, south * step, step, step, int(max(east - west, 1)) + 1, int(max(north - south, 1)) + 1)
+    hour = np.timedelta64(3600, "s")
+    first, last = sorted((_second(start), _second(end)))
+    first = first.astype("datetime64[h]").astype("datetime64[s]")
+    times = first + hour * np.arange(int(np.ceil((last - first) / hour)) + 1)
+    if len(times) < 2:
+        times = first + hour * np.arange(2)
+    velocity = flow(*np.meshgrid(grid.lon, grid.lat))
+
+    def read(i: int) -> NDArray[np.float32]:
+        result = np.empty((grid.nlat, grid.nlon, 2), np.float32)
+        result[..., 0], result[..., 1] = velocity(float((times[i] - flows.EPOCH) / np.timedelta64(1, "s")))
+        result[np.abs(grid.lat) > 89.0] = np.nan
+        return result
+
+    told = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
+    digest = hashlib.sha256(f"{kind} {told} {grid} {first} {last}".encode()).hexdigest()[:16]
+    notes = (f'SYNTHETIC: built-in flow "{kind}"{" with " + told if told else ""}, no observation or model',)
+    missing = float((np.abs(grid.lat) > 89.0).mean())
+    return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)
+
+
+def _second(time: Any) -> np.datetime64:
+    return np.datetime64(time, "s")

@@ -1,0 +1,119 @@
+"""Time slices of a source in step with a clock: read ahead by a thread, no more than a few in memory.
+
+For a step [begin, end] two slices bracket the time. Where a node of the source's time axis falls inside the step, the
+values at begin and end are interpolated first, so that a step always sees one straight line in time. Where a step lies
+partly before the first or after the last node, that node's values hold for the rest of this one step.
+"""
+
+from bisect import bisect_left, bisect_right
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from geo.forcing.sources import Source
+from geo.grids import fill as filling
+
+Array = npt.NDArray[Any]
+
+LONGEST_GAP = 3  # times the usual interval: a longer one is a hole in the data, not something to interpolate over
+
+Times = npt.NDArray[np.datetime64]
+Key = int | float  # an index of a slice, or a time [s] between two
+
+
+def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return the (begin, end) of the holes in a source's times: between them it has nothing."""
+    if times.size < 2:
+        return []
+    steps = np.diff(times.astype("datetime64[s]"))
+    wide = np.flatnonzero(steps.astype(np.int64) > LONGEST_GAP * np.median(steps.astype(np.int64)))
+    return [(times[k], times[k + 1]) for k in wide]
+
+
+def spans(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return the (begin, end) of the spans in which a source that is not steady has something."""
+    inner = [end for hole in holes(times) for end in hole]
+    ends = [times[0], *inner, times[-1]]
+    return list(zip(ends[::2], ends[1::2], strict=True))
+
+
+class Bracket(NamedTuple):
+    """The slices on both sides of a step, and the weight of the later one at its lower and upper time."""
+
+    earlier: Key
+    later: Key
+    low: float
+    high: float
+
+
+class Slices:
+    """The slices of one source, read ahead in a pool; filled towards the coast `cells` deep (0: as they are) by neighbours'
+    means, and beyond from the nearest wet node within REACH."""
+
+    def __init__(self, source: Source, cells: int, ahead: int, pool: ThreadPoolExecutor) -> None:
+        self.source, self.cells, self.ahead, self._pool = source, cells, ahead, pool
+        self.seconds = source.times.astype("datetime64[s]").astype(np.int64)
+        steps = np.diff(self.seconds)
+        self._nodes: list[int] = self.seconds.tolist()  # a search of few in Python is faster than in NumPy
+        self._steps: list[int] = steps.tolist()
+        self._usual = float(np.median(steps)) if steps.size else 0.0
+        self._reading: dict[int, Future[Array]] = {}
+
+    def bracket(self, low: int, high: int) -> Bracket | None:
+        """Return the bracket of the step [low, high] [s since 1970], or None where the source has nothing."""
+        nodes = self._nodes
+        if not nodes:
+            return Bracket(0, 0, 0.0, 0.0)
+        if high <= nodes[0] or low >= nodes[-1] or len(nodes) < 2:
+            return None
+        if low < nodes[0] or high > nodes[-1]:
+            return Bracket(float(low), float(high), 0.0, 1.0)
+        i = min(bisect_right(nodes, low) - 1, len(nodes) - 2)
+        j = max(bisect_left(nodes, high), i + 1)
+        if max(self._steps[i:j]) > LONGEST_GAP * self._usual:
+            return None
+        if j > i + 1:
+            return Bracket(float(low), float(high), 0.0, 1.0)
+        span = self._steps[i]
+        return Bracket(i, j, (low - nodes[i]) / span, (high - nodes[i]) / span)
+
+    def get(self, key: Key) -> Array:
+        """Return the slice of a key, shape (nlat, nlon, 2) [m/s], and have the next one read meanwhile."""
+        if isinstance(key, float):
+            key = min(max(key, float(self.seconds[0])), float(self.seconds[-1]))
+            i = min(int(np.searchsorted(self.seconds, key, "right")) - 1, self.seconds.size - 2)
+            weight = np.float32((key - self.seconds[i]) / self._steps[i])
+            return np.asarray((1 - weight) * self.get(i) + weight * self.get(i + 1))
+        values = self._ready(key)
+        if values is None:
+            values = self._request(key).result()
+        if self._ready(key + self.ahead) is None:
+            self._request(key + self.ahead)
+        for old in [k for k in self._reading if abs(k - key) > 2]:
+            del self._reading[old]
+        return values
+
+    def _ready(self, index: int) -> Array | None:
+        """Return a slice that another forecast has left; None where there is none."""
+        shelf = self.source.shelf
+        return None if shelf is None else shelf.find(self.cells, self._inside(index))
+
+    def _inside(self, index: int) -> int:
+        return min(max(index, 0), max(self.seconds.size, 1) - 1)
+
+    def _request(self, index: int) -> Future[Array]:
+        index = self._inside(index)
+        if index not in self._reading:
+            self._reading[index] = self._pool.submit(self._read, index)
+        return self._reading[index]
+
+    def _read(self, index: int) -> Array:
+        values, grid = self.source.read(index), self.source.grid
+        if self.cells:
+            bands, inside = filling.bands(grid), self.source.domain
+            values = filling.fill(values, self.cells, grid.seamless, reach=filling.REACH, bands=bands, within=inside)
+        if self.source.shelf is not None:
+            self.source.shelf.keep(values, self.cells, index)
+        return values

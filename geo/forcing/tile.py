@@ -1,0 +1,226 @@
+"""A tile: two components on their own points, turned into true east and north on one regular grid.
+
+Where the points are a regular longitude-latitude grid already, values are taken as they are. Everything else is
+carried over by the weights of `regrid.py`, each component from its own points (so that a staggered grid needs no
+averaging first), and what that costs is measured on the first slice.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from geo.box import Box
+from geo.forcing import slices
+from geo.forcing.component import Component
+from geo.forcing.survey import Survey
+from geo.grids import cost, layout, regrid, rotation, target
+from geo.grids import grid as grids
+from geo.grids.grid import Grid
+from geo.grids.layout import Array, Axes, Curved, Layout, Plane, Triangles, uniform
+
+Values = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Tile:
+    """components, layouts: the two components and their points; matrices: their weights, None where taken as they are.
+
+    directions: (nlat, columns, 4) unit vectors of the components' axes, None where they are east and north;
+    dry: points whose zeros are land, per component; beyond: (nlat,) rows poleward of 89 degrees.
+    """
+
+    grid: Grid
+    components: tuple[Component, Component]
+    layouts: tuple[Layout, Layout]
+    matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None
+    directions: NDArray[np.float32] | None
+    dry: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None
+    beyond: NDArray[np.bool_] | None
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A tile after a look at its first slice.
+
+    missing: share of nodes missing there; empty: whether all slices looked at hold nothing; strange: how many
+    values there are no speed but fill values that the file does not declare.
+    """
+
+    tile: Tile
+    missing: float
+    empty: bool
+    strange: int
+    notes: tuple[str, ...]
+
+
+def make(components: tuple[Component, Component], layouts: tuple[Layout, Layout], axes: str, box: Box | None) -> Tile:
+    """Return the tile for two components and their (cropped) points. axes: "true", "grid" or "?"."""
+    first, second = layouts
+    notes: list[str] = []
+    grid = _regular(first, second)
+    matrices = None
+    if grid is None:
+        grid, coarser = target.choose(layouts, box)
+        sign = 1.0 if axes == "true" else -1.0  # a grid's own axes turn round at the fold of a tripolar grid
+        matrices = (regrid.weights(first, grid, sign), regrid.weights(second, grid, sign))
+        kind = {Axes: "rectilinear", Plane: "projected", Curved: "curvilinear", Triangles: "triangular"}[type(first)]
+        notes.append(
+            f"{kind} grid carried to a regular one of {grid.nlon} x {grid.nlat} nodes, "
+            f"{grid.dlon:.4g} x {grid.dlat:.4g} degrees"
+            + (f", coarser than wanted to stay under {target.MOST_NODES:,} nodes" if coarser else "")
+        )
+        if not _together(first, second):
+            notes.append("the components stand at different points (a staggered grid): each is carried from its own")
+    directions = _directions(grid, layouts, matrices, axes, notes)
+    beyond = np.abs(grid.lat) > target.POLEWARD + 1e-9
+    if beyond.any():
+        notes.append(
+            f"{int(beyond.sum())} rows poleward of 89 degrees are missing: east and north have no meaning there"
+        )
+    return Tile(grid, components, layouts, matrices, directions, None, beyond if beyond.any() else None, tuple(notes))
+
+
+def domain(tile: Tile) -> NDArray[np.bool_] | None:
+    """Return the nodes (nlat, columns) inside the source's own domain; None where all are, or where it can't be told.
+
+    A triangular mesh ends at the coast: what is outside it may be land.
+    """
+    if tile.matrices is None or any(isinstance(layout, Triangles) for layout in tile.layouts):
+        return None
+    held = [m.getnnz(axis=1) > 0 for m in tile.matrices]
+    inside = (held[0] & held[1]).reshape(tile.grid.nlat, -1)
+    return np.concatenate([inside, inside[:, :1]], axis=1) if tile.grid.seamless else inside
+
+
+def _together(first: Layout, second: Layout) -> bool:
+    """Whether two components stand at the same points."""
+    pairs = list(zip(layout.points(first), layout.points(second), strict=True))
+    return all(a.shape == b.shape and np.allclose(a, b, atol=1e-6, equal_nan=True) for a, b in pairs)
+
+
+def _regular(first: Layout, second: Layout) -> Grid | None:
+    """Return the regular grid that both layouts are already, None where they are not."""
+    if not (isinstance(first, Axes) and isinstance(second, Axes)):
+        return None
+    if first.lon.shape != second.lon.shape or first.lat.shape != second.lat.shape:
+        return None
+    if not (np.allclose(first.lon, second.lon, atol=1e-6) and np.allclose(first.lat, second.lat, atol=1e-6)):
+        return None
+    around = np.concatenate((first.lon, first.lon[:1] + 360.0)) if first.round else first.lon
+    if not (uniform(around) and uniform(first.lat)):
+        return None
+    nlon, nlat = len(around), len(first.lat)
+    return Grid(
+        float(first.lon[0]), float(first.lat[0]), float(around[-1] - around[0]) / (nlon - 1),
+        float(first.lat[-1] - first.lat[0]) / (nlat - 1), nlon, nlat,
+    )  # fmt: skip
+
+
+def _directions(
+    grid: Grid, layouts: tuple[Layout, Layout], matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None, axes: str,
+    notes: list[str],
+) -> NDArray[np.float32] | None:  # fmt: skip
+    first = layouts[0]
+    if isinstance(first, Axes | Triangles) or matrices is None:
+        return None  # here the axes are east and north, or there are none
+    if axes == "true":
+        notes.append("components are true east and north as they stand")
+        return None
+    assumed = ' (assumed: set variables.axes = "true" if they are east and north)' if axes == "?" else ""
+    lon, lat = grids.nodes(grid)
+    if isinstance(first, Plane):
+        result = rotation.plane_axes(first, lon, lat)
+        how = "the projection's axes"
+    else:  # each component has an axis of its own: at a fold one may be taken from one side, one from the other
+        second = layouts[1] if isinstance(layouts[1], Curved) else first
+        x, y = (
+            rotation.carried_axis(matrix, item.lon, item.lat, _x_axis(item) + quarter, lon, lat)
+            for matrix, item, quarter in ((matrices[0], first, 0.0), (matrices[1], second, np.pi / 2))
+        )
+        result = rotation.undone(x, y)
+        how = "the grid's own axes"
+    turned = np.degrees(np.arctan2(result[..., 1], result[..., 0]))
+    turned = turned[np.isfinite(turned)]
+    low, high = np.percentile(turned, (5, 95)) if turned.size else (np.nan, np.nan)
+    notes.append(
+        f"vectors rotated from {how} ({low:.1f} to {high:.1f} degrees from east) to true east and north{assumed}"
+    )
+    return result
+
+
+def _x_axis(item: Curved) -> Array:
+    """Return the angle [rad] of a curved grid's x axis from east at its points."""
+    return item.angle if item.angle is not None else rotation.curved_angle(item.lon, item.lat, layout.joins(item))
+
+
+def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
+    """Return both components of slice i at their own points, and how many undeclared fill values they held."""
+    values, strange = [], 0
+    for k in (0, 1):
+        value, count = slices.read(tile.components[k], tile.layouts[k], i)
+        if tile.dry is not None:
+            value[tile.dry[k]] = np.nan
+        values.append(value)
+        strange += count
+    return values[0], values[1], strange
+
+
+def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return components (nlat, columns) on the grid, still along their own axes."""
+    if tile.matrices is None:
+        return np.asarray(x, np.float32), np.asarray(y, np.float32)
+    shape = (tile.grid.nlat, tile.grid.columns)
+    a, b = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, (x, y), strict=True))
+    return a, b
+
+
+def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
+    """Turn carried components to east and north; missing where either is, and poleward of 89 degrees."""
+    result = np.empty((tile.grid.nlat, tile.grid.nlon, 2), np.float32)
+    own = tile.grid.columns
+    result[:, :own, 0], result[:, :own, 1] = rotation.turn(x, y, tile.directions)
+    if own < tile.grid.nlon:
+        result[:, own:] = result[:, :1]
+    result[np.isnan(result).any(axis=2)] = np.nan
+    if tile.beyond is not None:
+        result[tile.beyond] = np.nan
+    return result
+
+
+def read(tile: Tile, i: int) -> Values:
+    """Return slice i: float32 (nlat, nlon, 2), true east and north [m/s], NaN missing. Any thread may call it."""
+    x, y, _ = _components(tile, i)
+    return _finished(tile, *_carried(tile, x, y))
+
+
+def examine(tile: Tile, count: int, seen: Survey) -> Examined:
+    """Look at the first slice: what is missing, what carrying cost; and mark as dry what the survey takes as land."""
+    notes: list[str] = []
+    if seen.dry:
+        tile = replace(tile, dry=_dry(tile, seen.looked_at))
+    x, y, strange = _components(tile, 0)
+    if strange:
+        notes.append(f"{strange} values of the first slice are fill values that the file does not declare: missing")
+    a, b = _carried(tile, x, y)
+    first = _finished(tile, a, b)
+    missing = float(np.isnan(first[..., 0]).mean())
+    empty = missing == 1.0 and not any(np.isfinite(read(tile, i)).any() for i in {count // 2, count - 1} - {0})
+    if tile.matrices is not None and missing < 1.0:
+        notes.append(cost.of(tile.grid, tile.layouts, (a, b), (x, y)))
+    return Examined(tile, missing, empty, strange, tuple(notes))
+
+
+def _dry(tile: Tile, looked_at: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the points of each component that are exactly zero, or missing, in all these slices."""
+    zero = [np.ones(()), np.ones(())]
+    for i in looked_at:
+        values = _components(tile, i)[:2]
+        zero = [
+            z * (slices.still(value / c.factor, c, i) | np.isnan(value))
+            for z, value, c in zip(zero, values, tile.components, strict=True)
+        ]
+    u, v = (np.asarray(z, bool) for z in zero)
+    return (u & v, u & v) if u.shape == v.shape else (u, v)

@@ -1,0 +1,199 @@
+"""Weights inside cells of curved grids and of triangles, found by running over cells, not by searching for points.
+
+A tile is finer than its source, so every cell holds a few of its nodes: those in the cell's own box are tried.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import scipy.sparse as sp
+
+from geo.grids import layout
+from geo.grids.grid import Grid
+from geo.grids.layout import Array, Curved, Index, Triangles
+
+CHUNK = 2_000_000  # candidate pairs of cell and node handled at a time
+NEAR = 0.5  # cosine of how far a corner may be from its cell's middle: 60 degrees; what is wider is no cell
+RIM = 0.01  # of a cell: so far outside a grid a node counts as on its rim; an edge along a parallel bulges less
+SLACK = 1e-6  # of a cell: rounding
+
+Part = tuple[Index, Index, Array, Array]  # (node, points, weights of points, how far outside the cell)
+
+
+def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
+    """Bilinear inside cells, those across the seam and the fold of a grid that goes round the Earth among them.
+
+    mirrored: sign of weights on points beyond the fold: -1 for components along the grid's own axes, which turn
+    round there.
+    """
+    ny, nx = curved.lon.shape
+    lon, lat = np.ravel(curved.lon), np.ravel(curved.lat)
+    parts: list[Part] = []
+    band = max(1, CHUNK // (8 * nx))
+    for j in range(0, ny - 1, band):
+        corners = layout.cells(curved, np.arange(j, min(j + band, ny - 1))).reshape(-1, 4)
+        parts += _bilinear(lon, lat, corners, grid, np.ones(4))
+    parts += _bilinear(lon, lat, layout.across(curved), grid, np.array([1.0, 1.0, mirrored, mirrored]))
+    return _assemble(parts, grid, ny * nx)
+
+
+def _bilinear(lon: Array, lat: Array, corners: Index, grid: Grid, sign: Array) -> list[Part]:
+    parts: list[Part] = []
+    for cell, node, x, y, px, py in _candidates(lon[corners], lat[corners], grid):
+        s, t = _inverse_bilinear(px, py, x, y)
+        outside = np.maximum(np.maximum(-s, s - 1), np.maximum(-t, t - 1))
+        hit = outside <= RIM  # never where the inversion failed
+        s, t = np.clip(s[hit], 0, 1), np.clip(t[hit], 0, 1)
+        share = np.stack(((1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t), 1) * sign
+        parts.append((node[hit], corners[cell[hit]], share, np.maximum(outside[hit], SLACK)))
+    return parts
+
+
+def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
+    """Linear in triangles of nodes; of centred values, in the three triangles of a centre and two of its nodes.
+
+    Values at nodes are then weighted means of the elements round them, with Holmes and Connell's (1989,
+    doi:10.2514/6.1989-1932) pseudo-Laplacian weights, which are exact for linear fields.
+    """
+    if mesh.lonc is None or mesh.latc is None:
+        return _linear(mesh.lon, mesh.lat, mesh.cells, grid)
+    count = len(mesh.cells)
+    lon, lat = np.concatenate((mesh.lonc, mesh.lon)), np.concatenate((mesh.latc, mesh.lat))
+    centre = np.arange(count)
+    fans = []
+    for k in range(mesh.cells.shape[1]):  # polygons of fewer corners end in -1
+        a, b = mesh.cells[:, k], mesh.cells[:, (k + 1) % mesh.cells.shape[1]]
+        b = np.where(b < 0, mesh.cells[:, 0], b)
+        fans.append(np.stack((centre, count + a, count + b), 1)[a >= 0])
+    at_nodes = _pseudo_laplacian(mesh)
+    spread = sp.vstack((sp.identity(count, format="csr"), at_nodes), format="csr")
+    return sp.csr_matrix(_linear(lon, lat, np.concatenate(fans), grid) @ spread)
+
+
+def _pseudo_laplacian(mesh: Triangles) -> sp.csr_matrix:
+    """Return the matrix (nodes, elements) of means of the elements round each node, exact for linear fields."""
+    assert mesh.lonc is not None
+    assert mesh.latc is not None
+    n, corner = len(mesh.lon), mesh.cells >= 0
+    element, node = np.nonzero(corner)[0], mesh.cells[corner]
+    dx = ((mesh.lonc[element] - mesh.lon[node] + 180.0) % 360.0 - 180.0) * np.cos(np.radians(mesh.lat[node]))
+    dy = mesh.latc[element] - mesh.lat[node]
+
+    def total(values: Array) -> Array:
+        return np.asarray(np.bincount(node, values, n), float)
+
+    rx, ry, xx, yy, xy = total(dx), total(dy), total(dx * dx), total(dy * dy), total(dx * dy)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        det = xx * yy - xy * xy
+        lx, ly = (xy * ry - yy * rx) / det, (xy * rx - xx * ry) / det
+        usable = np.isfinite(lx) & np.isfinite(ly) & (det > 1e-6 * xx * yy)
+    lx, ly = np.where(usable, lx, 0.0), np.where(usable, ly, 0.0)
+    weight = np.clip(1 + lx[node] * dx + ly[node] * dy, 1e-3, 2.0)  # clipped where a node has them on one side
+    return sp.csr_matrix((weight / total(weight)[node], (node, element)), shape=(n, len(mesh.cells)))
+
+
+def _linear(lon: Array, lat: Array, cells: Index, grid: Grid) -> sp.csr_matrix:
+    parts: list[Part] = []
+    for cell, node, x, y, px, py in _candidates(lon[cells], lat[cells], grid):
+        det = (y[:, 1] - y[:, 2]) * (x[:, 0] - x[:, 2]) + (x[:, 2] - x[:, 1]) * (y[:, 0] - y[:, 2])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            a = ((y[:, 1] - y[:, 2]) * (px - x[:, 2]) + (x[:, 2] - x[:, 1]) * (py - y[:, 2])) / det
+            b = ((y[:, 2] - y[:, 0]) * (px - x[:, 2]) + (x[:, 0] - x[:, 2]) * (py - y[:, 2])) / det
+            hit = (a >= -1e-9) & (b >= -1e-9) & (a + b <= 1 + 1e-9)
+        share = np.clip(np.stack((a[hit], b[hit], 1 - a[hit] - b[hit]), 1), 0, 1)
+        parts.append((node[hit], cells[cell[hit]], share, np.full(hit.sum(), SLACK)))
+    return _assemble(parts, grid, len(lon))
+
+
+Candidates = tuple[Index, Index, Array, Array, Array, Array]
+
+
+def _candidates(lon: Array, lat: Array, grid: Grid) -> Iterator[Candidates]:
+    """Yield every pair of a cell and a node inside the cell's own box, in chunks.
+
+    lon, lat: corners (m, k) [deg]. Yields (cell, node, corner x, corner y, node x, node y), x and y in the plane
+    that touches the sphere at the cell's middle, seen from the centre of the Earth: great circles are straight
+    there, so that cells meet without gaps everywhere, at the poles as well. Cells with missing corners are passed
+    over, as are those with corners further than 60 degrees from their middle.
+    """
+    west, width, south, north = layout.extents(lon, lat)
+    corner = _unit(np.radians(lon), np.radians(lat))
+    middle = corner.mean(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        middle /= np.sqrt((middle**2).sum(axis=1))[:, None]
+        ahead = (corner * middle[:, None]).sum(axis=2)
+        fine = (ahead.min(axis=1) > NEAR) & (north >= grid.lat0) & (south <= grid.lat[-1])
+    chosen = np.nonzero(fine)[0]
+    corner, middle, ahead = corner[chosen], middle[chosen], ahead[chosen]
+    east = np.stack((-middle[:, 1], middle[:, 0], np.zeros(len(chosen))), -1)
+    level = np.hypot(middle[:, 0], middle[:, 1])[:, None]
+    east = np.where(level > 0, east / np.where(level > 0, level, 1), (0.0, 1.0, 0.0))
+    up = np.cross(middle, east)
+    x, y = (corner * east[:, None]).sum(axis=2) / ahead, (corner * up[:, None]).sum(axis=2) / ahead
+    first, last = (west[chosen] - grid.lon0) % 360.0 / grid.dlon, width[chosen] / grid.dlon
+    low_y = np.maximum(np.ceil((south[chosen] - grid.lat0) / grid.dlat - 1e-6), 0)
+    high_y = np.minimum(np.floor((north[chosen] - grid.lat0) / grid.dlat + 1e-6), grid.nlat - 1)
+    lam, phi = np.radians(grid.lon), np.radians(grid.lat)
+    for shift in (-360.0 / grid.dlon, 0.0) if not grid.seamless else (0.0,):
+        low_x, high_x = np.ceil(first + shift - 1e-6), np.floor(first + last + shift + 1e-6)
+        if not grid.seamless:
+            low_x, high_x = np.maximum(low_x, 0), np.minimum(high_x, grid.nlon - 1)
+        wide, high = (high_x - low_x + 1).astype(np.int64), (high_y - low_y + 1).astype(np.int64)
+        count = np.where((wide > 0) & (high > 0), wide * high, 0)
+        edges = np.searchsorted(np.cumsum(count), np.arange(0, count.sum() + CHUNK, CHUNK))
+        for a, b in zip(edges, [*edges[1:], len(chosen)], strict=True):
+            part = np.arange(a, b)[count[a:b] > 0]
+            if len(part) == 0:
+                continue
+            which = np.repeat(part, count[part])
+            rank = np.arange(len(which)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
+            column = (low_x[which] + rank % wide[which]).astype(np.int64) % grid.columns
+            row = (low_y[which] + rank // wide[which]).astype(np.int64)
+            node = _unit(lam[column], phi[row])
+            away = (node * middle[which]).sum(axis=1)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                px, py = (node * east[which]).sum(axis=1) / away, (node * up[which]).sum(axis=1) / away
+            px[away <= 0] = np.nan  # the far side of the Earth
+            yield chosen[which], row * grid.columns + column, x[which], y[which], px, py
+
+
+def _unit(lam: Array, phi: Array) -> Array:
+    """Return unit vectors (..., 3) of points [rad]."""
+    return np.stack((np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)), axis=-1)
+
+
+def _inverse_bilinear(px: Array, py: Array, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return (s, t) of points in quadrilaterals with corners (00, 10, 11, 01), by Newton's method."""
+    s, t = np.full(len(px), 0.5), np.full(len(px), 0.5)
+    for _ in range(8):  # quadratic: convex cells settle in four
+        fx = (1 - s) * (1 - t) * x[:, 0] + s * (1 - t) * x[:, 1] + s * t * x[:, 2] + (1 - s) * t * x[:, 3] - px
+        fy = (1 - s) * (1 - t) * y[:, 0] + s * (1 - t) * y[:, 1] + s * t * y[:, 2] + (1 - s) * t * y[:, 3] - py
+        xs, xt = (
+            (1 - t) * (x[:, 1] - x[:, 0]) + t * (x[:, 2] - x[:, 3]),
+            (1 - s) * (x[:, 3] - x[:, 0]) + s * (x[:, 2] - x[:, 1]),
+        )
+        ys, yt = (
+            (1 - t) * (y[:, 1] - y[:, 0]) + t * (y[:, 2] - y[:, 3]),
+            (1 - s) * (y[:, 3] - y[:, 0]) + s * (y[:, 2] - y[:, 1]),
+        )
+        det = xs * yt - xt * ys
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            ds, dt = (fx * yt - fy * xt) / det, (fy * xs - fx * ys) / det
+            s, t = np.clip(s - ds, -9, 9), np.clip(t - dt, -9, 9)
+    return s, t
+
+
+def _assemble(parts: list[Part], grid: Grid, count: int) -> sp.csr_matrix:
+    """Build the matrix, keeping for a node on a shared edge or a rim the cell that it is least outside of, the first."""
+    size = grid.nlat * grid.columns
+    if not parts:
+        return sp.csr_matrix((size, count))
+    node, outside = np.concatenate([p[0] for p in parts]), np.concatenate([p[3] for p in parts])
+    corner, share = np.concatenate([p[1] for p in parts]), np.concatenate([p[2] for p in parts])
+    order = np.lexsort((outside, node))
+    node, first = np.unique(node[order], return_index=True)
+    corner, share = corner[order[first]], share[order[first]]
+    k = corner.shape[1]
+    matrix = sp.csr_matrix((share.ravel(), (np.repeat(node, k), corner.ravel())), shape=(size, count))
+    matrix.eliminate_zeros()
+    return matrix

@@ -1,0 +1,88 @@
+"""What carrying a field to a regular grid cost, measured by sampling the result as particles will.
+
+Two errors: at the source's points, where interpolating twice is worst, and at one scattered place in every
+cell, where the source's own interpolation is the truth: what a particle meets on the average.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from geo.grids import grid as grids
+from geo.grids import layout
+from geo.grids.grid import Grid
+from geo.grids.layout import Array, Curved, Layout, Triangles
+
+Probe = tuple[tuple[Array, Array], Array]
+
+
+def of(grid: Grid, layouts: tuple[Layout, Layout], carried: tuple[Array, Array], source: tuple[Array, Array]) -> str:
+    """Say what regridding cost: the tile sampled as particles do, against the points and what lies between them."""
+    source = _off_the_fold(layouts[0], source[0]), _off_the_fold(layouts[1], source[1])
+    at_points = _error(grid, carried, [(layout.points(i), v) for i, v in zip(layouts, source, strict=True)])
+    between = _error(grid, carried, [_between(i, v) for i, v in zip(layouts, source, strict=True)])
+    return (
+        f"regridding cost: rms error {between[0]:.1%} of the rms speed between the points, {at_points[0]:.1%} at "
+        f"them, {at_points[1]:.1%} of wet points lost (rim and coast)"
+    )
+
+
+def _off_the_fold(item: Layout, values: Array) -> Array:
+    """Return values without those in cells where a tripolar grid's axes, which they count along, turn round."""
+    if not isinstance(item, Curved) or item.mirror is None:
+        return values
+    return np.where(np.arange(len(values))[:, None] < len(values) - 2, values, np.nan)
+
+
+def _between(item: Layout, values: Array) -> Probe:
+    """Return one place in every cell, scattered evenly over the cells' insides, and the source's own value there."""
+    if isinstance(item, Triangles):
+        if item.lonc is not None:
+            return layout.points(item), values
+        a, b = (np.sqrt(_scatter(len(item.cells), 0)), _scatter(len(item.cells), 1))
+        share = np.stack((1 - a, a * (1 - b), a * b), axis=1)
+        lon, lat = item.lon[item.cells], item.lat[item.cells]
+        lon = lon[:, :1] + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
+        return ((lon * share).sum(1), (lat * share).sum(1)), (values[item.cells] * share).sum(1)
+    lon, lat = layout.points(item)
+    shape = (lon.shape[0] - 1, lon.shape[1] - 1)
+    a, b = (_scatter(shape[0] * shape[1], k).reshape(shape) for k in (0, 1))
+    turned = [lon[:-1, :-1] + (v - lon[:-1, :-1] + 180.0) % 360.0 - 180.0 for v in _corners(lon)]
+    weight = ((1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b)
+
+    def blend(corners: Sequence[Array]) -> Array:
+        return sum((w * v for w, v in zip(weight, corners, strict=True)), np.zeros(shape))
+
+    if not isinstance(item, Curved):
+        return (blend(turned), blend(_corners(lat))), blend(_corners(values))
+    phi, lam = np.radians(lat), np.radians(lon)  # in space: a cell may hold the pole
+    x, y = (blend(_corners(np.cos(phi) * f(lam))) for f in (np.cos, np.sin))
+    truth = blend(_corners(values))
+    truth[:, ~layout.joins(item)[:-1]] = np.nan  # columns that are no neighbours
+    return (np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(blend(_corners(np.sin(phi))), np.hypot(x, y)))), truth
+
+
+def _corners(values: Array) -> list[Array]:
+    return [values[:-1, :-1], values[:-1, 1:], values[1:, :-1], values[1:, 1:]]
+
+
+def _scatter(count: int, axis: int) -> Array:
+    """Return Roberts's (2018) R2 sequence, an even cover of the unit square: no generator, no seed."""
+    return np.asarray((0.5 + np.arange(1, count + 1) * (0.7548776662466927, 0.5698402909980532)[axis]) % 1.0)
+
+
+def _error(grid: Grid, carried: tuple[Array, Array], probes: list[Probe]) -> tuple[float, float]:
+    """Return the rms error of both components as a share of the rms speed, and the share of wet probes lost."""
+    square = error = 0.0
+    wet = kept = 0
+    for values, ((lon, lat), truth) in zip(carried, probes, strict=True):
+        box = grid.box
+        with np.errstate(invalid="ignore"):
+            inside = (lat >= box.south - 1e-6) & (lat <= box.north + 1e-6) & np.isfinite(truth)
+            inside &= (lon - box.west + 1e-6) % 360.0 <= box.east - box.west + 2e-6
+        back = grids.sample(grid, grids.widen(np.asarray(values, np.float32), grid), lon[inside], lat[inside])
+        there = np.isfinite(back)
+        square += float((truth[inside][there] ** 2).sum())
+        error += float(((back - truth[inside])[there] ** 2).sum())
+        wet, kept = wet + len(there), kept + int(there.sum())
+    return (float(np.sqrt(error / square)) if square > 0 else 0.0), (1 - kept / wet if wet else 0.0)

@@ -1,0 +1,271 @@
+"""Finding where a variable's points lie, from what a file says: coordinates, grid mapping, connectivity."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from geo.errors import UserError
+from geo.grids import absent, connect, naming, projection, rotation, seam, stagger, ugrid
+from geo.grids.layout import Array, Axes, Curved, Layout
+
+FINEST = 1e-5  # [deg] a metre: no grid is smaller as a whole
+
+
+def locate(
+    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int = 0
+) -> tuple[Layout, list[str]]:
+    """Return the layout of a variable with these horizontal dimensions, and remarks; side: 0 for u, 1 for v."""
+    notes: list[str] = []
+    plane = projection.plane(data, name, dims, chosen, notes)
+    mesh = ugrid.mesh_of(data, name, dims[0]) if len(dims) == 1 else None
+    lon_name, lat_name = _names(data, name, dims, chosen, side, mesh)
+    if len(dims) == 1 and (mesh.place == "edge" if mesh else "edge" in dims[0].lower()):
+        raise UserError(
+            f'"{name}" stands on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes or '
+            f"faces with variables = {{ east = ..., north = ... }}"
+        )
+    if mesh and mesh.place == "face" and lon_name is None and mesh.nodes and mesh.connectivity:
+        return connect.triangles(data, name, dims[0], None, None, notes, mesh), notes
+    if plane is not None:
+        if lon_name and lat_name:
+            trouble = projection.disagreement(plane, _still(data, lon_name, dims), _still(data, lat_name, dims))
+            if trouble and not chosen.get("crs"):
+                notes.append(
+                    f"the grid mapping disagrees with {lon_name}, {lat_name} by {trouble}: the latter are used"
+                )
+                plane = None
+        if plane is not None:
+            return plane, notes
+    if lon_name is None or lat_name is None:
+        raise UserError(
+            f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
+            f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
+        )
+    lon, lat = absent.without(_still(data, lon_name, dims), _still(data, lat_name, dims), notes)
+    if not np.isfinite(lon).any() or np.nanmax(np.abs(lat)) > 90.001 or np.nanmax(np.abs(lon)) > 720:
+        raise UserError(f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}')
+    if len(dims) == 1:
+        return connect.triangles(data, name, dims[0], lon, lat, notes, mesh), notes
+    if lon.ndim == 1 and lat.ndim == 1:
+        return axes(lon, lat, lon_name, lat_name), notes
+    lon, lat = _at_points(lon, lat, data, name, lon_name, dims, chosen, side, notes)
+    if _separable(lon, lat):
+        return axes(lon[0], lat[:, 0], lon_name, lat_name), notes
+    angle = _angle(data, chosen, lon, lat, notes)
+    whole = Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle)
+    return absent.extended(seam.close(whole, notes)), notes
+
+
+def _names(
+    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int, mesh: ugrid.Mesh | None
+) -> tuple[str | None, str | None]:
+    """Return the names of the longitudes and latitudes that go with a variable: over the same dimensions."""
+    held = None if mesh is None else {"node": mesh.nodes, "face": mesh.faces}.get(mesh.place)
+    if held and not {"lon", "lat"} & set(chosen):
+        return held
+    found: list[dict[str, float]] = []
+    for key, pattern, units, standard in (
+        ("lon", naming.LON, naming.EAST_UNITS, "longitude"),
+        ("lat", naming.LAT, naming.NORTH_UNITS, "latitude"),
+    ):
+        if key in chosen:
+            if chosen[key] not in data.variables:
+                raise UserError(f'no variable "{chosen[key]}" (variables.{key})')
+            found.append({str(chosen[key]): 0.0})
+            continue
+        scores = {}
+        for other in map(str, data.variables):
+            attributes = data[other].attrs
+            score = (
+                4 * (str(attributes.get("standard_name", "")) == standard)
+                + 4 * bool(units.match(str(attributes.get("units", "")).strip()))
+                + 2 * bool(pattern.match(other))
+            )
+            fit = _fit(data, name, other, dims, side) if score else None
+            if fit is not None:
+                scores[other] = score + fit
+        found.append(scores)
+    pairs = [
+        (x + y, lon, lat)
+        for lon, x in found[0].items()
+        for lat, y in found[1].items()
+        if data[lon].dims == data[lat].dims or max(data[lon].ndim, data[lat].ndim) == 1 or {"lon", "lat"} <= set(chosen)
+    ]
+    if pairs:
+        return max(pairs)[1:]
+    for key, others, words in (("lon", found[1], "latitudes"), ("lat", found[0], "longitudes")):
+        if key in chosen and others:
+            raise UserError(
+                f'variables.{key} = "{chosen[key]}" does not go with the {words} of "{name}" ({", ".join(others)}): they have '
+                f"other dimensions; set variables.lon and variables.lat"
+            )
+    return (max(found[0], default=None), None) if found[0] else (None, max(found[1], default=None))
+
+
+def _fit(data: xr.Dataset, name: str, other: str, dims: tuple[str, ...], side: int) -> float | None:
+    """Return how well coordinates of this name suit a component's points, None where they cannot be its own."""
+    variable = data[other]
+    if not variable.ndim or not np.issubdtype(variable.dtype, np.number):
+        return None
+    own = set(map(str, variable.dims)) <= set(dims) or tuple(map(str, variable.dims[1:])) == dims
+    place = stagger.place_of(other) if len(dims) == 2 else None
+    beside = place in (None, "t") and _beside(data, variable, dims)
+    if not own and not beside:
+        return None
+    values = np.asarray(variable.isel({variable.dims[0]: 0}).values if variable.ndim > 2 else variable.values, float)
+    there = values[np.isfinite(values)]
+    if values.size > 1 and (there.size == 0 or there.min() == there.max()):
+        return None  # no places: FVCOM in metres writes lon = lat = 0 everywhere, ROMS zeros or fill values at u and v
+    listed = other in str(data[name].attrs.get("coordinates", "")).split()
+    return 20 * own + 10 * listed + (variable.ndim == len(dims)) + 3 * (place == "uv"[side])
+
+
+def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> bool:
+    """Whether points lie half a cell beside those of a component over these dimensions, by sizes and dimensions."""
+    wanted = tuple(int(data.sizes[d]) for d in dims)
+    repeated = variable.ndim == 3 and "time" in str(variable.dims[0]).lower()  # WRF's, for every time
+    if variable.ndim != 2 + repeated or len(dims) != 2 or (not repeated and "time" in str(variable.dims[0]).lower()):
+        return False
+    shape = variable.shape[-2:]
+    more = [have - want for have, want in zip(shape, wanted, strict=True)]
+    same = tuple(shape) == wanted and not set(map(str, variable.dims)) <= set(dims)
+    return same or (max(more) <= 1 and min(more) >= 0 and any(more)) or sorted(more) == [-1, 0]
+
+
+def _still(data: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
+    """Return coordinates, of the first time where they have one (WRF repeats them for every time)."""
+    variable = data[name]
+    while variable.ndim > len(dims):
+        variable = variable.isel({variable.dims[0]: 0})
+    values = np.asarray(variable.values, np.float64)
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
+    """Whether points of this shape lie half a cell beside points of the wanted one (ROMS: rho beside u)."""
+    if len(shape) != 2 or len(wanted) != 2:
+        return False
+    more = shape[0] - wanted[0], shape[1] - wanted[1]
+    return more in ((0, 1), (1, 0), (1, 1))
+
+
+def _halved(values: Array, wanted: tuple[int, ...]) -> Array:
+    """Average neighbours along every axis that has one point more than wanted."""
+    for axis in (0, 1):
+        if values.shape[axis] == wanted[axis] + 1:
+            low, high = (values[:-1], values[1:]) if axis == 0 else (values[:, :-1], values[:, 1:])
+            values = (low + high) / 2
+    return values
+
+
+def _at_points(
+    lon: Array, lat: Array, data: xr.Dataset, name: str, lon_name: str, dims: tuple[str, ...], chosen: Mapping[str, Any],
+    side: int, notes: list[str],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return two-dimensional places of a component's own points, given those of points that may lie beside them."""
+    wanted = tuple(int(data.sizes[d]) for d in dims)
+    own = tuple(map(str, data[lon_name].dims))[-2:]
+    if set(own) == set(dims) and own != dims:
+        lon, lat = lon.T, lat.T
+    if lon.ndim != 2 or lat.shape != lon.shape:
+        raise ValueError("not over the component's dimensions")
+    along = stagger.offsets(data, name, dims, side, lon_name, chosen, lon.shape)
+    if along == (0.0, 0.0):
+        return lon, lat
+    notes.append(f"{name} has no places of its own: taken midway between the points of {lon_name}{_told(along)}")
+    if _separable(lon, lat):
+        line = stagger.moved_line(np.unwrap(lon[0], period=360.0), wanted[1], along[1])
+        x, y = np.meshgrid(line, stagger.moved_line(lat[:, 0], wanted[0], along[0]))
+        return x, y
+    whole = absent.extended(Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0])))
+    return stagger.moved(whole.lon, whole.lat, wanted, along, seam.follower(whole))
+
+
+def _told(along: tuple[float | None, float | None]) -> str:
+    """Say which way points lie from those that they are taken from, where sizes do not tell."""
+    words = [
+        f", half a cell {'after' if offset > 0 else 'before'} them along the {axis}"
+        for offset, axis in zip(along, ("columns", "rows"), strict=True)
+        if offset
+    ]
+    return "".join(words)
+
+
+def _separable(lon: Array, lat: Array) -> bool:
+    """Whether a two-dimensional lon, lat is a rectilinear grid written out."""
+    if not (np.isfinite(lon).all() and np.isfinite(lat).all()) or min(lon.shape) < 2:
+        return False
+    turn = (lon - lon[0] + 180.0) % 360.0 - 180.0
+    dlon, dlat = np.abs(np.diff(lon[0])), np.abs(np.diff(lat[:, 0]))
+    if np.median(dlon) == 0 or np.median(dlat) == 0:
+        return False
+    return bool(np.abs(turn).max() < 1e-3 * np.median(dlon) and np.ptp(lat, axis=1).max() < 1e-3 * np.median(dlat))
+
+
+def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
+    """Return rectilinear axes brought into ascending order, longitudes unwrapped, repeated columns dropped."""
+    for values, axis in ((lon, lon_name), (lat, lat_name)):
+        if len(values) < 2:
+            raise UserError(f'"{axis}" has one value: at least two columns and two rows are needed to interpolate')
+        if not np.isfinite(values).all():
+            raise UserError(f'"{axis}" has missing values')
+        if 0 < np.ptp(values) < FINEST:
+            raise UserError(f'"{axis}" spans {np.ptp(values):.2g} degrees in all: is it in degrees?')
+    rows = np.argsort(lat, kind="stable")
+    if (np.diff(lat[rows]) <= 0).any():
+        raise UserError(f'"{lat_name}" holds the same latitude twice')
+    turned = lon % 360.0
+    columns = np.argsort(turned, kind="stable")
+    ordered = turned[columns]
+    step = float(np.median(np.diff(ordered)))
+    kept = np.concatenate(([True], np.diff(ordered) > 0.01 * step))
+    kept[-1] &= bool(ordered[0] + 360.0 - ordered[-1] > 0.01 * step)  # 0..360 with both ends, in single precision
+    columns, ordered = columns[kept], ordered[kept]
+    if len(ordered) < 2:
+        raise UserError(f'"{lon_name}" holds one longitude only')
+    gaps = np.diff(np.concatenate((ordered, ordered[:1] + 360.0)))
+    first = int(np.argmax(gaps)) + 1  # the grid starts east of its widest gap
+    step = float(np.median(gaps))
+    goes_round = bool(gaps.max() < 1.5 * step)
+    if goes_round:
+        first = int(np.argmin(np.abs((lon[columns] + 180.0) % 360.0)))
+    ordered = np.concatenate((ordered[first:], ordered[:first] + 360.0))
+    columns = np.concatenate((columns[first:], columns[:first]))
+    ordered = ordered - 360.0 * np.floor((ordered[0] + 180.0) / 360.0)
+    return Axes(ordered, lat[rows], columns, rows, goes_round)
+
+
+def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, notes: list[str]) -> Array | None:
+    """Return the file's own angle of the x axis from east [rad] where it has one that fits the points."""
+    name = str(chosen.get("angle", "angle"))
+    if name not in data.variables:
+        if "angle" in chosen:
+            raise UserError(f'no variable "{name}" (variables.angle)')
+        return None
+    angle = np.asarray(data[name].values, np.float64)
+    while angle.ndim > 2:
+        angle = angle[0]
+    if angle.shape != lon.shape and not _staggered_shape(angle.shape, lon.shape):
+        return None
+    if "degree" in str(data[name].attrs.get("units", "")).lower():
+        angle = np.radians(angle)
+    angle = np.where(np.isfinite(angle), angle, np.nan)
+    seen = rotation.curved_angle(lon, lat)
+
+    def at_points(turn: Array) -> Array:
+        return np.asarray(np.arctan2(_halved(np.sin(turn), lon.shape), _halved(np.cos(turn), lon.shape)))
+
+    for factor, remark in ((1.0, f'"{name}" gives'), (np.pi / 180.0, f'"{name}", in degrees, gives')):
+        turn = at_points(angle * factor)
+        apart = np.abs((turn - seen + np.pi) % (2 * np.pi) - np.pi)
+        known = apart[np.isfinite(apart)]
+        if known.size and np.median(known) < np.radians(3.0):
+            notes.append(f"{remark} the direction of the grid's x axis")
+            return np.asarray(np.where(np.isfinite(turn), turn, seen))
+    if "angle" in chosen:
+        notes.append(f'"{name}" does not fit the points, but the case asks for it')
+        return at_points(angle)
+    notes.append(f'"{name}" does not fit the points: directions are computed from them')
+    return None

@@ -1,0 +1,92 @@
+"""Grids in a projection's plane: x and y axes, and the grid mapping (CF, PROJ or WKT text) that says which."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pyproj
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo.errors import UserError
+from geo.grids.layout import Array, Plane, points
+
+MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "epsg_code")
+
+
+def plane(
+    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
+) -> Plane | None:
+    """Return the plane of a projection where the variable has x and y axes and something that names the projection."""
+    if len(dims) != 2:
+        return None
+    axis: list[Array] = []
+    for key, dim in (("y", dims[0]), ("x", dims[1])):
+        named = str(chosen.get(key, dim))
+        if named not in data.variables or data[named].ndim != 1:
+            return None
+        variable = data[named]
+        standard, units = (str(variable.attrs.get(k, "")).strip() for k in ("standard_name", "units"))
+        rotated = standard in ("grid_longitude", "grid_latitude")
+        planar = standard in (f"projection_{key}_coordinate", "projection_x_coordinate", "projection_y_coordinate")
+        if not (planar or rotated or units in ("m", "km", "meter", "metre", "meters", "metres")):
+            return None
+        axis.append(np.asarray(variable.values, np.float64) * (1000.0 if units == "km" else 1.0))
+    crs = _crs(data, name, chosen, notes)
+    if crs is None or min(len(axis[0]), len(axis[1])) < 2:
+        return None
+    geographic = crs.geodetic_crs if not crs.is_derived or crs.is_projected else crs.source_crs
+    if crs.is_geographic and not crs.is_derived:
+        return None
+    for values, dim in zip(axis, dims, strict=True):
+        steps = np.diff(values)
+        if not ((steps > 0).all() or (steps < 0).all()):
+            raise UserError(f'the axis "{dim}" does not increase')
+    transform = pyproj.Transformer.from_crs(crs, geographic or "EPSG:4326", always_xy=True)
+    notes.append(
+        f"grid in a projection's plane ({crs.coordinate_operation.method_name if crs.coordinate_operation else crs.name})"
+    )
+    turn = 360.0 if crs.is_geographic else 0.0
+    return Plane(axis[1], axis[0], np.arange(len(axis[1])), np.arange(len(axis[0])), transform, turn)
+
+
+def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]) -> pyproj.CRS | None:
+    if chosen.get("crs"):
+        try:
+            return pyproj.CRS.from_user_input(chosen["crs"])
+        except pyproj.exceptions.CRSError as error:
+            raise UserError(f'variables.crs = "{chosen["crs"]}" is no coordinate reference system') from error
+    mapping = str(data[name].attrs.get("grid_mapping", "")).split(":")[0].strip()
+    if mapping not in data.variables:
+        held = [str(n) for n in data.variables if "grid_mapping_name" in data[n].attrs]
+        if len(held) != 1:
+            return None
+        notes.append(f'grid mapping "{held[0]}" taken, the only one in the file')
+        mapping = held[0]
+    attributes = dict(data[mapping].attrs)
+    try:
+        return pyproj.CRS.from_cf(attributes)
+    except (KeyError, ValueError, TypeError, pyproj.exceptions.CRSError):
+        for key in MAPPINGS:
+            try:
+                crs = pyproj.CRS.from_user_input(attributes[key])
+            except (KeyError, pyproj.exceptions.CRSError):
+                continue
+            notes.append(f'grid mapping "{mapping}" read from its {key}')
+            return crs
+    return None
+
+
+def disagreement(plane: Plane, lon: NDArray[Any], lat: NDArray[Any]) -> str:
+    """Return how far a file's own lon, lat lie from its projection where that is over half a cell, else ''."""
+    shape = (len(plane.y), len(plane.x))
+    if lon.shape != shape or lat.shape != shape:
+        return ""
+    j, i = np.ix_([0, shape[0] // 2, -1], [0, shape[1] // 2, -1])
+    plane_lon, plane_lat = points(plane)
+    cell = max(abs(np.diff(lat[:2, 0])[0]), abs(np.diff(lat[0, :2])[0]), 1e-9)
+    with np.errstate(invalid="ignore"):
+        east = ((lon - plane_lon)[j, i] + 180.0) % 360.0 - 180.0
+        apart = np.hypot(east * np.cos(np.radians(lat[j, i])), (lat - plane_lat)[j, i])
+    worst = float(np.nanmax(apart)) if np.isfinite(apart).any() else 0.0
+    return f"{worst * 60:.2f} nmi" if worst > 0.5 * cell else ""

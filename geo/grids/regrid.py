@@ -1,0 +1,93 @@
+"""Sparse weights that carry values from any layout to a regular grid: a slice then costs one product.
+
+Bilinear inside cells of structured grids, linear inside triangles. Weights are made once. A node whose weight on
+present values is at least one half takes their weighted mean; else it is missing: land keeps its outline within
+half a source cell.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from geo.grids import cells
+from geo.grids import grid as grids
+from geo.grids.grid import Grid
+from geo.grids.layout import Array, Axes, Curved, Index, Layout, Plane
+
+WET = 0.5  # weight on present values from which a node is present
+
+
+def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
+    """Return the matrix (nodes, points) that interpolates raveled values at points to raveled nodes of a grid.
+
+    A seamless grid's last column is left out of the nodes: it repeats the first. Rows of nodes outside the
+    layout are empty; other rows add up to 1, but for weights beyond the fold of a tripolar grid, whose sign is
+    `mirrored`.
+    """
+    if isinstance(layout, Axes):
+        matrix = _of_axes(layout, grid)
+    elif isinstance(layout, Plane):
+        matrix = _of_plane(layout, grid)
+    elif isinstance(layout, Curved):
+        matrix = cells.of_curved(layout, grid, mirrored)
+    else:
+        matrix = cells.of_triangles(layout, grid)
+    return matrix.astype(np.float32)
+
+
+def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return values at a layout's points carried to a grid's own nodes, missing where too little is present."""
+    source = np.ravel(values).astype(np.float32)
+    present = np.isfinite(source)
+    total = matrix @ np.where(present, source, np.float32(0))
+    plain = matrix if matrix.data.min(initial=0) >= 0 else abs(matrix)
+    weight = plain @ present.astype(np.float32)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(weight >= WET - 1e-4, total / weight, np.float32(np.nan)), np.float32)
+
+
+def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
+    """Return (i, fraction, inside) of points along monotonic nodes, i being the lower index in the nodes' order."""
+    falling = nodes[0] > nodes[-1]
+    up = nodes[::-1] if falling else nodes
+    slack = 1e-5 * (up[-1] - up[0]) / (len(up) - 1)
+    inside = (where >= up[0] - slack) & (where <= up[-1] + slack)
+    where = np.clip(np.where(inside, where, up[0]), up[0], up[-1])
+    i = np.clip(np.searchsorted(up, where, "right") - 1, 0, len(up) - 2)
+    fraction = (where - up[i]) / (up[i + 1] - up[i])
+    if falling:
+        return len(up) - 2 - i, 1 - fraction, inside
+    return i, fraction, inside
+
+
+def _band(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
+    """Return the matrix of linear interpolation along one axis; nodes beyond `count` wrap to the first ones."""
+    i, fraction, inside = _line(nodes, where)
+    k = np.arange(len(where))
+    keep = np.nonzero(inside)[0]
+    row = np.concatenate((k[keep], k[keep]))
+    column = np.concatenate((i[keep], i[keep] + 1)) % count
+    data = np.concatenate((1 - fraction[keep], fraction[keep]))
+    return sp.csr_matrix((data, (row, column)), shape=(len(where), count))
+
+
+def _of_axes(axes: Axes, grid: Grid) -> sp.csr_matrix:
+    lon = np.concatenate((axes.lon, axes.lon[:1] + 360.0)) if axes.round else axes.lon
+    east = lon[0] + (grid.lon[: grid.columns] - lon[0] + 1e-7) % 360.0 - 1e-7
+    matrix = sp.kron(_band(axes.lat, grid.lat, len(axes.lat)), _band(lon, east, len(axes.lon)), format="csr")
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def _of_plane(plane: Plane, grid: Grid) -> sp.csr_matrix:
+    x, y = (np.ravel(v) for v in plane.to_plane(*grids.nodes(grid)))
+    i, fx, inside_x = _line(plane.x, x)
+    j, fy, inside_y = _line(plane.y, y)
+    keep = np.nonzero(inside_x & inside_y)[0]
+    i, fx, j, fy = i[keep], fx[keep], j[keep], fy[keep]
+    corner = ((0, 0, (1 - fx) * (1 - fy)), (0, 1, fx * (1 - fy)), (1, 0, (1 - fx) * fy), (1, 1, fx * fy))
+    column = np.concatenate([(j + dj) * len(plane.x) + i + di for dj, di, _ in corner])
+    data = np.concatenate([weight for _, _, weight in corner])
+    matrix = sp.csr_matrix((data, (np.tile(keep, 4), column)), shape=(x.size, len(plane.x) * len(plane.y)))
+    matrix.eliminate_zeros()
+    return matrix

@@ -1,0 +1,93 @@
+"""Directions of a grid's own axes on the Earth, and the turning of vectors from them to true east and north."""
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from geo import sphere
+from geo.grids.layout import Array, Plane
+
+LEAST = 0.1  # of the area that two axes of a cell span: less is where axes meet, as at a pole of the grid
+STEP = 1e-4  # [rad] of a finite difference on the Earth: 640 m, error of the direction below 1e-8
+
+
+def curved_angle(lon: Array, lat: Array, joined: NDArray[np.bool_] | None = None) -> Array:
+    """Return the angle [rad] of the x axis (growing column index) from east at points (ny, nx) [deg].
+
+    The mean of the great-circle directions to the next column and from the last one: second order in the cell.
+    joined: (nx,) whether the next column (after the last: the first) is a neighbour; None: all but the last are.
+    Where neither neighbour is present the angle is NaN.
+    """
+    nx = lon.shape[1]
+    lon, lat = np.radians(lon), np.radians(lat)
+    near = np.nonzero(np.arange(nx) < nx - 1 if joined is None else joined)[0]
+    after = (near + 1) % nx
+    east, north = np.zeros_like(lon), np.zeros_like(lon)
+    here, there = (lon[:, near], lat[:, near]), (lon[:, after], lat[:, after])
+    ahead, back = sphere.offset(*here, *there), sphere.offset(*there, *here)
+    for total, forward, backward in ((east, ahead[0], back[0]), (north, ahead[1], back[1])):
+        total[:, near] += np.nan_to_num(forward)
+        total[:, after] -= np.nan_to_num(backward)
+    return np.where((east == 0) & (north == 0), np.nan, np.arctan2(north, east))
+
+
+def carried_axis(
+    matrix: sp.csr_matrix, lon: Array, lat: Array, angle: Array, node_lon: Array, node_lat: Array
+) -> NDArray[np.float32]:
+    """Return (east, north) at nodes [deg] of unit vectors that lie at an angle [rad] from east at points [deg].
+
+    They are carried as vectors in space, so that neither the pole nor the antimeridian is a special place: a little
+    shorter than 1 where they turn, 0 where there is no weight. shape (..., 2)
+    """
+    phi, lam = np.radians(np.ravel(lat)), np.radians(np.ravel(lon))
+    c, s = (np.nan_to_num(np.ravel(f(angle))) for f in (np.cos, np.sin))
+    x = matrix @ np.nan_to_num(-c * np.sin(lam) - s * np.sin(phi) * np.cos(lam))
+    y = matrix @ np.nan_to_num(c * np.cos(lam) - s * np.sin(phi) * np.sin(lam))
+    z = matrix @ np.nan_to_num(s * np.cos(phi))
+    phi, lam = np.radians(np.ravel(node_lat)), np.radians(np.ravel(node_lon))
+    east = -np.sin(lam) * x + np.cos(lam) * y
+    north = np.cos(phi) * z - np.sin(phi) * (np.cos(lam) * x + np.sin(lam) * y)
+    return np.asarray(np.stack((east, north), -1).reshape(*node_lon.shape, 2), np.float32)
+
+
+def undone(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the four numbers that `turn` takes for components along carried axes x and y, each (east, north).
+
+    A component is carried as its axis is, so a vector that is the same at all corners of a cell comes back as it was,
+    however the axes turn inside: what is left is the error of interpolating the vector. (..., 4), NaN without axes.
+    """
+    det = x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        back = np.stack((y[..., 1], -y[..., 0], -x[..., 1], x[..., 0]), -1) / det[..., None]
+    return np.asarray(np.where(np.abs(det)[..., None] > LEAST, back, np.nan), np.float32)
+
+
+def plane_axes(plane: Plane, lon: Array, lat: Array) -> NDArray[np.float32]:
+    """Return the unit vectors of a projection's axes at points [deg]: (x's east, x's north, y's east, y's north).
+
+    Found by stepping on the Earth, where a metre east and north mean the same everywhere, and inverting the
+    2 x 2 matrix that maps the step to the plane: no convention about a meridian's convergence is needed.
+    shape (..., 4), NaN where the projection has no image.
+    """
+    phi, lam = np.radians(lat), np.radians(lon)
+    columns = []
+    for east, north in ((STEP, 0.0), (0.0, STEP)):
+        ahead = sphere.destination(lam, phi, east * sphere.RADIUS, north * sphere.RADIUS)
+        behind = sphere.destination(lam, phi, -east * sphere.RADIUS, -north * sphere.RADIUS)
+        there, back = (plane.to_plane(np.degrees(p[0]), np.degrees(p[1])) for p in (ahead, behind))
+        columns.append((there[0] - back[0], there[1] - back[1]))
+    (a, c), (b, d) = columns  # d(x, y) = [[a, b], [c, d]] d(east, north)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sign = np.sign(a * d - b * c)
+        x_east, x_north, y_east, y_north = sign * d, sign * -c, sign * -b, sign * a
+        x_size, y_size = np.hypot(x_east, x_north), np.hypot(y_east, y_north)
+        result = np.stack((x_east / x_size, x_north / x_size, y_east / y_size, y_north / y_size), axis=-1)
+    return np.asarray(np.where(np.isfinite(result), result, np.nan), np.float32)
+
+
+def turn(x: Array, y: Array, directions: NDArray[np.float32] | None) -> tuple[Array, Array]:
+    """Return (east, north) of vectors with components along the axes; None: they are east and north already."""
+    if directions is None:
+        return x, y
+    d = directions
+    return x * d[..., 0] + y * d[..., 2], x * d[..., 1] + y * d[..., 3]

@@ -1,0 +1,141 @@
+"""Where u and v stand on a staggered (Arakawa C) grid whose file gives only the places of the points between them.
+
+u stands midway between two neighbouring rho (or T) points of a row, v between two of a column: on the great circle
+through them. Which two follows from the sizes where they differ (ROMS, WRF), else from the model's convention: NEMO's u
+lies after its T point, MITgcm's before. Where nothing says which, the case must.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from geo.errors import UserError
+from geo.grids.layout import Array
+
+STATED = {"after": 0.5, "before": -0.5, "none": 0.0}  # what a case may say: u and v, seen from their rho points
+PLACE = re.compile(r"(?:^(?:glam|gphi)|_)(rho|psi|[tuvfw])(?:_?grid)?$|^(?:ulon|ulat)()$|_grid_([tuvfw])(?:_|$)", re.I)
+AT_U = re.compile(r"_at_([uv])_location$")
+NEMO = ({"vozocrtx", "sozocrtx"}, {"vomecrty", "somecrty"})
+
+
+def place_of(name: str) -> str | None:
+    """Return which points a coordinate of this name belongs to: "t" (rho), "u", "v", "f" (psi); None if it is silent."""
+    if name in ("XC", "YC"):
+        return "t"
+    found = PLACE.search(name)
+    letter = next((g for g in found.groups() if g), "").lower() if found else ""
+    return {"rho": "t", "psi": "f"}.get(letter, letter) or None
+
+
+def _stands(data: xr.Dataset, name: str, dims: tuple[str, ...], side: int) -> bool:
+    """Whether something says that a component stands at u or v points."""
+    letter = "uv"[side]
+    listed = str(data[name].attrs.get("coordinates", "")).split()
+    return (
+        AT_U.search(str(data[name].attrs.get("standard_name", ""))) is not None
+        or name in NEMO[side]
+        or any(place_of(other) == letter for other in (*dims, *listed))
+        or _nemo(data, dims, side)
+    )
+
+
+def _nemo(data: xr.Dataset, dims: tuple[str, ...], side: int) -> bool:
+    """Whether NEMO's masks lie in a file beside a component."""
+    mask = ("umask", "vmask")[side]
+    return mask in data.variables and tuple(map(str, data[mask].dims[-2:])) == dims
+
+
+def offsets(
+    data: xr.Dataset, name: str, dims: tuple[str, ...], side: int, lon_name: str, chosen: Mapping[str, Any], shape: tuple[int, ...]
+) -> tuple[float | None, float | None]:  # fmt: skip
+    """Return how far [cells] along (rows, columns) a component lies from points of the given shape.
+
+    None: midway between all neighbours along that axis, or beyond both ends where the component has one point more.
+    """
+    wanted = tuple(int(data.sizes[d]) for d in dims)
+    if shape != wanted:
+        none = [None if have != want else 0.0 for have, want in zip(shape, wanted, strict=True)]
+        return none[0], none[1]
+    own = tuple(map(str, data[lon_name].dims))[-2:]
+    along = [0.0, 0.0]
+    if "stagger" in chosen:  # whatever the names say
+        along[1 - side] = stated(name, lon_name, chosen)
+        return along[0], along[1]
+    if own != dims and set(own) != set(dims):
+        shifts = [_shift(data, d, o) for d, o in zip(dims, own, strict=True)]
+        if all(shift is not None for shift in shifts):
+            return shifts[0], shifts[1]
+    elif place_of(lon_name) != "t" or not _stands(data, name, dims, side):
+        return 0.0, 0.0  # the coordinates are its own
+    elif name in NEMO[side] or _nemo(data, dims, side):
+        along[1 - side] = STATED["after"]
+        return along[0], along[1]
+    along[1 - side] = stated(name, lon_name, chosen)
+    return along[0], along[1]
+
+
+def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
+    """Return the offset that the case states; a UserError that says what to state where it does not."""
+    if "stagger" not in chosen:
+        raise UserError(
+            f'"{name}" stands half a cell beside the points of "{lon_name}", and nothing says on which side; set '
+            f'variables.stagger = "after" (u east, v north of its point along the grid, as in NEMO), "before" (as in '
+            f'MITgcm) or "none" (at the points)'
+        )
+    if chosen["stagger"] not in STATED:
+        raise UserError(f'variables.stagger = "{chosen["stagger"]}": allowed are {", ".join(STATED)}')
+    return STATED[str(chosen["stagger"])]
+
+
+def _shift(data: xr.Dataset, dim: str, other: str) -> float | None:
+    """Return how far [cells] a dimension's points lie after another's, by their c_grid_axis_shift; None if untold."""
+    if dim == other:
+        return 0.0
+    told = [data[d].attrs.get("c_grid_axis_shift") if d in data.variables else None for d in (dim, other)]
+    if told[0] is None and told[1] is None:
+        return None
+    return float(told[0] or 0.0) - float(told[1] or 0.0)
+
+
+def moved(
+    lon: Array, lat: Array, wanted: tuple[int, ...], along: tuple[float | None, float | None], follower: int | None
+) -> tuple[Array, Array]:
+    """Return places (wanted shape) half a cell beside points (ny, nx) [deg], exactly midway on the great circle.
+
+    follower: the column that follows the last one on a grid that goes round the Earth. At other ends the row is
+    drawn out by half a cell, straight on.
+    """
+    phi, lam = np.radians(lat), np.radians(lon)
+    place = np.stack((np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)))
+    for axis in (0, 1):
+        offset, line = along[axis], np.moveaxis(place, axis + 1, 0)
+        if offset == 0.0:
+            continue
+        middle = line[:-1] + line[1:]
+        middle = middle / np.sqrt((middle**2).sum(axis=1, keepdims=True))
+        if offset is not None or len(line) < wanted[axis]:
+            first, last = 1.5 * line[:1] - 0.5 * line[1:2], 1.5 * line[-1:] - 0.5 * line[-2:-1]
+            if axis == 1 and follower is not None and offset is not None:
+                last = line[-1:] + line[follower : follower + 1]
+                first = line[:1] + line[len(line) - 1 - follower : len(line) - follower]
+            if offset is None or offset < 0:
+                middle = np.concatenate((first, middle))
+            if offset is None or offset > 0:
+                middle = np.concatenate((middle, last))
+        place = np.moveaxis(middle, 0, axis + 1)
+    return np.degrees(np.arctan2(place[1], place[0])), np.degrees(np.arctan2(place[2], np.hypot(place[0], place[1])))
+
+
+def moved_line(values: Array, wanted: int, offset: float | None) -> Array:
+    """Return the same along one axis of a rectilinear grid [deg, unwrapped], where rows are parallels."""
+    if offset == 0.0:
+        return values
+    middle = (values[:-1] + values[1:]) / 2
+    if offset is None and len(values) > wanted:
+        return middle
+    first, last = 1.5 * values[:1] - 0.5 * values[1:2], 1.5 * values[-1:] - 0.5 * values[-2:-1]
+    before, after = offset is None or offset < 0, offset is None or offset > 0
+    return np.concatenate([first] * before + [middle] + [last] * after)

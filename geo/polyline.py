@@ -1,0 +1,162 @@
+"""Legs made good: flown from points, cut, thinned and outlined.
+
+Legs are great circles from vertex to vertex, each at constant speed. Positions are degrees, longitudes run on without
+jumps; times are seconds since 1970.
+"""
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.search.records import Area, Legs
+from geo import sphere
+
+Array = npt.NDArray[Any]
+Place = tuple[float, float]  # (lon, lat) [deg]
+
+SAME = 0.01  # [m] points closer than this are one
+
+
+def through(
+    time: npt.ArrayLike, lon: npt.ArrayLike, lat: npt.ArrayLike, searching: Sequence[bool] | None = None
+) -> Legs:
+    """Return legs from arrays of their vertices, shape (k,); all are of search unless told otherwise, shape (k - 1,)."""
+    t, x, y = (tuple(np.asarray(values, np.float64).tolist()) for values in (time, unwrap(lon), lat))
+    return Legs(t, x, y, (True,) * (len(t) - 1) if searching is None else tuple(bool(value) for value in searching))
+
+
+def unwrap(lon: npt.ArrayLike, first: float | None = None) -> Array:
+    """Return longitudes [deg] without jumps, each the turn that is nearest to the one before it."""
+    lon = np.asarray(lon, np.float64)
+    whole = np.concatenate([[lon[0] if first is None else first], lon])
+    return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(whole) / 360.0)))  # exact where nothing jumps
+
+
+def fly(
+    lon: npt.ArrayLike, lat: npt.ArrayLike, start: float, speed: float, searching: Sequence[bool] | None = None
+) -> Legs:
+    """Return legs through points [deg] from a time [s since 1970] on at a speed [m/s]; points that repeat are left out.
+
+    searching: whether the leg from each point to the next is one of search, shape (k - 1,); all are by default.
+    """
+    lon, lat = unwrap(lon), np.asarray(lat, np.float64)
+    steps = _steps(lon, lat)
+    keep = np.flatnonzero(np.concatenate([[True], steps > SAME]))
+    if keep.size < 2:
+        raise ValueError("has no length: all its points are the same")
+    time = start + np.concatenate([[0.0], np.cumsum(steps)]) / speed
+    sought = None if searching is None else [searching[k - 1] for k in keep[1:]]
+    return through(time[keep], lon[keep], lat[keep], sought)
+
+
+def lengths(legs: Legs) -> Array:
+    """Return the length [m] of each leg, shape (k - 1,)."""
+    return _steps(np.array(legs.lon), np.array(legs.lat))
+
+
+def way(points: Sequence[Place]) -> float:
+    """Return the length [m] of great circles through points [deg]."""
+    return float(_steps(*np.array(points).T).sum())
+
+
+def _steps(lon: Array, lat: Array) -> Array:
+    x, y = np.radians(lon), np.radians(lat)
+    return sphere.distance(x[:-1], y[:-1], x[1:], y[1:])
+
+
+def cut(legs: Legs, share: float) -> Legs:
+    """Return the first share of the track's length; all of it where that is 1."""
+    done = np.concatenate([[0.0], np.cumsum(lengths(legs))])
+    goal = share * done[-1]
+    if share >= 1:
+        return legs
+    k = min(max(int(np.searchsorted(done, goal, "left")) - 1, 0), len(legs.lon) - 2)
+    within = (goal - done[k]) / max(done[k + 1] - done[k], 1e-9)
+    return between(legs, legs.time[0], legs.time[k] + within * (legs.time[k + 1] - legs.time[k]))
+
+
+def between(legs: Legs, first: float, last: float) -> Legs:
+    """Return the part of legs from one time [s since 1970] to another that lies on them."""
+    time = np.array(legs.time)
+    first, last = max(first, legs.time[0]), min(last, legs.time[-1])
+    if last <= first:
+        raise ValueError("no part of the legs lies between these times")
+    if (first, last) == (legs.time[0], legs.time[-1]):
+        return legs
+    inside = np.flatnonzero((time > first) & (time < last))
+    begin = int(np.searchsorted(time, first, "right")) - 1
+    finish = int(np.searchsorted(time, last, "left")) - 1
+    vertices = [place(legs, first), *((legs.lon[k], legs.lat[k]) for k in inside), place(legs, last)]
+    lon, lat = np.array(vertices).T
+    return through([first, *time[inside], last], lon, lat, legs.searching[begin : finish + 1])
+
+
+def place(legs: Legs, time: float) -> Place:
+    """Return (lon, lat) [deg] where legs are at a time [s since 1970] on them."""
+    k = min(max(int(np.searchsorted(legs.time, time, "right")) - 1, 0), len(legs.time) - 2)
+    share = (time - legs.time[k]) / (legs.time[k + 1] - legs.time[k])
+    ends = np.radians([legs.lon[k], legs.lat[k], legs.lon[k + 1], legs.lat[k + 1]])
+    east, north = sphere.offset(*ends)
+    lon, lat = sphere.destination(ends[0], ends[1], east * share, north * share)
+    return float(unwrap([np.degrees(lon)], legs.lon[k])[0]), float(np.degrees(lat))
+
+
+def thinned(legs: Legs, tolerance: float) -> Legs:
+    """Return legs with fewer vertices: at no time is the unit farther than a tolerance [m] from where it was.
+
+    Douglas and Peucker (1973, doi:10.3138/FM57-6770-U75U-7727) with the distance at the same time; legs that search
+    and legs that don't are not joined.
+    """
+    fixed = [
+        0,
+        *(k for k in range(1, len(legs.time) - 1) if legs.searching[k] != legs.searching[k - 1]),
+        len(legs.time) - 1,
+    ]
+    (x, y, _), t = _plane(legs), np.array(legs.time)
+    keep = np.zeros(t.size, bool)
+    keep[fixed] = True
+    open_ = [(a, b) for a, b in itertools.pairwise(fixed) if b > a + 1]
+    while open_:
+        a, b = open_.pop()
+        share = (t[a + 1 : b] - t[a]) / (t[b] - t[a])
+        away = np.hypot(
+            x[a + 1 : b] - x[a] - share * (x[b] - x[a]), y[a + 1 : b] - y[a] - share * (y[b] - y[a])
+        )  # fmt: skip
+        worst = int(np.argmax(away))
+        if away[worst] > tolerance:
+            k = a + 1 + worst
+            keep[k] = True
+            open_ += [part for part in ((a, k), (k, b)) if part[1] > part[0] + 1]
+    chosen = np.flatnonzero(keep)
+    lon, lat = np.array(legs.lon)[chosen], np.array(legs.lat)[chosen]
+    return through(t[chosen], lon, lat, [legs.searching[k] for k in chosen[:-1]])
+
+
+def strip(legs: Legs, reach: float) -> Area:
+    """Return the outline of what lies within a reach [m] of the legs of search; gaps inside it are not left out."""
+    import shapely
+
+    x, y, back = _plane(legs)
+    parts = [[(x[k], y[k]), (x[k + 1], y[k + 1])] for k in range(len(x) - 1) if legs.searching[k]]
+    whole = shapely.union_all(shapely.buffer(shapely.linestrings(parts), reach, quad_segs=4))
+    if whole.geom_type != "Polygon":  # searched here and there
+        whole = whole.convex_hull
+    outline = np.array(whole.simplify(reach / 50).exterior.coords)[:-1]
+    lon, lat = back(outline[:, 0], outline[:, 1])
+    return Area(tuple(unwrap(lon, legs.lon[0]).tolist()), tuple(lat.tolist()))
+
+
+def _plane(legs: Legs) -> tuple[Array, Array, Any]:
+    """Return (x, y) [m] of the vertices, azimuthally equidistant about their middle, and the way back to (lon, lat) [deg]."""
+    lon, lat = np.array(legs.lon), np.array(legs.lat)
+    middle = np.radians([(lon.min() + lon.max()) / 2, (lat.min() + lat.max()) / 2])
+    x, y = sphere.offset(middle[0], middle[1], np.radians(lon), np.radians(lat))
+
+    def back(east: Array, north: Array) -> tuple[Array, Array]:
+        away = sphere.destination(middle[0], middle[1], east, north)
+        return np.degrees(away[0]), np.degrees(away[1])
+
+    return x, y, back

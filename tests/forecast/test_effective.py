@@ -1,0 +1,352 @@
+"""What stands on few particles or worlds, or lies outside a picture's frame, is said: against sums and projections of our own."""
+
+import csv
+import io
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyproj
+import pytest
+import searches
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+import drift
+from drift.forecast import beyond, effective, layers, tables
+from drift.forecast import build as forecast_build
+from drift.forecast import map as forecast_map
+from drift.forecast.effective import Count
+from drift.motion import spool
+from drift.motion.status import Status
+from drift.planner import files as plan_files
+from drift.planner import map as plan_map
+from drift.planner import text as plan_text
+from drift.search import evidence_map
+from geo import sphere
+
+WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
+
+N = 100_000
+BEGIN = np.datetime64("2026-11-21T18:30:00")
+BANNER = "ONLY 4 OF 100,000 PARTICLES COUNT"
+
+
+@pytest.fixture
+def words(monkeypatch):
+    """Collect every text that is on a figure when it is saved."""
+    found = []
+    save = Figure.savefig
+
+    def listen(self, *args, **kwargs):
+        found.extend(text.get_text() for text in self.findobj(Text) if text.get_text())
+        return save(self, *args, **kwargs)
+
+    monkeypatch.setattr(Figure, "savefig", listen)
+    return found
+
+
+def snapshot(lon, lat, weight, hours, status=Status.ADRIFT, scenario=0, **more):
+    n = len(lon)
+    place = sphere.to_binary(np.asarray(lon)), sphere.to_binary(np.asarray(lat))
+    time = BEGIN + np.timedelta64(hours, "h")
+    codes = (np.broadcast_to(np.asarray(code, np.int32), n) for code in (status, scenario))
+    return forecast_build.Snapshot(time, *place, weight / weight.sum(), *codes, **more)
+
+
+def cloud(lon=179.7, lat=-38.2, n=N):
+    rng = np.random.default_rng(8)
+    x, y = sphere.destination(*np.radians([lon, lat]), rng.normal(0, 9000, n), rng.normal(0, 14_000, n))
+    return np.degrees(x), np.degrees(y)
+
+
+@pytest.fixture(scope="module")
+def forecast():
+    """At the first output all count alike, at the second four of them do, a quarter each."""
+    lon, lat = cloud()
+    four = np.full(N, 1e-12)
+    four[[11, 30_011, 60_011, 90_011]] = 0.25
+    return forecast_build.build([snapshot(lon, lat, w, h) for h, w in ((0, np.ones(N)), (6, four))], scenarios=["only"])
+
+
+def own(weight):
+    share = weight / weight.sum()
+    return 1 / np.sum(share**2)
+
+
+def test_numbers_are_kongs_and_families_count_once():
+    rng = np.random.default_rng(3)
+    weight, family, code = rng.exponential(size=400), rng.integers(0, 7, 400), rng.integers(0, 3, 400)
+    assert effective.number(7.5 * weight) == pytest.approx(own(weight), rel=1e-12)
+    whole = np.array([weight[family == k].sum() for k in range(7)])
+    assert effective.number(weight, family) == pytest.approx(own(whole), rel=1e-12)
+    assert effective.number(weight * 1e-200) == pytest.approx(own(weight), rel=1e-12)  # its squares underflow
+    np.testing.assert_allclose(effective.by(code, 4, weight), [own(weight[code == k]) for k in range(3)] + [0])
+    each = [own(np.array([weight[(family == f) & (code == k)].sum() for f in range(7)])) for k in range(3)]
+    np.testing.assert_allclose(effective.by(code, 4, weight, family), [*each, 0])
+    assert effective.number(np.zeros(0)) == effective.number(np.zeros(3)) == 0
+
+
+@pytest.mark.parametrize(
+    ("count", "few", "text"),
+    [
+        (Count(199.99, 1000), True, "199 of 1,000 particles count"),
+        (Count(200.0, 1000), False, "200 of 1,000 particles count"),
+        (Count(1.0, 1000), True, "1 of 1,000 particles counts"),
+        (Count(1.4), True, "1 particle counts"),
+        (Count(0.0, 5), False, "1 of 5 particles counts"),  # nothing is on the map: it has no areas to doubt
+        (Count(50 - 1e-9, 50, "worlds"), False, "50 of 50 worlds count"),
+        (Count(12.7, 2000, "worlds"), True, "13 of 2,000 worlds count"),
+    ],
+)
+def test_one_threshold_for_particles_and_one_for_worlds(count, few, text):
+    assert count.few == few
+    assert count.words == text
+
+
+def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
+    options = {"title": "Few", "particles": N}
+    forecast_map.draw_map(forecast, tmp_path / "map.png", caution=WRONG, **options)
+    assert f"{BANNER}: the areas are rough" in words
+    assert WRONG in words
+    assert any(text.startswith("50 % area: rough, ") for text in words)
+    words.clear()
+    forecast_map.draw_map(forecast, tmp_path / "sure.png", time=0, **options)
+    assert not any("ONLY" in text or "rough" in text.lower() for text in words)
+    words.clear()
+    forecast_map.draw_snapshots(forecast, tmp_path / "snapshots.png", **options)
+    assert f"{BANNER} at 220030ZNOV26: areas are rough" in words
+    assert sum("only 4 of 100,000 particles count" in text for text in words) == 1  # on the panel of that time alone
+
+
+def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
+    seen = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *args, **kwargs: seen.append(self))
+    options = {"title": "A long title of a case, as they are given, " * 2, "particles": N, "caution": WRONG}
+    forecast_map.draw_map(forecast, tmp_path / "map.png", **options)
+    forecast_map.draw_snapshots(forecast, tmp_path / "snapshots.png", **{**options, "title": "Short"})
+    for figure in seen:
+        draw = figure.canvas.get_renderer()
+        banner = next(text for text in figure.texts if BANNER in text.get_text())
+        box = banner.get_bbox_patch().get_window_extent(draw)
+        others = [text for text in figure.texts if text is not banner]
+        assert not any(box.overlaps(text.get_window_extent(draw)) for text in others)
+        assert all(box.y0 >= ax.bbox.y1 - 1 for ax in figure.axes if ax.bbox.x0 < box.x1)
+        chart = figure.axes[0]
+        np.testing.assert_allclose(chart.get_position().bounds, chart.get_position(original=True).bounds, atol=1e-3)
+
+
+def test_files_carry_the_number_and_few_are_warned_of(forecast):
+    data = forecast.data
+    weight = np.full(N, 1e-12)
+    weight[:4] = 0.25
+    wanted = [float(N), own(weight)]
+    np.testing.assert_allclose(data["effective_particles"], wanted, rtol=1e-6)
+    np.testing.assert_allclose(data["scenario_effective"][:, 0], wanted, rtol=1e-6)
+    np.testing.assert_allclose(data["status_effective"].sel(status="adrift"), wanted, rtol=1e-6)
+    rows = list(csv.DictReader(io.StringIO(tables.track(forecast, "run"))))
+    np.testing.assert_allclose([float(row["effective_particles"]) for row in rows], wanted, rtol=1e-5)
+    features = tables.geojson(forecast, {"warning": "w"})
+    assert features["warning"] == "w"
+    assert {round(f["properties"]["effective_particles"]) for f in features["features"]} == {N, 4}
+    assert tables.numbers(forecast)["outputs"][1]["effective_particles"] == pytest.approx(4, rel=1e-6)
+    told = effective.of_run(data, N)
+    assert told == ["only 4 of 100,000 particles count at 220030ZNOV26: areas and shares are rough"]
+    assert effective.of_run(data.isel(time=[0]), N) == []
+
+
+def test_what_is_drawn_anew_counts_as_what_it_descends_from():
+    """A copy of a copy: the family of the beginning, through two resamplings and an output without one."""
+    first, second = np.array([2, 2, 2, 5, 5, 0]), np.array([0, 1, 3, 3, 4, 5])
+    family = spool._descent(spool._descent(spool._descent(None, None), first), None)
+    np.testing.assert_array_equal(spool._descent(family, second), first[second])
+    lon, lat = cloud(n=6)
+    one = snapshot(lon, lat, np.ones(6), 0, family=spool._descent(family, second))  # of 2 2 5 5 5 0
+    made = forecast_build.build([one], scenarios=["only"])
+    assert made.data["effective_particles"].item() == pytest.approx(own(np.array([2.0, 3.0, 1.0])))
+
+
+def test_a_spill_stands_on_its_worlds(tmp_path, words):
+    """60,000 particles of 100 worlds, of which three hold all but nothing of the probability."""
+    n, worlds = 60_000, 100
+    lon, lat = cloud(n=n)
+    world = np.arange(n) % worlds
+    share = np.full(worlds, 1e-6)
+    share[[3, 50, 77]] = 0.5, 0.3, 0.2
+    one = snapshot(lon, lat, share[world], 0, world=world.astype(np.int32))
+    made = forecast_build.build([one], scenarios=["box", "drum"])
+    assert made.data["effective_worlds"].item() == pytest.approx(own(share), rel=1e-9)
+    assert made.data["effective_particles"].item() > 200
+    assert tables.numbers(made)["outputs"][0]["effective_worlds"] == pytest.approx(own(share), rel=1e-9)
+    assert effective.of_run(made.data, n)[0].startswith("only 3 of 100 worlds count at 211830ZNOV26: ")
+    forecast_map.draw_map(made, tmp_path / "map.png", title="t", particles=n)
+    assert "ONLY 3 OF 100 WORLDS COUNT: the areas are rough" in words
+
+
+def test_a_part_that_stands_on_few_is_told():
+    """A tenth of the probability, ashore, on 20 particles; a scenario of a fifth on 50; all the rest on many."""
+    n = 50_000
+    lon, lat = cloud(n=n)
+    weight, status, scenario = np.full(n, 1.0), np.zeros(n, np.int32), np.zeros(n, np.int32)
+    status[:20], scenario[20:70] = Status.ASHORE, 1
+    weight[:20], weight[20:70] = 0.1 / 20, 0.2 / 50
+    weight[70:] = 0.7 / (n - 70)
+    made = forecast_build.build([snapshot(lon, lat, weight, 0, status, scenario)], scenarios=["first", "second"])
+    assert made.data["effective_particles"].item() == pytest.approx(own(weight), rel=1e-9)
+    assert own(weight) > 200
+    told = effective.of_run(made.data, n)
+    assert told == [
+        "only 20 particles count of those ashore: what is said of these alone is rough (10 % of the probability)",
+        'only 50 particles count of scenario "second": what is said of these alone is rough (20 % of the probability)',
+    ]
+    row = next(csv.DictReader(io.StringIO(tables.ashore(made, "run"))))
+    assert float(row["effective_particles"]) == pytest.approx(20)
+
+
+def two(lon, lat, east, north, share):
+    """Return a forecast of a cloud with a share of the probability some way off [m], and where that lies [deg]."""
+    rng = np.random.default_rng(4)
+    n, k = 40_000, 8000
+    off = np.where(np.arange(n) < k, 1.0, 0.0)
+    x, y = sphere.destination(
+        *np.radians([lon, lat]), east * off + rng.normal(0, 3000, n), north * off + rng.normal(0, 5000, n)
+    )
+    weight = np.where(off > 0, share / k, (1 - share) / (n - k))
+    there = np.degrees(sphere.destination(*np.radians([lon, lat]), east, north))
+    return forecast_build.build([snapshot(np.degrees(x), np.degrees(y), weight, 0)], scenarios=["only"]), there
+
+
+@pytest.mark.parametrize(
+    ("lon", "lat", "east", "north", "point"),
+    [(4.3, 60.2, 250e3, 210e3, "NE"), (179.8, -38.2, 300e3, -20e3, "E"), (-179.9, 12.1, -260e3, -240e3, "SW")],
+)
+def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(tmp_path, words, lon, lat, east, north, point):
+    """2 % of the probability 300 km off: the frame holds the 95 % area, and what is shaded near it."""
+    made, there = two(lon, lat, east, north, 0.02)
+    here = layers.extent(made, [BEGIN], (), (), 1.1)
+    at = made.data.isel(time=0)
+    mercator = pyproj.Proj(proj="merc", lon_0=here.centre[0], R=sphere.RADIUS)
+    mass = at["probability"].values.astype(float)
+    x, y = mercator(*np.meshgrid(at["lon"].values, at["lat"].values))
+    out = (x < here.x[0]) | (x > here.x[1]) | (y < here.y[0]) | (y > here.y[1])
+    share = f"{100 * mass[out].sum():.1f} %"
+    assert mass[out].sum() == pytest.approx(0.02, abs=0.004)  # and what strays from the main cloud
+    told = beyond.told(here, at)
+    assert told.startswith(f"{share} of the probability lies outside this frame, to the {point} (around ")
+    place = told.partition("(around ")[2].rstrip(")")
+    lat_text, lon_text = place.split()
+    found = [
+        (int(t[:-1].split("-")[0]) + float(t[:-1].split("-")[1]) / 60) * (-1 if t[-1] in "SW" else 1)
+        for t in (lon_text, lat_text)
+    ]
+    far = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(*found, *there)[2]
+    assert far < 1000  # the mean of 8,000 of 5 km each: 60 m; cells and tenths of a minute come on top
+    forecast_map.draw_map(made, tmp_path / "map.png", title="t")
+    assert any(f" % of the probability lies outside this frame, to the {point} (around " in text for text in words)
+    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", title="t")
+    assert any(text.endswith(f"% outside the frame, {point}") for text in words)
+
+
+def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path, words):
+    made, _ = two(4.3, 60.2, 0.0, 0.0, 0.5)
+    here = layers.extent(made, [BEGIN], (), (), 1.1)
+    step = np.degrees((here.x[1] - here.x[0]) / sphere.RADIUS)  # width of the frame [deg], in Mercator
+    near, far = (np.array([[here.centre[0] + k * step, here.centre[1]]]) for k in (0.65, 5.0))
+    assert beyond.hidden(here, [near])
+    assert not beyond.hidden(here, [np.array([[here.centre[0] - k, here.centre[1]] for k in (5.0, 0.0, -5.0)])])
+    wider = layers.extent(made, [BEGIN], (), (), 1.1, also=[[far], [near]])
+    assert not beyond.hidden(wider, [near])
+    assert beyond.hidden(wider, [far])
+    contact = SimpleNamespace(name="flare", time=BEGIN, kind="range", sensor=(far[0, 0], far[0, 1]))
+    contact = searches.Contact(**vars(contact), range=900.0, range_std=100.0)
+    forecast_map.draw_map(made, tmp_path / "map.png", title="t", contacts=[contact])
+    where = tables.position(*far[0])
+    assert any(f'outside this frame: contact "flare", to the E (around {where})' in text for text in words)
+
+
+def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
+    forecast = searches.search()[0]
+    plan = replace(searches.plan(), made_on=Count(2500.0, 20_000), scored_on=Count(6.25, 100_000))
+    told = "only 6 of 100,000 particles count of those that it was scored on: its POS is rough"
+    assert plan_text.rough(plan) == [told]
+    assert f"WARNING: {told}" in " ".join(plan_text.text(plan, "T", "run").split())
+    made = plan_files.numbers(plan)
+    assert made["warnings"] == [told]
+    assert made["effective_particles"] == {"made_on": 2500.0, "scored_on": 6.25}
+    for text in (plan_files.gpx(plan, "T", "r"), plan_files.kml(plan, "T", "r")):
+        assert any(f"run r. WARNING: {told}" == (element.text or "") for element in ET.fromstring(text).iter())
+    assert f"# WARNING: {told}" in plan_files.toml(plan)
+    assert all(
+        f["properties"]["effective_particles_scored_on"] == 6.25 for f in plan_files.geojson(plan, {})["features"]
+    )
+    plan_map.draw(forecast, plan, tmp_path / "plan.png", title="t")
+    assert "ONLY 6 OF 100,000 PARTICLES COUNT: areas and POS are rough" in words
+    words.clear()
+    sure = replace(plan, scored_on=Count(60_000.0, 100_000))
+    assert plan_text.rough(sure) == plan_files.numbers(sure)["warnings"] == []
+    assert "WARNING" not in plan_files.gpx(sure) + plan_files.kml(sure) + plan_files.toml(sure)
+    plan_map.draw(forecast, sure, tmp_path / "sure.png", title="t")
+    assert not any("ONLY" in text for text in words)
+
+
+def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
+    updates = searches.search()[3]
+    evidence_map.draw(updates, tmp_path / "sure.png", title="t", particles=12_000)
+    assert not any("ONLY" in text for text in words)
+    low = [replace(u, ess_after=7.9) if k == 2 else u for k, u in enumerate(updates.all)]
+    evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", title="t", particles=12_000)
+    assert "ONLY 8 OF 12,000 PARTICLES COUNT: shares, evidence and POS are rough" in words
+    assert sum(text.endswith(", 8 particles count") for text in words) == 1
+    told = effective.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))
+    named = f'{low[2].kind} "{low[2].name}"'
+    assert told[0].startswith(f"only 8 of 12,000 particles count after {named}: areas and shares after it are rough")
+
+
+CASE = """
+title = "few"
+start = "211830ZNOV26"
+duration = "3 h"
+particles = 3000
+coast.source = "none"
+output.every = "1 h"
+current = [{ constant = { speed = "0.5 kn", toward = 80 } }]
+wind = [{ constant = { speed = "8 kn", from = 200 } }]
+resampling.below = 0.9
+uncertainty.diffusivity = "5 m2/s"
+[[scenario]]
+name = "raft"
+object = { windage = "3 %" }
+position = { at = "27 30N 088 00W", std = "4 nmi" }
+[[contact]]
+name = "radar"
+time = "211930ZNOV26"
+position = { at = "27 31N 087 58W", std = "0.15 nmi" }
+"""
+
+
+def test_copies_do_not_make_a_run_look_sure(tmp_path):
+    """A contact of 0.15 nmi in a prior of 4 nmi leaves one in 350 of 3,000; drawn anew, these are 3,000 again, and no more."""
+    (tmp_path / "few.toml").write_text(CASE)
+    result = drift.run(drift.load(tmp_path / "few.toml"), tmp_path / "out")
+    update = result.updates.all[0]
+    assert update.resampled
+    assert update.ess_after < 60
+    with xr.open_dataset(tmp_path / "out" / "forecast.nc") as data:
+        counted = data["effective_particles"].values
+        assert counted[0] == pytest.approx(3000)
+        assert (counted[-2:] <= 3000 * update.distinct + 1e-6).all()  # as many families as have descendants, at most
+        assert counted[-1] == pytest.approx(update.ess_after, rel=0.5)
+        warning = data.attrs["warning"]
+    many = round(update.ess_after)
+    told = f'only {many} of 3,000 particles count after contact "radar": areas and shares after it are rough'
+    assert warning.startswith(told)
+    summary = json.loads(Path(tmp_path / "out" / "summary.json").read_text())
+    assert summary["warnings"][0].startswith(told)
+    for name in ("contours.geojson", "sorties.geojson"):
+        assert json.loads((tmp_path / "out" / name).read_text())["warning"] == warning
+    with xr.open_dataset(tmp_path / "out" / "particles.nc", decode_times=False) as tracks:
+        assert tracks.attrs["warning"] == warning

@@ -1,0 +1,461 @@
+"""The coast against shapely: crossings, water, islands, the antimeridian, shoreline files, a real landing."""
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+import xarray as xr
+from places import DATA
+
+from geo import sphere
+from geo.box import Box
+from geo.coast import edges, shore
+from geo.coast.shore import Shore
+from geo.errors import UserError
+from kernels import coast as crossing
+from kernels import runtime
+
+UNITS = sphere.TURN / 360.0  # binary angle units in a degree
+METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [unit] northward
+NORWAY = Box(2.5, 59.3, 7.5, 63.0)
+
+
+@pytest.fixture(autouse=True)
+def _taichi():
+    runtime.start()
+
+
+@pytest.fixture(scope="module")
+def norway():
+    """The coast of West Norway, on the device too, and its land on the lattice (in units) as shapely sees it."""
+    runtime.start()
+    land = shore.land("gshhg", NORWAY)
+    built = edges.build(land, NORWAY)
+    polygons = on_lattice(land.polygons)
+    shapely.prepare(polygons)
+    return built, crossing.upload(built), polygons, shapely.boundary(polygons)
+
+
+def data(name):
+    path = DATA / name
+    if not path.exists():
+        pytest.skip(f"no {path}: set DRIFT_DATA")
+    return path
+
+
+def on_lattice(polygons):
+    """Return polygons [deg] as one multipolygon of lattice units; whole numbers, so shapely's predicates are exact."""
+    return shapely.transform(shapely.multipolygons(polygons), lambda x: np.rint(x * UNITS))
+
+
+def segments(lon, lat, dlon, dlat):
+    ends = np.stack([lon, lat, lon + dlon, lat + dlat], axis=1).astype(np.float64)
+    return shapely.linestrings(ends.reshape(-1, 2, 2))
+
+
+def steps_within(box, rng, n, length):
+    """Return n random steps [unit] of a length [m] that stay in a box, as int64."""
+    lon, lat = rng.uniform(box.west, box.east, n) * UNITS, rng.uniform(box.south, box.north, n) * UNITS
+    course = rng.uniform(0, 2 * np.pi, n)
+    stretch = 1 / np.cos(lat / UNITS * np.pi / 180)
+    dlon, dlat = length * METRE * np.sin(course) * stretch, length * METRE * np.cos(course)
+    inside = (lon + dlon > box.west * UNITS) & (lon + dlon < box.east * UNITS)
+    inside &= (lat + dlat > box.south * UNITS) & (lat + dlat < box.north * UNITS)
+    return [np.rint(a[inside]).astype(np.int64) for a in (lon, lat, dlon, dlat)]
+
+
+def square(west, south, east, north):
+    return shapely.box(west, south, east, north)
+
+
+def coast_of(polygons, box, **options):
+    built = edges.build(Shore(np.array(polygons, object), "test"), box, **options)
+    return built, crossing.upload(built)
+
+
+# Crossings
+
+
+@pytest.mark.parametrize("length", [10, 100, 1000, 5000, 50_000])  # [m]
+def test_crossings_agree_with_shapely(norway, length):
+    _, device, land, lines = norway
+    rng = np.random.default_rng(length)
+    lon, lat, dlon, dlat = steps_within(NORWAY, rng, 48_000, length)
+    wet = crossing.wet(device, lon, lat)
+    lon, lat, dlon, dlat = (a[wet][:20_000] for a in (lon, lat, dlon, dlat))
+    assert lon.size == 20_000
+    found = crossing.crossings(device, lon, lat, dlon, dlat)
+
+    way = segments(lon, lat, dlon, dlat)
+    shapely.prepare(lines)
+    np.testing.assert_array_equal(found.hit, shapely.intersects(lines, way))
+
+    # No hit: the step as it was, bit for bit. Hit: the stop is in water, and the way to it meets no shoreline.
+    free = ~found.hit
+    assert found.hit.any()
+    assert free.any()
+    assert (found.lon[free] == (lon + dlon)[free]).all()
+    assert (found.lat[free] == (lat + dlat)[free]).all()
+    assert (found.fraction[free] == 1).all()
+    assert (found.edge_id[free] == -1).all()
+    assert not shapely.intersects_xy(land, found.lon, found.lat).any()
+    moved = found.hit & ((found.lon != lon) | (found.lat != lat))
+    assert not shapely.intersects(lines, segments(lon, lat, found.lon - lon, found.lat - lat)[moved]).any()
+
+    # The crossing is shapely's nearest intersection, within 2 units (of 9.3 mm); it lies on the edge that is named.
+    which = np.flatnonzero(found.hit)[:1500]
+    points, owner = shapely.get_coordinates(shapely.intersection(lines, way[which]), return_index=True)
+    away = np.hypot(points[:, 0] - lon[which][owner], points[:, 1] - lat[which][owner])
+    nearest = np.full(which.size, np.inf)
+    np.minimum.at(nearest, owner, away)
+    reached = found.fraction[which].astype(float) * np.hypot(dlon, dlat)[which]
+    assert np.abs(reached - nearest).max() < 2
+    edge = edges.edges(norway[0])[found.edge_id[which]].reshape(-1, 2, 2).astype(float)
+    place = (
+        np.stack([lon, lat], 1)[which] + found.fraction[which, None].astype(float) * np.stack([dlon, dlat], 1)[which]
+    )
+    assert shapely.distance(shapely.linestrings(edge), shapely.points(place)).max() < 2
+
+    # The stop is close before the crossing: a unit or two, more only where the step grazes the shore.
+    stopped = np.hypot(found.lon - lon, found.lat - lat)[which]
+    assert (stopped < nearest).all()
+    assert np.percentile(nearest - stopped, 90) < 3
+
+
+def test_degenerate_steps_agree_with_shapely():
+    """Vertices hit, edges grazed and followed, cell borders: everything lies on a coarse lattice of 2**15 units."""
+    rng = np.random.default_rng(7)
+    step = 2**15
+    for _ in range(20):
+        corners = rng.integers(0, 24, (12, 2))
+        sizes = rng.integers(1, 5, (12, 2))
+        blocks = [square(*a, *(a + b)) for a, b in zip(corners, sizes, strict=True)]
+        blocks += [shapely.Polygon(rng.integers(0, 24, (3, 2))) for _ in range(6)]
+        blocks = [block for block in blocks if block.area > 0]
+        union = shapely.set_precision(shapely.union_all(blocks), 1)  # vertices stay on the coarse lattice
+        land = shapely.get_parts(shapely.transform(union, lambda x: x * step / UNITS))
+        box = Box(0, 0, 24 * step / UNITS, 24 * step / UNITS)
+        _, device = coast_of(land, box)
+        exact = on_lattice(land)
+
+        lon, lat, x, y = (rng.integers(0, 25, 4000) * step for _ in range(4))
+        wet = ~shapely.intersects_xy(exact, lon, lat)
+        np.testing.assert_array_equal(crossing.wet(device, lon, lat), wet)
+        lon, lat, dlon, dlat = lon[wet], lat[wet], (x - lon)[wet], (y - lat)[wet]
+        found = crossing.crossings(device, lon, lat, dlon, dlat)
+        still = (dlon == 0) & (dlat == 0)
+        way = segments(lon, lat, dlon, dlat)
+        touches = np.where(still, False, shapely.intersects(exact, way))
+        np.testing.assert_array_equal(found.hit, touches)
+        met = crossing.meets(device, lon, lat, dlon, dlat)
+        np.testing.assert_array_equal(np.isfinite(met), touches)
+        np.testing.assert_array_equal(met[touches], found.fraction[touches])
+        assert not shapely.intersects_xy(exact, found.lon, found.lat).any()
+        touch = shapely.distance(shapely.intersection(way, exact), shapely.points(lon, lat))[found.hit]
+        reached = (found.fraction * np.hypot(dlon, dlat))[found.hit]
+        np.testing.assert_allclose(reached, touch, atol=2)
+        # Nothing but the start's side of the coast is ever reached.
+        moved = (found.lon != lon) | (found.lat != lat)
+        assert not shapely.intersects(exact, segments(lon, lat, found.lon - lon, found.lat - lat)[moved]).any()
+
+
+def test_nothing_narrow_is_jumped():
+    """A spit 2 units (2 cm) wide and an islet of 3 units stop steps of any length, up to 40 degrees."""
+    unit = 1 / UNITS
+    spit = square(10, -5, 10 + 2 * unit, 5)
+    islet = square(20, 7, 20 + 3 * unit, 7 + 3 * unit)
+    _, device = coast_of([spit, islet], Box(0, -20, 45, 20))
+    for east in (1, 300, 10**5, 10**7, int(40 * UNITS)):
+        start = int(10 * UNITS) - max(east // 3, 1)
+        found = crossing.crossings(device, [start], [12_345], [east], [1])
+        assert found.hit[0]
+        assert found.lon[0] == np.rint(10 * UNITS) - 1
+        back = crossing.crossings(device, [int(10 * UNITS) + 3 + east // 3], [12_345], [-east], [0])
+        assert back.hit[0]
+        assert back.lon[0] == np.rint(10 * UNITS) + 3
+    middle = np.rint([20 * UNITS + 1, 7 * UNITS + 1]).astype(int)
+    for dx, dy in ((7, 3), (7_000_000, 3_000_000), (-70_000_000, 30_000_000)):
+        assert crossing.crossings(device, [middle[0] - dx], [middle[1] - dy], [2 * dx], [2 * dy]).hit[0]
+        assert not crossing.crossings(device, [middle[0] - dx], [middle[1] - dy + 9], [2 * dx], [2 * dy]).hit[0]
+
+
+def test_open_sea_look_up_hides_no_crossing(norway):
+    """Steps about as long as the byte of their cell allows, from its corners, in the worst directions."""
+    built, device, _, lines = norway
+    shapely.prepare(lines)
+    rng = np.random.default_rng(3)
+    away = (built.cell & 127).astype(np.int64)
+    cell = rng.choice(np.flatnonzero((away > 0) & (built.cell < edges.LAND)), 100_000)
+    size = 1 << built.shift
+    lon = built.lon0 + (cell % built.nx) * size + rng.choice([0, size - 1], cell.size)
+    lat = built.lat0 + (cell // built.nx) * size + rng.choice([0, size - 1], cell.size)
+    reach = (away[cell] - 1) * size + rng.choice([0, 1, size // 2, size], cell.size)
+    dlon, dlat = rng.choice([-1, 1], cell.size) * reach, np.rint(rng.uniform(-1, 1, cell.size) * reach).astype(int)
+    inside = (lon + dlon > built.lon0) & (lon + dlon < built.lon0 + built.nx * size)
+    inside &= (lat + dlat > built.lat0) & (lat + dlat < built.lat0 + built.ny * size)
+    lon, lat, dlon, dlat = (a[inside] for a in (lon, lat, dlon, dlat))
+    expected = shapely.intersects(lines, segments(lon, lat, dlon, dlat))
+    assert 0 < expected.sum() < expected.size / 2
+    np.testing.assert_array_equal(crossing.crossings(device, lon, lat, dlon, dlat).hit, expected)
+
+
+# Water
+
+
+def test_water_agrees_with_shapely(norway):
+    built, device, land, lines = norway
+    rng = np.random.default_rng(5)
+    lon, lat, _, _ = steps_within(NORWAY, rng, 100_000, 1)
+    inland = shapely.intersects_xy(land, lon, lat)
+    assert 0.2 < inland.mean() < 0.8
+    np.testing.assert_array_equal(crossing.wet(device, lon, lat), ~inland)
+    np.testing.assert_array_equal(edges.is_land(built, lon, lat), inland)
+
+    vertices = rng.permutation(shapely.get_coordinates(lines).astype(np.int64))
+    inside = (vertices > np.array([NORWAY.west, NORWAY.south]) * UNITS).all(axis=1)
+    inside &= (vertices < np.array([NORWAY.east, NORWAY.north]) * UNITS).all(axis=1)
+    vertices = vertices[inside][:20_000]
+    assert edges.is_land(built, *vertices.T).all()
+    assert not crossing.wet(device, *vertices.T).any()
+    beside = vertices + rng.integers(-2, 3, vertices.shape)
+    expected = shapely.intersects_xy(land, *beside.T)
+    np.testing.assert_array_equal(edges.is_land(built, *beside.T), expected)
+    np.testing.assert_array_equal(crossing.wet(device, *beside.T), ~expected)
+
+
+def test_points_on_edges_are_land():
+    triangle = shapely.transform(shapely.Polygon([(1, 1), (31, 11), (11, 21)]), lambda x: x * 10_000 / UNITS)
+    built, device = coast_of([triangle], Box(0, 0, 0.1, 0.1))
+    k = np.arange(10_001)
+    lon, lat = 10_000 + 30 * k, 10_000 + 10 * k  # every 10,000th part of the first edge lies on the lattice
+    assert edges.is_land(built, lon, lat).all()
+    assert not crossing.wet(device, lon, lat).any()
+    assert crossing.wet(device, lon, lat - 1).all()
+    assert not crossing.wet(device, lon[1:-1], lat[1:-1] + 1).any()
+
+
+def test_nearest_water_and_coast(norway):
+    built, _, _, _ = norway
+    lon, lat = 6.30, 60.95  # on the mountains between two fjords
+    assert edges.is_land(built, sphere.to_binary(lon), sphere.to_binary(lat))
+    x, y, metres = edges.nearest_water(built, lon, lat)
+    assert not edges.is_land(built, sphere.to_binary(x), sphere.to_binary(y))
+    assert metres == pytest.approx(float(sphere.distance(*np.deg2rad([lon, lat, x, y]))))
+    # shapely in a plane that is true to scale here: half a percent over a few km
+    squeeze = np.cos(np.deg2rad(lat))
+    lines = shapely.transform(shapely.boundary(shapely.multipolygons(built.polygons)), lambda p: p * [squeeze, 1])
+    expected = np.deg2rad(shapely.distance(lines, shapely.Point(lon * squeeze, lat))) * sphere.RADIUS
+    assert edges.nearest_coast(built, lon, lat)[2] == pytest.approx(expected, rel=5e-3)
+    assert expected * 0.995 < metres < expected * 1.005 + 120
+    assert edges.nearest_water(built, 3.0, 61.0) == (3.0, 61.0, 0.0)
+
+
+def test_no_coast():
+    built, device = coast_of([], Box(-5, 40, 5, 50))
+    assert edges.nearest_coast(built, 0, 45) is None
+    found = crossing.crossings(device, [0], [45 * 2**23], [2**28], [-(2**27)])
+    assert (found.hit[0], found.lon[0], found.lat[0]) == (False, 2**28, 45 * 2**23 - 2**27)
+    assert shore.land("none", Box(0, 0, 1, 1)).polygons.size == 0
+    assert crossing.wet(device, [0], [0]).all()
+
+
+# Antimeridian and globe
+
+
+def test_island_cut_at_the_antimeridian_is_whole(tmp_path):
+    """A file whose island is cut at 180, with other vertices on the two sides of the cut, has no shore along it."""
+    west = shapely.Polygon([(179.5, -17.2), (180, -17.1), (180, -16.5), (180, -16.0), (179.6, -16.3)])
+    east = shapely.Polygon([(-180, -17.1), (-179.7, -16.9), (-180, -16.0)])
+    path = tmp_path / "island.geojson"
+    path.write_text(shapely.to_geojson(shapely.MultiPolygon([west, east])))
+    box = Box(177, -19, 183, -14)
+    land = shore.land(path, box)
+    assert len(land.polygons) == 1
+    built = edges.build(land, box)
+    device = crossing.upload(built)
+    rng = np.random.default_rng(11)
+    lon, lat, dlon, dlat = steps_within(box, rng, 20_000, 30_000)
+    whole = on_lattice(land.polygons)
+    wrapped = ((lon + 2**31) % 2**32 - 2**31).astype(np.int32)
+    inland = shapely.intersects_xy(whole, lon, lat)
+    np.testing.assert_array_equal(edges.is_land(built, wrapped, lat), inland)
+    np.testing.assert_array_equal(crossing.wet(device, wrapped, lat), ~inland)
+    assert edges.is_land(built, sphere.to_binary([180.0, -180.0]), sphere.to_binary([-16.4, -16.4])).all()
+    lon, lat, dlon, dlat, wrapped = (a[~inland] for a in (lon, lat, dlon, dlat, wrapped))
+    found = crossing.crossings(device, wrapped, lat, dlon, dlat)
+    np.testing.assert_array_equal(found.hit, shapely.intersects(whole, segments(lon, lat, dlon, dlat)))
+    free = ~found.hit
+    assert (sphere.to_degrees(found.lon[free]) < 0).any()  # some ended east of 180, as binary angles below zero
+    assert (sphere.to_degrees(found.lon[free]) > 0).any()
+
+
+def test_fiji_has_no_shore_along_the_antimeridian():
+    box = Box(178, -18, 182, -15)
+    built = edges.build(shore.land("gshhg", box), box)
+    edge = edges.edges(built)
+    along = (edge[:, 0] == -(2**31)) & (edge[:, 2] == -(2**31))
+    assert not along.any()
+    inside = sphere.to_binary([180.0, -180.0, 179.999, -179.999])  # Taveuni, which GSHHG cuts at 180
+    assert edges.is_land(built, inside, sphere.to_binary([-16.9] * 4)).all()
+
+
+def test_globe_closes_at_its_seam():
+    """Round the whole Earth: land that is cut at 180 has no shore there, land that ends there has one."""
+    pieces = [square(170, 10, 180, 20), square(-180, 10, -175, 20), square(175, 30, 180, 40)]
+    pieces.append(shapely.Polygon([(-180, -90), (180, -90), (180, -78), (-180, -78)]))
+    built, device = coast_of(pieces, Box(-180, -90, 180, 90), max_cells=10**6)
+    assert built.nx << built.shift == sphere.TURN
+    lon, lat = sphere.to_binary([180, -180, 179.9, -179.9, 180, -179.9]), sphere.to_binary([15, 15, 15, 15, 35, 35])
+    np.testing.assert_array_equal(crossing.wet(device, lon, lat), [False, False, False, False, False, True])
+    np.testing.assert_array_equal(edges.is_land(built, lon, lat), [True, True, True, True, True, False])
+    assert edges.is_land(built, sphere.to_binary([-180.0, 0, 123]), sphere.to_binary([-80.0] * 3)).all()
+
+    def go(lon, lat, east, north):
+        dlon, dlat = int(east * UNITS), int(north * UNITS)
+        return crossing.crossings(device, sphere.to_binary([lon]), sphere.to_binary([lat]), [dlon], [dlat])
+
+    assert not go(179, 25, 3, 2).hit[0]
+    westward = go(-179, 35, -3, 0.5)
+    assert westward.hit[0]
+    assert westward.lon[0] == -(2**31) + 1
+    assert westward.fraction[0] == pytest.approx(1 / 3, abs=1e-6)
+    assert go(-170, 15, -20, 1).fraction[0] == pytest.approx(0.25, abs=1e-6)
+    assert go(-178, 5, -4, 10).hit[0]
+    assert go(179, -70, 5, -10).fraction[0] == pytest.approx(0.8, abs=1e-6)
+    # Near the seam, distances to the coast count round it.
+    x = (int(sphere.to_binary(-174.0)) - built.lon0) >> built.shift
+    y = (int(sphere.to_binary(15.0)) - built.lat0) >> built.shift
+    assert built.cell[y * built.nx + x] & 127 < 20
+
+
+# Shorelines
+
+
+@pytest.mark.parametrize(
+    ("name", "box", "wet", "dry"),
+    [
+        ("louisiana/LA_shoreline.bna", Box(-92, 28, -88, 31), (-90.10, 30.20), (-91.15, 30.45)),
+        ("washington/wa_coast.bna", Box(-126, 46.6, -123.6, 49), (-125.0, 47.5), (-123.9, 47.7)),
+    ],
+)
+def test_noaa_shoreline(name, box, wet, dry):
+    land = shore.land(data(name), box)
+    assert any("map bounds" in note for note in land.notes)
+    built = edges.build(land, box)
+    points = sphere.to_binary([wet, dry])
+    np.testing.assert_array_equal(edges.is_land(built, points[:, 0], points[:, 1]), [False, True])
+    assert not edges.is_land(built, *sphere.to_binary([box.west, box.south]))  # the frame of the map is not land
+    if "louisiana" in name:
+        assert any("10 lakes" in note for note in land.notes)
+        lake = sphere.to_binary([-90.499, 30.257])  # Lake Maurepas, a record of type 2
+        assert not edges.is_land(built, *lake)
+
+
+def test_self_crossing_shoreline_is_repaired(tmp_path):
+    bow = {"type": "Polygon", "coordinates": [[[0, 0], [2, 2], [2, 0], [0, 2], [0, 0]]]}
+    path = tmp_path / "bow.geojson"
+    path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": bow}))
+    land = shore.land(path, Box(-1, -1, 3, 3))
+    assert any("1 of 1" in note and "repaired" in note for note in land.notes)
+    built = edges.build(land, Box(-1, -1, 3, 3))
+    lon, lat = sphere.to_binary([0.5, 1.5, 1.0, 1.0]), sphere.to_binary([1.0, 1.0, 0.5, 1.5])
+    np.testing.assert_array_equal(edges.is_land(built, lon, lat), [True, True, False, False])
+
+
+def test_overlapping_polygons_are_joined(tmp_path):
+    path = tmp_path / "two.geojson"
+    path.write_text(shapely.to_geojson(shapely.MultiPolygon([square(0, 0, 2, 1), square(1, 0.5, 3, 2)])))
+    built = edges.build(shore.land(path, Box(-1, -1, 4, 3)), Box(-1, -1, 4, 3))
+    assert edges.is_land(built, *sphere.to_binary([1.5, 0.75]))
+
+
+def test_shapefile_in_metres(tmp_path):
+    pyogrio = pytest.importorskip("pyogrio")
+    x, y = 500_000 + np.array([0, 60_000, 60_000]), 6_700_000 + np.array([0, 0, 40_000])  # UTM 32 N, so 9 E
+    ring = shapely.Polygon(np.stack([x, y], 1))
+    pyogrio.raw.write(
+        tmp_path / "utm.shp", np.array([shapely.to_wkb(ring)]), [], [], geometry_type="Polygon", crs="EPSG:32632"
+    )
+    land = shore.land(tmp_path / "utm.shp", Box(8, 59, 12, 62))
+    assert any("UTM" in note for note in land.notes)
+    west, south, _, _ = shapely.total_bounds(land.polygons)
+    assert west == pytest.approx(9.0, abs=1e-6)
+    assert 60.3 < south < 60.5
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("gone.bna", None, "no such file"),
+        ("text.bna", "hello\n", "line 1"),
+        ("short.bna", '"1","1",4\n0,0\n1,1\n', "needs 4 lines"),
+        ("nan.bna", '"1","1",3\n0,0\n1,nan\n1,1\n', "needs 3 lines"),
+        ("line.bna", '"1","1",-3\n0,0\n1,0\n1,1\n', "no land polygon"),
+        ("metres.bna", '"1","1",3\n500000,6700000\n600000,6700000\n500000,6800000\n', "degrees"),
+        ("empty.geojson", '{"type": "FeatureCollection", "features": []}', "no land polygon"),
+        ("line.geojson", '{"type": "LineString", "coordinates": [[0, 0], [1, 1]]}', "no land polygon"),
+        ("broken.geojson", '{"type": "Poly', "cannot be read"),
+        ("broken.shp", "nothing", "cannot be read"),
+    ],
+)
+def test_bad_shoreline_is_one_clear_line(tmp_path, name, content, words):
+    path = tmp_path / name
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(UserError, match=words) as error:
+        shore.land(path, Box(0, 0, 2, 2))
+    assert "\n" not in str(error.value)
+    assert name in str(error.value)
+
+
+def test_a_shoreline_elsewhere_is_said(tmp_path):
+    path = tmp_path / "far.bna"
+    path.write_text('"1","1",3\n50,0\n51,0\n51,1\n')
+    assert any("none of its land" in note for note in shore.land(path, Box(0, 0, 2, 2)).notes)
+
+
+def test_land_beyond_the_cut_is_refused(norway):
+    with pytest.raises(ValueError, match="does not hold"):
+        edges.build(shore.land("none", Box(0, 0, 2, 2)), Box(0, 0, 5, 2))
+
+
+def test_cache_survives_a_broken_file(tmp_path, monkeypatch):
+    monkeypatch.setenv("DRIFT_CACHE", str(tmp_path))
+    island = np.array([square(0.2, 0.3, 0.7, 0.5)])
+    reads = []
+    monkeypatch.setattr(shore, "_gshhg", lambda: reads.append(1) or island)
+    first = shore.land("gshhg", Box(0, 0, 1, 1)).polygons
+    again = shore.land("gshhg", Box(0.1, 0, 1, 1)).polygons  # rounds to the same box
+    assert len(reads) == 1
+    assert shapely.equals(first, again).all()
+    (file,) = tmp_path.iterdir()
+    file.write_bytes(file.read_bytes()[:-20])
+    assert shapely.equals(shore.land("gshhg", Box(0, 0, 1, 1)).polygons, first).all()
+    assert len(reads) == 2
+    file.write_bytes(b"nothing of the kind")
+    assert shapely.equals(shore.land("gshhg", Box(0, 0, 1, 1)).polygons, first).all()
+
+
+# A real landing
+
+
+def test_buoy_lands_on_hopen():
+    """UIB-2022-TILL-01 went ashore on 2022-10-18 between 20:00 and 20:30 UTC: its track's one and only crossing."""
+    with xr.open_dataset(data("barents/barents.nc")) as file:
+        buoy = file.isel(trajectory=file.drifter_names.values.tolist().index("UIB-2022-TILL-01"))
+        fixed = ~np.isnat(buoy.time.values)
+        time = buoy.time.values[fixed].astype("datetime64[s]")
+        lon, lat = sphere.to_binary(buoy.lon.values[fixed]), sphere.to_binary(buoy.lat.values[fixed])
+    box = Box(16, 74, 31, 78)
+    device = crossing.upload(edges.build(shore.land("gshhg", box), box))
+    afloat = np.flatnonzero(crossing.wet(device, lon[:-1], lat[:-1]))
+    found = crossing.crossings(
+        device, lon[afloat], lat[afloat], (lon[1:] - lon[:-1])[afloat], (lat[1:] - lat[:-1])[afloat]
+    )
+    first = np.flatnonzero(found.hit)[0]
+    i = afloat[first]
+    landing = time[i] + (time[i + 1] - time[i]) * float(found.fraction[first])
+    assert np.datetime64("2022-10-18T20:00") < landing < np.datetime64("2022-10-18T20:31")
+    assert crossing.wet(device, lon[: i + 1], lat[: i + 1]).all()
+    assert sphere.to_degrees(found.lon[first]) == pytest.approx(25.107, abs=0.002)

@@ -1,0 +1,367 @@
+"""Segments against pyproj's lengths on the same sphere, shapely, and islands cut by hand."""
+
+import json
+
+import numpy as np
+import pyproj
+import pytest
+import shapely
+from shapely.ops import substring
+
+from geo import sphere
+from geo.box import Box
+from geo.coast import edges, segments, shore
+from geo.coast.shore import Shore
+from geo.errors import UserError
+
+EARTH = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
+DEGREE = np.pi * sphere.RADIUS / 180  # [m] of latitude
+ATOL = 1e-3  # [m] a kilometre of float64 great circles by two formulas: 1e-9 of the radius in the worst case
+FIJI = Box(178, -18, 182, -15)
+
+
+def rectangle(west, south, east, north, step):
+    """Return a rectangle with a vertex every `step` [deg]."""
+    return shapely.segmentize(shapely.box(west, south, east, north), step)
+
+
+def coast_of(polygons, box):
+    return edges.build(Shore(np.array(polygons, object), "test"), box)
+
+
+ISLAND = rectangle(10.0, -0.15, 10.4, 0.1, 0.0099)  # an edge is at most 1.1 km long
+AROUND = Box(9.5, -0.6, 11.0, 0.5)
+
+
+@pytest.fixture(scope="module")
+def island():
+    return coast_of([ISLAND], AROUND)
+
+
+@pytest.fixture(scope="module")
+def fiji():
+    return edges.build(shore.land("gshhg", FIJI), FIJI)
+
+
+def edge_lengths(built):
+    edge = sphere.to_degrees(edges.edges(built))
+    return EARTH.inv(edge[:, 0], edge[:, 1], edge[:, 2], edge[:, 3])[2]
+
+
+def geojson(path, *features):
+    """Write features (geometry, properties) as a collection."""
+    rows = [
+        {"type": "Feature", "properties": words, "geometry": json.loads(shapely.to_geojson(shape)) if shape else None}
+        for shape, words in features
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": rows}))
+    return path
+
+
+def check(built, cut):
+    """Hold what is true of any segments: every edge in one, lengths, lines, midpoints."""
+    size, number = edge_lengths(built), len(cut.name)
+    assert cut.of_edge.shape == size.shape
+    assert cut.of_edge.dtype == np.int32
+    np.testing.assert_array_equal(np.unique(cut.of_edge), np.arange(number))
+    np.testing.assert_allclose(cut.length, np.bincount(cut.of_edge, size), atol=ATOL)
+    np.testing.assert_allclose(cut.length.sum(), size.sum(), rtol=1e-9)
+    np.testing.assert_allclose([EARTH.geometry_length(line) for line in cut.lines], cut.length, rtol=1e-9, atol=ATOL)
+    assert len(set(cut.name)) == len(cut.access) == number
+    assert (np.abs(cut.lon) <= 180).all()
+    # Midpoints lie on their own lines: 1e-9 degrees are a tenth of a millimetre.
+    east = np.array([line.bounds[0] for line in cut.lines]) - 1e-6
+    places = shapely.points(east + (cut.lon - east) % 360, cut.lat)
+    assert shapely.distance(cut.lines, places).max(initial=0) < 1e-9
+
+
+# Cut by length
+
+
+def test_an_island_by_hand(island):
+    """Perimeter 2 (0.4 cos(lat) + 0.25) degrees = 144.55 km: 14 stretches of 10.3 km, as whole edges allow."""
+    cut = segments.cut(island)
+    check(island, cut)
+    around = 2 * 0.25 * DEGREE + 0.4 * DEGREE * (np.cos(np.deg2rad(0.15)) + np.cos(np.deg2rad(0.1)))
+    assert cut.length.sum() == pytest.approx(around, rel=1e-6)  # vertices are rounded to 9 mm
+    assert len(cut.name) == round(around / 10_000) == 14
+    longest = edge_lengths(island).max()
+    assert np.abs(cut.length - around / 14).max() <= longest  # both ends lie within half an edge of where they should
+    assert all(line.geom_type == "LineString" for line in cut.lines)  # each runs on without a gap
+    assert set(cut.access) == {""}
+    merged = shapely.line_merge(shapely.union_all(cut.lines))
+    assert merged.is_ring
+    assert shapely.hausdorff_distance(merged, ISLAND.exterior) < 1e-7
+
+
+def test_half_of_a_segment_lies_on_each_side_of_its_midpoint(island):
+    cut = segments.cut(island, 30_000)
+    for k in range(len(cut.name)):
+        where = cut.lines[k].project(shapely.Point(cut.lon[k], cut.lat[k]))
+        first = substring(cut.lines[k], 0, where)
+        assert EARTH.geometry_length(first) == pytest.approx(cut.length[k] / 2, rel=1e-4)  # a chord is no great circle
+
+
+def test_names_are_positions(island):
+    cut = segments.cut(island, 200_000)
+    # The only midpoint: opposite the south-west corner, where the ring begins, so at the north-east one.
+    assert cut.name == ("00-06.0N 010-24.0E",)
+    assert segments.position(-87.5, -28.7) == "28-42.0S 087-30.0W"
+    assert segments.position(190.0, 59.99999) == "60-00.0N 170-00.0W"
+
+
+@pytest.mark.parametrize("turn", [1, 17, 60])
+def test_stretches_do_not_depend_on_where_a_ring_begins(island, turn):
+    points = shapely.get_coordinates(ISLAND)[:-1]
+    other = segments.cut(coast_of([shapely.Polygon(np.roll(points, turn, axis=0))], AROUND))
+    assert other.name == segments.cut(island).name
+
+
+def test_a_ring_cut_by_the_box_is_one_chain():
+    """Only the south lies in the grid; the file's ring begins there, so its edges come as two runs of numbers."""
+    middle = np.roll(shapely.get_coordinates(ISLAND)[:-1], -20, axis=0)
+    for points in (shapely.get_coordinates(ISLAND), middle):
+        built = coast_of([shapely.Polygon(points)], Box(9.5, -0.6, 11.0, -0.05))
+        cut = segments.cut(built, 1e6)
+        check(built, cut)
+        assert [line.geom_type for line in cut.lines] == ["LineString"]
+        assert not cut.lines[0].is_ring
+
+
+def test_islets_are_taken_together():
+    """Twenty islets of 0.9 km round in one square of 10 km, as many in another, one larger island on its own."""
+    rng = np.random.default_rng(3)
+    places = np.concatenate([rng.uniform((x, 0.01), (x + 0.06, 0.07), (20, 2)) for x in (0.02, 5.05)])
+    blocks = [shapely.box(x, y, x + 0.002, y + 0.002) for x, y in places]
+    land = shapely.get_parts(shapely.union_all([*blocks, rectangle(2, 0.5, 2.03, 0.52, 0.005)]))
+    built = coast_of(land, Box(-1, -1, 6, 1))
+    cut = segments.cut(built)
+    check(built, cut)
+    assert len(cut.name) == 3
+    assert sorted(name.split(" near ")[0] for name in cut.name if " near " in name) == ["islets", "islets"]
+    ours = sorted(shapely.get_num_geometries(cut.lines).tolist())
+    assert ours[0] == 1
+    assert sum(ours[1:]) == len(land) - 1
+
+
+def test_long_edges_leave_no_empty_segment():
+    built = coast_of([shapely.box(1, 1, 2, 1.5)], Box(0, 0, 3, 2))
+    cut = segments.cut(built, 1000)
+    check(built, cut)
+    assert len(cut.name) > 150  # of 333 km: edges are 2.4 km long at most, and not split
+    assert cut.length.max() < 2500
+
+
+def test_equal_names_are_told_apart():
+    blocks = [shapely.box(x, 1, x + 1e-4, 1 + 1e-4) for x in (1, 1.0003)]
+    built = coast_of(blocks, Box(0, 0, 2, 2))
+    cut = segments.cut(built, 20)
+    check(built, cut)
+    assert cut.name[1] == f"{cut.name[0]} (2)"
+
+
+def test_no_coast(tmp_path):
+    built = coast_of([], AROUND)
+    cut = segments.cut(built)
+    assert (cut.name, cut.length.size, cut.of_edge.size, len(cut.lines)) == ((), 0, 0, 0)
+    assert segments.nearest(cut, built, 10.0, 0.0) == (-1, np.inf)
+    path = geojson(tmp_path / "some.geojson", (shapely.box(10, 0, 10.1, 0.2), {"name": "nowhere"}))
+    with pytest.raises(UserError, match="no coast"):
+        segments.named(built, path)
+
+
+@pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf])
+def test_lengths_that_are_none(island, length):
+    with pytest.raises(ValueError, match="more than 0"):
+        segments.cut(island, length)
+
+
+# Real coasts
+
+
+@pytest.mark.parametrize("box", [FIJI, Box(4.5, 60, 6.5, 61.5), Box(-91, 28.5, -88.5, 30.5)])
+def test_real_coasts(box):
+    built = edges.build(shore.land("gshhg", box), box)
+    cut = segments.cut(built)
+    check(built, cut)
+    alone = np.array([" near " not in name for name in cut.name])
+    # Each runs on without a gap, and is between half and one and a half of what was asked, give or take an edge.
+    assert all(line.geom_type == "LineString" for line in cut.lines[alone])
+    longest = np.zeros(len(cut.name))
+    np.maximum.at(longest, cut.of_edge, edge_lengths(built))
+    assert (cut.length[alone] > 5000 - longest[alone]).all()
+    assert (cut.length[alone] < 15_000 + longest[alone]).all()
+    assert np.median(cut.length[alone]) == pytest.approx(10_000, rel=0.02)
+    assert alone.sum() > 20
+
+
+# Across the antimeridian
+
+
+def test_taveuni_is_one_ring_across_the_antimeridian(fiji):
+    cut = segments.cut(fiji, 120_000)  # its perimeter by shapely and pyproj
+    on_both = [k for k, line in enumerate(cut.lines) if line.bounds[0] < 180 < line.bounds[2]]
+    rings = [cut.lines[k] for k in on_both if cut.lines[k].geom_type == "LineString" and cut.lines[k].is_ring]
+    assert any(shapely.Polygon(ring).contains(shapely.Point(180, -16.9)) for ring in rings)
+    west, _, east, _ = shapely.total_bounds(cut.lines)
+    assert west > 177
+    assert east < 183
+
+
+def test_nearest_against_brute_force(fiji):
+    """The nearest of points every 20 m along all lines: at 1 km or more from the shore, 10 m aside add 5 cm."""
+    cut = segments.cut(fiji)
+    points, owner = shapely.get_coordinates(shapely.segmentize(cut.lines, 20 / DEGREE), return_index=True)
+    rng = np.random.default_rng(5)
+    tested = 0
+    for lon, lat in zip(rng.uniform(178.2, 181.8, 40), rng.uniform(-17.8, -15.2, 40), strict=True):
+        metres = EARTH.inv(points[:, 0], points[:, 1], *np.broadcast_arrays(lon, lat, points[:, 0])[:2])[2]
+        if metres.min() < 1000:
+            continue
+        tested += 1
+        segment, distance = segments.nearest(cut, fiji, (lon + 180) % 360 - 180, lat)
+        assert distance == pytest.approx(metres.min(), abs=0.1)
+        assert metres[owner == segment].min() < metres.min() + 0.1
+    assert tested > 20
+
+
+def test_far_north_the_sphere_tells_which_is_nearest():
+    """By a plane the island 20 degrees east is farther than the one to the north; by the great circle it is nearer."""
+    east, north = shapely.box(20.0, 79.99, 20.01, 80.0), shapely.box(-0.01, 83.465, 0.01, 83.475)
+    built = coast_of([east, north], Box(-5, 79, 25, 85))
+    cut = segments.cut(built)
+    away = [EARTH.inv(0.0, 80.0, 20.0, 80.0)[2], EARTH.inv(0.0, 80.0, 0.0, 83.465)[2]]
+    assert away[0] < away[1] < 20 * np.cos(np.radians(80.0)) * DEGREE
+    segment, distance = segments.nearest(cut, built, 0.0, 80.0)
+    assert distance == pytest.approx(away[0], abs=1.0)
+    assert shapely.get_coordinates(cut.lines[segment])[:, 0].min() > 19
+
+
+def test_nearest_from_both_sides_of_180(fiji):
+    cut = segments.cut(fiji)
+    here, there = segments.nearest(cut, fiji, 180.0, -17.2), segments.nearest(cut, fiji, -180.0, -17.2)
+    assert here == (there[0], pytest.approx(there[1], abs=1e-6))
+    west, east = segments.nearest(cut, fiji, 179.9999, -17.2), segments.nearest(cut, fiji, -179.9999, -17.2)
+    assert west[1] == pytest.approx(east[1], abs=30)  # the two lie 21 m apart
+
+
+# The user's own
+
+
+def test_named_stretches(island, tmp_path):
+    """A polygon over the west coast, a line 300 m off the east coast: edges by their midpoints, the rest by length."""
+    path = geojson(
+        tmp_path / "beaches.geojson",
+        (shapely.box(9.9, -0.1, 10.05, 0.05), {"name": "West  End", "access": "town"}),
+        (shapely.LineString([(10.4027, -0.05), (10.4027, 0.05)]), {"name": "East Beach"}),
+    )
+    cut = segments.named(island, path)
+    check(island, cut)
+    assert cut.name[:2] == ("West End", "East Beach")
+    assert cut.access[:3] == ("town", "", "")
+    longest = edge_lengths(island).max()
+    assert cut.length[0] == pytest.approx(0.15 * DEGREE, abs=longest)  # each end within half an edge
+    assert cut.length[1] == pytest.approx(0.10 * DEGREE, abs=longest)
+    assert cut.lines[0].geom_type == cut.lines[1].geom_type == "LineString"
+    assert (cut.lon[0], cut.lon[1]) == (pytest.approx(10, abs=1e-6), pytest.approx(10.4, abs=1e-6))
+    # What is left are two chains, north and south, each cut by itself.
+    south = cut.lat[2:] < -0.05
+    for chain in (cut.length[2:][south], cut.length[2:][~south]):
+        assert len(chain) == round(chain.sum() / 10_000)
+        assert np.ptp(chain) <= 2 * longest
+
+
+def test_lines_that_compete_share_by_nearness(island, tmp_path):
+    path = geojson(
+        tmp_path / "two.geojson",
+        (shapely.LineString([(10.402, -0.08), (10.402, 0.0)]), {"name": "south"}),
+        (shapely.MultiLineString([[(10.402, 0.0), (10.402, 0.04)], [(10.402, 0.04), (10.402, 0.08)]]), {"name": 7}),
+    )
+    cut = segments.named(island, path)
+    check(island, cut)
+    assert cut.name[:2] == ("south", "7")
+    longest = edge_lengths(island).max()
+    assert cut.length[:2] == pytest.approx([0.08 * DEGREE] * 2, abs=longest)
+    assert cut.lines[0].bounds[3] == pytest.approx(0, abs=0.01)
+
+
+@pytest.mark.parametrize("turn", [-360, 0])
+def test_named_across_the_antimeridian(fiji, tmp_path, turn):
+    """A polygon round Taveuni that jumps from 179 to -179, as most programs write it, or leaves -180..180."""
+    x, y = np.array([179.8, -179.7, -179.7, 179.8]), np.array([-17.05, -17.05, -16.6, -16.6])
+    ring = shapely.Polygon(np.stack([np.where(x < 0, x, x + turn), y], axis=1))
+    cut = segments.named(fiji, geojson(tmp_path / "t.geojson", (ring, {"name": "Taveuni"})))
+    check(fiji, cut)
+    whole = shapely.box(179.8, -17.05, 180.3, -16.6)
+    edge = edges.edges(fiji).astype(np.int64)
+    lon = (edge[:, 0] + ((edge[:, 2] - edge[:, 0] + 2**31) % 2**32 - 2**31) / 2) * 360 / 2**32 % 360
+    lat = (edge[:, 1] + edge[:, 3]) / 2 * 360 / 2**32
+    np.testing.assert_array_equal(cut.of_edge == 0, shapely.intersects_xy(whole, lon, lat))
+    assert cut.lines[0].bounds[0] < 180 < cut.lines[0].bounds[2]
+
+
+def test_a_feature_alone(island, tmp_path):
+    path = tmp_path / "one.geojson"
+    shape = json.loads(shapely.to_geojson(shapely.box(9.9, -1, 10.2, 1)))
+    path.write_text(json.dumps({"type": "Feature", "properties": {"name": "west"}, "geometry": shape}))
+    assert segments.named(island, path, 1e6).name[0] == "west"
+
+
+def test_a_name_of_the_rest_may_be_taken(island, tmp_path):
+    taken = segments.named(
+        island,
+        geojson(tmp_path / "a.geojson", (shapely.box(9.9, -1, 10.2, 1), {"name": "x"})),
+        1e6,
+    ).name[1]
+    path = geojson(tmp_path / "b.geojson", (shapely.box(9.9, -1, 10.2, 1), {"name": taken}))
+    assert segments.named(island, path, 1e6).name == (taken, f"{taken} (2)")
+
+
+BOX = {"type": "Polygon", "coordinates": [[[10, -1], [10.2, -1], [10.2, 1], [10, 1], [10, -1]]]}
+
+
+def row(geometry, **properties):
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "no such file"),
+        ("{broken", "not GeoJSON"),
+        ("\x00\xff", "not GeoJSON"),
+        ("[" * 100_000, "not GeoJSON"),
+        ("[1, 2]", "not a GeoJSON FeatureCollection"),
+        (BOX, "not a GeoJSON FeatureCollection"),
+        ([], "holds no feature"),
+        ([7], "feature 1: is no GeoJSON Feature"),
+        ([row(BOX)], "feature 1: has no name"),
+        ([row(BOX, name="a"), row(BOX, name=" ")], "feature 2: has no name"),
+        ([row(BOX, name=None)], "has no name"),
+        ([row(BOX, name="a"), row(BOX, name="a")], 'feature 2: name "a" comes twice'),
+        ([row(BOX, name="a", access=3)], '"a": access is 3'),
+        ([row(None, name="a")], "feature without geometry"),
+        ([row({"type": "Point", "coordinates": [10, 0]}, name="a")], '"a" is a Point; must be a line or a polygon'),
+        ([row({"type": "LineString", "coordinates": [[10, 0]]}, name="a")], '"a"'),
+        ([row({"type": "LineString", "coordinates": "here"}, name="a")], '"a"'),
+        ([row({"type": "LineString", "coordinates": []}, name="a")], "empty"),
+        ([row({"type": "LineString", "coordinates": [[500000, 0], [500001, 0]]}, name="a")], "must be degrees"),
+        ([row({"type": "LineString", "coordinates": [[10, 95], [10, 96]]}, name="a")], "must be degrees"),
+        ([row({"type": "Polygon", "coordinates": [[[1, 1], [2, 1], [1, 1], [1, 1]]]}, name="a")], "without area"),
+        ([row(BOX, name="a"), row(BOX, name="b")], '"b" belongs to others'),
+        # Half a degree west of the island, 55.6 km, and 100 m long.
+        ([row({"type": "LineString", "coordinates": [[9.5, 0], [9.5, 0.001]]}, name="off")], r"coast is 55\.6 km"),
+        ([row({"type": "Polygon", "coordinates": [[[9.4, 0], [9.6, 0], [9.5, 0.01], [9.4, 0]]]}, name="off")], " km"),
+    ],
+)
+def test_bad_files_are_one_clear_line(island, tmp_path, content, words):
+    path = tmp_path / "mine.geojson"
+    if isinstance(content, list):
+        content = {"type": "FeatureCollection", "features": content}
+    if content is not None:
+        path.write_text(content if isinstance(content, str) else json.dumps(content))
+    with pytest.raises(UserError, match=words) as error:
+        segments.named(island, path)
+    assert "\n" not in str(error.value)
+    assert "mine.geojson" in str(error.value)
+    assert len(str(error.value)) < 400

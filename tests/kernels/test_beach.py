@@ -1,0 +1,328 @@
+"""What the shore does: landings under diffusion, sliding, refloating; sinking, shared bias, divergence. Closed forms."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from scipy import stats
+
+import drift
+from drift.motion import ensemble as record
+from drift.motion import simulate
+from drift.motion.forcing import Forcing, Sources
+from drift.motion.simulate import Clock, Scene
+from drift.motion.status import Status
+from drift.spill import release
+from geo import sphere
+from geo.box import Box
+from geo.coast import edges as shoreline
+from geo.coast.shore import Shore
+from geo.forcing import sources
+from kernels import advance as kernel
+from kernels import coast as device_coast
+
+EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
+T0 = 1_795_000_000 // 3600 * 3600
+METRE = 1 / np.radians(1) / sphere.RADIUS  # [deg] on the equator
+
+
+def land(*polygons: shapely.Polygon, lat: float = 0.0) -> shoreline.Coast:
+    box = Box(-1.5, lat - 1.5, 1.5, lat + 1.5)
+    return shoreline.build(Shore(np.array(polygons, object), "test", (), box), Box(-1.2, lat - 1.2, 1.2, lat + 1.2))
+
+
+def jagged(edge: float) -> shapely.Polygon:
+    """Land east of lon 0, its straight shore in many edges of uneven length, numbered at random by the polygon's start."""
+    lat = np.concatenate([[-1.4], np.arange(-1.0, 1.0, edge) + 0.3 * edge * np.sin(np.arange(int(2 / edge))), [1.4]])
+    return shapely.Polygon([(1.4, 1.4), (1.4, -1.4), *[(0.0, y) for y in lat]])
+
+
+def drift_on(
+    shore: shoreline.Coast | None,
+    current: tuple[float, float],
+    n: int,
+    start: tuple[float, float],
+    duration: int,
+    step: int,
+    outputs: list[int] | None = None,
+    physics: kernel.Physics = kernel.Physics(),  # noqa: B008 - immutable
+    prepare=None,
+    direction: int = 1,
+    **place,
+):
+    """Return the ensemble and its moments after drifting in a uniform current [m/s] from (lon, lat) [deg]."""
+    ensemble = record.empty(3, (0, n))
+    ensemble.lon.fill(int(sphere.to_binary(start[0])))
+    ensemble.lat.fill(int(sphere.to_binary(start[1])))
+    if prepare:
+        prepare(ensemble)
+    device = device_coast.upload(shore) if shore else None
+    source = sources.constant("current", *current)
+    scene = Scene(
+        Forcing([Sources(current=(source,))], direction), (physics,), kernel.Place(EVERYWHERE, device, **place)
+    )
+    moments = list(simulate.run(ensemble, scene, Clock(T0, duration, direction, step), np.array(outputs or [duration])))
+    scene.forcing.close()
+    return ensemble, moments
+
+
+@pytest.mark.parametrize("step", [900, 1800, 3600])
+def test_arrivals_with_diffusion_follow_the_inverse_gaussian_law(step: int) -> None:
+    """Brownian motion with drift first meets a line at distance a after IG(a / u, a^2 / 2D) (Schroedinger 1915).
+
+    In one step of an hour the walk spreads 850 m; without the bridge arrivals would come 490 m, 82 min late.
+    """
+    away, speed, diffusivity, n = 5000.0, 0.1, 100.0, 40_000
+    shore = land(jagged(0.004))
+    ensemble, _ = drift_on(
+        shore, (speed, 0.0), n, (-away * METRE, 0.1), 600_000, step, physics=kernel.Physics(diffusivity=diffusivity)
+    )
+    status, ended = ensemble.status.to_numpy(), ensemble.ended.to_numpy()
+    mean, shape = away / speed, away**2 / (2 * diffusivity)
+    law = stats.invgauss(mean / shape, scale=shape)
+    arrived = np.where(status == Status.ASHORE, ended + 0.5, np.inf)
+    assert (status == Status.ASHORE).mean() == pytest.approx(law.cdf(600_000), abs=4.5 * np.sqrt(0.25 / n))
+    times = np.sort(arrived[np.isfinite(arrived)])
+    apart = np.abs(np.arange(1, times.size + 1) / n - law.cdf(times)).max()
+    print(step, apart, times.mean() - mean)
+    assert apart < 1.95 / np.sqrt(n)  # Kolmogorov's 0.1 % point
+    assert not shoreline.is_land(shore, ensemble.lon.to_numpy(), ensemble.lat.to_numpy()).any()
+
+
+@pytest.mark.parametrize(
+    ("away", "speed", "lat"), [(800.0, 0.2, 0.1), (150.0, -0.02, 0.1), (1500.0, 0.4, -48.7), (150.0, -0.02, 67.3)]
+)
+def test_one_step_lands_by_the_inverse_gaussian_law(away: float, speed: float, lat: float) -> None:
+    """Whether the shore is met within a single step of an hour, and when: near its begin, near its end, or by going over it.
+
+    Brownian motion with drift u meets a line at distance a by time t with the distribution of an inverse Gaussian time; where the
+    drift leads away, with that of its mirror times exp(2 a u / sigma^2).
+    """
+    n, dt, diffusivity = 100_000, 3600, 3.0  # a step's walk of 147 m
+    shore = land(shapely.box(0, lat - 1.4, 1.4, lat + 1.4), lat=lat)
+    west = -away * METRE / np.cos(np.radians(lat))
+    ensemble, _ = drift_on(shore, (speed, 0.0), n, (west, lat), dt, dt, physics=kernel.Physics(diffusivity=diffusivity))
+    ashore = ensemble.status.to_numpy() == Status.ASHORE
+    sigma2 = 2 * diffusivity
+    shape, mean = away**2 / sigma2, away / abs(speed)
+    law = stats.invgauss(mean / shape, scale=shape)
+    share = law.cdf(dt) * (1.0 if speed > 0 else np.exp(2 * away * speed / sigma2))
+    assert 0.02 < share < 0.98
+    assert abs(ashore.mean() - share) < 4.5 * np.sqrt(share * (1 - share) / n)
+    when = ensemble.ended.to_numpy()[ashore] + 0.5  # whole seconds, cut
+    assert stats.kstest(when, lambda t: law.cdf(t) / law.cdf(dt)).statistic < 1.95 / np.sqrt(when.size) + 0.5 * 2 / dt
+
+
+def test_arrivals_do_not_depend_on_where_the_edges_of_a_straight_shore_end() -> None:
+    """Noise being keyed by slot and step, one long edge and hundreds of short ones stop the same particles."""
+    ends = []
+    for edge in (1.0, 0.004):
+        ensemble, _ = drift_on(
+            land(jagged(edge)), (0.1, 0.02), 5000, (-0.02, 0.1), 86_400, 1800, physics=kernel.Physics(diffusivity=50.0)
+        )
+        ends.append((ensemble.status.to_numpy(), ensemble.ended.to_numpy()))
+    assert (ends[0][0] == ends[1][0]).mean() > 0.999  # float32 near the threshold of a touch
+    both = (ends[0][0] == Status.ASHORE) & (ends[1][0] == Status.ASHORE)
+    assert np.abs(ends[0][1][both] - ends[1][1][both]).max() < 60
+
+
+@pytest.mark.parametrize("step", [600, 1200, 3600])
+def test_without_diffusion_arrivals_are_those_of_the_straight_way(step: int) -> None:
+    shore = land(jagged(0.004))
+    ensemble, _ = drift_on(shore, (0.25, 0.1), 4, (-0.05, -0.2), 86_400, step)
+    assert (ensemble.status.to_numpy() == Status.ASHORE).all()
+    assert ensemble.ended.to_numpy() == pytest.approx(0.05 / METRE / 0.25, abs=2)
+    lat = ensemble.lat.to_numpy() * (360 / sphere.TURN)
+    assert lat == pytest.approx(-0.2 + 0.05 * 0.1 / 0.25, abs=2 * METRE)
+
+
+@pytest.mark.parametrize("step", [900, 1800, 3600])
+def test_sliding_follows_the_shore_at_the_drift_along_it(step: int) -> None:
+    """A shore that leans 30 degrees: beyond the landing the way is the drift's part along it, whatever the step."""
+    lean = np.radians(30)
+    along = np.array([np.sin(lean), np.cos(lean)])
+    ends = [(-1.3 * along[0], -1.3 * along[1]), (1.3 * along[0], 1.3 * along[1])]
+    shore = land(shapely.Polygon([*ends, (1.4, 1.3 * along[1]), (1.4, -1.4), (-1.3 * along[0], -1.4)]))
+    u, hours = np.array([0.3, 0.1]), 48
+    start = np.array([-0.15, 0.1])
+    ensemble, (end,) = drift_on(shore, tuple(u), 3, tuple(start), hours * 3600, step, beach=kernel.Beach(slides=True))
+    assert (ensemble.status.to_numpy() == Status.ADRIFT).all()
+    across = np.array([along[1], -along[0]])  # towards the land
+    landing = -(start @ across) / METRE / (u @ across)
+    expected = (start @ along) / METRE + (u @ along) * hours * 3600
+    place = np.array([end.lon[0], end.lat[0]]) * (360 / sphere.TURN) / METRE
+    assert 0 < landing < hours * 3600
+    # On the plane lon-lat of this test the way along is exact; cos(lat) < 1 adds 0.02 % of it, and 0.5 m off the shore.
+    assert place @ along == pytest.approx(expected, rel=4e-4)
+    assert -5 < place @ across < 0
+    assert not shoreline.is_land(shore, end.lon, end.lat).any()
+
+
+@pytest.mark.parametrize("step", [900, 1800, 3600])
+def test_sliding_with_diffusion_is_reflected_brownian_motion(step: int) -> None:
+    """The law of the distance from a wall, from which it starts, with a drift u onto it (Harrison 1985, Brownian Motion
+    and Stochastic Flow Systems, eq. 1.8.11)."""
+    shore, n, diffusivity, t = land(jagged(0.01)), 20_000, 50.0, 86_400
+    physics = kernel.Physics(diffusivity=diffusivity)
+    spread = np.sqrt(2 * diffusivity * t)
+    for speed in (0.0, 0.05):
+
+        def law(z, u=speed):
+            back = np.exp(-u * z / diffusivity) * stats.norm.cdf((u * t - z) / spread)
+            return stats.norm.cdf((z + u * t) / spread) - back
+
+        _, (end,) = drift_on(
+            shore, (speed, 0.0), n, (-METRE, 0.1), 86_400, step, physics=physics, beach=kernel.Beach(slides=True)
+        )
+        away = -end.lon * (360 / sphere.TURN) / METRE
+        assert (away > 0).all()
+        apart = stats.kstest(away, law).statistic
+        print(step, speed, apart)
+        assert apart < 1.95 / np.sqrt(n)  # Kolmogorov's 0.1 % point
+
+
+@pytest.mark.parametrize("step", [900, 1800, 3600])
+def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: int) -> None:
+    n, half = 20_000, 6 * 3600
+    beach = kernel.Beach(half / np.log(2), 100.0)
+    shore = land(jagged(0.01))
+    hours = np.arange(-1, 26)
+
+    def drifted(after: float):
+        times = (T0 + 3600 * hours).astype("datetime64[s]")
+        east = np.where(hours <= 2, 0.1, after)
+        ensemble = record.empty(3, (0, n))
+        ensemble.lon.fill(int(sphere.to_binary(-100 * METRE)))
+        scene = Scene(
+            Forcing([Sources(current=(sources.table("current", times, east, 0 * east),))], 1),
+            (kernel.Physics(),),
+            kernel.Place(EVERYWHERE, device_coast.upload(shore), beach),
+        )
+        outputs = np.array([7200, 36_000, 86_400])
+        moments = list(simulate.run(ensemble, scene, Clock(T0, 86_400, 1, step), outputs))
+        scene.forcing.close()
+        return ensemble, [(m.status == Status.ASHORE).mean() for m in moments]
+
+    # Onto the beach for two hours and a half (landing after 100 m / 0.1 m/s = 1000 s), then off it: those whose wait is over
+    # leave at once, the others one by one.
+    ensemble, ashore = drifted(-0.1)
+    assert ashore[0] == 1
+    for share, time in zip(ashore[1:], (36_000, 86_400), strict=True):
+        expected = 0.5 ** ((time - 1000) / half)
+        assert share == pytest.approx(expected, abs=4.5 * np.sqrt(expected / n))
+    free = ensemble.status.to_numpy() == Status.ADRIFT
+    assert (ensemble.lon.to_numpy()[free] * (360 / sphere.TURN) < -99 * METRE).all()
+    # Always onto the beach: nobody leaves.
+    assert drifted(0.1)[1] == [1, 1, 1]
+
+
+def test_half_of_refloating_under_diffusion_does_not_depend_on_the_step() -> None:
+    """An offing of fixed length makes the chance of going ashore again exp(-u d / D), not a matter of the step."""
+    found = []
+    for step in (450, 900, 1800, 3600):
+        ensemble, _ = drift_on(
+            land(jagged(0.01)),
+            (-0.1, 0.0),
+            20_000,
+            (-50 * METRE, 0.1),
+            172_800,
+            step,
+            physics=kernel.Physics(diffusivity=20.0),
+            beach=kernel.Beach(10 * 3600 / np.log(2), 100.0),
+        )
+        found.append((ensemble.status.to_numpy() == Status.ASHORE).mean())
+    print(found)
+    assert np.ptp(found) < 2 * 4.5 * np.sqrt(0.1 / 20_000)
+
+
+def test_what_sinks_does_so_at_its_time_and_nowhere_else() -> None:
+    n = 1000
+    times = np.arange(n, dtype=np.int32) * 100
+
+    def prepare(ensemble) -> None:
+        ensemble.sinks.from_numpy(times)
+        ensemble.release.from_numpy(np.full(n, 500, np.int32))
+
+    ensemble, (end,) = drift_on(None, (0.5, 0.0), n, (-1.0, 0.1), 60_000, 1000, prepare=prepare, sinks=True)
+    status, ended = end.status, ensemble.ended.to_numpy()
+    assert (status == np.where(times <= 60_000, Status.SUNK, Status.ADRIFT)).all()
+    sunk = times < 60_000
+    assert (ended[sunk] == np.maximum(times[sunk], 500)).all()
+    way = (end.lon * (360 / sphere.TURN) + 1.0) / METRE
+    assert way == pytest.approx(0.5 * (np.clip(times, 500, 60_000) - 500), abs=2)
+
+
+def test_a_world_shares_its_bias() -> None:
+    def prepare(ensemble) -> None:
+        ensemble.world.from_numpy(np.repeat(np.arange(3, dtype=np.int32), 4))
+        release.share(ensemble, east, north)
+
+    east, north = np.array([0.1, 0.0, -0.2]), np.array([0.0, 0.3, 0.1])
+    _, (end,) = drift_on(None, (0.2, 0.0), 12, (0.0, 0.0), 36_000, 1800, prepare=prepare, bias=True)
+    for column, mean in ((end.lon, 0.2 + east), (end.lat, north)):
+        way = column.reshape(3, 4) * (360 / sphere.TURN) / METRE
+        assert way == pytest.approx(np.repeat(mean[:, None] * 36_000, 4, 1), abs=3)
+
+
+@pytest.mark.parametrize("step", [3600])
+def test_an_islet_smaller_than_the_steps_spread_is_met_as_often_as_at_small_steps(step: int) -> None:
+    """100 m of radius, in a walk that spreads 850 m a step; beside it steps of 15 s (55 m)."""
+    turn = np.linspace(0, 2 * np.pi, 25)[:-1]
+    islet = land(shapely.Polygon(100 * METRE * np.column_stack([np.cos(turn), np.sin(turn)])))
+    shares = []
+    for dt, n in ((step, 20_000), (15, 10_000)):
+        physics = kernel.Physics(diffusivity=100.0)
+        ensemble, _ = drift_on(islet, (0.1, 0.0), n, (-1000 * METRE, 0.0), 30_000, dt, physics=physics)
+        shares.append((ensemble.status.to_numpy() == Status.ASHORE).mean())
+    print(step, shares)
+    # Pieces of 150 m leave 3 % at most of an islet of 100 m: measured against 15 s with a million particles' worth of runs.
+    assert shares[0] == pytest.approx(shares[1], rel=0.03, abs=4.5 * np.sqrt(0.25 / 10_000) * np.sqrt(1.5))
+
+
+@pytest.mark.parametrize("step", [300, 1800])
+def test_both_banks_of_a_narrow_channel_are_met_as_they_should(step: int) -> None:
+    """From a quarter of the width of 300 m: the near bank is met with probability 3/4 (gambler's ruin), nobody is across."""
+    half = 150 * METRE
+    banks = land(shapely.box(-1.4, half, 1.4, 1.4), shapely.box(-1.4, -1.4, 1.4, -half))
+    n = 20_000
+    ensemble, _ = drift_on(
+        banks, (0.0, 0.0), n, (0.0, 0.5 * half), 7200, step, physics=kernel.Physics(diffusivity=100.0)
+    )
+    lat = ensemble.lat.to_numpy() * (360 / sphere.TURN)
+    assert (ensemble.status.to_numpy() == Status.ASHORE).all()
+    assert np.abs(lat).max() < half + 0.01 * METRE
+    assert (lat > 0).mean() == pytest.approx(0.75, abs=4.5 * np.sqrt(0.1875 / n) + 0.01)  # pieces of 150 m
+
+
+def test_a_half_life_is_the_time_after_which_half_is_afloat(tmp_path: Path) -> None:
+    """From the case's words to what lies ashore: an even hazard whose half-life they state, so of mean half-life / ln 2."""
+    n, half, hours = 20_000, 4.0, 10.0
+    text = f"""
+start = "2026-11-21T00:00Z"
+duration = "{hours:g} h"
+particles = {n}
+output.every = "2 h"
+clock.step = "15 min"
+coast = {{ source = "land.geojson", behaviour = "refloat", half_life = "{half:g} h" }}
+[[current]]
+table = [{", ".join(f'{{ time = "+{h} h", speed = "1 m/s", toward = {90 if h < 2 else 270} }}' for h in range(12))}]
+[[scenario]]
+name = "s"
+object = "water"
+position = {{ at = [-0.01, 0.1], std = "0 m" }}
+"""
+    (tmp_path / "land.geojson").write_text(
+        '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", '
+        '"coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}'
+    )
+    (tmp_path / "case.toml").write_text(text)
+    probability = drift.run(drift.load(tmp_path / "case.toml")).forecast.data["status_probability"]
+    ashore = [float(probability[k, Status.ASHORE]) for k in range(probability.sizes["time"])]
+    landed = (
+        0.01 / METRE / 3600
+    )  # [h] at 1 m/s; the current leads off from 1.5 h on, and then all go whose wait is over
+    for k in (1, 3, 5):
+        exact = 0.5 ** ((2.0 * k - landed) / half)
+        step = exact * np.log(2) / half * 0.25  # a wait ends with a step of a quarter of an hour
+        assert abs(ashore[k] - exact) < 4.5 * np.sqrt(exact * (1 - exact) / n) + step

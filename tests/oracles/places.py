@@ -1,0 +1,7 @@
+"""Where things lie that tests read: this checkout, and the folder of real forcing files, which may not be there."""
+
+import os
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+DATA = Path(os.environ.get("DRIFT_DATA") or ROOT.parent / "shared" / "data")

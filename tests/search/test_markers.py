@@ -1,0 +1,40 @@
+"""Datum markers against closed forms of their way."""
+
+import numpy as np
+import pytest
+
+from drift.motion.forcing import Forcing, Sources
+from drift.search.markers import Marker
+from geo import sphere
+from geo.forcing import sources
+from kernels import runtime
+
+T0 = np.datetime64("2026-11-21T18:00:00", "s")
+HOUR = 3600
+
+
+@pytest.mark.parametrize("step", [1200, HOUR])
+def test_a_marker_goes_by_the_integral_of_a_current_that_turns(step: int) -> None:
+    """The current changes linearly from hour to hour: its integral is the trapezoids', whatever the step; the marker's first one is cut."""
+    runtime.start()
+    east, north = np.array([0.5, -0.2, 0.9, 0.1, -0.7]), np.array([-0.3, 0.8, 0.25, -0.6, 0.4])
+    hours = T0 + np.arange(5) * np.timedelta64(HOUR, "s")
+    source = sources.table("current", hours, east, north)
+    begin, end = 0.4 * HOUR, 4.0 * HOUR
+    marker, field = Marker(-179.99, 61.3, begin, 0), Forcing([Sources(current=(source,))], 1)
+    start = int((T0 - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
+    for elapsed in range(0, int(end), step):
+        field.set(start + elapsed, start + elapsed + step)
+        marker.drift(field, elapsed, step)
+    field.close()
+    lon, lat = marker.where(np.array([end]))
+    fine = np.linspace(begin, end, 10_001)
+    u, v = (np.interp(fine, np.arange(5) * HOUR, one) for one in (east, north))
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(fine))])
+    y = np.radians(61.3) + way / sphere.RADIUS
+    rate = u / (sphere.RADIUS * np.cos(y))
+    x = np.radians(-179.99) + np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(fine))
+    metre = 1 / sphere.RADIUS
+    # A binary angle is a centimetre, speeds are float32; the trapezoids of the oracle err by less.
+    assert lat[0] == pytest.approx(y[-1], abs=0.02 * metre)
+    assert lon[0] == pytest.approx(x, abs=0.02 * metre / np.cos(y[-1]))
