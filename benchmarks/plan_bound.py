@@ -30,11 +30,12 @@ from rich.table import Table
 
 from drift import flow
 from drift.case.file import Case
+from drift.motion.scenario import Survival
 from drift.planner import availability as reaches
 from drift.planner import bound, follow, joint, optimiser, planner, rectangle
 from drift.planner import planning_tracks as record
 from drift.planner.planning_tracks import Tracks
-from drift.search.records import Law, PlanSpec, Survival, Unit
+from drift.search.records import Law, PlanSpec, Unit
 from geo import sphere
 from geo.errors import UserError
 from kernels import rectangles, runtime, sweeps

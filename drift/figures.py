@@ -11,12 +11,12 @@ import numpy as np
 
 from drift import summary
 from drift.backtrack.backward import Origin
-from drift.case import uncertainty, units
 from drift.case.file import Case
-from drift.case.scenario import AreaPrior, PositionPrior
-from drift.forecast import tables
 from drift.forecast.build import Forecast
+from drift.motion import forcing_error
 from drift.motion.environment import Environment
+from drift.motion.scenario import AreaPrior, PositionPrior
+from drift.output import formats
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan
 from drift.planner import fleet
@@ -25,6 +25,7 @@ from drift.search.updates import Updates
 from drift.spill import renewal
 from drift.spill.renewal import Aftermath
 from drift.suspend.decision import Suspension
+from geo import notation
 
 Figure = Callable[[Path], None]
 
@@ -73,7 +74,7 @@ def figures(
         "marks": marks,
         "particles": case.particles,
         "footer": footer,
-        "attributes": {**attributes, "run_id": tables.run_id(attributes)},
+        "attributes": {**attributes, "run_id": formats.run_id(attributes)},
         "caution": caution(case),
     }
     drawn = {
@@ -140,7 +141,7 @@ def caution(case: Case) -> str:
     if synthetic(case):
         return "SYNTHETIC wind or current: not for operations"
     felt = any(scenario.object.uses_wind for scenario in case.scenarios)
-    return uncertainty.switched_off(case.current_error, case.wind_error if felt else None)
+    return forcing_error.switched_off(case.current_error, case.wind_error if felt else None)
 
 
 def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[str, Figure]:
@@ -151,7 +152,7 @@ def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[s
     assert case.spill is not None
     attributes = summary.attributes(case, where)
     marks = [
-        layers.Mark(find.lon, find.lat, f"{k} {find.name}, {units.group(find.time)[:6]}Z")
+        layers.Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
         for k, find in enumerate(case.spill.finds, 1)
         if find.lat == find.lat  # a stretch by name has no place of its own
     ]
@@ -162,7 +163,7 @@ def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[s
         polygons=where.coast.polygons if where.coast is not None else (),
         marks=marks,
         footer=footer,
-        attributes={**attributes, "run_id": tables.run_id(attributes)},
+        attributes={**attributes, "run_id": formats.run_id(attributes)},
         caution=caution(case),
     )
     return {"origin.png": _kept(draw)}

@@ -15,7 +15,7 @@ from drift import figures, summary, turns
 from drift.backtrack import backward
 from drift.case.file import Case
 from drift.forecast import build as forecast_build
-from drift.forecast import effective, off_grid, tables
+from drift.forecast import effective, off_grid
 from drift.forecast.build import Forecast
 from drift.motion import ensemble as record
 from drift.motion import environment, prior, silence, simulate, start, weights
@@ -24,7 +24,7 @@ from drift.motion.snapshot import Snapshot
 from drift.motion.spool import Spool
 from drift.motion.start import Start
 from drift.motion.status import Status
-from drift.output import writer
+from drift.output import formats, writer
 from drift.patrols import files as patrol_files
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan
@@ -324,7 +324,7 @@ def trace(
                 writer.Product("origin.nc", lambda stamped: backward.dataset(found)),
                 writer.Product(
                     "origin.csv",
-                    lambda stamped: tables.csv_text([*facts, "run_id"], [[*facts.values(), stamped["run_id"]]]),
+                    lambda stamped: formats.csv_text([*facts, "run_id"], [[*facts.values(), stamped["run_id"]]]),
                 ),
             ),
             {"origin": facts, "warnings": warnings, "wall_time_s": clock.seconds},

@@ -6,16 +6,15 @@ from dataclasses import replace
 from typing import Any
 
 from drift import summary, turns
-from drift.case import units
 from drift.case.file import Case
-from drift.case.spill import Spill
-from drift.case.units import NMI
-from drift.forecast import tables
 from drift.motion import environment, outlook, start
 from drift.spill import renewal
+from drift.spill.records import Spill
 from drift.suspend import decision
+from geo import notation
 from geo.coast import shore
 from geo.coast.segments import Segments
+from geo.notation import NMI
 from kernels import runtime
 
 CHECKED = 10_000  # particles that a check draws
@@ -45,7 +44,7 @@ def understood(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[st
         begin.scene.forcing.close()
     box = where.box
     found: dict[str, Any] = {
-        "run": f"{units.group(case.start)} to {units.group(case.end)}, {case.particles:,} particles, step {begin.clock.step} s",
+        "run": f"{notation.group(case.start)} to {notation.group(case.end)}, {case.particles:,} particles, step {begin.clock.step} s",
         "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
         **told,
         "errors": summary.errors(case),
@@ -91,23 +90,23 @@ def _search(case: Case) -> dict[str, str]:
             how = f"{law}, coverage {', '.join(f'{c:.2f}' for c in one.coverage)}"
         else:
             how = f"{law}, W {seen(one.sweep_width)}"
-        found[f'sortie "{one.name}"'] = f"{kind}, {units.group(one.start)} to {units.group(one.end)}, {how}"
+        found[f'sortie "{one.name}"'] = f"{kind}, {notation.group(one.start)} to {notation.group(one.end)}, {how}"
     for seen_then in case.contacts:
         doubt = (
             f"belief {seen_then.belief:g}"
             if seen_then.false_density == 0
             else f"false {seen_then.false_density:.3g} per unit"
         )
-        found[f'contact "{seen_then.name}"'] = f"{seen_then.kind}, {units.group(seen_then.time)}, {doubt}"
+        found[f'contact "{seen_then.name}"'] = f"{seen_then.kind}, {notation.group(seen_then.time)}, {doubt}"
     for unit in case.units:
         found[f'unit "{unit.name}"'] = (
-            f"from {tables.position(*unit.base)}, ready {units.group(unit.ready)}, {unit.endurance / 3600:g} h on scene, "
+            f"from {notation.position(*unit.base)}, ready {notation.group(unit.ready)}, {unit.endurance / 3600:g} h on scene, "
             f"W {seen(unit.sweep_width)}{', by daylight' if unit.daylight else ''}"
         )
     if case.units:
         spec = case.plan
         found["plan"] = (
-            f"{units.group(spec.begin)} to {units.group(spec.until)}, for {spec.objective}, {spec.rounds} round(s)"
+            f"{notation.group(spec.begin)} to {notation.group(spec.until)}, for {spec.objective}, {spec.rounds} round(s)"
         )
     return found
 
@@ -119,17 +118,17 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
     told = {
         "spill": f"{low:,}{f' to {high:,}' if high > low else ''} objects, {spill.worlds:,} worlds of {spill.per_world:,} particles; "
         f"{spill.destroyed[0]:.0%} to {spill.destroyed[1]:.0%} destroyed at once",
-        "released": f"{units.group(spill.prior.release_start)} to {units.group(spill.prior.release_end)}",
+        "released": f"{notation.group(spill.prior.release_start)} to {notation.group(spill.prior.release_end)}",
         "biases": f"windage a factor of {math.exp(spill.windage_bias):.2f}, current {spill.current_bias:g} m/s, reporting a factor "
         f"of {math.exp(spill.reporting_bias):.2f} (one standard deviation)",
         "reports": f"{rates}; other coast: {spill.reporting.coast}; removed {86_400 * spill.reporting.removal:g} a day",
         "stretches of coast": f"{len(stretches.name):,}, {stretches.length.sum() / 1000:,.0f} km",
     }
     for find in spill.finds:
-        told[find.name] = f"{find.kind or 'class unknown'}, {units.group(find.time)}, by {find.by or 'the public'}"
+        told[find.name] = f"{find.kind or 'class unknown'}, {notation.group(find.time)}, by {find.by or 'the public'}"
     for patrol in renewal.patrols(spill, stretches):
         told[f'patrol "{patrol["name"]}"'] = f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
     for team in spill.teams:
-        many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {units.group(team.times[0])}"
+        many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {notation.group(team.times[0])}"
         told[f'patrol_unit "{team.name}"'] = f"{many}, {team.length / 1000:g} km a day, finds {team.detection:.0%}"
     return told

@@ -3,8 +3,8 @@
 from importlib import metadata
 from typing import Any
 
-from drift.case import uncertainty
 from drift.case.file import Case
+from drift.motion import forcing_error
 from drift.motion.ensemble import Account
 from drift.motion.environment import Environment
 from drift.motion.start import Start
@@ -34,7 +34,7 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
 def errors(case: Case) -> str:
     """Return which errors of current and wind a run has, in a line, and who says so."""
     wind = case.wind_error if case.winds else None
-    return uncertainty.words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
+    return forcing_error.words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
 
 
 def behaviour(case: Case) -> str:
@@ -83,7 +83,7 @@ def numbers(
         },
         "uncertainty": {
             "told": errors(case),
-            **uncertainty.numbers(case.current_error, case.wind_error, case.diffusivity, case.diffusivity_by),
+            **forcing_error.numbers(case.current_error, case.wind_error, case.diffusivity, case.diffusivity_by),
         },
         "effective_sample_size": account.ess,
         "account": {status.name.lower(): float(by_status[status]) for status in Status},

@@ -1,4 +1,4 @@
-"""How times and directions are written where a planner reads them; what machines read is ISO 8601."""
+"""How times, positions, directions and shares are written where a planner reads them, and times where a machine does (ISO 8601)."""
 
 import math
 from datetime import datetime
@@ -8,6 +8,9 @@ import numpy as np
 
 from geo import sphere
 
+NMI = 1852.0  # [m] international nautical mile
+KNOT = NMI / 3600  # [m/s]
+COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 
 
@@ -21,12 +24,36 @@ def group(moment: Any) -> str:
     return f"{when.day:02d}{when.hour:02d}{when.minute:02d}Z{MONTHS[when.month - 1]}{year}"
 
 
-COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
-NMI = 1852.0  # [m]
-
-
 def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
     """Return how far and in which direction a second point lies from a first [deg], along a great circle."""
     east, north = (float(x) for x in sphere.offset(*np.radians([lon1, lat1, lon2, lat2])))
     miles, eighth = math.hypot(east, north) / NMI, round(math.degrees(math.atan2(east, north)) / 45) % 8
     return f"{miles:,.0f} nmi to the {COMPASS[eighth]}" if miles >= 10 else f"{miles:.1f} nmi to the {COMPASS[eighth]}"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent as it was asked for: 0.95 is 95, 0.999 is 99.9."""
+    return f"{100 * share:.6g}"
+
+
+def epoch(time: Any) -> int:
+    """Return a time, np.datetime64 in UTC, as whole seconds since 1970."""
+    return int(np.asarray(time).astype("datetime64[s]").astype(np.int64))
+
+
+def iso(time: Any) -> str:
+    """Return a time (np.datetime64, UTC) as 2026-11-21T18:30:00Z."""
+    return f"{np.datetime_as_string(time, unit='s')}Z"
+
+
+def position(lon: float, lat: float) -> str | None:
+    """Return a position in degrees and decimal minutes, 28-42.0N 087-30.0W; None for none."""
+    if not (np.isfinite(lon) and np.isfinite(lat)):
+        return None
+    lon = (lon + 180) % 360 - 180
+    return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
+
+
+def _minutes(angle: float, digits: int) -> str:
+    tenths = round(abs(angle) * 600)
+    return f"{tenths // 600:0{digits}d}-{tenths % 600 / 10:04.1f}"

@@ -1,4 +1,4 @@
-"""Legs made good: flown from points, cut, thinned and outlined.
+"""Areas, and legs made good: flown from points, cut, thinned and outlined.
 
 Legs are great circles from vertex to vertex, each at constant speed. Positions are degrees, longitudes run on without
 jumps; times are seconds since 1970.
@@ -6,18 +6,41 @@ jumps; times are seconds since 1970.
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from drift.search.records import Area, Legs
 from geo import sphere
 
 Array = npt.NDArray[Any]
 Place = tuple[float, float]  # (lon, lat) [deg]
 
 SAME = 0.01  # [m] points closer than this are one
+
+
+@dataclass(frozen=True)
+class Area:
+    """A region on the sphere; its edges are great circles."""
+
+    lon: tuple[float, ...]  # [deg] corners in order, not closed
+    lat: tuple[float, ...]
+
+    @property
+    def ring(self) -> list[tuple[float, float]]:
+        """Corners (lon, lat) [deg], the first once more at the end."""
+        return [*zip(self.lon, self.lat, strict=True), (self.lon[0], self.lat[0])]
+
+
+@dataclass(frozen=True)
+class Legs:
+    """Straight legs from vertex to vertex along great circles, each at constant speed."""
+
+    time: tuple[float, ...]  # [s since 1970], ascending, (k,)
+    lon: tuple[float, ...]  # [deg] (k,)
+    lat: tuple[float, ...]
+    searching: tuple[bool, ...]  # whether the leg from vertex i to i + 1 is one of search, (k - 1,)
 
 
 def through(

@@ -31,17 +31,17 @@ import xarray as xr
 from drift.backtrack import tracks
 from drift.backtrack.tracks import Group
 from drift.case.file import Case
-from drift.case.scenario import TracklinePrior
-from drift.case.spill import Spill
 from drift.forecast import effective
 from drift.forecast.effective import Count
 from drift.motion import simulate, start
 from drift.motion.ensemble import Ensemble
 from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing
+from drift.motion.scenario import TracklinePrior
 from drift.motion.simulate import Progress, Scene
 from drift.motion.status import Status
 from drift.spill import worlds as drawn_worlds
+from drift.spill.records import Spill
 from drift.spill.worlds import Worlds
 from geo import sphere
 from geo.coast import edges as shoreline

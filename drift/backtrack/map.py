@@ -22,12 +22,13 @@ from matplotlib.patches import Patch
 
 from drift.backtrack import backward
 from drift.backtrack.backward import Origin
-from drift.case import units
-from drift.forecast import areas, density, effective, layers, tables
-from drift.forecast.cells import Array
+from drift.forecast import areas, density, effective, layers
 from drift.forecast.layers import Mark
 from drift.maps import chart, labels, page
 from drift.maps.chart import INK, Frame
+from geo import notation
+from geo.cells import Array
+from geo.notation import NMI
 
 CAVEAT = (
     "Backward: proposes where to look; objects not found are left out. The answer is a forward run with this release as "
@@ -117,14 +118,14 @@ def draw(
 
 def _shown(found: Origin) -> _Shown:
     mass, area = found.probability.sum(axis=0), backward.cell_area(found)
-    height = 100 * mass / (area[:, None] / tables.NMI**2)
+    height = 100 * mass / (area[:, None] / NMI**2)
     contained, levels, sizes, _ = areas.containment(mass, area, density.Calibration(density.KNOTS))
     outlines = {}
     for share in LINES:
         inside = _within(contained, share)
         last, next_one = float(height[inside].min()), float(height.max(where=~inside, initial=0.0))
         least = float(np.sqrt(last * max(next_one, last * FLOOR)))  # between the last cell inside and the first outside
-        outlines[share] = (_outline(found, height, least), float(np.interp(share, levels, sizes)) / tables.NMI**2)
+        outlines[share] = (_outline(found, height, least), float(np.interp(share, levels, sizes)) / NMI**2)
     assumed = found.prior.sum(axis=0) / area[:, None]
     return _Shown(height, contained, _outline(found, assumed, ALLOWED * float(assumed.max())), outlines)
 
@@ -245,7 +246,7 @@ def _legend(figure: Figure, shown: _Shown, finds: int, land: bool, few: bool) ->
 def _times(figure: Figure, found: Origin) -> None:
     """Draw the release time's probability as bars before its prior's, and its middle 80 % over them."""
     if found.time.size == 1:
-        figure.text(LEFT, 0.55, f"Released at {units.group(found.time[0])}, as given", fontsize=9.5, color=INK)
+        figure.text(LEFT, 0.55, f"Released at {notation.group(found.time[0])}, as given", fontsize=9.5, color=INK)
         return
     ax = figure.add_axes((LEFT + 0.03, 0.475, RIGHT - LEFT - 0.055, 0.155))
     seconds = found.time.astype("datetime64[s]").astype(np.int64)
@@ -260,7 +261,7 @@ def _times(figure: Figure, found: Origin) -> None:
     ax.set_xlim(seconds[0] - step / 2, seconds[-1] + step / 2)
     ax.set_ylim(0, top)
     ticks = labels.round_times(*ax.get_xlim(), 4)
-    ax.set_xticks(ticks, labels=[f"{units.group(np.datetime64(int(tick), 's'))[:6]}Z" for tick in ticks])
+    ax.set_xticks(ticks, labels=[f"{notation.group(np.datetime64(int(tick), 's'))[:6]}Z" for tick in ticks])
     ax.tick_params(labelsize=8, colors=INK, length=3)
     ax.locator_params(axis="y", nbins=4)
     ax.grid(axis="y", color=INK, alpha=0.25, linewidth=0.5, zorder=0)
@@ -289,12 +290,12 @@ def _figures(figure: Figure, found: Origin) -> None:
     low, half, high = _quantiles(found)
     east, north, late = found.error
     rows = [
-        ("Mean place", tables.position(found.mean[0], found.mean[1]) or ""),
+        ("Mean place", notation.position(found.mean[0], found.mean[1]) or ""),
         ("Half within", _length(1000 * float(told["radius_50_km"])) + " of it"),
         ("90 % within", _length(1000 * float(told["radius_90_km"])) + " of it"),
-        ("Released", f"10 %: before {units.group(low)}"),
-        ("", f"50 %: before {units.group(half)}"),
-        ("", f"90 %: before {units.group(high)}"),
+        ("Released", f"10 %: before {notation.group(low)}"),
+        ("", f"50 %: before {notation.group(half)}"),
+        ("", f"90 %: before {notation.group(high)}"),
         ("Error of the mean", f"{_length(float(np.hypot(east, north)))}, {late / 3600:.2g} h"),
     ]
     for k, (name, value) in enumerate(rows):
@@ -325,7 +326,7 @@ def _seconds(time: np.datetime64) -> int:
 
 
 def _length(metres: float) -> str:
-    return f"{labels.number(metres / tables.NMI)} nmi ({labels.number(metres / 1000)} km)"
+    return f"{labels.number(metres / NMI)} nmi ({labels.number(metres / 1000)} km)"
 
 
 def _span(seconds: float) -> str:

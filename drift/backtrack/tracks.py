@@ -14,12 +14,12 @@ import numpy.typing as npt
 from scipy import special
 
 from drift.case.file import Case
-from drift.case.spill import Find, Kind, Spill
 from drift.motion import ensemble as record
 from drift.motion import prior
 from drift.motion.ensemble import Ensemble
 from drift.motion.leeway import AIR_IN_WATER
 from drift.spill import evidence, release
+from drift.spill.records import Find, Kind, Spill
 from drift.spill.worlds import Worlds
 from geo import sphere
 from geo.coast import edges as shoreline

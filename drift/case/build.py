@@ -6,14 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from drift.case import sources, units
+from drift.case import sources
 from drift.case.mistakes import Mistakes
-from drift.case.scenario import Scenario, ScenarioTable
+from drift.case.scenario import ScenarioTable
 from drift.case.schema import CaseTable
-from drift.case.sources import ForcingSpec
-from drift.case.spill import Find, Patrol, Spill
 from drift.case.spill import build as build_spill
+from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.leeway import Drifter
+from drift.motion.scenario import Scenario
+from drift.spill.records import Find, Patrol, Spill
+from geo import notation
 from geo.errors import UserError
 
 
@@ -43,24 +45,24 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
     for thing in known:
         if thing.time > end:
             wrong.lines.append(
-                f"{thing.name}: at {units.group(thing.time)}, after the run's end, {units.group(end)}; run for longer"
+                f"{thing.name}: at {notation.group(thing.time)}, after the run's end, {notation.group(end)}; run for longer"
             )
     last = max((thing.time for thing in known), default=start)
     for team in made.teams:
         if team.times[0] < last:
             wrong.lines.append(
-                f'patrol_unit "{team.name}": first {units.group(team.times[0])} is before the last find or patrol, '
-                f"{units.group(last)}: a plan begins when all is known; give a later first"
+                f'patrol_unit "{team.name}": first {notation.group(team.times[0])} is before the last find or patrol, '
+                f"{notation.group(last)}: a plan begins when all is known; give a later first"
             )
         if team.times[-1] > end:
             wrong.lines.append(
-                f'patrol_unit "{team.name}": its last patrol, at {units.group(team.times[-1])}, is after the run\'s end, '
-                f"{units.group(end)}; give fewer days, or run for longer"
+                f'patrol_unit "{team.name}": its last patrol, at {notation.group(team.times[-1])}, is after the run\'s end, '
+                f"{notation.group(end)}; give fewer days, or run for longer"
             )
     until = made.reporting.until
     if until is not None and until > end:
         wrong.lines.append(
-            f"spill.reporting.until {units.group(until)} is after the run's end, {units.group(end)}; run for longer"
+            f"spill.reporting.until {notation.group(until)} is after the run's end, {notation.group(end)}; run for longer"
         )
     wrong.refuse()
     return made
@@ -150,8 +152,8 @@ def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetim
     for time in (prior.release_start, prior.release_end):
         if not min(start, end) <= time <= max(start, end):
             raise UserError(
-                f"{place}: it may go adrift at {units.group(time)}, outside the run, {units.group(start)} to "
-                f"{units.group(end)}; change its times or the case's start and end"
+                f"{place}: it may go adrift at {notation.group(time)}, outside the run, {notation.group(start)} to "
+                f"{notation.group(end)}; change its times or the case's start and end"
             )
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from drift.case import units
 from drift.case.mistakes import Mistakes
-from drift.case.scenario import Scenario
+from drift.motion.scenario import Scenario
+from geo import notation
 from geo.errors import UserError
 
 
@@ -25,9 +25,9 @@ class Run:
     def check(self, first: np.datetime64, last: np.datetime64) -> None:
         """Refuse times outside the run."""
         if first < self.start or last > self.end:
-            when = units.group(first) if first == last else f"{units.group(first)} to {units.group(last)}"
+            when = notation.group(first) if first == last else f"{notation.group(first)} to {notation.group(last)}"
             raise ValueError(
-                f"{when} is outside the run, {units.group(self.start)} to {units.group(self.end)}; change its times, or "
+                f"{when} is outside the run, {notation.group(self.start)} to {notation.group(self.end)}; change its times, or "
                 "the case's start, duration or end"
             )
 

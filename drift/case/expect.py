@@ -6,10 +6,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from drift.case import fields, units
+from drift.case import fields
 from geo import sphere
+from geo.notation import NMI
 
-NMI = units.NMI
 ROUNDING = 1e-12  # by which a sum of shares may exceed 1 in float64; seen: 7e-16
 
 

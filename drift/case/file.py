@@ -24,15 +24,17 @@ from drift.case import sortie as sortie_table
 from drift.case.context import Run
 from drift.case.expect import Expect
 from drift.case.mistakes import Mistakes
-from drift.case.scenario import Scenario
 from drift.case.schema import CaseTable, OutputTable
-from drift.case.sources import ForcingSpec, Quantity, SourceTable
-from drift.case.spill import Spill
-from drift.case.uncertainty import ForcingError
-from drift.forecast.cells import Cells
+from drift.case.sources import SourceTable
+from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
+from drift.motion.forcing_spec import ForcingSpec, Quantity
+from drift.motion.scenario import Scenario
 from drift.planner.depth import Depth
 from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit
+from drift.spill.records import Spill
+from geo import notation
 from geo.box import Box
+from geo.cells import Cells
 from geo.errors import UserError
 from geo.files import small
 
@@ -361,7 +363,7 @@ def _build(table: CaseTable, path: Path, text: str) -> Case:
         current_error=current_error,
         wind_error=wind_error,
         diffusivity=uncertainty.DIFFUSIVITY if diffusivity is None else diffusivity,
-        diffusivity_by=uncertainty.DEFAULT if diffusivity is None else uncertainty.CASE,
+        diffusivity_by=DEFAULT if diffusivity is None else CASE,
         scenarios=scenarios,
         spill=spill,
         sorties=sorties,
@@ -390,7 +392,7 @@ def _errors(
         current = uncertainty.in_spill(current, said.current, table.spill.current_bias)
     reason = uncertainty.silent(winds, [s.winds for s in scenarios])
     if not any(drifter.uses_wind for drifter in drifters):
-        reason = uncertainty.UNFELT
+        reason = UNFELT
     return current, uncertainty.error(said.wind, uncertainty.WIND, reason, "wind")
 
 
@@ -433,7 +435,7 @@ def _outputs(
         for time in times:
             if not min(start, end) <= time <= max(start, end):
                 raise UserError(
-                    f"output.times: {units.group(time)} is outside the run, {units.group(start)} to {units.group(end)}"
+                    f"output.times: {notation.group(time)} is outside the run, {notation.group(start)} to {notation.group(end)}"
                 )
     else:
         span = abs((end - start).astype(int))

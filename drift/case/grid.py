@@ -7,8 +7,8 @@ from typing import Annotated
 from pydantic import BeforeValidator, model_validator
 
 from drift.case import fields, units
-from drift.forecast.cells import Cells
 from geo import sphere
+from geo.cells import Cells
 
 MOST_CELLS = 1_000_000
 FEWEST = 8  # cells each way

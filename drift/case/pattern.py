@@ -11,10 +11,10 @@ from drift.case import fields, gpx, units
 from drift.case.scenario import AreaTable
 from drift.search import patterns
 from drift.search.patterns import Pattern
-from drift.search.records import Area, Legs
-from geo import polyline, sphere
+from geo import notation, polyline, sphere
+from geo.notation import NMI
+from geo.polyline import Area, Legs
 
-NMI = units.NMI
 LARGEST = 2000 * NMI  # [m] side of a rectangle
 COMPASS = {name: 45.0 * k for k, name in enumerate(("N", "NE", "E", "SE", "S", "SW", "W", "NW"))}
 
@@ -242,7 +242,7 @@ def timed_legs(rows: list[tuple[Any, tuple[float, float]]], start: np.datetime64
     times = [units.resolve(time, start) for time, _ in rows]
     for before, after in itertools.pairwise(times):
         if after <= before:
-            raise ValueError(f"waypoints: {units.group(after)} does not come after {units.group(before)}")
+            raise ValueError(f"waypoints: {notation.group(after)} does not come after {notation.group(before)}")
     lon, lat = np.array([place for _, place in rows]).T
     return polyline.through([seconds(time) for time in times], lon, lat)
 

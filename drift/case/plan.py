@@ -12,6 +12,7 @@ from drift.case.context import Run, all_told
 from drift.case.mistakes import Mistakes
 from drift.case.sensor import VISUAL, Kind, SensorTable
 from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit
+from geo import notation
 from geo.errors import UserError
 
 LEAST, MOST = 1000, 1_000_000  # particles that a plan is made on
@@ -56,7 +57,7 @@ class UnitTable(SensorTable):
         ready = plan.begin if self.ready is None else units.resolve(self.ready, run.start)
         if self.ready is not None and ready >= plan.until:
             raise ValueError(
-                f"ready at {units.group(ready)}, not before the plan's end, {units.group(plan.until)}; change ready, or "
+                f"ready at {notation.group(ready)}, not before the plan's end, {notation.group(plan.until)}; change ready, or "
                 "until in [plan], or run for longer"
             )
         for key in ("clear_of_land", "draught"):
@@ -119,7 +120,7 @@ class PlanTable(fields.Table):
             begin = min(begin, until)  # all has been flown: a run need not mind that there is no time left to plan for
         elif asked and begin >= until:
             wrong.lines.append(
-                f"plan: it begins at {units.group(begin)}, not before its end, {units.group(until)}; give begin and "
+                f"plan: it begins at {notation.group(begin)}, not before its end, {notation.group(until)}; give begin and "
                 "until in [plan], or run for longer"
             )
         if self.objective == "alive" and all(scenario.survival is None for scenario in run.scenarios):

@@ -5,7 +5,6 @@ they are made from. Three kinds of prior: around a reported position, inside an 
 """
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,82 +13,13 @@ from pydantic import BeforeValidator, Field, model_validator
 from drift.case import fields, survival, units
 from drift.case.objects import ObjectTable
 from drift.motion.leeway import Drifter
+from drift.motion.scenario import JIBE_RATE, AreaPrior, Displacement, PositionPrior, Survival, TracklinePrior
 from drift.search import sweep_width
-from drift.search.records import Survival
-from geo import sphere
+from geo import notation, sphere
 from geo.errors import UserError
 
-JIBE_RATE = 0.04 / 3600  # [1/s] 4 % an hour (Allen 2005, CG-D-05-05; Breivik and Allen 2008, section 2.3)
 LONGEST_EDGE = 90.0  # [deg] of longitude, of a polygon's edge
 NARROWEST = 1e-5  # [deg] area of a polygon by its outline, half its width: 1 m
-
-
-@dataclass(frozen=True)
-class Displacement:
-    """A move from the reported position before the object drifts, uniform in distance and in direction."""
-
-    distance: tuple[float, float]  # [m]
-    direction: tuple[float, float]  # [rad] toward, clockwise from north; second >= first, up to 2 turns
-
-
-@dataclass(frozen=True)
-class PositionPrior:
-    """Normal in the tangent plane of a position, wrapped onto the sphere; released at a time uniform in a window."""
-
-    lon: float  # [rad]
-    lat: float
-    major: float  # [m] standard deviation along the major axis
-    minor: float
-    orientation: float  # [rad] of the major axis, clockwise from north
-    displacement: Displacement | None
-    release_start: np.datetime64  # the earlier, also in a backward run
-    release_end: np.datetime64
-
-
-@dataclass(frozen=True)
-class AreaPrior:
-    """Uniform in true area inside a polygon whose edges are straight in longitude and latitude."""
-
-    lon: tuple[float, ...]  # [rad] unwrapped: without jumps, so it may leave [-pi, pi]
-    lat: tuple[float, ...]
-    release_start: np.datetime64
-    release_end: np.datetime64
-
-
-@dataclass(frozen=True)
-class TracklinePrior:
-    """Along great-circle legs at constant speed, with cross-track error; distress at an unknown share of the voyage.
-
-    The share is uniform in [low, high], or triangular there with its top at `mode`.
-    """
-
-    lon: tuple[float, ...]  # [rad]
-    lat: tuple[float, ...]
-    cross_track: float  # [m] standard deviation
-    departure: np.datetime64
-    arrival: np.datetime64
-    speed: float  # [m/s]
-    low: float
-    high: float
-    mode: float | None
-    release_start: np.datetime64
-    release_end: np.datetime64
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """One story. Weights of a case add up to 1; sources are named in order of priority."""
-
-    name: str
-    weight: float
-    object: Drifter
-    jibe_rate: float  # [1/s]
-    prior: PositionPrior | AreaPrior | TracklinePrior
-    currents: tuple[str, ...]
-    winds: tuple[str, ...]
-    stokes: tuple[str, ...]
-    search_object: str | None = None  # as in the sweep width tables
-    survival: Survival | None = None
 
 
 class WindowTable(fields.Table):
@@ -103,7 +33,7 @@ class WindowTable(fields.Table):
         first = units.resolve(self.time, start)
         last = first if self.until is None else units.resolve(self.until, start)
         if last < first:
-            raise ValueError(f"until {units.group(last)} is before time {units.group(first)}")
+            raise ValueError(f"until {notation.group(last)} is before time {notation.group(first)}")
         return first, last
 
 
@@ -304,8 +234,8 @@ def _share(time: units.Instant, departure: np.datetime64, voyage: float, start: 
     if not -0.5 / voyage <= share <= 1 + 0.5 / voyage:  # half a second: times are whole seconds
         arrival = departure + np.timedelta64(round(voyage), "s")
         raise ValueError(
-            f"distress.between {units.group(when)} is not on the voyage, "
-            f"which lasts from {units.group(departure)} to {units.group(arrival)}"
+            f"distress.between {notation.group(when)} is not on the voyage, "
+            f"which lasts from {notation.group(departure)} to {notation.group(arrival)}"
         )
     return min(max(share, 0.0), 1.0)
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from drift.case import fields, shares, units
+from drift.case import fields, units
 from drift.case.contact import ContactTable
 from drift.case.expect import Expect
 from drift.case.grid import GridTable
@@ -19,6 +19,8 @@ from drift.case.sortie import SortieTable
 from drift.case.sources import SourceTable
 from drift.case.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
 from drift.case.uncertainty import Uncertainty, UncertaintyTable
+from drift.forecast import shares
+from geo import notation
 from geo.box import Box
 
 BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 92 on the device, the rest on the host
@@ -216,12 +218,14 @@ class CaseTable(fields.Table):
             return [str(error)]
         start, end = self.begin(), self.finish()
         if end == start:
-            return [f"end {units.group(end)} is the start: nothing to forecast"]
+            return [f"end {notation.group(end)} is the start: nothing to forecast"]
         if (end < start) == (self.direction == "backward"):
             return []
         fault = "before" if end < start else "after"
         cure = 'an end after the start, or direction = "backward"' if end < start else "an end before the start"
-        return [f"end {units.group(end)} is {fault} start {units.group(start)} in a {self.direction} run; give {cure}"]
+        return [
+            f"end {notation.group(end)} is {fault} start {notation.group(start)} in a {self.direction} run; give {cure}"
+        ]
 
     def begin(self) -> np.datetime64:
         """Return the start."""

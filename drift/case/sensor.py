@@ -13,12 +13,12 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from drift.case import fields, units
-from drift.case.scenario import Scenario
+from drift.motion.scenario import Scenario
 from drift.search import sweep_width
 from drift.search.records import Law, Watch
 from geo.errors import UserError
+from geo.notation import NMI
 
-NMI = units.NMI
 LAWS = ("random", "inverse_cube", "definite_range")
 VISUAL = "visual"  # the sensor of the tables
 SENSORS = (VISUAL, "radar", "infrared", "nvg", "sonar", "beacon", "other")

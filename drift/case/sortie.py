@@ -17,13 +17,14 @@ from drift.case import pattern as pattern_table
 from drift.case import track as track_table
 from drift.case.context import Run, all_told
 from drift.case.pattern import PatternTable, RegionTable, Spacing, Waypoints
-from drift.case.scenario import Scenario
 from drift.case.sensor import Kind, Pod, SensorTable, Zones, by_scenario
+from drift.motion.scenario import Scenario
 from drift.search import patterns
-from drift.search.records import Area, Legs, Sortie
-from geo import polyline
+from drift.search.records import Sortie
+from geo import notation, polyline
+from geo.notation import KNOT, NMI
+from geo.polyline import Area, Legs
 
-NMI, KNOT = units.NMI, units.KNOT
 MODES = ("area", "pattern", "waypoints", "track", "watch")
 
 
@@ -164,7 +165,7 @@ class SortieTable(SensorTable):
         start = None if self.start is None else units.resolve(self.start, run.start)
         end = None if self.end is None else units.resolve(self.end, run.start)
         if start is not None and end is not None and end <= start:
-            raise ValueError(f"end {units.group(end)} is not after start {units.group(start)}")
+            raise ValueError(f"end {notation.group(end)} is not after start {notation.group(start)}")
         area, legs = self._place(start, end, run)
         begin, finish = self._times(start, end, legs)
         run.check(begin, finish)
@@ -272,8 +273,8 @@ class SortieTable(SensorTable):
         for given, known, late in ((start, first, False), (end, last, True)):
             if given is not None and (known > given if late else known < given):
                 raise ValueError(
-                    f"its legs {'end' if late else 'begin'} at {units.group(known)}, "
-                    f"{'after its end' if late else 'before its start'}, {units.group(given)}"
+                    f"its legs {'end' if late else 'begin'} at {notation.group(known)}, "
+                    f"{'after its end' if late else 'before its start'}, {notation.group(given)}"
                 )
         return first if start is None else start, last if end is None else end
 

@@ -9,63 +9,22 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift.case import fields, units
+from drift.motion.forcing_spec import ForcingSpec, Quantity, Report, Slices
+from geo import notation
 from geo.errors import UserError
 from geo.forcing.quantities import FASTEST, SPOKEN
-
-Quantity = Literal["current", "wind", "stokes"]
 
 SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
 
 ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class Report:
-    """A vector by time, as reported on scene: UTC times, strictly increasing, true east and north [m/s]."""
-
-    times: tuple[np.datetime64, ...]
-    east: tuple[float, ...]
-    north: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Slices:
-    """Times stated by the user: of the first slice, and from one to the next."""
-
-    start: np.datetime64  # [s] UTC
-    every: np.timedelta64  # [s]
-
-
-@dataclass(frozen=True)
-class ForcingSpec:
-    """One source of a quantity; exactly one of files, dataset, constant, table and analytic is given."""
-
-    name: str
-    quantity: Quantity
-    files: tuple[str, ...] = ()  # absolute paths of files that exist, or addresses
-    dataset: str | None = None  # the name of an xarray.Dataset that the run is given
-    constant: tuple[float, float] | None = None  # true east, north [m/s]
-    table: Report | None = None
-    analytic: str | None = None
-    parameters: Mapping[str, float] = field(default_factory=dict)  # of the built-in flow, SI
-    variables: Mapping[str, str] | None = None
-    units: str | None = None
-    depth: float | None = None  # [m]
-    steady: bool = False
-    times: Slices | None = None  # in place of the files' own
-    fill: int = 3  # cells filled from wet neighbours toward the coast
-    plausible: bool = False  # the user vouches for the speeds in the files
-    timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
-    add: bool = False  # added to what the sources without it give by priority
 
 
 class Vector(fields.Table):
@@ -140,19 +99,6 @@ def _base(value: object) -> float:
         except Exception:
             raise ValueError(f'"{value}" is not a quantity') from None
     return units.quantity(value, "", "number", "0.5 m/s")
-
-
-def options(spec: ForcingSpec) -> dict[str, Any]:
-    """Return how a source's files are to be read, as `geo.forcing.sources.open_source` takes it."""
-    return {
-        "variables": spec.variables,
-        "units": spec.units,
-        "times": {"start": spec.times.start, "interval": spec.times.every} if spec.times else None,
-        "steady": spec.steady,
-        "depth": spec.depth,
-        "plausible": spec.plausible,
-        "timeout": spec.timeout,
-    }
 
 
 class SourceTable(fields.Table):
@@ -258,7 +204,7 @@ def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
     times = tuple(units.resolve(row.time, start) for row in rows)
     for before, after in itertools.pairwise(times):
         if after <= before:
-            raise ValueError(f"table: {units.group(after)} does not come after {units.group(before)}")
+            raise ValueError(f"table: {notation.group(after)} does not come after {notation.group(before)}")
     vectors = [row.components() for row in rows]
     return Report(times, tuple(east for east, _ in vectors), tuple(north for _, north in vectors))
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from drift.case import gpx, sources, units
+from drift.case import gpx, sources
 from drift.case import pattern as pattern_table
 from drift.case.context import Run
-from drift.search.records import Legs
-from geo import polyline
+from geo import notation, polyline
+from geo.notation import KNOT, NMI
+from geo.polyline import Legs
 
-NMI, KNOT = units.NMI, units.KNOT
 TOO_FAST = 1.2  # times its speed: no unit makes good more
 FASTEST = 150.0  # [m/s] where no speed is told
 TOO_SHORT = 30.0  # [s] legs of receivers' tracks whose speed says nothing
@@ -41,7 +41,7 @@ def made(given: Any, key: str, speed: float | None, since: float | None, until: 
             legs = polyline.between(legs, since or -math.inf, until or math.inf)
         except ValueError:
             raise ValueError(
-                f'{key}: "{Path(file).name}" is of {units.group(first)} to {units.group(last)}, not of this sortie\'s time'
+                f'{key}: "{Path(file).name}" is of {notation.group(first)} to {notation.group(last)}, not of this sortie\'s time'
             ) from None
         check_speed(polyline.thinned(legs, FINEST), speed, TOO_SHORT, key)
     return legs
@@ -75,8 +75,8 @@ def marker(track: str | None, positions: Any, start: np.datetime64, end: np.date
     if legs.time[0] > pattern_table.seconds(start) or legs.time[-1] < pattern_table.seconds(end):
         first, last = (pattern_table.moment(time) for time in (legs.time[0], legs.time[-1]))
         raise ValueError(
-            f"marker is known from {units.group(first)} to {units.group(last)}, not for the whole sortie, "
-            f"{units.group(start)} to {units.group(end)}"
+            f"marker is known from {notation.group(first)} to {notation.group(last)}, not for the whole sortie, "
+            f"{notation.group(start)} to {notation.group(end)}"
         )
     return polyline.thinned(legs, FINEST)
 
@@ -89,7 +89,7 @@ def check_speed(legs: Legs, speed: float | None, shortest: float, key: str) -> N
     most = FASTEST if speed is None else TOO_FAST * speed
     if made.size and made.max() > most:
         k = int(np.argmax(made))
-        first, last = (units.group(pattern_table.moment(legs.time[j])) for j in (k, k + 1))
+        first, last = (notation.group(pattern_table.moment(legs.time[j])) for j in (k, k + 1))
         said = "no unit searches at that" if speed is None else f"its speed is {speed / KNOT:.3g} kn"
         raise ValueError(
             f"{key}: the leg from {first} to {last} is made at {made.max() / KNOT:.3g} kn; {said}; check times and "

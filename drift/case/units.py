@@ -30,11 +30,7 @@ ANGLE = re.compile(
 TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")  # arithmetic that no unit needs and that may take for ever
 
 CENTURY = 3_155_760_000  # [s]
-NMI = 1852.0  # [m] international nautical mile
-KNOT = NMI / 3600  # [m/s]
 FREEZING = 273.15  # [K] 0 degC
-
-group = notation.group  # a time as a date-time group
 
 Instant = np.datetime64 | np.timedelta64  # a time, or an interval after the start of the case
 

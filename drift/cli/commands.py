@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from drift.cli import terminal
+from drift.motion import forcing_spec
 from drift.output import interrupt
 from geo.errors import UserError
 
@@ -411,10 +412,9 @@ def _info(given: argparse.Namespace) -> None:
         options: dict[str, Any] = {}
         if given.changes:
             from drift.case import file as case_file
-            from drift.case import sources
 
             spec = case_file.source(given.quantity or "current", given.files, _changes(given))
-            options = sources.options(spec)
+            options = forcing_spec.options(spec)
         understood = describe.understand(given.files, given.quantity, **options)
         told = ["\n".join([*describe.describe(source), *describe.sketch(source)]) for source in understood]
     for text in told:

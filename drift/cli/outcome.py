@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from drift.case.units import group
 from drift.forecast.effective import Count
-from drift.forecast.tables import NMI, position
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
 from drift.spill import tables as washup_tables
+from geo.notation import NMI, group, position
 
 WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
 WORST = 5  # stretches that are told

@@ -11,9 +11,9 @@ import xarray as xr
 from drift import summary
 from drift.drifters import text as verification_text
 from drift.drifters.verification import Verification
-from drift.forecast import tables
-from drift.output import manifest, writer
+from drift.output import formats, manifest, writer
 from drift.output.writer import Product
+from geo import notation
 from kernels import runtime
 
 NAMES = ("verify.csv", "verify.nc", "verify.png", writer.SUMMARY, manifest.NAME)
@@ -90,11 +90,11 @@ def table(made: Verification, run: str) -> str:
             metres = [f"{values[n, k]:.1f}" for values in (made.apart, made.waiting, made.way, made.spread)]
             shares = [f"{values[n, lead]:.4f}" for values in (made.containment, made.along, made.across)]
             rows.append([
-                made.names[made.drifter[n]], tables.iso(np.datetime64(int(made.start[n]), "s")), f"{made.leads[lead]:g}",
+                made.names[made.drifter[n]], notation.iso(np.datetime64(int(made.start[n]), "s")), f"{made.leads[lead]:g}",
                 f"{made.lon[n, k]:.6f}", f"{made.lat[n, k]:.6f}", *metres, *shares, f"{made.skill[n]:.4f}",
                 f"{made.lost[n]:.4f}", run,
             ])  # fmt: skip
-    return tables.csv_text(header, rows)
+    return formats.csv_text(header, rows)
 
 
 def dataset(made: Verification) -> xr.Dataset:

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from drift.case import uncertainty
-from drift.case.units import NMI
 from drift.drifters import verification
 from drift.drifters.clusters import Estimate
 from drift.drifters.verification import Verification
+from drift.motion import forcing_error
+from geo.notation import NMI
 
 Facts = dict[str, str]
 
@@ -103,7 +103,7 @@ def errors(made: Verification) -> str:
     """Return the errors that the forecasts were made with."""
     case = made.case
     felt = case.wind_error if case.scenarios[0].object.uses_wind else None
-    told = uncertainty.words(case.current_error, felt, case.diffusivity, case.diffusivity_by)
+    told = forcing_error.words(case.current_error, felt, case.diffusivity, case.diffusivity_by)
     return f"{told}; start {made.error:.0f} m (50 %); object {case.scenarios[0].object.name}"
 
 

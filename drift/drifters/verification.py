@@ -22,6 +22,7 @@ from drift.drifters import along, clusters, fitting, scores
 from drift.drifters import records as drifter_records
 from drift.drifters.clusters import Estimate
 from drift.drifters.records import Array, Track
+from drift.motion.forcing_error import NOWHERE, ForcingError
 from drift.motion.status import Status
 from drift.output import publication
 from geo import sphere
@@ -175,8 +176,8 @@ def _erring(case: Case, columns: Mapping[str, str]) -> Case:
     """Return a case with errors of what comes from columns as well: a model's values, for which its files' default holds."""
     errors: dict[str, Any] = {}
     for name, default in (("current", uncertainty.CURRENT), ("wind", uncertainty.WIND)):
-        error: uncertainty.ForcingError = getattr(case, f"{name}_error")
-        if f"{name}_east" in columns and error.by[0] == uncertainty.NOWHERE:
+        error: ForcingError = getattr(case, f"{name}_error")
+        if f"{name}_east" in columns and error.by[0] == NOWHERE:
             errors[f"{name}_error"] = default
     return replace(case, **errors)
 
@@ -247,7 +248,7 @@ def _case(
     return case_file.vary(base, {**changes, "scenario": [table]})
 
 
-def _stated(error: uncertainty.ForcingError) -> dict[str, Any]:
+def _stated(error: ForcingError) -> dict[str, Any]:
     return {"std": error.std, "time": error.time}
 
 

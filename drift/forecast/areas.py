@@ -8,10 +8,10 @@ import contourpy
 import numpy as np
 import shapely
 
-from drift.case.shares import SHARES
 from drift.forecast import density
-from drift.forecast.cells import Array, Cells
+from drift.forecast.shares import SHARES
 from geo import sphere
+from geo.cells import Array, Cells
 
 MANY = 20_000  # effective particles from which one half alone tells which bandwidth is best
 

@@ -7,11 +7,10 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
-from drift.forecast import tables
-from drift.forecast.cells import Array
 from drift.maps import labels
 from drift.maps.chart import Frame
-from geo import sphere
+from geo import notation, sphere
+from geo.cells import Array
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 NEARLY = 0.9  # of what is left out: so much is told of as if it were all
@@ -112,7 +111,7 @@ def named(here: Frame, places: Mapping[str, Sequence[Array]]) -> str:
 
 def _where(here: Frame, lon: float, lat: float) -> str:
     """Return in which direction from the middle of a frame a place is, and where."""
-    return f"to the {_point(here, lon, lat)} (around {tables.position(lon, lat)})"
+    return f"to the {_point(here, lon, lat)} (around {notation.position(lon, lat)})"
 
 
 def _point(here: Frame, lon: float, lat: float) -> str:

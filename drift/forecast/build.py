@@ -17,12 +17,12 @@ import xarray as xr
 from scipy import ndimage
 
 from drift.case.grid import QUANTUM
-from drift.case.shares import SHARES
-from drift.forecast import areas, cells, containment, dataset, density
-from drift.forecast.cells import Array, Cells, Deposit, IsLand
+from drift.forecast import areas, containment, dataset, density
+from drift.forecast.shares import SHARES
 from drift.motion.snapshot import Snapshot, mapped
 from drift.motion.status import Status
-from geo import sphere
+from geo import cells, sphere
+from geo.cells import Array, Cells, Deposit, IsLand
 from geo.errors import UserError
 
 __all__ = ["Contour", "Forecast", "Snapshot", "build"]

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.case import units
+from geo import notation
 from geo.errors import UserError
 
 Array = npt.NDArray[Any]
@@ -23,9 +23,9 @@ def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
     times = data["time"].values
     found = np.flatnonzero(times == np.datetime64(time, "ns"))
     if not found.size:
-        first, last = (units.group(moment) for moment in times[[0, -1]])
+        first, last = (notation.group(moment) for moment in times[[0, -1]])
         raise UserError(
-            f"containment at {units.group(np.datetime64(time, 's'))}: no output is at that time; there are {times.size}, from "
+            f"containment at {notation.group(np.datetime64(time, 's'))}: no output is at that time; there are {times.size}, from "
             f"{first} to {last}: see output.times"
         )
     one = data.isel(time=int(found[0]))

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from drift.forecast import areas, effective
-from drift.forecast.cells import Array, Cells
 from drift.motion.snapshot import Means, Snapshot, mapped, means
 from drift.motion.status import Status
+from geo.cells import Array, Cells
 
 AREA = "area: cell_area"
 COUNTED = "of what was drawn anew, that of the particles from which it descends"

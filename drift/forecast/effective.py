@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.case import units
 from drift.search.updates import Update, Updates
+from geo import notation
 
 Array = npt.NDArray[Any]
 
@@ -140,7 +140,7 @@ def of_run(data: Any, particles: int, updates: Updates | None = None) -> list[st
         known = update is not None and all(_since(times, i, update.time) for i in few)
         if update is None or not known or counts[worst].number < 0.5 * update.ess_after:
             others = f" and few at {len(few) - 1} more output time{'s' * (len(few) > 2)}" if len(few) > 1 else ""
-            told.append(sentence(counts[worst], f"at {units.group(times[few[worst]])}{others}"))
+            told.append(sentence(counts[worst], f"at {notation.group(times[few[worst]])}{others}"))
     return told + parts(data, len(times) - 1)
 
 

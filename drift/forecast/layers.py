@@ -15,12 +15,13 @@ from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from drift.case import units
-from drift.forecast import beyond, effective, tables
+from drift.forecast import beyond, effective
 from drift.forecast.build import Contour, Forecast
-from drift.forecast.cells import Array
 from drift.maps import chart, labels
 from drift.maps.chart import Frame
+from geo import notation
+from geo.cells import Array
+from geo.notation import NMI
 
 INNERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"}
 BETWEEN: tuple[Any, ...] = ((0, (6, 2)), (0, (6, 2, 1.5, 2)), (0, (10, 3)), (0, (4, 1.5, 1.5, 1.5, 1.5, 1.5)))
@@ -147,9 +148,7 @@ def near(lon: float, middle: float) -> float:
 def density(forecast: Forecast, time: int) -> Array:
     """Return the probability density [% per nmi2] at a time, (nlat, nlon)."""
     data = forecast.data
-    return np.asarray(
-        100 * data["probability"].values[time].astype(np.float64) / (data["cell_area"].values / tables.NMI**2)
-    )
+    return np.asarray(100 * data["probability"].values[time].astype(np.float64) / (data["cell_area"].values / NMI**2))
 
 
 def scale_top(at: Any) -> float:
@@ -160,7 +159,7 @@ def scale_top(at: Any) -> float:
     mass = at["probability"].values.astype(np.float64).ravel()
     adrift = mass - at["probability_ashore"].values.astype(np.float64).ravel()
     mass = adrift if adrift.sum() > 0.05 * mass.sum() else mass
-    density = 100 * mass / (at["cell_area"].values.ravel() / tables.NMI**2)
+    density = 100 * mass / (at["cell_area"].values.ravel() / NMI**2)
     order = np.argsort(-density, kind="stable")
     inside = np.cumsum(mass[order])
     best = float(density[order[np.searchsorted(inside, 0.1 * inside[-1])]]) if inside[-1] > 0 else 0.0
@@ -343,7 +342,7 @@ def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, ti
         texts.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
     must = range(len(texts))
     told = spaced(times[known], 12)
-    texts += [(float(x[k]), float(y[k]), f"{units.group(times[known[k]])[:6]}Z", small) for k in told]
+    texts += [(float(x[k]), float(y[k]), f"{notation.group(times[known[k]])[:6]}Z", small) for k in told]
     cx, cy = occupied(here, forecast, [times[last]])
     mx, my = here.project([m.lon for m in marks], [m.lat for m in marks])
     bar = chart.scale_bar(ax, here, chart.free_corner(here, np.append(cx, mx), np.append(cy, my)))

@@ -16,15 +16,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift.case import shares, units
-from drift.forecast import beyond, effective, layers, tables
+from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
-from drift.forecast.cells import Array
 from drift.forecast.layers import Line, Mark
 from drift.maps import chart, labels, page
 from drift.maps.chart import INK, Frame
 from drift.search import layers as search_layers
 from drift.search.records import Contact, Sortie
+from geo import notation
+from geo.cells import Array
+from geo.notation import NMI
 
 ROW = 0.03  # of the page, a row of warnings over the map
 
@@ -95,7 +96,7 @@ def draw_map(
     layers.track(ax, canvas, here, forecast, time, marks)
 
     figure.text(0.055, 0.955, page.fit(title, 60 if caution else 95), fontsize=15, weight="bold", color=INK)
-    valid = f"Valid {units.group(now)}   ({tables.iso(now)}, UTC)"
+    valid = f"Valid {notation.group(now)}   ({notation.iso(now)}, UTC)"
     figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
     figure.text(0.055, 0.888, labels.basis(forecast, time, particles), fontsize=9, color=INK)
     if caution:
@@ -167,7 +168,7 @@ def draw_snapshots(
         layers.ashore_marks(ax, here, forecast, int(i), scale=0.5)
         for mark in marks:
             layers.mark_point(ax, here, mark, 6)
-        ax.set_title(units.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
+        ax.set_title(notation.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
         ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
         notes = [_off_map(at, waiting)] if labels.missing(at) and np.isfinite(at["mean_lat"]) else []
         notes += layers.beside(here, at, stands_on)
@@ -189,7 +190,7 @@ def draw_snapshots(
     if caution:
         page.banner(figure, side / width, 1 - 0.9 / height, "left", 8, caution)
     if least.few:
-        words = effective.banner(least, "areas are rough", units.group(forecast.data["time"].values[least_at]))
+        words = effective.banner(least, "areas are rough", notation.group(forecast.data["time"].values[least_at]))
         page.banner(figure, side / width, 1 - (0.9 + 0.3 * bool(caution)) / height, "left", 8, words)
     figure.text(side / width, 1 - 0.36 / height, page.fit(title, width * 9), fontsize=12, weight="bold", color=INK)
     figure.text(
@@ -270,10 +271,10 @@ def _joined(text: str, particles: int | None) -> str:
 
 def _sizes(at: Any, waiting: str) -> str:
     """Return what stands over a panel: the areas, or why there are none."""
-    areas = list(zip(at["share"].values, at["containment_area"].values / tables.NMI**2, strict=True))
+    areas = list(zip(at["share"].values, at["containment_area"].values / NMI**2, strict=True))
     if np.isfinite(areas[0][1]):
         ends = dict.fromkeys((areas[0], areas[-1]))
-        return "   ".join(f"{shares.percent(share)} %: {labels.number(area)}" for share, area in ends) + " nmi²"
+        return "   ".join(f"{notation.percent(share)} %: {labels.number(area)}" for share, area in ends) + " nmi²"
     return waiting if labels.statuses(at)["pending"] > 0 else "nothing left on the map"
 
 
@@ -301,8 +302,8 @@ def _rows(
     """
     rows: list[tuple[Any, str]] = []
     for one in outlines:
-        size = labels.number(one.area / tables.NMI**2)
-        words = f"{shares.percent(one.share)} % area: {'rough, ' if few else ''}{size} nmi²"
+        size = labels.number(one.area / NMI**2)
+        words = f"{notation.percent(one.share)} % area: {'rough, ' if few else ''}{size} nmi²"
         rows.append((Line2D([], [], **layers.line(one.share, forecast, few)), words))
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))
@@ -362,8 +363,8 @@ def _legend(figure: Figure, rows: Sequence[tuple[Any, str]]) -> None:
 
 def _panel(figure: Figure, at: Any, mesh: Any) -> None:
     """Write positions, the colour bar and what the areas are beside the map."""
-    mean = tables.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
-    datum = tables.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
+    mean = notation.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
+    datum = notation.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
     figure.text(
         0.738, 0.36, f"Mean position   {mean}\nDatum (adrift)   {datum}", fontsize=9.5, color=INK, linespacing=1.6
     )

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.case import units
+from geo import notation
 
 TOLD = 0.005  # share of the probability off the grid from which on it is told of
 COARSE = 1.0  # cells to the bandwidth of the densest part, from which on areas are those of cells
@@ -19,14 +19,14 @@ def warnings(data: Any) -> list[str]:
     worst = int(np.argmax(off))
     if off[worst] >= TOLD:
         found.append(
-            f"output.grid: {off[worst]:.1%} of the probability lies outside it at {units.group(times[worst])}{_others(off >= TOLD)}; "
+            f"output.grid: {off[worst]:.1%} of the probability lies outside it at {notation.group(times[worst])}{_others(off >= TOLD)}; "
             "areas and containment count it, cells do not"
         )
     coarse = np.nan_to_num(wide, nan=np.inf) < COARSE
     if coarse.any():
         at = int(np.argmin(np.where(np.isfinite(wide), wide, np.inf)))
         found.append(
-            f"output.grid: its cells are too coarse for the particles at {units.group(times[at])}{_others(coarse)}: areas are too "
+            f"output.grid: its cells are too coarse for the particles at {notation.group(times[at])}{_others(coarse)}: areas are too "
             f"large there; a spacing of a {np.ceil(1 / wide[at]):.0f}th would tell"
         )
     return found

@@ -17,9 +17,9 @@ from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Outline
 from matplotlib.transforms import Bbox
 
-from drift.forecast.cells import Array
-from drift.forecast.tables import NMI
 from geo import sphere
+from geo.cells import Array
+from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
 # [arc minutes] between lines of the graticule

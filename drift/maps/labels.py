@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.transforms import Bbox
 
-from drift.case import shares, units
-from drift.forecast import tables
 from drift.forecast.build import Forecast
-from drift.forecast.cells import Array
+from geo import notation
+from geo.cells import Array
+from geo.notation import NMI
 
 HALO = (patheffects.withStroke(linewidth=2.5, foreground="white"),)
 LEADER = {"arrowstyle": "-", "color": "#1b2733", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2}
@@ -36,8 +36,8 @@ TINY = 5e-4  # share that would read as 0.0 %
 UNITS = (
     *((10.0**k, f"{10**k:,} nmi²") for k in (8, 6, 4, 2)),
     (1.0, "nmi²"),
-    *((10.0**k / tables.NMI**2, f"{10**k:,} m²") for k in (4, 2)),
-    (1 / tables.NMI**2, "m²"),
+    *((10.0**k / NMI**2, f"{10**k:,} m²") for k in (4, 2)),
+    (1 / NMI**2, "m²"),
 )  # of area [nmi2], from large to small
 
 Point = tuple[float, float, str, dict[str, Any]]  # x, y [m], text, style
@@ -143,7 +143,7 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
     """Return in words when the forecast starts and how many particles it stands on."""
     times = forecast.data["time"].values
     hours = float((times[time] - times[0]) / np.timedelta64(1, "s")) / 3600
-    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {units.group(times[0])}"
+    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {notation.group(times[0])}"
     many = float(forecast.data["effective_particles"].values[time])
     if particles is None:
         return f"{when}   ·   {many:,.0f} effective particles"
@@ -153,8 +153,10 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
 def span(times: Sequence[Any], ends: Sequence[float]) -> str:
     """Return in words which times are drawn, and what the numbers over each panel are."""
     to = "back to" if times[-1] < times[0] else "to"
-    held = " and ".join(shares.percent(share) for share in ends)
-    return f"{units.group(times[0])} {to} {units.group(times[-1])}, UTC; areas that hold {held} % (lines), in nmi²"
+    held = " and ".join(notation.percent(share) for share in ends)
+    return (
+        f"{notation.group(times[0])} {to} {notation.group(times[-1])}, UTC; areas that hold {held} % (lines), in nmi²"
+    )
 
 
 def scale(top: float) -> tuple[float, str]:

@@ -7,15 +7,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from drift.case import units
 from drift.case.file import Case
-from drift.case.scenario import AreaPrior, PositionPrior, Scenario
-from drift.case.sources import ForcingSpec
-from drift.case.sources import options as source_options
-from drift.forecast import tables
 from drift.motion.forcing import QUANTITIES, Sources
+from drift.motion.forcing_spec import ForcingSpec
+from drift.motion.forcing_spec import options as source_options
 from drift.motion.leeway import Drifter
-from geo import sphere
+from drift.motion.scenario import AreaPrior, PositionPrior, Scenario
+from geo import notation, sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore
@@ -285,8 +283,8 @@ def _told(source: Source, added: frozenset[tuple[str, str]]) -> Source:
     if source.grid is not sources.EVERYWHERE:
         notes.append(f"within {box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N")
     if source.times.size:
-        notes.append(f"from {units.group(source.times[0])} to {units.group(source.times[-1])}")
-    notes += [f"no values between {units.group(a)} and {units.group(b)}" for a, b in stream.holes(source.times)]
+        notes.append(f"from {notation.group(source.times[0])} to {notation.group(source.times[-1])}")
+    notes += [f"no values between {notation.group(a)} and {notation.group(b)}" for a, b in stream.holes(source.times)]
     return replace(source, notes=tuple(notes))
 
 
@@ -306,12 +304,12 @@ def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[S
         return
     share = 1 - float(sum((end - begin for begin, end in without), np.timedelta64(0, "s")) / (last - first))
     names = ", ".join(f'"{source.name}"' for source in sources)
-    whole = f"{units.group(min(s[0] for s in spans))} to {units.group(max(s[1] for s in spans))}"
-    lacking = " and ".join(f"from {units.group(begin)} to {units.group(end)}" for begin, end in without[:3])
+    whole = f"{notation.group(min(s[0] for s in spans))} to {notation.group(max(s[1] for s in spans))}"
+    lacking = " and ".join(f"from {notation.group(begin)} to {notation.group(end)}" for begin, end in without[:3])
     more = f" and {len(without) - 3} times more" if len(without) > 3 else ""
     raise UserError(
         f'{"class" if case.spill else "scenario"} "{scenario.name}": {quantity} {names} lasts from {whole}, the run from '
-        f"{units.group(first)} to {units.group(last)}: {math.floor(100 * share)}% of it is covered, nothing {lacking}{more}, and "
+        f"{notation.group(first)} to {notation.group(last)}: {math.floor(100 * share)}% of it is covered, nothing {lacking}{more}, and "
         f"without forcing all that is adrift is lost. Change "
         + (
             f"start, duration or end, or leave {names} out: it has add = true, and a sum without it is none"
@@ -379,8 +377,10 @@ def _check_water(story: str, scenario: Scenario, coast: shoreline.Coast) -> None
         return
     water = shoreline.nearest_water(coast, lon, lat)
     hint = (
-        f"the nearest water is {water[2] / 1852:.1f} nmi away, at {tables.position(*water[:2])}"
+        f"the nearest water is {water[2] / 1852:.1f} nmi away, at {notation.position(*water[:2])}"
         if water
         else "no water near"
     )
-    raise UserError(f"{story}.position.at: {tables.position(lon, lat)} lies on land; {hint}. Move it, or give an area")
+    raise UserError(
+        f"{story}.position.at: {notation.position(lon, lat)} lies on land; {hint}. Move it, or give an area"
+    )

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from drift.case import units
 from drift.case.file import Case
 from drift.case.schema import BYTES_PER_PARTICLE
 from drift.motion import ensemble as record
@@ -15,6 +14,7 @@ from drift.motion.simulate import Clock
 from drift.motion.spool import BYTES
 from drift.motion.start import Start
 from drift.motion.status import Status
+from geo import notation
 from geo.forcing import stream
 from geo.forcing.sources import Source
 
@@ -70,7 +70,7 @@ def holes(case: Case, source: Source) -> str:
     found = [(max(a, first), min(b, last)) for a, b in stream.holes(source.times) if a < last and b > first]
     usual = np.median(np.diff(source.times)) if found else None
     return "; ".join(
-        f"nothing from {units.group(a)} to {units.group(b)}, {_hours(b - a)}, where its times are else {_hours(usual)} apart"
+        f"nothing from {notation.group(a)} to {notation.group(b)}, {_hours(b - a)}, where its times are else {_hours(usual)} apart"
         for a, b in found
     )
 
@@ -97,7 +97,7 @@ def ends(case: Case, begin: Start) -> str:
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
         when = case.start + np.timedelta64(case.direction * int(max(some.ended.to_numpy()[gone].min(), 0)), "s")
-        told += f"; the first is lost about {units.group(when)}"
+        told += f"; the first is lost about {notation.group(when)}"
     if lost > case.max_lost:
         told += (
             f"; at most {case.max_lost:.0%} may be (max_lost): a run would be refused at its end. Shorten it, add a source, or "

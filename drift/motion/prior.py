@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.case.file import Case
-from drift.case.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
 from drift.motion import ensemble as record
 from drift.motion import resample
 from drift.motion.ensemble import Ensemble
 from drift.motion.leeway import Drifter
+from drift.motion.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
 from drift.motion.status import Status
 from geo import sphere
 from geo.errors import UserError

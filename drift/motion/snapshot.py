@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.forecast.cells import ONE
 from drift.motion.status import Status
 from geo import sphere
+from geo.cells import ONE
 
 Array = npt.NDArray[Any]
 

@@ -10,18 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.case.file import Case
-from drift.case.scenario import Scenario
-from drift.case.spill import Spill
-from drift.case.uncertainty import ForcingError
-from drift.forecast import tables
 from drift.motion import ensemble as record
 from drift.motion import prior, silence, simulate
 from drift.motion.ensemble import Ensemble
 from drift.motion.environment import Environment
 from drift.motion.forcing import QUANTITIES, Forcing
+from drift.motion.forcing_error import ForcingError
+from drift.motion.scenario import Scenario
 from drift.motion.simulate import Clock, Scene, Trial
 from drift.spill import release
 from drift.spill import worlds as drawn_worlds
+from drift.spill.records import Spill
 from drift.spill.worlds import Proposal, Worlds
 from geo import notation, sphere
 from geo.box import Box
@@ -186,7 +185,7 @@ def _check_place(case: Case, where: Environment, ensemble: Ensemble, scene: Scen
                     share, middle = lost.sum() / max(weight.sum(), 1e-300), _middle(x, y, lost)
                     silent = [source for source in sources.of(quantity) if source.name in term.names]
                     away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
-                    told.append(f'{share:.0%} of {story} "{scenario.name}", about {tables.position(*middle)}: {away}')
+                    told.append(f'{share:.0%} of {story} "{scenario.name}", about {notation.position(*middle)}: {away}')
             missing += float(weight[~known].sum())
         if missing > case.max_lost:
             summed = any(key[0] == quantity for one in where.scenarios for key in one.added)
@@ -209,7 +208,7 @@ def _check_domain(case: Case, where: Environment, ensemble: Ensemble, probabilit
     x, y = _middle(ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), lost)
     box = where.box
     raise UserError(
-        f"[domain]: {lost.sum():.0%} of the prior lies outside it, about {tables.position(x, y)}, from where it is "
+        f"[domain]: {lost.sum():.0%} of the prior lies outside it, about {notation.position(x, y)}, from where it is "
         f"{_edge(box, x, y)} to its edge ({box.west:.2f}..{box.east:.2f} E {box.south:.2f}..{box.north:.2f} N); at most "
         f"{case.max_lost:.0%} may be lost (max_lost). Widen [domain], or leave it out"
     )

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from drift.case.file import Case
-from drift.case.sources import ForcingSpec
-from drift.case.sources import options as source_options
 from drift.motion import environment
 from drift.motion.environment import Environment
+from drift.motion.forcing_spec import ForcingSpec
+from drift.motion.forcing_spec import options as source_options
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore

@@ -18,11 +18,11 @@ import xarray as xr
 
 from drift.forecast import tables
 from drift.forecast.build import Forecast
-from drift.forecast.cells import Array
 from drift.motion.status import Status
-from drift.output import manifest, publication
+from drift.output import formats, manifest, publication
 from drift.output.interrupt import undisturbed
 from geo import sphere
+from geo.cells import Array
 from geo.errors import UserError
 
 Figure = Callable[[Path], None]
@@ -118,7 +118,7 @@ def publish(
     stamped = {
         "Conventions": "CF-1.11",
         **attributes,
-        "run_id": tables.run_id(attributes),
+        "run_id": formats.run_id(attributes),
         "history": f"{now} {attributes.get('source', 'casp-drift')}",
         "date_created": now,
     }
@@ -259,4 +259,4 @@ def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]
 
 
 def _json(value: Any, path: Path, indent: int | None) -> None:
-    path.write_text(json.dumps(tables.plain(value), indent=indent, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(formats.plain(value), indent=indent, allow_nan=False) + "\n", encoding="utf-8")

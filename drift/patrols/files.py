@@ -5,12 +5,13 @@ import math
 import textwrap
 from typing import Any
 
-from drift.case import units
-from drift.forecast import effective, tables
+from drift.forecast import effective
+from drift.output import formats
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan, Slot, Visit
 from drift.spill import renewal
 from drift.spill.renewal import Aftermath
+from geo import notation
 
 WIDE = 78
 HEADER = (
@@ -32,7 +33,7 @@ def text(made: PatrolPlan, after: Aftermath, run: str, synthetic: bool) -> str:
     for slot, visits in patrol_planner.by_patrol(made):
         length = sum(float(after.segments.length[visit.segment]) for visit in visits) / 1000
         whole = sum(visit.found for visit in visits)
-        head = f"{units.group(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
+        head = f"{notation.group(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
         lines += ["", *_fill(f"{head}, detection {slot.team.detection:.2f}, {whole:.2g} found", 3, 6)]
         for visit in sorted(visits, key=lambda visit: -visit.found):
             name = renewal.stretch(after.segments, visit.segment)
@@ -79,7 +80,7 @@ def csv(made: PatrolPlan, after: Aftermath, run: str) -> str:
     for slot, visits in patrol_planner.by_patrol(made):
         for visit in visits:
             s = visit.segment
-            place = tables.position(float(segments.lon[s]), float(segments.lat[s])) or ""
+            place = notation.position(float(segments.lon[s]), float(segments.lat[s])) or ""
             figures = [
                 float(segments.length[s]) / 1000,
                 visit.lying,
@@ -89,11 +90,11 @@ def csv(made: PatrolPlan, after: Aftermath, run: str) -> str:
             ]
             rows.append(
                 [
-                    units.group(slot.when), tables.iso(slot.when), slot.team.name, s, segments.name[s], place, segments.access[s],
+                    notation.group(slot.when), notation.iso(slot.when), slot.team.name, s, segments.name[s], place, segments.access[s],
                     *(f"{value:.6g}" for value in figures), run,
                 ]
             )  # fmt: skip
-    return tables.csv_text(list(HEADER), rows)
+    return formats.csv_text(list(HEADER), rows)
 
 
 def toml(made: PatrolPlan, after: Aftermath) -> str:
@@ -113,7 +114,7 @@ def toml(made: PatrolPlan, after: Aftermath) -> str:
             "[[patrol]]",
             f"name = {json.dumps(name, ensure_ascii=False)}",
             f"stretches = [{', '.join(json.dumps(_spelled(after, visit), ensure_ascii=False) for visit in visits)}]",
-            f'time = "{tables.iso(slot.when)}"',
+            f'time = "{notation.iso(slot.when)}"',
             f"detection = {slot.team.detection:g}",
         ]
     return "\n".join(parts) + "\n"
@@ -150,7 +151,7 @@ def facts(made: PatrolPlan, after: Aftermath) -> dict[str, str]:
 
 
 def _key(slot: Slot) -> str:
-    return f"{units.group(slot.when)} {slot.team.name}"
+    return f"{notation.group(slot.when)} {slot.team.name}"
 
 
 def _spelled(after: Aftermath, visit: Visit) -> str:

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.case import units
 from drift.case.file import Case
-from drift.case.spill import Spill, Team
 from drift.motion.prior import elapsed
 from drift.spill import estimate, evidence, exposure, finds
 from drift.spill.exposure import Exposure
+from drift.spill.records import Spill, Team
 from drift.spill.renewal import Aftermath
-from geo import sphere
+from geo import notation, sphere
 from geo.coast.segments import Segments
 from geo.errors import UserError
 
@@ -285,4 +284,4 @@ def by_patrol(made: PatrolPlan) -> list[tuple[Slot, list[Visit]]]:
 
 def heading(slot: Slot) -> str:
     """Return the name of a patrol that is planned: its team and day."""
-    return f"{slot.team.name}, {units.group(slot.when)}"
+    return f"{slot.team.name}, {notation.group(slot.when)}"

@@ -24,10 +24,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drift.motion.scenario import Survival
 from drift.planner import availability, concave, quadtree
 from drift.planner import planning_tracks as record
 from drift.planner.planning_tracks import Tracks
-from drift.search.records import PlanSpec, Survival, Unit
+from drift.search.records import PlanSpec, Unit
 from geo import sphere
 from kernels import allocate
 

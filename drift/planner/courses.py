@@ -14,12 +14,11 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from drift.forecast import tables
 from drift.planner import seas
 from drift.planner.planning_tracks import Plane
 from drift.planner.seas import Sea
 from drift.search.records import Unit
-from geo import sphere
+from geo import notation, sphere
 from geo.box import Box
 from geo.polyline import Place
 
@@ -148,7 +147,7 @@ def _harbour(sea: Sea, close: Sea, place: Place, main: Array) -> Harbour:
             ashore = math.inf if node is None else float(seas.apart(sea, point[None], _node(sea, node)[None])[0])
             if node is None or ashore > max(HARBOUR, 3 * sea.step):
                 raise ValueError(
-                    f"no way by sea leads from {tables.position(*place)} to where it is to search: the nearest water from which one does is "
+                    f"no way by sea leads from {notation.position(*place)} to where it is to search: the nearest water from which one does is "
                     f"{ashore / 1852:.1f} nmi away, and it may be {HARBOUR / 1852:.0f} nmi"
                 )
             approach = _node(sea, node)[None]
@@ -184,7 +183,7 @@ def _said(verb: str, one: Harbour, sea: Sea) -> str:
     told = []
     if one.ashore > 2 * sea.step:
         told.append(
-            f"{verb} the nearest water, {one.ashore / 1852:.2f} nmi off: {tables.position(*one.place)} is land on this coast, or too near to it."
+            f"{verb} the nearest water, {one.ashore / 1852:.2f} nmi off: {notation.position(*one.place)} is land on this coast, or too near to it."
         )
     if one.close > 2 * sea.step:
         told.append(

@@ -9,17 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from drift.case import units
-from drift.forecast import tables
-from drift.forecast.tables import NMI
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
-from drift.planner.subareas import KNOT
 from drift.search import patterns
 from drift.search import shapes as search_shapes
 from drift.search.records import Law
-from geo import sphere
+from geo import notation, sphere
+from geo.notation import KNOT, NMI
 
 GPX = "http://www.topografix.com/GPX/1/1"
 KML = "http://www.opengis.net/kml/2.2"
@@ -57,7 +54,7 @@ def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
 def _point(parent: ET.Element, tag: str, point: subareas.Waypoint, words: str) -> None:
     lon = (point.lon + 180) % 360 - 180
     made = ET.SubElement(parent, tag, {"lat": f"{point.lat:.7f}", "lon": f"{lon:.7f}"})
-    _leaf(made, "time", tables.iso(point.time))
+    _leaf(made, "time", notation.iso(point.time))
     _leaf(made, "name", point.name)
     if words:
         _leaf(made, "desc", words)
@@ -87,8 +84,8 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
             _leaf(place, "name", name if shape == "area" else f"{name} {shape}")
             _leaf(place, "description", html.escape(_told(one), quote=False))  # readers show it as HTML
             span = ET.SubElement(place, "TimeSpan")
-            _leaf(span, "begin", tables.iso(one.takeoff if shape == "transit" else one.on_scene))
-            _leaf(span, "end", tables.iso(one.home if shape == "transit" else one.off_scene))
+            _leaf(span, "begin", notation.iso(one.takeoff if shape == "transit" else one.on_scene))
+            _leaf(span, "end", notation.iso(one.home if shape == "transit" else one.off_scene))
             if shape != "csp":
                 _leaf(place, "styleUrl", f"#{'transit' if shape == 'round' else shape}{k % len(INKS)}")
             _geometry(place, geometry)
@@ -146,7 +143,7 @@ def _shapes(one: Tasking) -> dict[str, dict[str, Any]]:
 def _told(one: Tasking) -> str:
     """Return a tasking in a line."""
     return (
-        f"{one.unit.name}: on scene {units.group(one.on_scene)}, off {units.group(one.off_scene)}; "
+        f"{one.unit.name}: on scene {notation.group(one.on_scene)}, off {notation.group(one.off_scene)}; "
         f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, spacing {one.spacing / NMI:.2f} nmi, "
         f"creep {subareas.degrees(one.creep):03d}T, {one.unit.search_speed / KNOT:.0f} kn; POS {plan_text.chance(one.pos)}"
     )
@@ -193,9 +190,9 @@ def _table(name: str, one: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
     found = {"name": _quoted(name)}
     if sortie.kind:
         found["unit"] = _quoted(sortie.kind)
-    found["start"] = _quoted(tables.iso(sortie.start))
+    found["start"] = _quoted(notation.iso(sortie.start))
     if sortie.legs is None:
-        found["end"] = _quoted(tables.iso(sortie.end))
+        found["end"] = _quoted(notation.iso(sortie.end))
     found["law"] = _law(sortie.law)
     found["sweep_width"] = _widths(sortie.sweep_width, scenarios)
     if math.isfinite(sortie.shape):
@@ -228,7 +225,7 @@ def _where(one: Tasking) -> dict[str, str]:
         return {"pattern": _inline({"kind": '"parallel"', **shape})}
     legs = sortie.legs
     rows = [
-        f"[{_quoted(tables.iso(np.datetime64(round(t), 's')))}, {_quoted(place(x, y))}]"
+        f"[{_quoted(notation.iso(np.datetime64(round(t), 's')))}, {_quoted(place(x, y))}]"
         for t, x, y in zip(legs.time, legs.lon, legs.lat, strict=True)
     ]
     found = {"waypoints": "[\n  " + ",\n  ".join(rows) + ",\n]"}

@@ -15,21 +15,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift.case import shares, units
-from drift.forecast import beyond, effective, layers, tables
+from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
-from drift.forecast.cells import Array
 from drift.forecast.layers import Line, Mark
-from drift.forecast.tables import NMI
 from drift.maps import chart, labels, page
 from drift.maps.chart import INK, Frame
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
-from drift.planner.subareas import KNOT
 from drift.search import layers as search_layers
 from drift.search import shapes as search_shapes
-from geo import sphere
+from geo import notation, sphere
+from geo.cells import Array
+from geo.notation import KNOT, NMI
 
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
 SIZE = (11.7, 8.3)  # [in]
@@ -90,7 +88,7 @@ def draw(
 
     _title(figure, canvas, title, TITLED if caution else 0.985)
     figure.text(0.055, 0.92, f"Plan: {plan_text.worth(plan)}", fontsize=12.5, weight="bold", color=INK)
-    when = f"Probability at {units.group(now)}, given that all searches until then have failed"
+    when = f"Probability at {notation.group(now)}, given that all searches until then have failed"
     many = "" if particles is None else f"   ·   {particles:,} particles"
     figure.text(0.055, 0.887, page.fit(when + many, 120), fontsize=9.5, color=INK)
     if caution:
@@ -274,7 +272,7 @@ def _legend(
         style = layers.line(outline.share, forecast, few)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
         size = f"{'rough, ' if few else ''}{labels.number(outline.area / NMI**2)}"
-        rows.append((symbol, f"{shares.percent(outline.share)} % area: {size} nmi²"))
+        rows.append((symbol, f"{notation.percent(outline.share)} % area: {size} nmi²"))
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: few particles"))
     if marks:
@@ -315,10 +313,10 @@ def _panel(figure: Figure, plan: Plan) -> None:
         say(f"{one.length / NMI:.1f} × {one.width / NMI:.1f} nmi along {subareas.degrees(one.orientation):03d}T, "
             f"{one.unit.search_speed / KNOT:.0f} kn")  # fmt: skip
         if one.sortie.legs is not None:
-            say(f"CSP {tables.position(*subareas.begin(one))}")
+            say(f"CSP {notation.position(*subareas.begin(one))}")
             say(f"{one.legs} legs, spacing {one.spacing / NMI:.2f} nmi, creep {subareas.degrees(one.creep):03d}T", 1.35)
         else:
-            say(f"centre {tables.position(*one.centre)}", 1.35)
+            say(f"centre {notation.position(*one.centre)}", 1.35)
     if not plan.taskings:
         say("No unit can search in this period.", 1.5, "bold")
     say("POS, had it been", 1.05, "bold")
@@ -354,4 +352,4 @@ def _bar(figure: Figure, mesh: Any) -> None:
 
 def short(time: np.datetime64) -> str:
     """Return a time without its month, 161350Z."""
-    return f"{units.group(time)[:6]}Z"
+    return f"{notation.group(time)[:6]}Z"

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drift.motion.scenario import Survival
 from drift.planner import availability as reaches
 from drift.planner import baselines, bound, candidates, joint, rectangle
 from drift.planner import planning_tracks as record
@@ -21,7 +22,7 @@ from drift.planner.courses import Course
 from drift.planner.planning_tracks import Plane, Tracks
 from drift.planner.records import Alternative, Tasking
 from drift.planner.rectangle import ACROSS, ALONG, ASPECT, SPACING, TURN, WAIT, Crew, Flown, X, Y
-from drift.search.records import PlanSpec, Survival, Unit
+from drift.search.records import PlanSpec, Unit
 from geo import sphere
 from kernels import rectangles, sweeps
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from drift import figures, flow, turns
 from drift.case.file import Case
-from drift.case.units import group
 from drift.flow import Report, Result, Stopwatch
 from drift.forecast import effective
 from drift.forecast.effective import Count
@@ -28,6 +27,7 @@ from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
 from drift.search.records import Unit
 from geo.errors import UserError
+from geo.notation import group
 
 
 @turns.in_turn

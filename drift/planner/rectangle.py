@@ -19,7 +19,8 @@ from drift.planner.courses import Course, Sailed
 from drift.planner.planning_tracks import Plane
 from drift.search import laws, patterns
 from drift.search.patterns import Pattern
-from drift.search.records import Legs, Unit
+from drift.search.records import Unit
+from geo.polyline import Legs
 
 Array = npt.NDArray[Any]
 

@@ -9,17 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.forecast.effective import Count
-from drift.forecast.tables import NMI
 from drift.planner.records import Plan, Tasking
 from drift.search import laws, patterns
 from drift.search import shapes as search_shapes
-from drift.search.records import Legs
 from geo import polyline, sphere
+from geo.notation import KNOT, NMI
+from geo.polyline import Legs
 
 Array = npt.NDArray[Any]
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
-KNOT = NMI / 3600
 
 
 @dataclass(frozen=True)

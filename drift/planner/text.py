@@ -10,13 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drift.case import units
-from drift.forecast import effective, tables
-from drift.forecast.tables import NMI
+from drift.forecast import effective
 from drift.planner import subareas
 from drift.planner.records import Plan, Tasking
-from drift.planner.subareas import KNOT
-from geo import sphere
+from geo import notation, sphere
+from geo.notation import KNOT, NMI
 
 WIDE = 78
 FOOT = 0.3048  # [m]
@@ -120,9 +118,9 @@ def _up(value: float, digits: int) -> float:
 
 
 def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list[str]:
-    rows = [("Period", f"{units.group(plan.spec.begin)} to {units.group(plan.spec.until)}")]
-    if datum is not None and (where := tables.position(*datum[:2])) is not None:
-        rows.append(("Datum", f"{where} at {units.group(datum[2])}"))
+    rows = [("Period", f"{notation.group(plan.spec.begin)} to {notation.group(plan.spec.until)}")]
+    if datum is not None and (where := notation.position(*datum[:2])) is not None:
+        rows.append(("Datum", f"{where} at {notation.group(datum[2])}"))
     rows += [("Objective", OBJECTIVES[plan.spec.objective]), ("Worth", worth(plan))]
     if plan.bound:
         rows.append(
@@ -155,18 +153,18 @@ def task(plan: Plan, name: str, one: Tasking) -> list[str]:
     """Return what a unit is told to do, as lines."""
     unit, sortie = one.unit, one.sortie
     title = f"{name}  {unit.name}" + (f" ({unit.kind})" if unit.kind and unit.kind != unit.name else "")
-    corners = [tables.position(*corner) or "" for corner in subareas.corners(one)]
+    corners = [notation.position(*corner) or "" for corner in subareas.corners(one)]
     rows: list[tuple[str, str]] = [
         ("Corners", f"{corners[0]}   {corners[1]}"),
         ("", f"{corners[2]}   {corners[3]}"),
-        ("Centre", tables.position(*one.centre) or ""),
+        ("Centre", notation.position(*one.centre) or ""),
         ("Size", f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, length along {_both(one.orientation)}"),
     ]
     if sortie.legs is not None:
         many = f"{one.legs} leg{'s' * (one.legs != 1)}"
         rows += [
             ("Pattern", PATTERN),
-            ("CSP", f"{tables.position(*subareas.begin(one))}   (commence search point)"),
+            ("CSP", f"{notation.position(*subareas.begin(one))}   (commence search point)"),
             ("First leg", f"{_first_course(one):03d}T, {many} of {subareas.leg_length(one) / NMI:.1f} nmi"),
             ("Creep", f"{subareas.degrees(one.creep):03d}T"),
             ("Track spacing", f"{one.spacing / NMI:.2f} nmi"),
@@ -185,10 +183,10 @@ def task(plan: Plan, name: str, one: Tasking) -> list[str]:
         why = ", ".join([*reasons, "or because more is found then" if reasons else "more is found then"])
         rows.append(("Waits", f"{waits:.1f} h after it is ready: {why}"))
     rows += [
-        ("Takeoff", f"{units.group(one.takeoff)}   from {tables.position(*unit.base)}"),
-        ("On scene", f"{units.group(one.on_scene)}   at the CSP" if sortie.legs else units.group(one.on_scene)),
-        ("Off scene", f"{units.group(one.off_scene)}   at {tables.position(*subareas.end(one))}"),
-        ("Home", f"{units.group(one.home)}   at {tables.position(*unit.return_to)}"),
+        ("Takeoff", f"{notation.group(one.takeoff)}   from {notation.position(*unit.base)}"),
+        ("On scene", f"{notation.group(one.on_scene)}   at the CSP" if sortie.legs else notation.group(one.on_scene)),
+        ("Off scene", f"{notation.group(one.off_scene)}   at {notation.position(*subareas.end(one))}"),
+        ("Home", f"{notation.group(one.home)}   at {notation.position(*unit.return_to)}"),
         *(
             (told, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
             for told, way, straight in subareas.by_sea(one)
@@ -282,4 +280,4 @@ def _first_course(one: Tasking) -> int:
 
 
 def _short(time: np.datetime64) -> str:
-    return f"{units.group(time)[:6]}Z"
+    return f"{notation.group(time)[:6]}Z"

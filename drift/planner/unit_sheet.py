@@ -16,8 +16,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from drift.case import units
-from drift.forecast.cells import Array
 from drift.maps import chart, labels, page
 from drift.maps.chart import INK, Frame
 from drift.planner import daylight, subareas
@@ -29,7 +27,9 @@ from drift.planner.records import Plan, Tasking
 from drift.planner.subareas import Waypoint
 from drift.search import layers as search_layers
 from drift.search import shapes as search_shapes
+from geo import notation
 from geo.box import Box
+from geo.cells import Array
 
 SIZE = (8.27, 11.69)  # [in] A4
 MAP = (0.085, 0.535, 0.865, 0.37)  # of the page
@@ -81,7 +81,9 @@ def draw(
     head = f"{name}  {page.fit(one.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
     figure.text(0.06, 0.962, head, fontsize=17, weight="bold", color=INK)
     figure.text(0.06, 0.943, page.fit(title, 100), fontsize=9.5, color=INK)
-    when = f"On scene {units.group(one.on_scene)} to {plan_map.short(one.off_scene)}. Times are UTC, directions true."
+    when = (
+        f"On scene {notation.group(one.on_scene)} to {plan_map.short(one.off_scene)}. Times are UTC, directions true."
+    )
     figure.text(0.06, 0.928, when, fontsize=9.5, color=INK)
     if caution:
         page.banner(figure, 0.95, 0.968, "right", 8.5, caution)

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.search import patterns, sensor_path
-from drift.search.records import Area, Contact
+from drift.search.records import Contact
 from geo import sphere
+from geo.polyline import Area
 
 Array = npt.NDArray[Any]
 

@@ -17,14 +17,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import blended_transform_factory
 
-from drift.case import units
 from drift.forecast import effective, layers
-from drift.forecast.cells import Array
 from drift.maps import labels, page
 from drift.maps.chart import INK
 from drift.search import shapes as search_shapes
 from drift.search import tables as search_tables
 from drift.search.updates import Update, Updates
+from geo import notation
+from geo.cells import Array
 
 A_LINE = 4  # scenarios in a line of the legend
 HUGE = 1e6  # Bayes factor beyond which its figure says no more
@@ -243,9 +243,9 @@ def _rows(
         pos = "" if update.pos is None else f", POS {labels.percent(float(update.pos[-1]))}"
         left = effective.Count(update.ess_after)
         if left.few:
-            write(-0.03, k + 0.21, f"{units.group(update.time)}, {left.words}", 7.5, layers.LAST_KNOWN, ha="right")
+            write(-0.03, k + 0.21, f"{notation.group(update.time)}, {left.words}", 7.5, layers.LAST_KNOWN, ha="right")
         else:
-            write(-0.03, k + 0.21, units.group(update.time) + pos, 7.5, GREY, ha="right")
+            write(-0.03, k + 0.21, notation.group(update.time) + pos, 7.5, GREY, ha="right")
     for k, (above, below) in enumerate(said):
         write(1.03, k - 0.15, above, 9)
         write(1.03, k + 0.21, below, 7.5, GREY)
@@ -296,7 +296,7 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
         texts.append((float(values[-1, j]), f"{_percent(values[-1, j])}  {page.fit(name, 24)}", colour, j < 0))
     _ends(ax, texts)
     ticks = labels.round_times(*ax.get_xlim(), 4)
-    ax.set_xticks(ticks, labels=[f"{units.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
+    ax.set_xticks(ticks, labels=[f"{notation.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
     _numbers(ax, [number for number, _ in done], times)
 
 

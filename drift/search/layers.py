@@ -8,11 +8,11 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from drift.forecast.cells import Array
 from drift.forecast.layers import Line
 from drift.maps.chart import Frame
 from drift.search import shapes as search_shapes
 from drift.search.records import Contact, Sortie
+from geo.cells import Array
 
 AREA: dict[str, Any] = {"color": "#003b36", "linewidth": 1.6, "linestyle": "-"}
 LEGS: dict[str, Any] = {"color": "#003b36", "linewidth": 0.7, "linestyle": "-"}

@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.path import Path as Outline
 
-from drift.case import shares, units
 from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
 from drift.forecast.layers import Mark
@@ -26,6 +25,7 @@ from drift.maps.chart import INK, Frame
 from drift.search import layers as search_layers
 from drift.search.records import Contact, Sortie
 from drift.search.updates import Update, Updates
+from geo import notation
 
 A_PAGE = 4  # sorties
 WIDE, HIGH = 3.35, 2.85  # [in] of a map
@@ -108,7 +108,7 @@ def draw(
     _words(figure, size, title, told, footer, caution)
     if least.few:
         words = effective.banner(
-            least, "areas and shares are rough", units.group(forecast.data["time"].values[least_at])
+            least, "areas and shares are rough", notation.group(forecast.data["time"].values[least_at])
         )
         paper.banner(figure, LEFT / size[0], 1 - 0.93 / size[1], "left", 9, words)
     if out:
@@ -184,7 +184,7 @@ def _heading(
     figure: Figure, size: tuple[float, float], y: float, name: str, sortie: Sortie, update: Update | None
 ) -> None:
     """Write over a row which sortie it is, when it was and what it was worth."""
-    when = f"{units.group(sortie.start)[:6]}Z to {units.group(sortie.end)}"
+    when = f"{notation.group(sortie.start)[:6]}Z to {notation.group(sortie.end)}"
     parts = [when, *([sortie.kind] if sortie.kind else [])]
     if sortie.frame == "datum" and sortie.marker is None:
         parts.append("drawn at its datum")
@@ -217,7 +217,7 @@ def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None
     """Write over a map its time, and what that stage says; where no output is at the time, by how much it is off."""
     apart = (time - wanted) / np.timedelta64(1, "m")
     off = f" ({apart:+.0f} min)" if abs(apart) >= 1 else ""
-    text = f"{STAGES[column]} {units.group(time)[:6]}Z{off}"
+    text = f"{STAGES[column]} {notation.group(time)[:6]}Z{off}"
     ax.set_title(text, fontsize=8.5, weight="bold", loc="left", pad=3, color=INK)
     if update is None or update.pos is None:
         return
@@ -256,7 +256,7 @@ def _key(
     for share in forecast.ends:
         style = layers.line(share, forecast)
         symbol = Line2D([], [], **{**style, "linewidth": 0.6 * style["linewidth"]})
-        rows.append((symbol, f"{shares.percent(share)} % area"))
+        rows.append((symbol, f"{notation.percent(share)} % area"))
     if marked:
         style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.4}
         ring = Line2D([], [], marker="o", markersize=6, markerfacecolor="white", **style)

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.motion.forcing import Forcing
-from drift.search.records import Legs
 from geo import sphere
+from geo.polyline import Legs
 
 Array = npt.NDArray[Any]
 

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.search.records import Area, Legs
 from geo import sphere
 from geo.polyline import (
+    Area,
     Array,
+    Legs,
     Place,
     fly,
     unwrap,

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.motion.leeway import Drifter
+from geo.polyline import Area, Legs
 
 Array = npt.NDArray[Any]
 
@@ -24,29 +25,6 @@ class Law:
     beta: float = 1.0  # m_beta: chance of detection within M = W / (2 beta)
     ranges: tuple[float, ...] = ()  # curve: lateral ranges [m], ascending from 0
     chances: tuple[float, ...] = ()  # and the chance of detection there, straight in between, none beyond
-
-
-@dataclass(frozen=True)
-class Area:
-    """A region on the sphere; its edges are great circles."""
-
-    lon: tuple[float, ...]  # [deg] corners in order, not closed
-    lat: tuple[float, ...]
-
-    @property
-    def ring(self) -> list[tuple[float, float]]:
-        """Corners (lon, lat) [deg], the first once more at the end."""
-        return [*zip(self.lon, self.lat, strict=True), (self.lon[0], self.lat[0])]
-
-
-@dataclass(frozen=True)
-class Legs:
-    """Straight legs from vertex to vertex along great circles, each at constant speed."""
-
-    time: tuple[float, ...]  # [s since 1970], ascending, (k,)
-    lon: tuple[float, ...]  # [deg] (k,)
-    lat: tuple[float, ...]
-    searching: tuple[bool, ...]  # whether the leg from vertex i to i + 1 is one of search, (k - 1,)
 
 
 @dataclass(frozen=True)
@@ -170,19 +148,3 @@ class Resampling:
 
     method: Literal["systematic", "kahn"] = "systematic"
     below: float = 0.0  # share of the particles under which the effective ones may not fall; 0: never
-
-
-@dataclass(frozen=True)
-class Survival:
-    """Time alive after release: lognormal."""
-
-    median: float  # [s]
-    spread: float  # factor of one standard deviation, > 1
-    basis: str = "as the case says"  # where the median is from
-
-    def alive(self, age: Array) -> Array:
-        """Return the chance of being alive at an age [s]."""
-        from scipy import special
-
-        z = np.log(np.maximum(age, 1e-9) / self.median) / math.log(self.spread)
-        return np.asarray(0.5 * special.erfc(z / math.sqrt(2)))

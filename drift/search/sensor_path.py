@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.search.records import Area, Legs
 from geo import sphere
+from geo.polyline import Area, Legs
 from kernels.sweep import Track
 
 Array = npt.NDArray[Any]

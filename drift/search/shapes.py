@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from drift.forecast import tables
-from drift.search.records import Area, Contact, Legs, Sortie
+from drift.search.records import Contact, Sortie
 from drift.spill import tables as washup_tables
-from geo import polyline, sphere
+from geo import antimeridian, polyline, sphere
+from geo.polyline import Area, Legs
 
 Array = npt.NDArray[Any]
 Shape = tuple[str, Array]  # what it is, and its points
@@ -141,7 +141,7 @@ def polygon(rings: Sequence[Array]) -> dict[str, Any]:
     whole = shapely.MultiPolygon([part for ring in rings for part in _valid(ring)])
     parts = [
         [np.round(edge.coords, DIGITS).tolist() for edge in (part.exterior, *part.interiors)]
-        for part in tables.cut(whole).geoms
+        for part in antimeridian.cut(whole).geoms
     ]
     return {"type": "MultiPolygon", "coordinates": parts}
 

@@ -21,14 +21,13 @@ from typing import Literal
 
 import numpy as np
 
-from drift.case import units
 from geo.errors import UserError
+from geo.notation import KNOT, NMI
 
 SOURCE = (
     "US Coast Guard Addendum to IAMSAR, COMDTINST M16130.2F (public domain), as transcribed by "
     "canterbury-air-patrol/marine-sweep-width-data"
 )
-NMI, KNOT = units.NMI, units.KNOT
 FOOT = 0.3048  # [m]
 KINDS = ("Aircraft", "Helicopter", "Boat")
 FATIGUE = 0.9

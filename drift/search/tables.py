@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.case import units
-from drift.forecast import tables
-from drift.forecast.tables import NMI
+from drift.output import formats
 from drift.search import shapes as search_shapes
 from drift.search.records import Contact, Sortie
 from drift.search.updates import Update, Updates
+from geo import notation
+from geo.notation import NMI
 
 Array = npt.NDArray[Any]
 
@@ -59,8 +59,8 @@ def csv(updates: Updates, run: str) -> str:
                     number,
                     update.name,
                     update.kind,
-                    tables.iso(update.time),
-                    units.group(update.time),
+                    notation.iso(update.time),
+                    notation.group(update.time),
                     scenario,
                     *(_text(None if values is None else values[j]) for values in columns),
                     _text(factors[j] if one else None),
@@ -74,7 +74,7 @@ def csv(updates: Updates, run: str) -> str:
                     run,
                 ]
             )
-    return tables.csv_text(HEADER, rows)
+    return formats.csv_text(HEADER, rows)
 
 
 def steps(updates: Updates) -> list[tuple[Update, Array]]:
@@ -125,7 +125,7 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
         "name": update.name,
         "kind": update.kind,
         "time": update.time,
-        "date_time_group": units.group(update.time),
+        "date_time_group": notation.group(update.time),
         "log_evidence": _by_scenario(names, update.log_evidence),
         "bayes_factor": dict(zip(names, bayes_factors(update, before).tolist(), strict=True)),
         "posterior": dict(zip(names, np.asarray(update.posterior, float).tolist(), strict=True)),
@@ -180,7 +180,7 @@ def geojson(
         told = {
             "name": contact.name,
             "kind": "contact",
-            "time": tables.iso(contact.time),
+            "time": notation.iso(contact.time),
             "of": contact.kind,
             "belief": contact.belief,
             "log_evidence": _finite(update.log_evidence[-1]) if update else None,
@@ -205,8 +205,8 @@ def _sortie(sortie: Sortie, update: Update | None, scenarios: Sequence[str]) -> 
         "name": sortie.name,
         "kind": "sortie",
         "unit": sortie.kind,
-        "start": tables.iso(sortie.start),
-        "end": tables.iso(sortie.end),
+        "start": notation.iso(sortie.start),
+        "end": notation.iso(sortie.end),
         "law": sortie.law.kind,
         "frame": sortie.frame,
         "over_ground": sortie.frame == "ground" or sortie.marker is not None,

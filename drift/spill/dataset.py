@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift.forecast.cells import Array
 from drift.spill import estimate
+from geo.cells import Array
 from geo.coast.segments import Segments
 
 SHARES = (0.1, 0.5, 0.9)

@@ -7,7 +7,7 @@ NaN where too few worlds speak to tell.
 
 import numpy as np
 
-from drift.forecast.cells import Array
+from geo.cells import Array
 
 UNSEEN = 4.0  # worlds that may have been missed: the square of the two standard errors that are to hold
 ALIKE = 25.0  # worlds on either side, in order of how often a group is hit, that tell how much one of them brings

@@ -8,14 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from drift.case import units
 from drift.case.file import Case
-from drift.case.spill import NUMBERS, Find, Patrol, Reporting, Spill
-from drift.forecast import tables
+from drift.case.spill import NUMBERS
 from drift.motion.prior import elapsed
 from drift.spill import exposure, finds
+from drift.spill.records import Find, Patrol, Reporting, Spill
 from drift.spill.worlds import Worlds
-from geo import sphere
+from geo import notation, sphere
 from geo.coast import edges as shoreline
 from geo.coast import segments as stretches
 from geo.coast.edges import Coast
@@ -124,21 +123,21 @@ def place(find: Find, segments: Segments, coast: Coast) -> int:
     if find.at_sea:
         if land:
             raise UserError(
-                f"{find.name}: {tables.position(find.lon, find.lat)} is not at sea but on land; leave out at_sea, or move it"
+                f"{find.name}: {notation.position(find.lon, find.lat)} is not at sea but on land; leave out at_sea, or move it"
             )
         return -1
     near = shoreline.nearest_coast(coast, find.lon, find.lat)
     if near is None:
         raise UserError(
-            f"{find.name}: {tables.position(find.lon, find.lat)} lies far from any coast of the domain; move it, or widen "
+            f"{find.name}: {notation.position(find.lon, find.lat)} lies far from any coast of the domain; move it, or widen "
             "[domain]"
         )
     if near[2] > FARTHEST:
         where = "inland" if land else "off the coast"
         cure = "move it" if land else "move it, or say at_sea = true"
         raise UserError(
-            f"{find.name}: {tables.position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest coast is "
-            f"at {tables.position(near[0], near[1])}, and a find ashore lies within {FARTHEST / 1000:.0f} km of it; {cure}"
+            f"{find.name}: {notation.position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest coast is "
+            f"at {notation.position(near[0], near[1])}, and a find ashore lies within {FARTHEST / 1000:.0f} km of it; {cure}"
         )
     return stretches.nearest(segments, coast, find.lon, find.lat)[0]
 
@@ -170,6 +169,6 @@ def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
     if not chosen.size:
         raise UserError(
             f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of the line between its ends '
-            f"at {units.group(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
+            f"at {notation.group(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
         )
     return [int(k) for k in chosen]

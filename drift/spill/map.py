@@ -23,13 +23,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
-from drift.case import units
-from drift.forecast import effective, layers, tables
-from drift.forecast.cells import Array
+from drift.forecast import effective, layers
 from drift.forecast.layers import Mark
 from drift.maps import chart, labels, page
 from drift.maps.chart import INK, Frame
 from drift.spill import washup
+from geo import notation
+from geo.cells import Array
 from geo.coast.segments import Segments
 
 WORST = 10
@@ -300,7 +300,7 @@ def _told(here: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array
     for k in order:
         longest = max(walked[k], key=lambda part: float(shapely.LineString(part).length))
         x, y = here.project(*longest[len(longest) // 2])
-        told = f"{units.group(patrols[k].time)[:6]}Z {100 * patrols[k].detection:.0f} %"
+        told = f"{notation.group(patrols[k].time)[:6]}Z {100 * patrols[k].detection:.0f} %"
         words = f"{page.fit(patrols[k].name, 22)}\n{told}"
         found.append((float(x), float(y), words, {"fontsize": 8, "color": PATROL_INK, "weight": "bold"}))
     return found
@@ -351,7 +351,7 @@ def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
 def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
     """Write each stretch's number and name and place left of the chart, its numbers right of it."""
     place = ax.get_yaxis_transform()
-    middle = [tables.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)]
+    middle = [notation.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)]
     names = []
     for i, name in enumerate(map(str, at["name"].values)):
         told = middle[i] in name  # a stretch without a name is called by its place
@@ -431,7 +431,7 @@ def _words(figure: Figure, data: xr.Dataset, title: str, caution: str) -> None:
     figure.text(0.03, 0.966, page.fit(title, 95), fontsize=15, weight="bold", color=INK)
     begin, end = data["start"].values[()], data["time"].values[-1]
     hours = (end - begin) / np.timedelta64(1, "h")
-    valid = f"Washup by {_moment(end)}, {hours:g} h after the start, {units.group(begin)}"
+    valid = f"Washup by {_moment(end)}, {hours:g} h after the start, {notation.group(begin)}"
     figure.text(0.03, 0.939, valid, fontsize=11.5, color=INK)
     figure.text(0.03, 0.9155, _basis(data), fontsize=9, color=INK)
     account = _account(data)
@@ -471,12 +471,12 @@ def _spills(data: xr.Dataset) -> str:
 
 
 def _moment(time: np.datetime64) -> str:
-    return f"{units.group(time)} ({tables.iso(time)}, UTC)"
+    return f"{notation.group(time)} ({notation.iso(time)}, UTC)"
 
 
 def _short(seconds: float) -> str:
     """Return a time [s since 1970] as day and time, 211830Z."""
-    return f"{units.group(np.datetime64(round(seconds), 's'))[:6]}Z"
+    return f"{notation.group(np.datetime64(round(seconds), 's'))[:6]}Z"
 
 
 def _round_numbers(low: float, high: float) -> Array:

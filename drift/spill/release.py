@@ -6,11 +6,12 @@ Every class of objects has a range of slots, world after world; a slot's world s
 import numpy as np
 
 from drift.case.file import Case
-from drift.case.spill import FEWEST_PARTICLES, Spill
+from drift.case.spill import FEWEST_PARTICLES
 from drift.motion import ensemble as record
 from drift.motion import prior
 from drift.motion.ensemble import Ensemble
 from drift.motion.leeway import AIR_IN_WATER
+from drift.spill.records import Spill
 from drift.spill.worlds import Real, Worlds
 from geo.errors import UserError
 from kernels import noise, runtime

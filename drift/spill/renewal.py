@@ -15,8 +15,7 @@ import xarray as xr
 from scipy import special  # stats would take a second to import
 
 from drift.case.file import Case
-from drift.case.spill import Spill
-from drift.forecast import effective, tables
+from drift.forecast import effective
 from drift.motion.environment import Environment
 from drift.motion.prior import elapsed
 from drift.motion.spool import Spool
@@ -28,8 +27,10 @@ from drift.spill import evidence, finds, unknowns, washup, worlds
 from drift.spill import tables as washup_tables
 from drift.spill.fates import FOREVER, Fates, Realisation
 from drift.spill.realisations import realise
+from drift.spill.records import Spill
 from drift.spill.strandings import Landings
 from drift.spill.worlds import Worlds
+from geo import notation
 from geo.coast.segments import Segments
 
 Array = npt.NDArray[Any]
@@ -244,7 +245,7 @@ def _find(after: Aftermath, surprise: finds.Surprise) -> dict[str, Any]:
         "name": find.name,
         "time": given.time,
         "not_later_than": find.latest,
-        "position": tables.position(*position(after, find)),
+        "position": notation.position(*position(after, find)),
         "stretch": "at sea" if segment is None else stretch(after.segments, segment),
         "segment": segment,
         "class": given.kind,
@@ -257,7 +258,7 @@ def _find(after: Aftermath, surprise: finds.Surprise) -> dict[str, Any]:
 
 def stretch(segments: Segments, number: int) -> str:
     """Return what a stretch is called."""
-    place = tables.position(float(segments.lon[number]), float(segments.lat[number])) or ""
+    place = notation.position(float(segments.lon[number]), float(segments.lat[number])) or ""
     return washup_tables.called(number, segments.name[number], place)
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import shapely
 import xarray as xr
 
-from drift.case import units
-from drift.forecast import tables
-from drift.forecast.cells import Array
+from drift.output import formats
 from drift.spill import washup
+from geo import notation
+from geo.cells import Array
 from geo.coast.segments import Segments
 
 DIGITS = 7  # decimals of a degree: 1 cm
@@ -25,7 +25,7 @@ def stretches(data: xr.Dataset, run: str) -> str:
     """
     columns = records(data)
     rows = [[*map(_text, row), run] for row in zip(*columns.values(), strict=True)]
-    return tables.csv_text([*columns, "run_id"], rows)
+    return formats.csv_text([*columns, "run_id"], rows)
 
 
 def records(data: xr.Dataset) -> Columns:
@@ -40,7 +40,7 @@ def records(data: xr.Dataset) -> Columns:
         "access": at["access"].values,
         "lon": np.round(lon, DIGITS),
         "lat": np.round(lat, DIGITS),
-        "position": [tables.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
+        "position": [notation.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
         "length_km": _significant(at["length"].values / 1000),
         **_figures(at),
         "ever": _significant(at["ever"].values),
@@ -50,7 +50,7 @@ def records(data: xr.Dataset) -> Columns:
     for short, name in (("first", "first_arrival"), ("bulk", "bulk_arrival")):
         for j, share in enumerate(_shares(data)):
             moment = at[name].values[j]
-            made[f"{short}_{share}"] = [tables.iso(when) for when in np.rint(moment).astype("datetime64[s]")]
+            made[f"{short}_{share}"] = [notation.iso(when) for when in np.rint(moment).astype("datetime64[s]")]
             made[f"{short}_{share}_h"] = _significant((moment - start) / 3600)
             made[f"{short}_{share}_se_h"] = _significant(at[f"{name}_se"].values[j] / 3600)
     if data.sizes["kind"] > 1:
@@ -75,12 +75,12 @@ def times(data: xr.Dataset, run: str) -> str:
         order = order[data["arrived"].values[t, order] > 0]
         at = data.isel(time=t, segment=order)
         names = at["segment"].values, at["name"].values
-        moment = [tables.iso(when), units.group(when)]
+        moment = [notation.iso(when), notation.group(when)]
         rows += [
             [*moment, *row[:2], *map(_text, row[2:]), worlds, run]
             for row in zip(*names, *_figures(at).values(), strict=True)
         ]
-    return tables.csv_text(["time", "date_time_group", "segment", "name", *header, "run_id"], rows)
+    return formats.csv_text(["time", "date_time_group", "segment", "name", *header, "run_id"], rows)
 
 
 def totals(data: xr.Dataset, run: str) -> str:
@@ -90,13 +90,13 @@ def totals(data: xr.Dataset, run: str) -> str:
     )
     figures, worlds = [*mean, *number[0], *number[1]], _text(_worlds(data))
     rows = [
-        [tables.iso(when), units.group(when), fate, *(_text(values[f, t]) for values in figures), worlds, run]
+        [notation.iso(when), notation.group(when), fate, *(_text(values[f, t]) for values in figures), worlds, run]
         for t, when in enumerate(data["time"].values)
         for f, fate in enumerate(data["fate"].values)
     ]
     quantiles = [f"number_{share}{end}" for end in ("", "_se") for share in _shares(data)]
     header = ["time", "date_time_group", "fate", "expected", "expected_se", *quantiles, "effective_worlds", "run_id"]
-    return tables.csv_text(header, rows)
+    return formats.csv_text(header, rows)
 
 
 def geojson(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.forecast import tables
+from drift.output import formats
 from drift.spill import finds
 from drift.spill.worlds import Worlds
 
@@ -89,4 +89,4 @@ def text(rows: dict[str, Any], worlds: float, run: str) -> str:
         ]
         for name, row in rows.items()
     ]
-    return tables.csv_text(header, lines)
+    return formats.csv_text(header, lines)

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from drift.forecast.cells import Array
 from drift.motion.status import Status
 from drift.spill import dataset as washup_dataset
 from drift.spill import estimate
 from drift.spill.dataset import SHARES
 from drift.spill.fates import Fates, Realisation
+from geo.cells import Array
 from geo.coast.segments import Segments
 
 CELLS = 2_000_000  # rows (a stretch of a world) by output time that are worked on together

@@ -16,8 +16,8 @@ import numpy.typing as npt
 import shapely
 from scipy import special
 
-from drift.case.scenario import AreaPrior, PositionPrior, TracklinePrior
-from drift.case.spill import Spill
+from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
+from drift.spill.records import Spill
 from geo import sphere
 from geo.errors import UserError
 

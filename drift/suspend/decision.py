@@ -16,13 +16,14 @@ import numpy.typing as npt
 import shapely
 import xarray as xr
 
-from drift.case.scenario import Scenario
 from drift.forecast.effective import Count
+from drift.motion.scenario import Scenario
 from drift.planner.records import Plan
-from drift.search.records import Area, Sortie
+from drift.search.records import Sortie
 from drift.search.updates import Update, Updates
 from drift.suspend.standing import Standing
 from geo import sphere
+from geo.polyline import Area
 
 Array = npt.NDArray[Any]
 

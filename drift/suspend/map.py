@@ -8,15 +8,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drift.case import units
 from drift.forecast import effective
-from drift.forecast.cells import Array
 from drift.forecast.layers import LAST_KNOWN
 from drift.maps import labels, page
 from drift.maps.chart import INK
 from drift.search.evidence_map import GREY, STROKES
 from drift.suspend.decision import Suspension
 from drift.suspend.text import immortal, reached, share
+from geo import notation
+from geo.cells import Array
 
 WIDTH, HEIGHT = 14.0, 6.4  # [in]
 ALL: dict[str, Any] = {"color": INK, "linewidth": 2.2}
@@ -35,7 +35,7 @@ def draw(
     """Draw it; see maps.draw_map for title, footer, attributes and caution."""
     figure, canvas = page.figure(WIDTH, HEIGHT)
     figure.text(0.02, 0.945, page.fit(title, 75 if caution else 95), fontsize=14, weight="bold", color=INK)
-    as_of = f"What a decision to suspend rests on, as of {units.group(told.now)}, given that nothing has been found"
+    as_of = f"What a decision to suspend rests on, as of {notation.group(told.now)}, given that nothing has been found"
     figure.text(0.02, 0.903, as_of, fontsize=10.5, color=INK)
     if told.count.few:
         page.banner(figure, 0.0225, 0.862, "left", 10, effective.banner(told.count, "every figure here is rough"))
@@ -107,12 +107,12 @@ def _alive(ax: Axes, told: Suspension) -> None:
         f"now {share(at)}", (now, at), (8 if right else -8, 8), textcoords="offset points", fontsize=9, weight="bold",
         color="#a33b20", ha="left" if right else "right", zorder=7, bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5},
     )  # fmt: skip
-    words = [f"{100 * level:.0f} % at {units.group(time)[:6]}Z" for level, time in reached(told)]
+    words = [f"{100 * level:.0f} % at {notation.group(time)[:6]}Z" for level, time in reached(told)]
     ax.text(0.98, 0.97, "\n".join(words), fontsize=8.5, color=INK, ha="right", va="top", transform=ax.transAxes, zorder=7,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5})  # fmt: skip
     ax.set_xlim(x[0], x[-1])
     ticks = labels.round_times(x[0], x[-1], 5)
-    ax.set_xticks(ticks, labels=[f"{units.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
+    ax.set_xticks(ticks, labels=[f"{notation.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
     _percents(ax)
 
 
@@ -177,7 +177,7 @@ def _further(ax: Axes, told: Suspension) -> None:
     middle, half = (len(x) - 1) / 2, max(len(x), 3) / 2
     ax.set_xlim(middle - half - 0.1, middle + half + 0.1)
     ax.set_xticks(
-        x, labels=[f"{units.group(one.until)[:6]}Z" for one in told.further], rotation=30 if len(x) > 4 else 0
+        x, labels=[f"{notation.group(one.until)[:6]}Z" for one in told.further], rotation=30 if len(x) > 4 else 0
     )
     _percents(ax)
     ax.set_ylim(0, 1.2)  # what stands above a bar of 100 % stays within the frame, and the words above that

@@ -4,10 +4,10 @@ import textwrap
 
 import numpy as np
 
-from drift.case import units
 from drift.forecast import effective
-from drift.forecast.tables import NMI
 from drift.suspend.decision import Suspension
+from geo import notation
+from geo.notation import NMI
 
 WIDE = 78
 FIRST = (0.5, 0.1, 0.01)  # probabilities of being alive whose times are told
@@ -17,7 +17,7 @@ def text(told: Suspension, case_title: str, run: str, *, synthetic: bool = False
     """Return it as text. run: its run_id. synthetic: winds or currents are made up. lost: probability that is on no map."""
     what = "the last sortie or contact" if told.now > told.times[0] and told.sorties else "what is known"
     lines = ["DECISION TO SUSPEND: WHAT IT RESTS ON", *_fill(case_title), f"Run {run}. Times are UTC.", ""]
-    lines += _fill(f"As of {units.group(told.now)}, {what}. All of it is given that nothing has been found.")
+    lines += _fill(f"As of {notation.group(told.now)}, {what}. All of it is given that nothing has been found.")
     lines += _fill("The decision is the coordinator's: nothing here recommends.")
     for warning in warnings(told, synthetic):
         lines += ["", *_fill(f"WARNING: {warning}")]
@@ -85,10 +85,10 @@ def _alive(told: Suspension) -> list[str]:
     for time, mean, error in told.ahead:
         hours = float((time - told.now) / np.timedelta64(1, "h"))
         ahead = "now" if hours == 0 else f"+{hours:.0f} h" if hours < 72 else f"+{hours / 24:.0f} d"
-        lines.append(f"   {units.group(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}")
+        lines.append(f"   {notation.group(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}")
     for level, time in reached(told):
         tense = "was" if time < told.now else "is"
-        lines.append(f"   It {tense} {100 * level:.0f} % at {units.group(time)}.")
+        lines.append(f"   It {tense} {100 * level:.0f} % at {notation.group(time)}.")
     lines += ["   By scenario, now:"] if several else []
     for s, basis in enumerate(told.bases):
         now = f"{share(float(told.ahead[0][1][s]))} alive; " if several else "Survival times: "
@@ -111,7 +111,9 @@ def _searched(told: Suspension) -> list[str]:
             float(v[-1]) if v is not None else np.nan for v in (update.poc, update.pod, update.pos, update.cumulative)
         ]
         poc, pod, pos, so_far = (f"{100 * v:.1f} %" if np.isfinite(v) else "" for v in figures)
-        lines.append(f"   {name:25}{units.group(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}")
+        lines.append(
+            f"   {name:25}{notation.group(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}"
+        )
     total = float(told.cumulative[-1])
     lines += ["", f"   Cumulative POS  {give_or_take(total, float(told.error(total)))}"]
     if len(told.scenarios) > 1:
@@ -157,7 +159,7 @@ def _further(told: Suspension) -> list[str]:
         head += f"{'Found alive':>18}{'Alive, not found':>19}"
     lines += ["", head]
     for one in told.further:
-        row = f"   {units.group(one.until):16}{told_as(one.pos, one.pos_error):>18}"
+        row = f"   {notation.group(one.until):16}{told_as(one.pos, one.pos_error):>18}"
         if told.mortal:
             row += f"{told_as(one.alive, one.alive_error):>18}{share(one.waiting):>19}"
         lines.append(row)

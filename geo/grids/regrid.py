@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from geo.grids import cells
+from geo.grids import cell_weights
 from geo.grids import grid as grids
 from geo.grids.grid import Grid
 from geo.grids.layout import Array, Axes, Curved, Index, Layout, Plane
@@ -29,9 +29,9 @@ def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
     elif isinstance(layout, Plane):
         matrix = _of_plane(layout, grid)
     elif isinstance(layout, Curved):
-        matrix = cells.of_curved(layout, grid, mirrored)
+        matrix = cell_weights.of_curved(layout, grid, mirrored)
     else:
-        matrix = cells.of_triangles(layout, grid)
+        matrix = cell_weights.of_triangles(layout, grid)
     return matrix.astype(np.float32)
 
 

@@ -10,8 +10,9 @@ import pytest
 from places import DATA, ROOT
 
 from drift.case import file as case_file
-from drift.case import scenario, sources
 from drift.motion import leeway
+from drift.motion.forcing_spec import Slices
+from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from geo import sphere
 from geo.box import Box
 from geo.errors import UserError
@@ -77,7 +78,7 @@ def test_case_in_si(tmp_path: Path) -> None:
     only = found.scenarios[0]
     assert (only.weight, only.currents, only.winds, only.stokes) == (1.0, ("set",), ("report",), ())
     assert only.jibe_rate == pytest.approx(0.04 / 3600)
-    assert isinstance(only.prior, scenario.PositionPrior)
+    assert isinstance(only.prior, PositionPrior)
     assert (only.prior.lon, only.prior.lat) == pytest.approx((math.radians(-88.25), math.radians(27 + 30.5 / 60)))
     assert only.prior.major == only.prior.minor == 5 * 1852
     assert only.prior.release_start == only.prior.release_end == found.start
@@ -118,7 +119,7 @@ def test_backward_with_an_end(tmp_path: Path) -> None:
 )
 def test_errors_of_a_position(tmp_path: Path, error: str, major: float, minor: float, orientation: float) -> None:
     prior = load(tmp_path, CASE.replace('std = "5 nmi"', error)).scenarios[0].prior
-    assert isinstance(prior, scenario.PositionPrior)
+    assert isinstance(prior, PositionPrior)
     assert (prior.major, prior.minor) == pytest.approx((major, minor), rel=1e-6)
     assert math.degrees(prior.orientation) == pytest.approx(orientation)
 
@@ -126,7 +127,7 @@ def test_errors_of_a_position(tmp_path: Path, error: str, major: float, minor: f
 def test_displacement_and_unknown_time(tmp_path: Path) -> None:
     text = CASE + 'until = "+3 h"\ndisplacement = { distance = ["2 nmi", "10 nmi"], direction = [350, 20] }\n'
     prior = load(tmp_path, text).scenarios[0].prior
-    assert isinstance(prior, scenario.PositionPrior)
+    assert isinstance(prior, PositionPrior)
     assert prior.displacement is not None
     assert prior.displacement.distance == (2 * 1852, 10 * 1852)
     assert np.degrees(prior.displacement.direction) == pytest.approx([350, 380])
@@ -136,7 +137,7 @@ def test_displacement_and_unknown_time(tmp_path: Path) -> None:
 def test_area_over_the_antimeridian_has_no_jump(tmp_path: Path) -> None:
     text = with_prior('[scenario.area]\npolygon = ["10S 179E", "10S 178W", "12S 179W", "13S 178E", "10S 179E"]\n')
     prior = load(tmp_path, text).scenarios[0].prior
-    assert isinstance(prior, scenario.AreaPrior)
+    assert isinstance(prior, AreaPrior)
     assert np.degrees(prior.lon) == pytest.approx([179, 182, 181, 178])
     assert np.degrees(prior.lat) == pytest.approx([-10, -10, -12, -13])
 
@@ -146,7 +147,7 @@ def test_trackline_lasts_as_long_as_its_legs(tmp_path: Path) -> None:
         '[scenario.trackline]\nwaypoints = ["27N 88W", "28N 88W", "28N 87W"]\nspeed = "8 kn"\ncross_track = "2 nmi"\n'
     )
     prior = load(tmp_path, text).scenarios[0].prior
-    assert isinstance(prior, scenario.TracklinePrior)
+    assert isinstance(prior, TracklinePrior)
     # One degree of a meridian, and the chord formula for one degree of the parallel of 28 N.
     parallel = 2 * math.asin(math.cos(math.radians(28)) * math.sin(math.radians(0.5)))
     seconds = sphere.RADIUS * (math.radians(1) + parallel) / (8 * 1852 / 3600)
@@ -155,11 +156,11 @@ def test_trackline_lasts_as_long_as_its_legs(tmp_path: Path) -> None:
     assert (prior.release_start, prior.release_end) == (prior.departure, prior.arrival)
 
     between = load(tmp_path, text + 'distress = { between = ["+3 h", "+9 h"] }\n').scenarios[0].prior
-    assert isinstance(between, scenario.TracklinePrior)
+    assert isinstance(between, TracklinePrior)
     assert (between.low, between.high) == pytest.approx((3 * 3600 / seconds, 9 * 3600 / seconds))
     assert (between.release_end - between.release_start).astype(int) == pytest.approx(6 * 3600, abs=1)
     peaked = load(tmp_path, text + "distress = { triangular = { mode = 0.6 } }\n").scenarios[0].prior
-    assert isinstance(peaked, scenario.TracklinePrior)
+    assert isinstance(peaked, TracklinePrior)
     assert peaked.mode == 0.6
 
 
@@ -213,7 +214,7 @@ def test_files_relative_and_through_the_environment(tmp_path: Path, monkeypatch:
     assert far.files == ("https://host/dap/x.nc",)
     timed = current.format('"data/a.nc"').replace("steady = true", 'times = { start = "+1 h", every = "6 h" }')
     times = load(tmp_path, CASE.replace("[[wind]]", timed)).currents[1].times
-    assert times == sources.Slices(np.datetime64("2026-11-21T19:30:00"), np.timedelta64(21_600, "s"))
+    assert times == Slices(np.datetime64("2026-11-21T19:30:00"), np.timedelta64(21_600, "s"))
 
 
 def test_domain_over_the_antimeridian(tmp_path: Path) -> None:
@@ -230,7 +231,7 @@ def test_uncertainty_and_clock(tmp_path: Path) -> None:
 
 def test_overrides_are_toml_and_are_kept(tmp_path: Path) -> None:
     found = load(tmp_path, scenario__0__position__std='["2 nmi", "1 nmi"]', scenario__0__position__orientation="45")
-    assert isinstance(found.scenarios[0].prior, scenario.PositionPrior)
+    assert isinstance(found.scenarios[0].prior, PositionPrior)
     assert found.scenarios[0].prior.minor == 1852
     assert "# --set scenario.0.position.orientation=45" in found.text
 

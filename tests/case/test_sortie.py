@@ -11,9 +11,10 @@ import pytest
 from drift.case import file as case_file
 from drift.case.file import Case
 from drift.search import patterns
-from drift.search.records import Contact, Law, Legs, Sortie, Unit
+from drift.search.records import Contact, Law, Sortie, Unit
 from geo import polyline
 from geo.errors import UserError
+from geo.polyline import Legs
 
 NMI, KNOT, FOOT = 1852.0, 1852.0 / 3600.0, 0.3048
 HEAD = """

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import test_bad_input
+import small_case
 import xarray as xr
 
 import drift
@@ -74,7 +74,7 @@ def test_a_case_whose_results_have_too_long_a_name(
 ) -> None:
     """The name of the case is 255 letters long, and "-forecast" comes after it."""
     monkeypatch.chdir(tmp_path)
-    Path("n" * 250 + ".toml").write_text(test_bad_input.STEADY)
+    Path("n" * 250 + ".toml").write_text(small_case.STEADY)
     assert "name another with --out" in line(capsys, "run", "n" * 250 + ".toml")
 
 
@@ -96,7 +96,7 @@ def test_plots(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     """Refused before anything is read: nothing is printed, and nothing is left."""
     name, make = PLOTS[kind]
     monkeypatch.chdir(tmp_path)
-    test_bad_input.field().to_netcdf("f.nc")
+    small_case.field().to_netcdf("f.nc")
     if make is not None:
         make(Path(name))
     before = sorted(os.listdir())
@@ -118,7 +118,7 @@ def test_a_plot_that_fails_half_way_leaves_the_one_of_before(
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(forecast_map, "draw_field", full)
-    test_bad_input.field().to_netcdf("f.nc")
+    small_case.field().to_netcdf("f.nc")
     Path("x.png").write_bytes(b"old")
     assert main(["info", "f.nc", "--plot", "x.png"]) == 2
     assert "No space left on device" in capsys.readouterr().err
@@ -143,7 +143,7 @@ class Damaged(dict[str, Any]):
 )  # fmt: skip
 def test_attributes_that_cannot_be_read(error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Libraries read some of them when they are asked for, long after the opening."""
-    test_bad_input.field().to_netcdf(tmp_path / "f.nc")
+    small_case.field().to_netcdf(tmp_path / "f.nc")
     broken, real = Damaged(), dataset.open_one
     broken.error = error
     reads: tuple[Callable[[Path], object], ...] = (
@@ -207,6 +207,6 @@ def test_a_temporary_folder_that_fills_up_or_is_not_there(monkeypatch: pytest.Mo
 
 def test_the_folder_for_results_may_be_text(tmp_path: Path) -> None:
     """In Python, as everybody writes it first."""
-    (tmp_path / "trial.toml").write_text(test_bad_input.STEADY)
+    (tmp_path / "trial.toml").write_text(small_case.STEADY)
     drift.run(drift.load(str(tmp_path / "trial.toml")), str(tmp_path / "out"))
     assert (tmp_path / "out" / "forecast.nc") in drift.results(str(tmp_path / "out"))

@@ -5,11 +5,10 @@ import pytest
 import shapely
 import xarray as xr
 
-from drift.case import shares
 from drift.forecast import build as forecast_build
-from drift.forecast import cells, density
+from drift.forecast import density, shares
 from drift.motion.status import Status
-from geo import sphere
+from geo import cells, sphere
 
 LON, LAT = -87.3, 28.1  # [deg] where the test clouds lie
 SHARES = np.array(shares.SHARES)

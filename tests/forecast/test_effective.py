@@ -27,7 +27,7 @@ from drift.planner import files as plan_files
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text
 from drift.search import evidence_map
-from geo import sphere
+from geo import notation, sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
 
@@ -264,7 +264,7 @@ def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path
     contact = SimpleNamespace(name="flare", time=BEGIN, kind="range", sensor=(far[0, 0], far[0, 1]))
     contact = searches.Contact(**vars(contact), range=900.0, range_std=100.0)
     forecast_map.draw_map(made, tmp_path / "map.png", title="t", contacts=[contact])
-    where = tables.position(*far[0])
+    where = notation.position(*far[0])
     assert any(f'outside this frame: contact "flare", to the E (around {where})' in text for text in words)
 
 

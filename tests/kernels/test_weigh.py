@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drift.forecast.cells import Cells
 from drift.motion import ensemble as record
 from drift.motion.status import Status
+from geo.cells import Cells
 from kernels import deposit as kernel
 
 RNG = np.random.default_rng(4)

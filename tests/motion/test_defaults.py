@@ -15,6 +15,7 @@ from drift.case import uncertainty
 from drift.cli.commands import main
 from drift.maps import page
 from drift.motion import simulate
+from drift.motion.forcing_error import ForcingError
 from drift.planner import follow
 from geo import sphere
 from geo.errors import UserError
@@ -62,7 +63,7 @@ def sources(folder: Path, current: str = "file", wind: str = "constant", head: s
     return head + "".join(f"[[{name}]]\n{text}\n" for name, text in zip(("current", "wind"), texts, strict=True))
 
 
-def three(error: uncertainty.ForcingError) -> tuple[float, float, float]:
+def three(error: ForcingError) -> tuple[float, float, float]:
     return error.std, error.time / 3600, error.bias
 
 

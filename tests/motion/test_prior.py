@@ -6,11 +6,11 @@ import shapely
 from scipy import stats
 
 from drift.case.file import Case
-from drift.case.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
-from drift.case.uncertainty import ForcingError
 from drift.motion import ensemble as record
 from drift.motion import prior
+from drift.motion.forcing_error import ForcingError
 from drift.motion.leeway import Drifter, Line
+from drift.motion.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
 from drift.search.records import Resampling
 from geo import sphere
 from geo.box import Box

@@ -8,9 +8,10 @@ import numpy as np
 from drift.forecast import build as forecast_build
 from drift.motion.status import Status
 from drift.planner.records import Alternative, Plan, Tasking
-from drift.search.records import Area, Contact, Fix, Law, Legs, PlanSpec, Sortie, Unit, Watch
+from drift.search.records import Contact, Fix, Law, PlanSpec, Sortie, Unit, Watch
 from drift.search.updates import Update, Updates
 from geo import sphere
+from geo.polyline import Area, Legs
 
 NMI, KNOT = 1852.0, 1852.0 / 3600
 BEGIN = np.datetime64("2026-11-22T06:30:00")

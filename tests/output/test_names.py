@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import searches
-import test_bad_input
+import small_case
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,9 +20,8 @@ from hypothesis import strategies as st
 from drift import figures
 from drift.case import file as case_file
 from drift.case import spill
-from drift.forecast import tables
 from drift.maps import page
-from drift.output import writer
+from drift.output import formats, writer
 from drift.planner import files as plan_files
 from geo.errors import UserError
 
@@ -31,7 +30,7 @@ SAFE = ["boat", "raft, alone", 'the "x"', "a=b", "1-2", "", "28-42.0N 087-30.0W"
 
 
 def cells(rows: list[list[object]]) -> list[list[str]]:
-    return list(csv.reader(io.StringIO(tables.csv_text(["name"], rows))))[1:]
+    return list(csv.reader(io.StringIO(formats.csv_text(["name"], rows))))[1:]
 
 
 @pytest.mark.parametrize("text", RUNS)
@@ -40,7 +39,7 @@ def test_a_text_that_a_spreadsheet_would_run_has_an_apostrophe(text: str) -> Non
     ((cell,),) = cells([[text]])
     assert cell[0] == "'"
     assert cell[1:].strip() == text.strip()
-    heading = tables.csv_text([text], []).splitlines()
+    heading = formats.csv_text([text], []).splitlines()
     assert heading[0].lstrip('"').startswith("'")
 
 
@@ -63,7 +62,7 @@ def test_numbers_stay_numbers(value: float, form: str) -> None:
 
 @given(st.lists(st.lists(st.text(st.characters(exclude_categories=["Cs"])), min_size=1), min_size=1))
 def test_a_cell_is_one_line_and_none_runs(rows: list[list[str]]) -> None:
-    text = tables.csv_text(["name"], rows)  # type: ignore[arg-type]
+    text = formats.csv_text(["name"], rows)  # type: ignore[arg-type]
     assert len(text.split("\n")) == len(rows) + 2
     for row in csv.reader(io.StringIO(text)):
         for cell in row:
@@ -77,7 +76,7 @@ def test_a_cell_is_one_line_and_none_runs(rows: list[list[str]]) -> None:
 )
 def test_a_scenario_is_not_called_all(old: str, new: str, tmp_path: Path) -> None:
     """The table of sorties has a row "all" beside those of the scenarios; spreadsheets find it whatever its case."""
-    (tmp_path / "trial.toml").write_text(test_bad_input.STEADY.replace(old, new))
+    (tmp_path / "trial.toml").write_text(small_case.STEADY.replace(old, new))
     with pytest.raises(UserError, match=r"all scenarios together"):
         case_file.load(tmp_path / "trial.toml")
 
@@ -125,7 +124,7 @@ def test_hard_names_in_gpx_kml_and_geojson() -> None:
     reader.close()
     assert reader.tags == 0
     assert reader.text.startswith(shown)
-    shapes = json.dumps(tables.plain(plan_files.geojson(hard, {"title": HARD})))
+    shapes = json.dumps(formats.plain(plan_files.geojson(hard, {"title": HARD})))
     assert json.loads(shapes)["title"] == HARD
     assert shapes.isascii()
 

@@ -17,10 +17,9 @@ import xarray as xr
 from places import ROOT
 
 from drift.forecast import build as forecast_build
-from drift.forecast import tables
 from drift.motion.status import Status
 from drift.output import writer
-from geo import sphere
+from geo import notation, sphere
 from geo.errors import UserError
 
 ATTRIBUTES = {"title": "test", "seed": "7", "source": "casp-drift 0", "case": "[case]\ntitle = 'test'"}
@@ -202,7 +201,7 @@ def test_tables(tmp_path, forecast, tracks):
     ],
 )
 def test_positions_in_degrees_and_minutes(lon, lat, text):
-    assert tables.position(lon, lat) == text
+    assert notation.position(lon, lat) == text
 
 
 def test_a_failure_leaves_nothing(tmp_path, forecast, tracks):

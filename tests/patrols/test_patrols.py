@@ -10,12 +10,12 @@ from spills import DAY, METRE, case_of, sampled, scattered, spill
 
 import drift
 from drift import flow
-from drift.case.spill import Team
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import Slot
 from drift.spill import exposure, renewal
 from drift.spill.exposure import Patrol, Reporting
 from drift.spill.fates import FOREVER
+from drift.spill.records import Team
 from geo.errors import UserError
 
 START = np.datetime64("2026-11-21T00:00:00")

@@ -9,12 +9,13 @@ import pytest
 from plans import HOUR, NMI, PLACE, cloud, moving, spec, speed_for, tracks, unit
 from scipy import integrate, optimize, special
 
+from drift.motion.scenario import Survival
 from drift.planner import availability as reaches
 from drift.planner import bound, concave, optimiser, quadtree, rectangle
 from drift.planner import planning_tracks as record
 from drift.planner.planning_tracks import Tracks
 from drift.search import laws
-from drift.search.records import Law, Survival, Unit
+from drift.search.records import Law, Unit
 from geo import sphere
 from kernels import allocate, rectangles, sweeps
 

@@ -9,11 +9,12 @@ import shapely
 from plans import BEGIN, HOUR, NMI, PLACE, cloud, spec, speed_for, unit
 from scipy import special
 
+from drift.motion.scenario import Survival
 from drift.planner import availability as reaches
 from drift.planner import bound, candidates, joint, optimiser, rectangle
 from drift.planner import planning_tracks as record
 from drift.search import patterns
-from drift.search.records import Law, Survival
+from drift.search.records import Law
 from geo import sphere
 from kernels import rectangles, sweeps
 

@@ -16,7 +16,7 @@ import searches
 import shapely
 
 from drift.case import sortie as sortie_table
-from drift.forecast import tables
+from drift.output import formats
 from drift.planner import files as plan_files
 from drift.search.records import Law
 from geo import polyline, sphere
@@ -126,7 +126,7 @@ def test_kml_holds_the_rectangles(tmp_path, lon, lat):
 def test_geojson_is_cut_and_turns_left(tmp_path, lon, lat):
     plan = searches.plan(lon, lat)
     made = plan_files.geojson(plan, {"run_id": "r", "title": "t"})
-    path = write(tmp_path, "plan.geojson", json.dumps(tables.plain(made), allow_nan=False))
+    path = write(tmp_path, "plan.geojson", json.dumps(formats.plain(made), allow_nan=False))
     shapes, fields = read(path)
     assert fields["shape"].tolist() == ["area", "legs", "transit", "csp"] * 3
     assert fields["area"].tolist() == [name for name in ("A-1", "A-2", "A-3") for _ in range(4)]
@@ -139,11 +139,11 @@ def test_geojson_is_cut_and_turns_left(tmp_path, lon, lat):
 
 
 def test_the_numbers_are_json():
-    told = json.loads(json.dumps(tables.plain(plan_files.numbers(searches.plan())), allow_nan=False))
+    told = json.loads(json.dumps(formats.plain(plan_files.numbers(searches.plan())), allow_nan=False))
     assert told["share_of_bound"] == pytest.approx(0.471 / 0.528)  # on the same particles
     assert (told["bound"], told["bound_error"], told["no_bound"]) == (0.528, 0.004, None)
     none = json.loads(
-        json.dumps(tables.plain(plan_files.numbers(replace(searches.plan(), bound=None, unbounded="few"))))
+        json.dumps(formats.plain(plan_files.numbers(replace(searches.plan(), bound=None, unbounded="few"))))
     )
     assert (none["bound"], none["bound_error"], none["share_of_bound"], none["no_bound"]) == (None, None, None, "few")
     assert told["optimism"] == pytest.approx(0.008)

@@ -6,8 +6,9 @@ from pyproj import Geod
 from scipy import stats
 
 from drift.search import contacts as contact_laws
-from drift.search.records import Area, Contact, Fix, Watch
+from drift.search.records import Contact, Fix, Watch
 from geo import sphere
+from geo.polyline import Area
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 TIME = np.datetime64("2026-11-21T06:00:00")

@@ -18,9 +18,10 @@ from drift.motion.environment import open_for
 from drift.motion.status import Status
 from drift.search import debris, sensor_path
 from drift.search.filter import Search
-from drift.search.records import Area, Contact, Fix, Law, Legs, Resampling, Sortie, Watch
+from drift.search.records import Contact, Fix, Law, Resampling, Sortie, Watch
 from geo import sphere
 from geo.errors import UserError
+from geo.polyline import Area, Legs
 from kernels import runtime, sweep
 
 NMI = 1852.0

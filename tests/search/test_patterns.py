@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drift.search import patterns
-from drift.search.records import Area, Legs
 from geo import polyline, sphere
+from geo.polyline import Area, Legs
 
 NMI = 1852.0
 GLOBE = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)

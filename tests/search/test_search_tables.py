@@ -13,7 +13,7 @@ import pytest
 import searches
 import shapely
 
-from drift.forecast import tables
+from drift.output import formats
 from drift.search import shapes as search_shapes
 from drift.search import tables as search_tables
 from drift.search.updates import Update, Updates
@@ -80,7 +80,7 @@ def test_bayes_factors_of_certainties_and_of_the_improbable():
 
 def test_the_summary_is_json_and_ends_where_the_table_does(search):
     updates = search[3]
-    told = json.loads(json.dumps(tables.plain(search_tables.numbers(updates)), allow_nan=False))
+    told = json.loads(json.dumps(formats.plain(search_tables.numbers(updates)), allow_nan=False))
     assert (told["sorties"], told["contacts"]) == (4, 2)
     last = rows(updates)[-1]
     assert told["cumulative_pos"]["all"] == pytest.approx(float(last["pos_cumulative"]))
@@ -98,7 +98,7 @@ def test_gdal_reads_the_shapes(tmp_path, lon, lat):
     done, seen = (*searches.sorties(lon, lat), searches.watch(lon, lat)), searches.contacts(lon, lat)
     made = search_tables.geojson(done, seen, Updates(searches.NAMES, searches.PRIOR, ()), {"run_id": "r"})
     path = tmp_path / "sorties.geojson"
-    path.write_text(json.dumps(tables.plain(made), allow_nan=False))
+    path.write_text(json.dumps(formats.plain(made), allow_nan=False))
     meta, _, geometry, columns = pyogrio.raw.read(path)
     fields = dict(zip(meta["fields"], columns, strict=True))
     shapes = shapely.from_wkb(geometry)

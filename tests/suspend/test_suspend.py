@@ -14,7 +14,7 @@ import drift
 from drift import flow, preview
 from drift.case import survival
 from drift.maps import page
-from drift.search.records import Survival
+from drift.motion.scenario import Survival
 from drift.suspend import decision
 from drift.suspend import map as suspend_map
 from drift.suspend import text as suspend_text

@@ -16,8 +16,3 @@ def percents(value: object) -> tuple[float, ...]:
         if not LEAST <= one <= LARGEST:
             raise ValueError(f"{one:g} % is no area that particles can tell; must be {LEAST:g} to {LARGEST:g} %")
     return found
-
-
-def percent(share: float) -> str:
-    """Return a share in percent as it was asked for: 0.95 is 95, 0.999 is 99.9."""
-    return f"{100 * share:.6g}"

@@ -1,4 +1,4 @@
-"""Weights inside cells of curved grids and of triangles, found by running over cells, not by searching for points.
+"""Weights of a point in its cell of a curved grid or a mesh, found by running over cells, not by searching for points.
 
 A tile is finer than its source, so every cell holds a few of its nodes: those in the cell's own box are tried.
 """

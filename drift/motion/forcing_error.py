@@ -1,0 +1,62 @@
+"""How wrong winds and currents may be: the error of a quantity of forcing, who says so, and how that is told."""
+
+from dataclasses import dataclass
+from typing import Any
+
+CASE, DEFAULT, NOWHERE, RIVALS, UNFELT = (
+    "case", "default", "not from model files", "rival sources", "nothing drifts with it",
+)  # fmt: skip
+HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class ForcingError:
+    """Error of each component of a wind or current: an Ornstein-Uhlenbeck process about a bias that lasts; zeros switch it off."""
+
+    std: float  # [m/s]
+    time: float  # [s] decorrelation
+    bias: float = 0.0  # [m/s] standard deviation of what a particle, or in a spill a world, draws once and keeps
+    by: tuple[str, str, str] = (CASE, CASE, CASE)  # who says std, time and bias; or why there is none
+
+
+def switched_off(current: ForcingError, wind: ForcingError | None) -> str:
+    """Return a warning where a case itself says that its winds or currents have no error, "" where it does not."""
+    off = [
+        name for name, error in (("current", current), ("wind", wind))
+        if error is not None and error.std == error.bias == 0 and error.by[0] == CASE
+    ]  # fmt: skip
+    return f"NO ERROR of {' and '.join(off)} in this forecast" if off else ""
+
+
+def words(current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str) -> str:
+    """Return in a line which errors a run has, and who says so; by: who says the diffusivity. Without a wind: None."""
+    told = [_words("current", current), *([_words("wind", wind)] if wind is not None else [])]
+    told += [f"diffusivity {diffusivity:g} m2/s ({by})"] if diffusivity > 0 else []
+    return "; ".join(told)
+
+
+def _words(quantity: str, error: ForcingError) -> str:
+    std, time, bias = error.by
+    parts = []
+    if error.std > 0:
+        whose = std if std == time else f"{std}, time by {time}"
+        parts.append((f"{error.std:.4g} m/s over {error.time / HOUR:.4g} h", whose))
+    if error.bias > 0:
+        parts.append((f"{error.bias:.4g} m/s that lasts", bias))
+    if not parts:
+        return f"no error of the {quantity} ({std})"
+    if len({whose for _, whose in parts}) == 1:
+        parts = [(" and ".join(text for text, _ in parts), parts[0][1])]
+    return f"{quantity} {' and '.join(f'{text} ({whose})' for text, whose in parts)}"
+
+
+def numbers(current: ForcingError, wind: ForcingError, diffusivity: float, by: str) -> dict[str, Any]:
+    """Return the errors of a run for its summary, each with who says so."""
+    told: dict[str, Any] = {
+        name: {
+            "std_m_s": error.std, "time_s": error.time, "bias_m_s": error.bias,
+            "by": dict(zip(("std", "time", "bias"), error.by, strict=True)),
+        }
+        for name, error in (("current", current), ("wind", wind))
+    }  # fmt: skip
+    return told | {"diffusivity": {"m2_s": diffusivity, "by": by}}

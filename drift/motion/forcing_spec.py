@@ -1,0 +1,65 @@
+"""Which winds and currents a run asks for: files, a dataset in memory, a constant, a table, or a built-in flow.
+
+Constants and tables are what was reported on scene. Nothing is opened here; geo.forcing.sources does that.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+Quantity = Literal["current", "wind", "stokes"]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A vector by time, as reported on scene: UTC times, strictly increasing, true east and north [m/s]."""
+
+    times: tuple[np.datetime64, ...]
+    east: tuple[float, ...]
+    north: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Slices:
+    """Times stated by the user: of the first slice, and from one to the next."""
+
+    start: np.datetime64  # [s] UTC
+    every: np.timedelta64  # [s]
+
+
+@dataclass(frozen=True)
+class ForcingSpec:
+    """One source of a quantity; exactly one of files, dataset, constant, table and analytic is given."""
+
+    name: str
+    quantity: Quantity
+    files: tuple[str, ...] = ()  # absolute paths of files that exist, or addresses
+    dataset: str | None = None  # the name of an xarray.Dataset that the run is given
+    constant: tuple[float, float] | None = None  # true east, north [m/s]
+    table: Report | None = None
+    analytic: str | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)  # of the built-in flow, SI
+    variables: Mapping[str, str] | None = None
+    units: str | None = None
+    depth: float | None = None  # [m]
+    steady: bool = False
+    times: Slices | None = None  # in place of the files' own
+    fill: int = 3  # cells filled from wet neighbours toward the coast
+    plausible: bool = False  # the user vouches for the speeds in the files
+    timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
+    add: bool = False  # added to what the sources without it give by priority
+
+
+def options(spec: ForcingSpec) -> dict[str, Any]:
+    """Return how a source's files are to be read, as `geo.forcing.sources.open_source` takes it."""
+    return {
+        "variables": spec.variables,
+        "units": spec.units,
+        "times": {"start": spec.times.start, "interval": spec.times.every} if spec.times else None,
+        "steady": spec.steady,
+        "depth": spec.depth,
+        "plausible": spec.plausible,
+        "timeout": spec.timeout,
+    }

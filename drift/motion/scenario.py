@@ -1,0 +1,102 @@
+"""Scenarios: what may have happened, each with its weight, its object, and where and when it went adrift.
+
+Records in SI, radians and UTC. Three kinds of prior: around a reported position, inside an area, along a trackline.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.motion.leeway import Drifter
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Survival:
+    """Time alive after release: lognormal."""
+
+    median: float  # [s]
+    spread: float  # factor of one standard deviation, > 1
+    basis: str = "as the case says"  # where the median is from
+
+    def alive(self, age: Array) -> Array:
+        """Return the chance of being alive at an age [s]."""
+        from scipy import special
+
+        z = np.log(np.maximum(age, 1e-9) / self.median) / math.log(self.spread)
+        return np.asarray(0.5 * special.erfc(z / math.sqrt(2)))
+
+
+JIBE_RATE = 0.04 / 3600  # [1/s] 4 % an hour (Allen 2005, CG-D-05-05; Breivik and Allen 2008, section 2.3)
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """A move from the reported position before the object drifts, uniform in distance and in direction."""
+
+    distance: tuple[float, float]  # [m]
+    direction: tuple[float, float]  # [rad] toward, clockwise from north; second >= first, up to 2 turns
+
+
+@dataclass(frozen=True)
+class PositionPrior:
+    """Normal in the tangent plane of a position, wrapped onto the sphere; released at a time uniform in a window."""
+
+    lon: float  # [rad]
+    lat: float
+    major: float  # [m] standard deviation along the major axis
+    minor: float
+    orientation: float  # [rad] of the major axis, clockwise from north
+    displacement: Displacement | None
+    release_start: np.datetime64  # the earlier, also in a backward run
+    release_end: np.datetime64
+
+
+@dataclass(frozen=True)
+class AreaPrior:
+    """Uniform in true area inside a polygon whose edges are straight in longitude and latitude."""
+
+    lon: tuple[float, ...]  # [rad] unwrapped: without jumps, so it may leave [-pi, pi]
+    lat: tuple[float, ...]
+    release_start: np.datetime64
+    release_end: np.datetime64
+
+
+@dataclass(frozen=True)
+class TracklinePrior:
+    """Along great-circle legs at constant speed, with cross-track error; distress at an unknown share of the voyage.
+
+    The share is uniform in [low, high], or triangular there with its top at `mode`.
+    """
+
+    lon: tuple[float, ...]  # [rad]
+    lat: tuple[float, ...]
+    cross_track: float  # [m] standard deviation
+    departure: np.datetime64
+    arrival: np.datetime64
+    speed: float  # [m/s]
+    low: float
+    high: float
+    mode: float | None
+    release_start: np.datetime64
+    release_end: np.datetime64
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One story. Weights of a case add up to 1; sources are named in order of priority."""
+
+    name: str
+    weight: float
+    object: Drifter
+    jibe_rate: float  # [1/s]
+    prior: PositionPrior | AreaPrior | TracklinePrior
+    currents: tuple[str, ...]
+    winds: tuple[str, ...]
+    stokes: tuple[str, ...]
+    search_object: str | None = None  # as in the sweep width tables
+    survival: Survival | None = None

@@ -1,0 +1,72 @@
+"""How results are written: CSV that a spreadsheet shows and does not run, values that JSON can hold, the name of a run."""
+
+import csv
+import hashlib
+import io
+import re
+from collections.abc import Iterable, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geo import notation
+
+FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # with what a spreadsheet's formula begins
+
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def plain(value: Any) -> Any:
+    """Return a value that JSON can hold: numbers as numbers, NaN as null, times as ISO text."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return [plain(v) for v in value] if value.ndim else plain(value[()])
+    if isinstance(value, np.datetime64):
+        return None if np.isnat(value) else notation.iso(value)
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, (np.bool_, np.integer, np.floating)):
+        value = value.item()
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Iterable):
+        return [plain(v) for v in value]
+    return str(value)
+
+
+def run_id(attributes: Mapping[str, Any]) -> str:
+    """Return a short name of a run, the same in all its files: a digest of what made it (case, forcing, versions), the seed.
+
+    No spreadsheet takes it for a number or a date.
+    """
+    names = ("case", "seed", "forcing", "coast", "versions", "backend")
+    text = "\0".join(f"{name}={attributes.get(name, '')}" for name in names)
+    return f"{hashlib.sha256(text.encode()).hexdigest()[:10]}-s{attributes.get('seed', '')}"
+
+
+def csv_text(header: list[str], rows: list[list[Any]]) -> str:
+    """Return a table as CSV that a spreadsheet shows and does not run; every CSV file of ours is made here.
+
+    A text that a spreadsheet would take for a formula gets an apostrophe before it (OWASP, CSV injection), numbers stay
+    numbers, negative ones too, and line breaks inside a cell become spaces: readers split there.
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([map(_cell, row) for row in (header, *rows)])
+    return text.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    """Return a value as it may stand in a cell."""
+    if not isinstance(value, str):
+        return value
+    # Letters that stand for a formula's in full width, and blanks before it, which spreadsheets pass over
+    runs = value.lstrip().startswith(FORMULAS) or value.startswith(("\t", "\r", "\n"))
+    flat = " ".join(value.splitlines())
+    return f"'{flat}" if runs and not NUMBER.fullmatch(value) else flat
