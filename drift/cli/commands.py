@@ -15,141 +15,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drift.cli import terminal
-from drift.motion import forcing_spec
+from drift.cli import grammar, terminal
 from drift.output import interrupt
 from geo.errors import UserError
-
-BACKENDS = ("cpu", "cuda", "vulkan", "metal")
-EXAMPLES = """examples:
-  drift run overdue_boat
-  drift plan overdue_boat
-  drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
-  drift objects raft deep ballast
-  drift info currents/*.nc --plot currents.png"""
-
-
-class Parser(argparse.ArgumentParser):
-    """An argument parser whose complaints are one line, like every other."""
-
-    def error(self, message: str) -> Any:
-        """Refuse the command line."""
-        raise UserError(f"{message}. See: {self.prog} --help")
-
-
-def parser() -> Parser:
-    """Return the command line's grammar."""
-    whole = Parser(
-        prog="drift",
-        description="Forecast where an object adrift at sea may be.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    whole.add_argument("--version", action="store_true", help="print the version")
-    commands = whole.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
-
-    run = commands.add_parser("run", help="forecast a case and write maps and tables")
-    _add_case(run)
-    _add_results(run, "NAME-forecast")
-
-    plan = commands.add_parser(
-        "plan", help="plan the next search of a case with its units, or the next patrols of a spill"
-    )
-    _add_case(plan)
-    _add_results(plan, "NAME-plan")
-
-    origin = commands.add_parser("origin", help="run a spill backward from its finds to where it may have come from")
-    _add_case(origin)
-    _add_results(origin, "NAME-origin")
-
-    verify = commands.add_parser("verify", help="forecast real drifters from many starts and say how that went")
-    _add_case(verify)
-    _add_drifters(verify)
-    verify.add_argument("--every", default="12 h", metavar="TIME", help="time between starts (default: 12 h)")
-    verify.add_argument("--hours", type=float, default=24, metavar="N", help="length of a forecast (default: 24)")
-    verify.add_argument(
-        "--error",
-        default="100 m",
-        metavar="LENGTH",
-        help="radius that holds half of the fixes' errors (default: 100 m)",
-    )
-    verify.add_argument("--particles", type=int, default=4000, metavar="N", help="in each forecast (default: 4000)")
-    _add_results(verify, "NAME-verify")
-
-    fit = commands.add_parser("fit-errors", help="fit a case's [uncertainty] to the tracks of real drifters")
-    _add_case(fit)
-    _add_drifters(fit)
-    fit.add_argument(
-        "--hold-out",
-        action="store_true",
-        help="also fit half of the drifters and say how well that suits the other half",
-    )
-
-    check = commands.add_parser("check", help="validate a case and its forcing without running")
-    _add_case(check)
-
-    commands.add_parser("cases", help="list the cases that ship with drift")
-
-    objects = commands.add_parser("objects", help="list leeway classes, or search them")
-    objects.add_argument("words", nargs="*", metavar="WORDS", help="only classes that hold every word")
-
-    info = commands.add_parser("info", help="say how a forcing file was understood")
-    info.add_argument(
-        "files", nargs="+", metavar="FILE", help="files of one source: joined in time, u and v may be apart"
-    )
-    info.add_argument(
-        "--as", choices=("current", "wind", "stokes"), dest="quantity", help="read the files as this quantity"
-    )
-    info.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        dest="changes",
-        metavar="KEY=VALUE",
-        help="a key of a case's source, like variables.east=ue, units=cm/s, steady=true or depth='5 m'; may be repeated",
-    )
-    info.add_argument("--plot", type=Path, metavar="PNG", help="draw a map of the first time")
-    return whole
-
-
-def _add_case(command: argparse.ArgumentParser) -> None:
-    command.add_argument("case", metavar="CASE", help="a case file, or the name of a shipped case")
-    command.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        dest="changes",
-        metavar="KEY=VALUE",
-        help="change one place of the case, like clock.step='10 min'; lists count from 0; may be repeated",
-    )
-    command.add_argument("--seed", type=int, metavar="N", help="another seed than the case's")
-
-
-def _add_drifters(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--drifters", required=True, metavar="FILE", help="tracks of real drifters: CSV, or netCDF with CF trajectories"
-    )
-    command.add_argument(
-        "--columns",
-        default="",
-        metavar="KEY=COLUMN,..",
-        help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and wind_, stokes_ alike",
-    )
-    command.add_argument(
-        "--max-gap", default="3 h", metavar="TIME", help="longest time between fixes that is spanned (default: 3 h)"
-    )
-    command.add_argument(
-        "--max-speed", default="3 m/s", metavar="SPEED", help="fixes that need more are not believed (default: 3 m/s)"
-    )
-
-
-def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
-    command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for the results (default: {folder})")
-    command.add_argument(
-        "--threads", type=int, metavar="N", help="CPU threads (default: all); the result doesn't change"
-    )
-    command.add_argument("--backend", choices=BACKENDS, default="cpu", help="where the particles move (default: cpu)")
-    command.add_argument("--overwrite", action="store_true", help="replace results that the folder holds")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -185,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _dispatch(argv: Sequence[str] | None) -> int:
-    whole = parser()
+    whole = grammar.parser()
     given = whole.parse_args(argv)
     if given.version:
         from importlib.metadata import version
@@ -412,6 +280,7 @@ def _info(given: argparse.Namespace) -> None:
         options: dict[str, Any] = {}
         if given.changes:
             from drift.case import file as case_file
+            from drift.motion import forcing_spec
 
             spec = case_file.source(given.quantity or "current", given.files, _changes(given))
             options = forcing_spec.options(spec)

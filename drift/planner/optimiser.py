@@ -69,22 +69,53 @@ def plan(
     rng = np.random.Generator(np.random.Philox(key=seed))
     plane = record.plane(tracks)
     factor, nodes = joint.nodes(units)
-    place = (plane.lon, plane.lat)
-    zero = float(tracks.time[0])
-    crews = []
-    for u, unit in enumerate(units):
-        course, reach = at_sea.get(unit.name), reaches.reach(unit, spec, place)
-        if course is not None:
-            reach = replace(reach, way=course.arrival)
-        crews.append(rectangle.crew(unit, reach, plane, zero, factor[u], course))
+    crews = _crews(units, spec, plane, float(tracks.time[0]), factor, at_sea)
 
     def stage(some: Tracks, executed: bool) -> Stage:
         return Stage(some.m, _swarm(some, spec, survival, plane), some.weight, nodes, executed, spec.separation)
 
     coarse = record.coarser(tracks, BINS)
     few, more = (stage(record.sample(coarse, min(tracks.m, n)), False) for n in (FEW, MORE))
-    # Units that must keep apart would shut each other out: they are first moved apart by a price, then by force.
-    prices = [*(PRICES if spec.separation > 0 else ()), *[math.inf] * ROUNDS]
+    found = _begun(crews, few, spec.separation > 0, rng, tell)
+    polished = _polished([begun for _, begun in found[:6]], crews, more, rng)
+    tell(0.7)
+    many, whole = stage(record.sample(tracks, min(tracks.m, MANY)), True), stage(tracks, True)
+    best = _as_flown(polished, crews, many, rng)
+    tell(0.9)
+    best = candidates.moved(best, whole)
+    chosen = [choice for choice in best if choice is not None]
+    if not chosen:
+        return Proposal((), 0.0, ())
+    gain = joint.worth([choice.find for choice in chosen], nodes)
+    alone = _alone(crews, few, many, rng)
+    ignoring = [("each unit where it alone finds most, ignoring the others", candidates.moved(alone, whole))]
+    others = [*(ignoring if len(crews) > 1 else []), *baselines.by_hand(crews, many, whole)]
+    alternatives = tuple(baselines.against(name, rival, gain, tracks.weight, nodes) for name, rival in others)
+    tell(1.0)
+    return Proposal(candidates.taskings(chosen, tracks.weight, nodes), float(tracks.weight @ gain), alternatives)
+
+
+def _crews(
+    units: Sequence[Unit], spec: PlanSpec, plane: Plane, zero: float, factor: Array, at_sea: Mapping[str, Course]
+) -> list[Crew]:
+    """Return the units with when and where each can search; zero: of the tracks' time [s since 1970]; factor: of W at the nodes."""
+    crews = []
+    for u, unit in enumerate(units):
+        course, reach = at_sea.get(unit.name), reaches.reach(unit, spec, (plane.lon, plane.lat))
+        if course is not None:
+            reach = replace(reach, way=course.arrival)
+        crews.append(rectangle.crew(unit, reach, plane, zero, factor[u], course))
+    return crews
+
+
+def _begun(
+    crews: list[Crew], few: Stage, apart: bool, rng: np.random.Generator, tell: Callable[[float], None]
+) -> list[tuple[float, Plan]]:
+    """Return plans from several beginnings, with legs smeared out on few particles: (what each finds, plan), the best first.
+
+    apart: whether units must keep apart. They would shut each other out: they are first moved apart by a price, then by force.
+    """
+    prices = [*(PRICES if apart else ()), *[math.inf] * ROUNDS]
     found: list[tuple[float, Plan]] = []
     for k in range(BEGINNINGS):
         begun: Plan = [None] * len(crews)
@@ -104,45 +135,40 @@ def plan(
         found.append((candidates.value(kicked, few), kicked))
         found.sort(key=lambda one: -one[0])
         tell(0.3 + 0.3 * (k + 1) / KICKS)
+    return found
+
+
+def _polished(plans: list[Plan], crews: list[Crew], more: Stage, rng: np.random.Generator) -> Plan:
+    """Return the best of some plans, the best two of which have been improved on more particles."""
+    again = sorted((candidates.moved(begun, more) for begun in plans), key=lambda one: -candidates.value(one, more))
     polished = []
-    again = sorted(
-        (candidates.moved(begun, more) for _, begun in found[:6]), key=lambda one: -candidates.value(one, more)
-    )
     for now in again[:2]:
         for _ in range(2):
             for u in range(len(crews)):
                 now = _improve(now, u, crews, more, rng, 0, 3)
         polished.append((candidates.value(now, more), now))
-    tell(0.7)
-    many, whole = stage(record.sample(tracks, min(tracks.m, MANY)), True), stage(tracks, True)
-    best = candidates.moved(max(polished, key=lambda one: one[0])[1], many)
+    return max(polished, key=lambda one: one[0])[1]
+
+
+def _as_flown(plan: Plan, crews: list[Crew], many: Stage, rng: np.random.Generator) -> Plan:
+    """Return a plan improved with its legs as they are flown."""
+    best = candidates.moved(plan, many)
     for turn in range(2):
         for u in range(len(crews)):
             best = _settle(best, u, crews, many, rng, 3 if turn == 0 else 2)
             if best[u] is None:
                 best = _improve(best, u, crews, many, rng, DRAWN // 3, 3)
-    tell(0.9)
-    best = candidates.moved(best, whole)
-    chosen = [choice for choice in best if choice is not None]
-    if not chosen:
-        return Proposal((), 0.0, ())
-    gain = joint.worth([choice.find for choice in chosen], nodes)
+    return best
+
+
+def _alone(crews: list[Crew], few: Stage, many: Stage, rng: np.random.Generator) -> Plan:
+    """Return each unit's choice as if no other searched."""
     none: Plan = [None] * len(crews)
     alone: Plan = []
     for u in range(len(crews)):
         begun = _improve(none, u, crews, few, rng, DRAWN, 4)
         alone.append(_settle(candidates.moved(begun, many), u, crews, many, rng, 2)[u])
-    others = [
-        *(
-            [("each unit where it alone finds most, ignoring the others", candidates.moved(alone, whole))]
-            if len(crews) > 1
-            else []
-        ),
-        *baselines.by_hand(crews, many, whole),
-    ]
-    alternatives = tuple(baselines.against(name, rival, gain, tracks.weight, nodes) for name, rival in others)
-    tell(1.0)
-    return Proposal(candidates.taskings(chosen, tracks.weight, nodes), float(tracks.weight @ gain), alternatives)
+    return alone
 
 
 def _swarm(tracks: Tracks, spec: PlanSpec, survival: Sequence[Survival | None], plane: Plane) -> rectangles.Swarm:

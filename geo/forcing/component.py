@@ -18,18 +18,21 @@ from geo.grids.layout import Layout
 HORIZONTAL = ("two", "component", "components", "uv")  # dimensions that hold both components (SCHISM's hvel)
 
 
+Slice = tuple[xr.Dataset, str, str | None, int]  # dataset, path, time dimension or None, index along it
+
+
 @dataclass(frozen=True)
 class Component:
     """A variable over its files. dims: its horizontal dimensions; fixed: indices along all the others but time.
 
-    segments: (dataset, path, time dimension or None, index along it) of every slice, in the order of time.
+    segments: every slice, in the order of time.
     factor: to m/s; mask: False where the file's own mask says land, over all of `dims`; None without one.
     """
 
     name: str
     dims: tuple[str, ...]
     fixed: dict[str, int]
-    segments: tuple[tuple[xr.Dataset, str, str | None, int], ...]
+    segments: tuple[Slice, ...]
     times: clock.Times | None
     factor: float
     quantity: str
@@ -64,12 +67,7 @@ def gather(
     notes: list[str] = []
     path, data = files[0]
     lone = {levels.name: levels for levels in level.beside(data, name, quantity)}
-    odd = [key for key in chosen if key not in quantities.KEYS and key not in data[name].dims and key not in lone]
-    if odd:
-        raise UserError(
-            f"[[{quantity}]] variables.{odd[0]}: allowed are {', '.join(quantities.KEYS)}, the dimensions of "
-            f"{describe_dims(data, name)}" + (f" and its level, {', '.join(lone)}" if lone else "")
-        )
+    _check_keys(data, name, chosen, tuple(lone), quantity)
     time_name = clock.variable_of(data, list(map(str, data[name].dims)), chosen)
     time_dim = str(data[time_name].dims[0]) if time_name and data[time_name].ndim == 1 else None
     if time_dim is None:
@@ -81,53 +79,85 @@ def gather(
         notes += [n for n in _beside(other, name, quantity, chosen, depth, other_path) if n not in notes]
     if depth is not None and not lone and not any(level.is_vertical(data, d) for d in fixed):
         notes.append(f"depth = {depth:g} m is not used: {name} has no levels")
-    slices: list[tuple[xr.Dataset, str, str | None, int]] = []
+    slices: list[Slice] = []
     stamps: list[NDArray[np.datetime64]] = []
     for other_path, other in files:
         _same_grid(data, other, path, other_path, name, dims, layout, chosen, quantity)
         _same_units(data, other, path, other_path, name, units, quantity)
-        for dim, index in fixed.items():
-            if level.is_vertical(data, dim) and not level.same(data, other, dim, index):
-                raise UserError(
-                    f'{other_path} has other levels along "{dim}" than {path}: index {index} is not the same level in both; '
-                    f"give it as a [[{quantity}]] source of its own"
-                )
+        _same_levels(data, other, path, other_path, fixed, quantity)
         count = int(other.sizes[time_dim]) if time_dim and time_dim in other[name].dims else 1
         slices += [(other, other_path, time_dim if time_dim in other[name].dims else None, k) for k in range(count)]
         if not needs_times:
             continue
-        if time_name is None:
-            raise UserError(_no_time(other_path, quantity, count, "has no time"))
-        try:
-            when, remarks = clock.decode(other, time_name)
-        except UserError as error:
-            raise UserError(_no_time(other_path, quantity, count, str(error))) from error
-        if (np.diff(when) <= np.timedelta64(0, "s")).any():
-            at = int(np.argmax(np.diff(when) <= np.timedelta64(0, "s")))
-            raise UserError(
-                f"{other_path}: times do not increase: {notation.group(when[at])}, the time of slice {at + 1}, is followed by "
-                f"{notation.group(when[at + 1])}; "
-                f"mend the file or state [[{quantity}]] times"
-            )
+        when, remarks = _stamps(other, other_path, time_name, quantity, count)
         notes += [r for r in remarks if r not in notes]
         stamps.append(when)
     if not slices:
         raise UserError(f"{path}: {describe_dims(data, name)} holds no slice; set [[{quantity}]] files")
     times = None
     if needs_times:
-        times = np.concatenate(stamps)
-        order = np.argsort(times, kind="stable")
-        times, slices = times[order], [slices[k] for k in order]
-        same = np.nonzero(np.diff(times) <= np.timedelta64(0, "s"))[0]
-        if len(same):
-            a, b = slices[same[0]][1], slices[same[0] + 1][1]
-            raise UserError(
-                f"{notation.group(times[same[0]])} stands in both {a} and {b}; name one of them in [[{quantity}]] files"
-            )
+        times, slices = _in_order(np.concatenate(stamps), slices, quantity)
     return Component(
         name, dims, fixed, tuple(slices), times, _factor(data, name, units, quantity, path, notes), quantity,
         layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), notes=tuple(notes),
     )  # fmt: skip
+
+
+def _check_keys(data: xr.Dataset, name: str, chosen: Mapping[str, Any], lone: Sequence[str], quantity: str) -> None:
+    """Refuse a key of variables that means nothing here; lone: names of levels that stand beside the variable."""
+    odd = [key for key in chosen if key not in quantities.KEYS and key not in data[name].dims and key not in lone]
+    if odd:
+        raise UserError(
+            f"[[{quantity}]] variables.{odd[0]}: allowed are {', '.join(quantities.KEYS)}, the dimensions of "
+            f"{describe_dims(data, name)}" + (f" and its level, {', '.join(lone)}" if lone else "")
+        )
+
+
+def _same_levels(
+    data: xr.Dataset, other: xr.Dataset, path: str, other_path: str, fixed: Mapping[str, int], quantity: str
+) -> None:
+    """Refuse a file in which an index is another level than in the first."""
+    for dim, index in fixed.items():
+        if level.is_vertical(data, dim) and not level.same(data, other, dim, index):
+            raise UserError(
+                f'{other_path} has other levels along "{dim}" than {path}: index {index} is not the same level in both; '
+                f"give it as a [[{quantity}]] source of its own"
+            )
+
+
+def _stamps(
+    data: xr.Dataset, path: str, time_name: str | None, quantity: str, count: int
+) -> tuple[NDArray[np.datetime64], list[str]]:
+    """Return the times of a file's slices, increasing, and what is to be said of them; count: of its slices."""
+    if time_name is None:
+        raise UserError(_no_time(path, quantity, count, "has no time"))
+    try:
+        when, remarks = clock.decode(data, time_name)
+    except UserError as error:
+        raise UserError(_no_time(path, quantity, count, str(error))) from error
+    if (np.diff(when) <= np.timedelta64(0, "s")).any():
+        at = int(np.argmax(np.diff(when) <= np.timedelta64(0, "s")))
+        raise UserError(
+            f"{path}: times do not increase: {notation.group(when[at])}, the time of slice {at + 1}, is followed by "
+            f"{notation.group(when[at + 1])}; "
+            f"mend the file or state [[{quantity}]] times"
+        )
+    return when, remarks
+
+
+def _in_order(
+    times: NDArray[np.datetime64], slices: list[Slice], quantity: str
+) -> tuple[NDArray[np.datetime64], list[Slice]]:
+    """Return times and slices of all files in order of time; refuse a time that stands in two of them."""
+    order = np.argsort(times, kind="stable")
+    times, slices = times[order], [slices[k] for k in order]
+    same = np.nonzero(np.diff(times) <= np.timedelta64(0, "s"))[0]
+    if len(same):
+        a, b = slices[same[0]][1], slices[same[0] + 1][1]
+        raise UserError(
+            f"{notation.group(times[same[0]])} stands in both {a} and {b}; name one of them in [[{quantity}]] files"
+        )
+    return times, slices
 
 
 def _no_time(path: str, quantity: str, count: int, why: str) -> str:
