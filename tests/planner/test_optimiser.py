@@ -13,9 +13,8 @@ from drift.motion.scenario import Survival
 from drift.planner import availability as reaches
 from drift.planner import bound, candidates, joint, optimiser, rectangle
 from drift.planner import planning_tracks as record
-from drift.search import patterns
 from drift.search.records import Law
-from geo import sphere
+from geo import polyline, sphere
 from kernels import rectangles, sweeps
 
 STD = 5 * NMI
@@ -92,7 +91,7 @@ def test_a_plan_keeps_the_rules(planned: tuple) -> None:
         assert task.takeoff < task.on_scene < task.off_scene < task.home
         assert sortie.end <= asked.until + np.timedelta64(2, "s")
         assert (sortie.end - sortie.start) / np.timedelta64(1, "s") <= 0.85 * one.endurance + 2
-        lengths = patterns.lengths(sortie.legs)
+        lengths = polyline.lengths(sortie.legs)
         speed = lengths / np.diff(sortie.legs.time)
         np.testing.assert_allclose(speed, one.search_speed, rtol=1e-6)
         assert len(lengths) == 2 * task.legs - 1
