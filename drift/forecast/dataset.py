@@ -17,6 +17,111 @@ COUNTED = "of what was drawn anew, that of the particles from which it descends"
 CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
 
 
+def _positions(name: str, dims: tuple[str, ...], words: str) -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
+    """Return the two variables of a position."""
+    return {
+        f"{name}_lon": (dims, {"long_name": f"longitude of {words}", "units": "degrees_east"}),
+        f"{name}_lat": (dims, {"long_name": f"latitude of {words}", "units": "degrees_north"}),
+    }
+
+
+HERE = ("time", "lat", "lon")
+# name: dimensions, attributes. Each takes its values from `_maps` or `_numbers`.
+VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
+    "probability": (
+        HERE,
+        {
+            "long_name": "probability that the object is in the cell, adrift or ashore",
+            "units": "1",
+            "cell_measures": AREA,
+            "ancillary_variables": "containment",
+        },
+    ),
+    "probability_ashore": (
+        HERE,
+        {"long_name": "probability that the object is ashore in the cell", "units": "1", "cell_measures": AREA},
+    ),
+    "probability_by_scenario": (
+        ("time", "scenario", "lat", "lon"),
+        {
+            "long_name": "probability of the scenario and of the object being in the cell; adds up to probability",
+            "units": "1",
+            "cell_measures": AREA,
+        },
+    ),
+    "containment": (
+        HERE,
+        {
+            "long_name": "smallest share of the probability on the map whose area contains the cell",
+            "units": "1",
+            "cell_measures": AREA,
+            "comment": CALIBRATED,
+        },
+    ),
+    "cell_area": (
+        ("lat", "lon"),
+        {"standard_name": "cell_area", "long_name": "area of the cell on the sphere", "units": "m2"},
+    ),
+    "containment_area": (
+        ("time", "share"),
+        {"long_name": "area of the smallest region that holds the share", "units": "m2", "comment": CALIBRATED},
+    ),
+    "held_out": (
+        ("time", "share"),
+        {"long_name": "share of the particles unseen by a map inside its region, calibrated on others", "units": "1"},
+    ),
+    "status_probability": (
+        ("time", "status"),
+        {"long_name": "probability of each status of the object; adds up to 1", "units": "1"},
+    ),
+    "scenario_probability": (
+        ("time", "scenario"),
+        {"long_name": "probability of each scenario; adds up to 1", "units": "1"},
+    ),
+    "effective_particles": (
+        ("time",),
+        {"long_name": "effective sample size of the particles on the map", "units": "1", "comment": COUNTED},
+    ),
+    "status_effective": (
+        ("time", "status"),
+        {"long_name": "effective sample size of the particles of each status", "units": "1", "comment": COUNTED},
+    ),
+    "scenario_effective": (
+        ("time", "scenario"),
+        {
+            "long_name": "effective sample size of the particles on the map, of each scenario",
+            "units": "1",
+            "comment": COUNTED,
+        },
+    ),
+    "effective_worlds": (
+        ("time",),
+        {
+            "long_name": "effective number of worlds on the map; objects of a world share what nobody knows of it",
+            "units": "1",
+        },
+    ),
+    "particles_per_kernel": (("time",), {"long_name": "effective particles in a smoothing kernel", "units": "1"}),
+    **_positions("mean", ("time",), "the mean position, adrift or ashore"),
+    **_positions("datum", ("time",), "the datum, the mean position of those adrift"),
+    **_positions("scenario_mean", ("time", "scenario"), "the scenario's mean position"),
+    "off_grid": (
+        ("time",),
+        {
+            "long_name": "share of the probability adrift or ashore that lies outside the grid; areas and containment count it",
+            "units": "1",
+        },
+    ),
+    "cells_per_kernel": (
+        ("time",),
+        {
+            "long_name": "bandwidth that suits the densest particles, in cells on which the map was smoothed",
+            "units": "1",
+        },
+    ),
+}
+
+
 def build(
     snapshots: Sequence[Snapshot],
     scenarios: Sequence[str],
@@ -29,12 +134,36 @@ def build(
 
     bandwidths: [binary angle unit] that suit the densest particles of each snapshot, on a grid that does not follow them.
     """
-    area = grid.area()
-    shape = (len(snapshots), *grid.shape)
-    by_scenario = np.zeros((len(snapshots), len(scenarios), *grid.shape), np.float32)
+    counted = [_counted(one, len(scenarios)) for one in snapshots]
+    values = {
+        **_maps(maps, grid, len(scenarios)),
+        **_numbers(snapshots, len(scenarios), maps, len(shares)),
+        **_effective(counted),
+        **_tracks([means(one, len(scenarios)) for one in snapshots], grid),
+    }
+    if bandwidths is None:
+        del values["off_grid"]
+    else:
+        values["cells_per_kernel"] = np.array(
+            [
+                np.nan if one is None or bandwidth is None else bandwidth / one.cells.height
+                for one, bandwidth in zip(maps, bandwidths, strict=True)
+            ]
+        )
+    data = {name: (dims, values[name], attributes) for name, (dims, attributes) in VARIABLES.items() if name in values}
+    made = xr.Dataset(data, _coordinates([one.time for one in snapshots], scenarios, grid, shares))
+    if "effective_worlds" in made:
+        made["effective_worlds"].attrs["worlds"] = counted[0].drawn
+    return made
+
+
+def _maps(maps: Sequence[areas.Area | None], grid: Cells, scenarios: int) -> dict[str, Array]:
+    """Return what is known of each cell at each time, and the share of each map that lies off the grid."""
+    shape = (len(maps), *grid.shape)
+    by_scenario = np.zeros((len(maps), scenarios, *grid.shape), np.float32)
     probability, ashore, contained = (np.zeros(shape, np.float32) for _ in range(3))
     contained[:] = np.nan
-    off = np.full(len(snapshots), np.nan)
+    off = np.full(len(maps), np.nan)
     for i, one in enumerate(maps):
         if one is None:
             continue
@@ -47,106 +176,39 @@ def build(
         contained[i] = 1.0
         contained[(i, *where)] = _containment(one, total, own.area())[there]
         off[i] = 1 - total[there].sum() / total.sum()
-    statuses = np.array([np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots])
-    weights = np.array([np.bincount(s.scenario, s.probability, minlength=len(scenarios)) for s in snapshots])
-    mean = [means(one, len(scenarios)) for one in snapshots]
-    sizes = np.array([one.areas if one else np.full(len(shares), np.nan) for one in maps])
-    held = np.array([one.held_out if one else np.full(len(shares), np.nan) for one in maps])
-    here = ("time", "lat", "lon")
-    counted = [_counted(one, len(scenarios)) for one in snapshots]
-    data: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
-        "probability": (
-            here,
-            probability,
-            {
-                "long_name": "probability that the object is in the cell, adrift or ashore",
-                "units": "1",
-                "cell_measures": AREA,
-                "ancillary_variables": "containment",
-            },
-        ),
-        "probability_ashore": (
-            here,
-            ashore,
-            {"long_name": "probability that the object is ashore in the cell", "units": "1", "cell_measures": AREA},
-        ),
-        "probability_by_scenario": (
-            ("time", "scenario", "lat", "lon"),
-            by_scenario,
-            {
-                "long_name": "probability of the scenario and of the object being in the cell; adds up to probability",
-                "units": "1",
-                "cell_measures": AREA,
-            },
-        ),
-        "containment": (
-            here,
-            contained,
-            {
-                "long_name": "smallest share of the probability on the map whose area contains the cell",
-                "units": "1",
-                "cell_measures": AREA,
-                "comment": CALIBRATED,
-            },
-        ),
-        "cell_area": (
-            ("lat", "lon"),
-            np.repeat(area[:, None], grid.nlon, axis=1),
-            {"standard_name": "cell_area", "long_name": "area of the cell on the sphere", "units": "m2"},
-        ),
-        "containment_area": (
-            ("time", "share"),
-            sizes,
-            {"long_name": "area of the smallest region that holds the share", "units": "m2", "comment": CALIBRATED},
-        ),
-        "held_out": (
-            ("time", "share"),
-            held,
-            {
-                "long_name": "share of the particles unseen by a map inside its region, calibrated on others",
-                "units": "1",
-            },
-        ),
-        "status_probability": (
-            ("time", "status"),
-            statuses,
-            {"long_name": "probability of each status of the object; adds up to 1", "units": "1"},
-        ),
-        "scenario_probability": (
-            ("time", "scenario"),
-            weights,
-            {"long_name": "probability of each scenario; adds up to 1", "units": "1"},
-        ),
-        "effective_particles": (
-            ("time",),
-            np.array([c.map for c in counted]),
-            {"long_name": "effective sample size of the particles on the map", "units": "1", "comment": COUNTED},
-        ),
-        "status_effective": (
-            ("time", "status"),
-            np.array([c.status for c in counted]),
-            {"long_name": "effective sample size of the particles of each status", "units": "1", "comment": COUNTED},
-        ),
-        "scenario_effective": (
-            ("time", "scenario"),
-            np.array([c.scenario for c in counted]),
-            {
-                "long_name": "effective sample size of the particles on the map, of each scenario",
-                "units": "1",
-                "comment": COUNTED,
-            },
-        ),
-        **_worlds(counted),
-        "particles_per_kernel": (
-            ("time",),
-            np.array([one.per_kernel if one else np.nan for one in maps]),
-            {"long_name": "effective particles in a smoothing kernel", "units": "1"},
-        ),
-        **_tracks(mean, grid),
-        **_fit(off, maps, bandwidths),
+    return {
+        "probability": probability,
+        "probability_ashore": ashore,
+        "probability_by_scenario": by_scenario,
+        "containment": contained,
+        "cell_area": np.repeat(grid.area()[:, None], grid.nlon, axis=1),
+        "off_grid": off,
     }
-    coords = {
-        "time": ("time", np.array([s.time for s in snapshots], "datetime64[ns]"), _axis("time", "T", "time, UTC")),
+
+
+def _numbers(
+    snapshots: Sequence[Snapshot], scenarios: int, maps: Sequence[areas.Area | None], shares: int
+) -> dict[str, Array]:
+    """Return what is known of each time as a whole."""
+    none = np.full(shares, np.nan)
+    return {
+        "containment_area": np.array([one.areas if one else none for one in maps]),
+        "held_out": np.array([one.held_out if one else none for one in maps]),
+        "status_probability": np.array(
+            [np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots]
+        ),
+        "scenario_probability": np.array(
+            [np.bincount(s.scenario, s.probability, minlength=scenarios) for s in snapshots]
+        ),
+        "particles_per_kernel": np.array([one.per_kernel if one else np.nan for one in maps]),
+    }
+
+
+def _coordinates(
+    times: Sequence[Any], scenarios: Sequence[str], grid: Cells, shares: Sequence[float]
+) -> dict[str, Any]:
+    return {
+        "time": ("time", np.array(times, "datetime64[ns]"), _axis("time", "T", "time, UTC")),
         "lat": (
             "lat",
             grid.lat(),
@@ -165,7 +227,6 @@ def build(
         ),
         "share": ("share", np.array(shares), {"long_name": "share of the probability on the map", "units": "1"}),
     }
-    return xr.Dataset(data, coords)
 
 
 def _axis(name: str, axis: str, words: str) -> dict[str, str]:
@@ -196,28 +257,14 @@ def _counted(one: Snapshot, scenarios: int) -> _Counted:
     )
 
 
-def _worlds(counted: Sequence[_Counted]) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
-    """Return the effective number of worlds as a variable; none where there are no worlds."""
-    if not counted or counted[0].drawn == 0:
-        return {}
-    words = "effective number of worlds on the map; objects of a world share what nobody knows of it"
-    attributes = {"long_name": words, "units": "1", "worlds": counted[0].drawn}
-    return {"effective_worlds": (("time",), np.array([c.worlds for c in counted]), attributes)}
-
-
-def _fit(off: Array, maps: Sequence[areas.Area | None], bandwidths: Sequence[float | None] | None) -> dict[str, Any]:
-    """Return how a given grid fits as variables; none where it follows the particles."""
-    if bandwidths is None:
-        return {}
-    wide = [
-        np.nan if one is None or bandwidth is None else bandwidth / one.cells.height
-        for one, bandwidth in zip(maps, bandwidths, strict=True)
-    ]
-    words = "share of the probability adrift or ashore that lies outside the grid; areas and containment count it"
-    kernel = "bandwidth that suits the densest particles, in cells on which the map was smoothed"
+def _effective(counted: Sequence[_Counted]) -> dict[str, Array]:
+    """Return how many particles count, and how many worlds where there are any."""
+    worlds = counted and counted[0].drawn > 0
     return {
-        "off_grid": (("time",), off, {"long_name": words, "units": "1"}),
-        "cells_per_kernel": (("time",), np.array(wide), {"long_name": kernel, "units": "1"}),
+        "effective_particles": np.array([c.map for c in counted]),
+        "status_effective": np.array([c.status for c in counted]),
+        "scenario_effective": np.array([c.scenario for c in counted]),
+        **({"effective_worlds": np.array([c.worlds for c in counted])} if worlds else {}),
     }
 
 
@@ -248,21 +295,16 @@ def _containment(one: areas.Area, total: Array, area: Array) -> Array:
     return areas.containment(total, area, one.coarse)[0]
 
 
-def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
-    """Return mean positions as variables, longitudes run on from the grid's western edge."""
+def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, Array]:
+    """Return mean positions, longitudes run on from the grid's western edge."""
     west = grid.lon()[0] - 180
-
-    def both(name: str, dims: tuple[str, ...], positions: Array, words: str) -> dict[str, Any]:
-        lon = west + (positions[..., 0] - west) % 360
-        return {
-            f"{name}_lon": (dims, lon, {"long_name": f"longitude of {words}", "units": "degrees_east"}),
-            f"{name}_lat": (dims, positions[..., 1], {"long_name": f"latitude of {words}", "units": "degrees_north"}),
-        }
-
-    return {
-        **both("mean", ("time",), np.array([m.all for m in mean]), "the mean position, adrift or ashore"),
-        **both("datum", ("time",), np.array([m.adrift for m in mean]), "the datum, the mean position of those adrift"),
-        **both(
-            "scenario_mean", ("time", "scenario"), np.array([m.scenario for m in mean]), "the scenario's mean position"
-        ),
-    }
+    found = {}
+    for name, at in (
+        ("mean", [one.all for one in mean]),
+        ("datum", [one.adrift for one in mean]),
+        ("scenario_mean", [one.scenario for one in mean]),
+    ):
+        positions = np.array(at)
+        found[f"{name}_lon"] = west + (positions[..., 0] - west) % 360
+        found[f"{name}_lat"] = positions[..., 1]
+    return found

@@ -222,7 +222,7 @@ def test_a_kill_leaves_no_half_file(tmp_path):
         sys.path[:0] = ["tests/oracles", "tests/output"]
         import test_output as t
         snapshots = t.scene(n=500)
-        made = t.products.build(snapshots, scenarios=["x", "y"])
+        made = t.forecast_build.build(snapshots, scenarios=["x", "y"])
         t.write(Path(sys.argv[1]), made, t.tracks.__wrapped__(t.scene()), figures={"map.png": lambda path: os._exit(9)})
     """
     done = subprocess.run(
