@@ -236,7 +236,7 @@ def test_stretch_by_stretch_is_the_same_as_all_at_once(monkeypatch):
     fates, draws = random_spill(np.random.default_rng(3), worlds=6, each=40, segments=30)
     arguments = (fates, stretches(30), draws, level(6), np.arange(0, 40, 3), START)
     whole = washup.build(*arguments)
-    monkeypatch.setattr(washup, "CELLS", 1)
+    monkeypatch.setattr(washup.stretches, "CELLS", 1)
     assert washup.build(*arguments).identical(whole)
 
 
