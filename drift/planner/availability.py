@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.planner import daylight
+from drift.search import laws
 from drift.search.records import PlanSpec, Unit
 from geo import sphere
 
@@ -72,7 +73,7 @@ def reach(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float |
     spans = [(begin, until)]
     if unit.daylight:
         spans = daylight.windows(begin, until, float(np.degrees(place[0])), float(np.degrees(place[1])))
-    if unit.law.kind != "random":  # which has no legs
+    if laws.of(unit.law).detects != "anywhere":  # which has no legs
         spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
     base = tuple(float(v) for v in np.radians(unit.base))
     return Reach((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)

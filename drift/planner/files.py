@@ -12,9 +12,8 @@ import numpy as np
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
-from drift.search import patterns
+from drift.search import laws, patterns
 from drift.search import shapes as search_shapes
-from drift.search.records import Law
 from geo import notation, sphere
 from geo.notation import KNOT, NMI
 
@@ -193,7 +192,7 @@ def _table(name: str, one: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
     found["start"] = _quoted(notation.iso(sortie.start))
     if sortie.legs is None:
         found["end"] = _quoted(notation.iso(sortie.end))
-    found["law"] = _law(sortie.law)
+    found["law"] = laws.of(sortie.law).written(sortie.law)
     found["sweep_width"] = _widths(sortie.sweep_width, scenarios)
     if math.isfinite(sortie.shape):
         found["sweep_width_uncertainty"] = f"{1 / math.sqrt(sortie.shape):.9g}"
@@ -250,15 +249,6 @@ def _is_parallel(one: Tasking) -> bool:
         if apart.max() < SAME and np.abs(np.subtract(made.time, legs.time)).max() < SAME / one.unit.search_speed + 1:
             return True
     return False
-
-
-def _law(law: Law) -> str:
-    if law.kind == "m_beta":
-        return f"{{ m_beta = {law.beta!r} }}"
-    if law.kind == "curve":
-        rows = (f'["{r:.9g} m", {p!r}]' for r, p in zip(law.ranges, law.chances, strict=True))
-        return f"{{ curve = [{', '.join(rows)}] }}"
-    return _quoted(law.kind)
 
 
 def _widths(widths: Sequence[float], scenarios: Sequence[str]) -> str:

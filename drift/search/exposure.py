@@ -62,7 +62,7 @@ class Flown:
             return int(sweep.ZONES)
         if self._path is None:
             return int(sweep.INSIDE)
-        return int(sweep.CUBE if self.sortie.law.kind == "inverse_cube" else sweep.ABEAM)
+        return int(sweep.CUBE if laws.of(self.sortie.law).detects == "along" else sweep.ABEAM)
 
     def as_flown(self, scenario: int, start: int) -> Sortie:
         """Return the sortie, with the track of its marker in a scenario if it drifts; start: of the run [s since 1970]."""
@@ -134,7 +134,7 @@ class Flown:
             return sweep.HAZARD, np.ones(1, np.float32)
         if kind == sweep.INSIDE:
             coverage = sortie.coverage[scenario] * self.factors
-            if sortie.law.kind == "random":
+            if laws.of(sortie.law).detects == "anywhere":
                 return sweep.HAZARD, (coverage * sortie.completed).astype(np.float32)
             return sweep.SHARE, (laws.pod(sortie.law, coverage) * sortie.completed).astype(np.float32)
         width = sortie.sweep_width[scenario] * self.factors

@@ -21,7 +21,7 @@ Array = npt.NDArray[Any]
 class Law:
     """How likely a sweep detects what it passes (Koopman 1980, Search and Screening; SEARCH.md)."""
 
-    kind: Literal["random", "inverse_cube", "definite_range", "m_beta", "curve"] = "inverse_cube"
+    kind: str = "inverse_cube"  # an entry of drift.search.laws.LAWS
     beta: float = 1.0  # m_beta: chance of detection within M = W / (2 beta)
     ranges: tuple[float, ...] = ()  # curve: lateral ranges [m], ascending from 0
     chances: tuple[float, ...] = ()  # and the chance of detection there, straight in between, none beyond
