@@ -80,7 +80,7 @@ class Contact:
 
     name: str
     time: np.datetime64
-    kind: Literal["position", "bearing", "range", "area"]
+    kind: str  # an entry of drift.search.contacts.LIKELIHOODS
     belief: float = 1.0  # that it is ours: belief N / E[N] + 1 - belief
     false_density: float = (
         0.0  # [1/m2] (range: [1/m], bearing: [1/rad]) of false contacts: N + false_density; then belief is 1
