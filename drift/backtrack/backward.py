@@ -33,7 +33,7 @@ from drift.backtrack.tracks import Group
 from drift.case.file import Case
 from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.motion import simulate, start
+from drift.motion import simulate, start, weights
 from drift.motion.ensemble import Ensemble
 from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing
@@ -308,7 +308,7 @@ def _posterior(spill: Spill, grid: _Grid, worlds: int, slices: Iterator[_Slice])
         std=(spread[0], spread[1], spread[2]),
         error=(float(error[0]), float(error[1]), float(error[2])),
         worlds=worlds,
-        effective=float(total**2 / (sums[:, 0] ** 2).sum()),
+        effective=weights.effective(sums[:, 0]),
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift.spill import estimate
+from drift.motion import weights
 from geo.cells import Array
 from geo.coast.segments import Segments
 
@@ -108,7 +108,7 @@ def build(
     data["world_weight"] = (("world",), weight, {"long_name": "probability of the world", "units": "1"})
     data["effective_worlds"] = (
         (),
-        estimate.effective(weight),
+        weights.effective(weight),
         {"long_name": "effective number of worlds", "units": "1"},
     )
     data["realisations"] = ((), realisations, {"long_name": "simulated spills of each world", "units": "1"})

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from drift.motion import weights
 from drift.motion.status import Status
 from drift.spill import dataset as washup_dataset
 from drift.spill import estimate
@@ -245,7 +246,7 @@ def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Arr
 
 def _unseen(found: dict[str, Array], weight: Array) -> dict[str, Array]:
     """Return standard errors of expected numbers with what worlds that were not seen leave open; takes what _hits made out."""
-    many, made = estimate.effective(weight), {}
+    many, made = weights.effective(weight), {}
     for name in [name.removesuffix("_hits") for name in found if name.endswith("_hits")]:
         parts = [found.pop(f"{name}_{part}") for part in ("hits", "count", "square")]
         shape = parts[0].shape

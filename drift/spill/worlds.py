@@ -91,12 +91,6 @@ def around(worlds: Worlds, weight: Real) -> Proposal:
     return Proposal(mean + shrink * (centre - mean), share, covariance)
 
 
-def normal(log_weight: Real) -> Real:
-    """Return weights of sum 1 from their logarithms."""
-    weight = np.exp(log_weight - log_weight.max())
-    return np.asarray(weight / weight.sum())
-
-
 def _log_prior(latent: Real) -> Real:
     return np.asarray(-0.5 * (latent**2).sum(1))
 
