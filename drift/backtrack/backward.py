@@ -47,8 +47,9 @@ from geo import sphere
 from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.errors import UserError
-from kernels import advance
+from kernels import advance, noise
 from kernels import coast as device_coast
+from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
 Real = npt.NDArray[np.float64]
@@ -125,10 +126,11 @@ def backward(
     assert spill is not None
     if not spill.finds:
         raise UserError("no finds: nothing says where the spill came from; add a [[find]]")
-    rng = np.random.Generator(np.random.Philox(key=case.seed))
+    rng = noise.generator(case.seed, Purpose.BACKWARD_PLACES)
     is_land = partial(shoreline.is_land, where.coast) if where.coast else _nowhere
-    grid = _cells(spill, case.seed, is_land, cells, times)
-    shared = drawn_worlds.draw(spill, case.seed + 1, is_land, count=worlds)
+    grid = _cells(spill, noise.seed_for(case.seed, Purpose.BACKWARD_PRIOR), is_land, cells, times)
+    seed = noise.seed_for(case.seed, Purpose.BACKWARD_WORLDS)
+    shared = drawn_worlds.draw(spill, seed, is_land, count=worlds)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
     elapsed = latest.astype(np.int64) - (grid.time + round(spill.lasting / 2))  # backward run: [s] to each release
     if elapsed.max() <= 0:

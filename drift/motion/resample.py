@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.motion import weights
+from kernels import noise
+from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
 
@@ -89,4 +91,5 @@ def offspring(
 
 def generator(seed: int, event: int, scenario: int) -> np.random.Generator:
     """Return the random numbers of one resampling: a function of the run's seed, the event and the scenario alone."""
-    return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, event, scenario]))
+    made: np.random.Generator = noise.generator(seed, Purpose.RESAMPLING, event=(event, scenario))
+    return made

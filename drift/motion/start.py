@@ -27,10 +27,10 @@ from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.errors import UserError
 from geo.forcing.sources import Source
-from kernels import advance
+from kernels import advance, noise
 from kernels import coast as device_coast
+from kernels.noise import Purpose
 
-RENEWAL = 2**40  # between the seeds of a spill's rounds
 LEAST_INTERVAL = 300  # [s] a lattice finer than that is not worth a node of forcing
 
 
@@ -80,7 +80,7 @@ def renew(case: Case, spill: Spill, where: Environment, before: Start, proposal:
     """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
     assert where.coast is not None
     before.scene.forcing.close()
-    seed = (case.seed + number * RENEWAL) % 2**63
+    seed = noise.seed_for(case.seed, Purpose.RENEWAL, number)
     worlds = drawn_worlds.draw(spill, seed, partial(shoreline.is_land, where.coast), proposal)
     ensemble = release.draw(case, spill, worlds, before.scene.place.coast, seed)
     scene = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))

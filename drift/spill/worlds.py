@@ -20,6 +20,8 @@ from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.spill.records import Spill
 from geo import sphere
 from geo.errors import UserError
+from kernels import noise
+from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
 Real = npt.NDArray[np.float64]
@@ -102,7 +104,7 @@ def draw(
 
     is_land: int32 binary angles (lon, lat) -> bool. Raises UserError when next to no release lies in water.
     """
-    rng = np.random.Generator(np.random.Philox(key=seed))
+    rng = noise.generator(seed, Purpose.WORLDS)
     model = _Model(spill)
     wanted = count or spill.worlds
     kept: list[Real] = []
