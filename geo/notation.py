@@ -5,6 +5,7 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from geo import sphere
 
@@ -39,6 +40,11 @@ def percent(share: float) -> str:
 def epoch(time: Any) -> int:
     """Return a time, np.datetime64 in UTC, as whole seconds since 1970."""
     return int(np.asarray(time).astype("datetime64[s]").astype(np.int64))
+
+
+def epochs(times: Any) -> npt.NDArray[np.int64]:
+    """Return times, np.datetime64 in UTC of any shape, as whole seconds since 1970."""
+    return np.asarray(times).astype("datetime64[s]").astype(np.int64)
 
 
 def iso(time: Any) -> str:

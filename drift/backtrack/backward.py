@@ -43,7 +43,7 @@ from drift.motion.status import Status
 from drift.spill import worlds as drawn_worlds
 from drift.spill.records import Spill
 from drift.spill.worlds import Worlds
-from geo import sphere
+from geo import notation, sphere
 from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.errors import UserError
@@ -132,7 +132,7 @@ def backward(
     seed = noise.seed_for(case.seed, Purpose.BACKWARD_WORLDS)
     shared = drawn_worlds.draw(spill, seed, is_land, count=worlds)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
-    elapsed = latest.astype(np.int64) - (grid.time + round(spill.lasting / 2))  # backward run: [s] to each release
+    elapsed = notation.epoch(latest) - (grid.time + round(spill.lasting / 2))  # backward run: [s] to each release
     if elapsed.max() <= 0:
         raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
     back = replace(case, start=latest, end=latest - elapsed.max() * SECOND, direction=-1)
@@ -171,9 +171,7 @@ def _cells(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, cells: int, ti
         n = max(int(np.ceil(length / side - 1e-6)), 1)
         step = (high - low) / length * side if length > 0 else POINT
         axes.append((low + high) / 2 + step * (np.arange(n + 1) - n / 2))
-    first, last = (
-        int(t.astype("datetime64[s]").astype(np.int64)) for t in (spill.prior.release_start, spill.prior.release_end)
-    )
+    first, last = notation.epoch(spill.prior.release_start), notation.epoch(spill.prior.release_end)
     edges = np.linspace(first, last, times + 1) if last > first else np.array([first - 0.5, first + 0.5])
     share = np.histogramdd((drawn.release, lat, lon), (edges, axes[1], axes[0]))[0]
     if not isinstance(spill.prior, TracklinePrior):
@@ -389,7 +387,7 @@ def summary(origin: Origin) -> dict[str, float | str]:
         k, m = (int(np.searchsorted(np.cumsum(place.ravel()[order]), share / 100 - 1e-12)) for order in (near, dense))
         out[f"radius_{share}_km"] = float(away[near[min(k, near.size - 1)]]) / 1000
         out[f"area_{share}_km2"] = float(area.ravel()[dense[: m + 1]].sum()) / 1e6
-    seconds = origin.time.astype(np.int64)
+    seconds = notation.epochs(origin.time)
     half = (seconds[1] - seconds[0]) / 2 if seconds.size > 1 else 0.0
     edges = np.concatenate([seconds - half, [seconds[-1] + half]])
     reached = np.concatenate([[0.0], np.cumsum(when)])

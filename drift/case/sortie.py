@@ -206,8 +206,8 @@ class SortieTable(SensorTable):
         self, start: np.datetime64 | None, end: np.datetime64 | None, run: Run
     ) -> tuple[Area | None, Legs | None]:
         """Return the area and the legs that were made good."""
-        since = None if start is None else pattern_table.seconds(start)
-        until = None if end is None else pattern_table.seconds(end)
+        since = None if start is None else float(notation.epoch(start))
+        until = None if end is None else float(notation.epoch(end))
         if self.actual is not None:
             legs = track_table.made(self.actual, "actual", self.speed, since, until, run)
             if self.pattern is None:

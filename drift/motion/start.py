@@ -116,9 +116,9 @@ def land_of(scene: Scene) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.
 
 def clock_of(case: Case, where: Environment, ensemble: Ensemble, scene: Scene) -> tuple[Clock, Trial | None]:
     """Return the clock: the case's step, or the largest whose error is small; on the lattice of the forcing's times."""
-    times = [s.times.astype("datetime64[s]").astype(np.int64) for s in where.sources if s.times.size > 1]
+    times = [notation.epochs(s.times) for s in where.sources if s.times.size > 1]
     divisor, origin = _lattice(times)
-    start = int(case.start.astype("datetime64[s]").astype(np.int64))
+    start = notation.epoch(case.start)
     duration = abs(int((case.end - case.start) / np.timedelta64(1, "s")))
     limits = {
         "a sixth of the decorrelation time of the current's errors": _sixth(case.current_error),

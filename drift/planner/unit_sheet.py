@@ -21,7 +21,7 @@ from drift.maps.chart import INK, Frame
 from drift.planner import daylight, subareas
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text
-from drift.planner.availability import moment, seconds
+from drift.planner.availability import moment
 from drift.planner.map import BASE, GREY, POINT
 from drift.planner.records import Plan, Tasking
 from drift.planner.subareas import Waypoint
@@ -183,7 +183,7 @@ def _facts(figure: Figure, plan: Plan, name: str, one: Tasking) -> None:
 
 def light(one: Tasking) -> str:
     """Return sunrise and sunset at the commence search point, of the day about the search."""
-    begin = seconds(one.on_scene)
+    begin = float(notation.epoch(one.on_scene))
     place = subareas.begin(one)
     spans = daylight.windows(begin - 86_400, begin + 86_400, *place)
     ahead = [span for span in spans if span[1] > begin]

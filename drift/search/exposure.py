@@ -16,6 +16,7 @@ from drift.motion.forcing import Forcing
 from drift.search import laws, markers, sensor_path
 from drift.search.markers import Marker, Tracked
 from drift.search.records import Sortie
+from geo import notation
 from kernels import runtime, sweep
 
 Array = npt.NDArray[Any]
@@ -30,9 +31,7 @@ class Flown:
     def __init__(self, sortie: Sortie, start: int, scenarios: int) -> None:
         """Make ready; start: of the run [s since 1970]."""
         self.sortie = sortie
-        self.begin, self.end = (
-            int(t.astype("datetime64[s]").astype(np.int64)) - start for t in (sortie.start, sortie.end)
-        )
+        self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
         self.factors, self.chances = laws.factors(sortie.shape)
         self._path = sensor_path.of_legs(sortie.legs, start) if sortie.legs else None
         self._place, self._ring = None, None

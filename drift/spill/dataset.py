@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from drift.motion import weights
+from geo import notation
 from geo.cells import Array
 from geo.coast.segments import Segments
 
@@ -74,7 +75,7 @@ def build(
         "fate": ("fate", np.array(FATES, object), {"long_name": "what has become of an object", "comment": FATES_MEAN}),
     }
     sizes = {name: len(coords[name][1]) for name in ("time", "segment", "quantile", "kind", "fate")}
-    begin = int(start.astype(np.int64))
+    begin = notation.epoch(start)
     data: dict[str, tuple[Any, ...]] = {}
     for name, (dims, unit, words) in FIGURES.items():
         blank = np.zeros([sizes[dim] for dim in dims])

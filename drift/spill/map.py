@@ -334,7 +334,7 @@ def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
     for values, offset, style, tick in ((first, -0.2, FIRST, "white"), (bulk, 0.2, BULK, INK)):
         ax.barh(y + offset, values[2] - values[0], 0.34, values[0], zorder=3, **style)
         ax.scatter(values[1], y + offset, 26, tick, marker="D", edgecolor=INK, linewidth=0.9, zorder=5)
-    begin, end = (data[name].values.ravel()[-1].astype("datetime64[s]").astype(np.int64) for name in ("start", "time"))
+    begin, end = (notation.epoch(data[name].values.ravel()[-1]) for name in ("start", "time"))
     ax.set_xlim(min(begin, first.min()), max(end, bulk.max()))
     ax.set_ylim(WORST - 0.4, -0.6)
     ticks = labels.round_times(*ax.get_xlim(), 7)

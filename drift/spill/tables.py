@@ -46,7 +46,7 @@ def records(data: xr.Dataset) -> Columns:
         "ever": _significant(at["ever"].values),
         "ever_se": _significant(at["ever_se"].values),
     }
-    start = data["start"].values.astype("datetime64[s]").astype(np.int64)
+    start = notation.epochs(data["start"].values)
     for short, name in (("first", "first_arrival"), ("bulk", "bulk_arrival")):
         for j, share in enumerate(_shares(data)):
             moment = at[name].values[j]

@@ -18,7 +18,7 @@ from scipy import special
 
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.spill.records import Spill
-from geo import sphere
+from geo import notation, sphere
 from geo.errors import UserError
 from kernels import noise
 from kernels.noise import Purpose
@@ -219,7 +219,7 @@ class _Model:
             log_weight=log_weight,
             lon=lon,
             lat=lat,
-            release=begin.astype("datetime64[s]").astype(np.int64) + np.rint(share * float(span)).astype(np.int64),
+            release=notation.epoch(begin) + np.rint(share * float(span)).astype(np.int64),
             windage=np.exp(spill.windage_bias * self.of(latent, "windage")),
             current_east=spill.current_bias * self.of(latent, "current_east"),
             current_north=spill.current_bias * self.of(latent, "current_north"),
