@@ -56,7 +56,7 @@ def position(lon: float, lat: float) -> str | None:
     """Return a position in degrees and decimal minutes, 28-42.0N 087-30.0W; None for none."""
     if not (np.isfinite(lon) and np.isfinite(lat)):
         return None
-    lon = (lon + 180) % 360 - 180
+    lon = sphere.wrap_degrees(lon)
     return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
 
 

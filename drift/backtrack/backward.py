@@ -100,7 +100,7 @@ class _Grid:
     def plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
         """Return (x, y) [m] of places [deg] on a plate carree that is true at the middle."""
         lon0, lat0 = self.centre
-        east = np.radians((lon - lon0 + 180) % 360 - 180) * (sphere.RADIUS * np.cos(np.radians(lat0)))
+        east = np.radians(sphere.wrap_degrees(lon - lon0)) * (sphere.RADIUS * np.cos(np.radians(lat0)))
         return east, np.radians(lat - lat0) * sphere.RADIUS
 
 
@@ -161,7 +161,7 @@ def _cells(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, cells: int, ti
     """Return the grid, and the prior in it from many draws; place and time are independent but on a voyage."""
     drawn = drawn_worlds.draw(spill, seed, is_land, count=DRAWS)
     lon, lat = sphere.to_degrees(drawn.lon), sphere.to_degrees(drawn.lat)
-    lon = lon[0] + (lon - lon[0] + 180) % 360 - 180
+    lon = sphere.near_degrees(lon, lon[0])
     (west, east), (south, north) = (np.quantile(x, (TAIL, 1 - TAIL)) for x in (lon, lat))
     degree = np.radians(sphere.RADIUS)  # [m] of latitude
     width, height = (east - west) * degree * np.cos(np.radians((south + north) / 2)), (north - south) * degree
@@ -372,7 +372,7 @@ def summary(origin: Origin) -> dict[str, float | str]:
     away = sphere.distance(centre[0], centre[1], np.radians(lon), np.radians(lat)).ravel()
     area = np.broadcast_to(cell_area(origin)[:, None], place.shape)
     out: dict[str, float | str] = {
-        "lon_deg": float((origin.mean[0] + 180) % 360 - 180),
+        "lon_deg": float(sphere.wrap_degrees(origin.mean[0])),
         "lat_deg": origin.mean[1],
         "time": _utc(origin.mean[2]),
         "east_std_km": origin.std[0] / 1000,

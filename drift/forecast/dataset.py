@@ -10,6 +10,7 @@ import xarray as xr
 from drift.forecast import areas, effective
 from drift.motion.snapshot import Means, Snapshot, mapped, means
 from drift.motion.status import Status
+from geo import sphere
 from geo.cells import Array, Cells
 
 AREA = "area: cell_area"
@@ -253,7 +254,7 @@ def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, tuple[tuple[str, ..
     west = grid.lon()[0] - 180
 
     def both(name: str, dims: tuple[str, ...], positions: Array, words: str) -> dict[str, Any]:
-        lon = west + (positions[..., 0] - west) % 360
+        lon = sphere.east_of_degrees(positions[..., 0], west)
         return {
             f"{name}_lon": (dims, lon, {"long_name": f"longitude of {words}", "units": "degrees_east"}),
             f"{name}_lat": (dims, positions[..., 1], {"long_name": f"latitude of {words}", "units": "degrees_north"}),

@@ -176,7 +176,7 @@ def particles(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
     both = ("trajectory", "time")
     names = [str(name) for name in forecast.data["scenario"].values]
     around = float(forecast.data["lon"][0]) - 180
-    lon = around + (sphere.to_degrees(tracks.lon) - around) % 360  # no jump at the antimeridian
+    lon = sphere.east_of_degrees(sphere.to_degrees(tracks.lon), around)  # no jump at the antimeridian
     return xr.Dataset(
         {
             "status": (

@@ -51,7 +51,7 @@ def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
 
 
 def _point(parent: ET.Element, tag: str, point: subareas.Waypoint, words: str) -> None:
-    lon = (point.lon + 180) % 360 - 180
+    lon = sphere.wrap_degrees(point.lon)
     made = ET.SubElement(parent, tag, {"lat": f"{point.lat:.7f}", "lon": f"{lon:.7f}"})
     _leaf(made, "time", notation.iso(point.time))
     _leaf(made, "name", point.name)
@@ -269,7 +269,7 @@ def _quoted(text: str) -> str:
 
 def place(lon: float, lat: float) -> str:
     """Return a position in degrees and decimal minutes to 0.2 m, 27 30.5000N 088 15.0000W."""
-    lon = (lon + 180) % 360 - 180
+    lon = sphere.wrap_degrees(lon)
     return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
 
 

@@ -42,7 +42,7 @@ def _bearing(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log of a normal of the true bearing from the sensor, between the ranges."""
     east, north = _from_sensor(contact, lon, lat)
     far = np.hypot(east, north)
-    apart = (np.arctan2(east, north) - contact.bearing + np.pi) % (2 * np.pi) - np.pi
+    apart = sphere.wrap(np.arctan2(east, north) - contact.bearing)
     found = _normal(apart, contact.bearing_std)
     found = np.where((far >= contact.near) & (far <= contact.far), found, -np.inf)
     return np.asarray(found + np.log(_detection(contact, far)))

@@ -13,7 +13,6 @@ import numpy.typing as npt
 import shapely
 
 from drift.search.records import Contact, Sortie
-from drift.spill import tables as washup_tables
 from geo import antimeridian, polyline, sphere
 from geo.polyline import Area, Legs
 
@@ -53,7 +52,7 @@ def circle(lon: float, lat: float, radius: float, begin: float = 0.0, end: float
 
 def _about(lon: float, lat: float, east: Array, north: Array) -> Array:
     x, y = sphere.destination(np.radians(lon), np.radians(lat), east, north)
-    return np.column_stack([lon + (np.degrees(x) - lon + 180) % 360 - 180, np.degrees(y)])
+    return np.column_stack([sphere.near_degrees(np.degrees(x), lon), np.degrees(y)])
 
 
 def searched(sortie: Sortie, time: Any = None) -> Array | None:
@@ -173,13 +172,13 @@ def _valid(ring: Array) -> list[Any]:
 
 def lines(parts: Sequence[Array]) -> dict[str, Any]:
     """Return lines as a GeoJSON MultiLineString, cut at the antimeridian."""
-    pieces = [piece for part in parts for piece in washup_tables.cut(shapely.LineString(part))]
+    pieces = [piece for part in parts for piece in antimeridian.cut_line(shapely.LineString(part))]
     return {"type": "MultiLineString", "coordinates": [np.round(piece.coords, DIGITS).tolist() for piece in pieces]}
 
 
 def point(lon: float, lat: float) -> dict[str, Any]:
     """Return a position [deg] as a GeoJSON Point."""
-    return {"type": "Point", "coordinates": [round((lon + 180) % 360 - 180, DIGITS), round(lat, DIGITS)]}
+    return {"type": "Point", "coordinates": [round(sphere.wrap_degrees(lon), DIGITS), round(lat, DIGITS)]}
 
 
 def _drifts(sortie: Sortie) -> bool:

@@ -28,7 +28,7 @@ from drift.forecast.layers import Mark
 from drift.maps import chart, labels, page
 from drift.maps.chart import INK, Frame
 from drift.spill import washup
-from geo import notation
+from geo import notation, sphere
 from geo.cells import Array
 from geo.coast.segments import Segments
 
@@ -217,7 +217,7 @@ def _extent(
         points = np.zeros((1, 2))
     turn = np.radians(points[:, 0])
     middle = float(np.degrees(np.arctan2(np.sin(turn).mean(), np.cos(turn).mean())))
-    lon, margin = (points[:, 0] - middle + 180) % 360 - 180 + middle, 0.3 if near else 0.06
+    lon, margin = sphere.near_degrees(points[:, 0], middle), 0.3 if near else 0.06
     return chart.frame(lon, points[:, 1], aspect, margin, least=5000.0)
 
 
