@@ -349,7 +349,7 @@ def check_lost(case: Case, where: Environment, begin: Start, end: Snapshot, sear
     for that.
     """
     if search is not None:
-        end = replace(end, probability=record.shares(search.unsearched))
+        end = replace(end, probability=weights.shares(search.unsearched))
     by_status = np.bincount(end.status, end.probability, len(Status))
     lost = {status: float(by_status[status]) for status in LOST}
     if sum(lost.values()) <= case.max_lost:

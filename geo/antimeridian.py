@@ -1,5 +1,6 @@
 """Shapes across the antimeridian: cut there, for formats whose longitudes end at 180 degrees."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -8,16 +9,23 @@ import shapely
 
 Array = npt.NDArray[Any]
 
+TURNS = (-720, -360, 0, 360, 720)  # [deg] that unwrapped longitudes may have gone round
+
 
 def cut(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
     """Return polygons of unwrapped longitudes cut at the antimeridian, in [-180, 180], outer rings anticlockwise."""
-    parts: list[Any] = []
-    for turn in (-360, 0, 360):
-        inside = shapely.intersection(polygon, shapely.box(turn - 180, -90, turn + 180, 90))
-        moved = shapely.set_precision(shapely.transform(inside, lambda xy, turn=turn: _moved(xy, turn)), 1e-7)
-        parts += [p for p in shapely.get_parts(moved) if p.geom_type == "Polygon" and p.area > 0]
+    parts = [part for part in _turned(polygon, 1e-7) if part.geom_type == "Polygon" and part.area > 0]
     return shapely.MultiPolygon([shapely.geometry.polygon.orient(part) for part in parts])
 
 
-def _moved(xy: Array, turn: int) -> Array:
-    return np.asarray(xy - np.array([turn, 0.0]))
+def cut_line(line: Any) -> list[Any]:
+    """Return the parts of a line of unwrapped longitudes, cut at the antimeridian, in [-180, 180]."""
+    return [part for part in _turned(line) if part.geom_type == "LineString" and not part.is_empty]
+
+
+def _turned(shape: Any, precision: float = 0.0) -> Iterator[Any]:
+    """Yield the parts of a shape between two antimeridians, moved between -180 and 180; precision [deg] of the grid that is kept to."""
+    for turn in TURNS:
+        inside = shapely.intersection(shape, shapely.box(turn - 180, -90, turn + 180, 90))
+        moved = shapely.transform(inside, lambda xy, turn=turn: xy - np.array([turn, 0.0]))
+        yield from shapely.get_parts(shapely.set_precision(moved, precision) if precision else moved)

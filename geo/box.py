@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from geo import sphere
+
 
 @dataclass(frozen=True)
 class Box:
@@ -17,5 +19,5 @@ class Box:
         south, north = max(self.south - degrees_lat, -90.0), min(self.north + degrees_lat, 90.0)
         if self.east - self.west + 2 * degrees_lon >= 360:
             return Box(-180.0, south, 180.0, north)
-        west = (self.west - degrees_lon + 180) % 360 - 180
+        west = sphere.wrap_degrees(self.west - degrees_lon)
         return Box(west, south, west + self.east - self.west + 2 * degrees_lon, north)

@@ -5,6 +5,7 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from geo import sphere
 
@@ -41,6 +42,11 @@ def epoch(time: Any) -> int:
     return int(np.asarray(time).astype("datetime64[s]").astype(np.int64))
 
 
+def epochs(times: Any) -> npt.NDArray[np.int64]:
+    """Return times, np.datetime64 in UTC of any shape, as whole seconds since 1970."""
+    return np.asarray(times).astype("datetime64[s]").astype(np.int64)
+
+
 def iso(time: Any) -> str:
     """Return a time (np.datetime64, UTC) as 2026-11-21T18:30:00Z."""
     return f"{np.datetime_as_string(time, unit='s')}Z"
@@ -50,7 +56,7 @@ def position(lon: float, lat: float) -> str | None:
     """Return a position in degrees and decimal minutes, 28-42.0N 087-30.0W; None for none."""
     if not (np.isfinite(lon) and np.isfinite(lat)):
         return None
-    lon = (lon + 180) % 360 - 180
+    lon = sphere.wrap_degrees(lon)
     return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
 
 

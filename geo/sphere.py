@@ -4,7 +4,7 @@ Angles are radians and distances metres unless a name says otherwise. Everything
 antimeridian and at the poles. Vector formulas (no haversine cancellation near the antipode) are used throughout.
 """
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ TURN = 2**32  # binary angle units in one turn: 9.3 mm at the equator
 UNIT = 2 * np.pi / TURN  # [rad] one binary angle unit
 
 Array = npt.NDArray[Any]
+Degrees = TypeVar("Degrees", float, Array)
 
 
 def to_binary(angle_deg: npt.ArrayLike) -> Array:
@@ -30,6 +31,21 @@ def to_degrees(binary: npt.ArrayLike) -> Array:
 def wrap(lon: npt.ArrayLike) -> Array:
     """Return longitudes [rad] brought into [-pi, pi)."""
     return (np.asarray(lon, np.float64) + np.pi) % (2 * np.pi) - np.pi
+
+
+def wrap_degrees(lon: Degrees) -> Degrees:
+    """Return longitudes [deg] brought into [-180, 180)."""
+    return (lon + 180.0) % 360.0 - 180.0
+
+
+def near_degrees(lon: Degrees, about: Degrees | float) -> Degrees:
+    """Return longitudes [deg] moved by whole turns to within half a turn of others, so that they run on there."""
+    return about + (lon - about + 180.0) % 360.0 - 180.0
+
+
+def east_of_degrees(lon: Degrees, west: Degrees | float) -> Degrees:
+    """Return longitudes [deg] moved by whole turns to within a turn east of others."""
+    return west + (lon - west) % 360.0
 
 
 def _vector(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array, Array]:

@@ -5,6 +5,9 @@ No state: the same call gives the same bits on any thread, in any order, in any 
 backend; normals differ between backends in the last bits of log, sin and cos.
 """
 
+import enum
+
+import numpy as np
 import taichi as ti
 
 # One stream per use, so that no two uses ever share a number.
@@ -72,6 +75,51 @@ def normals(a: ti.u32, b: ti.u32) -> f32x2:
     return f32x2(r * p, r * q)
 
 
-def key(seed: int) -> tuple[int, int]:
-    """Return a seed (0 <= seed < 2**64) as the two 32-bit words of a Philox key."""
-    return seed & 0xFFFFFFFF, seed >> 32 & 0xFFFFFFFF
+class Purpose(enum.IntEnum):
+    """What random numbers are for; `number` tells apart several of one purpose."""
+
+    RUN = 0  # particles of a run, in the kernels
+    WORLDS = 1  # what the particles of a world share
+    RENEWAL = 2  # a run of a spill in new worlds; number: of the renewal, from 1
+    RESAMPLING = 3
+    REALISATIONS = 4  # complete spills, drawn from the worlds
+    DEBRIS = 5  # coefficients of a class of debris; number: of the class, from 1
+    DEBRIS_BRIDGE = 6  # where debris is within a step
+    PLANNING = 7  # a run that a plan is made on
+    OPTIMISER = 8  # number: of the round, from 1
+    VERIFICATION = 9  # a run along a drifter; number: of the forecast
+    BACKWARD = 10  # particles of a backward run, in the kernels
+    BACKWARD_PLACES = 11  # where and when they begin
+    BACKWARD_WORLDS = 12
+    BACKWARD_PRIOR = 13  # releases of which the prior's map is made
+
+
+FIRST = {Purpose.PLANNING: 2**41, Purpose.BACKWARD: 1, Purpose.BACKWARD_WORLDS: 1}  # added to a seed
+APART = {  # added to a seed for every number
+    Purpose.RENEWAL: 2**40,
+    Purpose.DEBRIS: 2**56,
+    Purpose.DEBRIS_BRIDGE: 1,
+    Purpose.OPTIMISER: 1,
+    Purpose.VERIFICATION: 1,
+}
+
+
+def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:
+    """Return the seed (0 <= seed < 2**64) of a purpose, from that of a case or of another purpose."""
+    return (seed + FIRST.get(purpose, 0) + number * APART.get(purpose, 0)) % 2**64
+
+
+def key(seed: int, purpose: Purpose = Purpose.RUN, number: int = 0) -> tuple[int, int]:
+    """Return the two 32-bit words of the Philox key of a purpose."""
+    own = seed_for(seed, purpose, number)
+    return own & 0xFFFFFFFF, own >> 32
+
+
+def generator(
+    seed: int, purpose: Purpose = Purpose.RUN, number: int = 0, event: tuple[int, int] = (0, 0)
+) -> np.random.Generator:
+    """Return random numbers on the host for a purpose: NumPy's Philox-4x64-10, from the counter (0, 0, *event) on."""
+    own = seed_for(seed, purpose, number)
+    if purpose == Purpose.REALISATIONS:
+        return np.random.Generator(np.random.Philox(own))
+    return np.random.Generator(np.random.Philox(key=own, counter=[0, 0, *event]))

@@ -33,7 +33,7 @@ from drift.backtrack.tracks import Group
 from drift.case.file import Case
 from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.motion import simulate, start
+from drift.motion import simulate, start, weights
 from drift.motion.ensemble import Ensemble
 from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing
@@ -43,12 +43,13 @@ from drift.motion.status import Status
 from drift.spill import worlds as drawn_worlds
 from drift.spill.records import Spill
 from drift.spill.worlds import Worlds
-from geo import sphere
+from geo import notation, sphere
 from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.errors import UserError
-from kernels import advance
+from kernels import advance, noise
 from kernels import coast as device_coast
+from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
 Real = npt.NDArray[np.float64]
@@ -99,7 +100,7 @@ class _Grid:
     def plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
         """Return (x, y) [m] of places [deg] on a plate carree that is true at the middle."""
         lon0, lat0 = self.centre
-        east = np.radians((lon - lon0 + 180) % 360 - 180) * (sphere.RADIUS * np.cos(np.radians(lat0)))
+        east = np.radians(sphere.wrap_degrees(lon - lon0)) * (sphere.RADIUS * np.cos(np.radians(lat0)))
         return east, np.radians(lat - lat0) * sphere.RADIUS
 
 
@@ -125,12 +126,13 @@ def backward(
     assert spill is not None
     if not spill.finds:
         raise UserError("no finds: nothing says where the spill came from; add a [[find]]")
-    rng = np.random.Generator(np.random.Philox(key=case.seed))
+    rng = noise.generator(case.seed, Purpose.BACKWARD_PLACES)
     is_land = partial(shoreline.is_land, where.coast) if where.coast else _nowhere
-    grid = _cells(spill, case.seed, is_land, cells, times)
-    shared = drawn_worlds.draw(spill, case.seed + 1, is_land, count=worlds)
+    grid = _cells(spill, noise.seed_for(case.seed, Purpose.BACKWARD_PRIOR), is_land, cells, times)
+    seed = noise.seed_for(case.seed, Purpose.BACKWARD_WORLDS)
+    shared = drawn_worlds.draw(spill, seed, is_land, count=worlds)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
-    elapsed = latest.astype(np.int64) - (grid.time + round(spill.lasting / 2))  # backward run: [s] to each release
+    elapsed = notation.epoch(latest) - (grid.time + round(spill.lasting / 2))  # backward run: [s] to each release
     if elapsed.max() <= 0:
         raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
     back = replace(case, start=latest, end=latest - elapsed.max() * SECOND, direction=-1)
@@ -159,7 +161,7 @@ def _cells(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, cells: int, ti
     """Return the grid, and the prior in it from many draws; place and time are independent but on a voyage."""
     drawn = drawn_worlds.draw(spill, seed, is_land, count=DRAWS)
     lon, lat = sphere.to_degrees(drawn.lon), sphere.to_degrees(drawn.lat)
-    lon = lon[0] + (lon - lon[0] + 180) % 360 - 180
+    lon = sphere.near_degrees(lon, lon[0])
     (west, east), (south, north) = (np.quantile(x, (TAIL, 1 - TAIL)) for x in (lon, lat))
     degree = np.radians(sphere.RADIUS)  # [m] of latitude
     width, height = (east - west) * degree * np.cos(np.radians((south + north) / 2)), (north - south) * degree
@@ -169,9 +171,7 @@ def _cells(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, cells: int, ti
         n = max(int(np.ceil(length / side - 1e-6)), 1)
         step = (high - low) / length * side if length > 0 else POINT
         axes.append((low + high) / 2 + step * (np.arange(n + 1) - n / 2))
-    first, last = (
-        int(t.astype("datetime64[s]").astype(np.int64)) for t in (spill.prior.release_start, spill.prior.release_end)
-    )
+    first, last = notation.epoch(spill.prior.release_start), notation.epoch(spill.prior.release_end)
     edges = np.linspace(first, last, times + 1) if last > first else np.array([first - 0.5, first + 0.5])
     share = np.histogramdd((drawn.release, lat, lon), (edges, axes[1], axes[0]))[0]
     if not isinstance(spill.prior, TracklinePrior):
@@ -308,7 +308,7 @@ def _posterior(spill: Spill, grid: _Grid, worlds: int, slices: Iterator[_Slice])
         std=(spread[0], spread[1], spread[2]),
         error=(float(error[0]), float(error[1]), float(error[2])),
         worlds=worlds,
-        effective=float(total**2 / (sums[:, 0] ** 2).sum()),
+        effective=weights.effective(sums[:, 0]),
     )
 
 
@@ -372,7 +372,7 @@ def summary(origin: Origin) -> dict[str, float | str]:
     away = sphere.distance(centre[0], centre[1], np.radians(lon), np.radians(lat)).ravel()
     area = np.broadcast_to(cell_area(origin)[:, None], place.shape)
     out: dict[str, float | str] = {
-        "lon_deg": float((origin.mean[0] + 180) % 360 - 180),
+        "lon_deg": float(sphere.wrap_degrees(origin.mean[0])),
         "lat_deg": origin.mean[1],
         "time": _utc(origin.mean[2]),
         "east_std_km": origin.std[0] / 1000,
@@ -387,7 +387,7 @@ def summary(origin: Origin) -> dict[str, float | str]:
         k, m = (int(np.searchsorted(np.cumsum(place.ravel()[order]), share / 100 - 1e-12)) for order in (near, dense))
         out[f"radius_{share}_km"] = float(away[near[min(k, near.size - 1)]]) / 1000
         out[f"area_{share}_km2"] = float(area.ravel()[dense[: m + 1]].sum()) / 1e6
-    seconds = origin.time.astype(np.int64)
+    seconds = notation.epochs(origin.time)
     half = (seconds[1] - seconds[0]) / 2 if seconds.size > 1 else 0.0
     edges = np.concatenate([seconds - half, [seconds[-1] + half]])
     reached = np.concatenate([[0.0], np.cumsum(when)])

@@ -249,13 +249,13 @@ def _times(figure: Figure, found: Origin) -> None:
         figure.text(LEFT, 0.55, f"Released at {notation.group(found.time[0])}, as given", fontsize=9.5, color=INK)
         return
     ax = figure.add_axes((LEFT + 0.03, 0.475, RIGHT - LEFT - 0.055, 0.155))
-    seconds = found.time.astype("datetime64[s]").astype(np.int64)
+    seconds = notation.epochs(found.time)
     step = float(seconds[1] - seconds[0])
     believed, assumed = (100 * chance.sum(axis=(1, 2)) for chance in (found.probability, found.prior))
     ax.stairs(assumed, np.append(seconds - step / 2, seconds[-1] + step / 2), fill=True, zorder=2, **ASSUMED)
     ax.bar(seconds, believed, 0.6 * step, zorder=3, **BELIEVED)
     top = 1.22 * float(max(believed.max(), assumed.max()))
-    low, half, high = (_seconds(when) for when in _quantiles(found))
+    low, half, high = (notation.epoch(when) for when in _quantiles(found))
     ax.plot([low, high], [0.92 * top] * 2, color=INK, linewidth=1.2, marker="|", markersize=7, zorder=4)
     ax.plot(half, 0.92 * top, "D", markersize=5, markerfacecolor="white", markeredgecolor=INK, zorder=5)
     ax.set_xlim(seconds[0] - step / 2, seconds[-1] + step / 2)
@@ -319,10 +319,6 @@ def _quantiles(found: Origin) -> list[np.datetime64]:
     """Return the times before which 10, 50 and 90 % of the release lies."""
     told = backward.summary(found)
     return [np.datetime64(str(told[f"time_{share}"]).removesuffix("Z"), "s") for share in (10, 50, 90)]
-
-
-def _seconds(time: np.datetime64) -> int:
-    return int(time.astype("datetime64[s]").astype(np.int64))
 
 
 def _length(metres: float) -> str:

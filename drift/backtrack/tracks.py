@@ -27,6 +27,7 @@ from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 from kernels import noise, runtime
 from kernels import prior as kernel
+from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
 Real = npt.NDArray[np.float64]
@@ -86,7 +87,7 @@ def _groups(spill: Spill, worlds: int, per_find: int) -> tuple[list[Group], tupl
 
 def _equip(case: Case, spill: Spill, shared: Worlds, groups: list[Group], bounds: tuple[int, ...]) -> Ensemble:
     """Return objects of every class with the worlds they belong to, each with its own leeway and errors."""
-    seed = (case.seed + 1) % 2**63  # not the noise of the forward run
+    seed = noise.seed_for(case.seed, Purpose.BACKWARD)  # not the noise of the forward run
     ensemble, key = record.empty(seed, bounds), noise.key(seed)
     world = np.concatenate([np.repeat(np.arange(shared.size, dtype=np.int32), group.count) for group in groups])
     ensemble.world.from_numpy(world)

@@ -13,12 +13,11 @@ from drift.case.scenario import ErrorTable
 from drift.case.sensor import Zones, probability
 from drift.search.records import Contact, Fix
 
-KINDS = ("position", "bearing", "range", "area")
-DENSITY = {  # unit and example of the density of false contacts
+DENSITY = {  # kinds of contact, with unit and example of the density of false ones
     "position": ("1/m^2", "0.001 /nmi2"),
-    "area": ("1/m^2", "0.001 /nmi2"),
     "bearing": ("1/rad", "0.01 /deg"),
     "range": ("1/m", "0.02 /nmi"),
+    "area": ("1/m^2", "0.001 /nmi2"),
 }
 
 
@@ -58,6 +57,11 @@ class PlaceTable(ErrorTable):
             raise ValueError(f"shares of the fixes add up to {total:g}; they must add up to 1")
         return tuple(Fix(fix.lon, fix.lat, fix.share / total) for fix in fixes)
 
+    def told(self) -> dict[str, Any]:
+        """Return what the record of a contact has of it."""
+        major, minor, turn = self.axes()
+        return {"fixes": self.places(), "major": major, "minor": minor, "orientation": turn}
+
 
 class BearingTable(fields.Table):
     """A line of bearing from a place: a flare, a direction finder, a sonar."""
@@ -78,6 +82,17 @@ class BearingTable(fields.Table):
             raise ValueError("far must be farther than near")
         return self
 
+    def told(self) -> dict[str, Any]:
+        """Return what the record of a contact has of it."""
+        return {
+            "sensor": self.from_,
+            "bearing": math.radians(self.bearing),
+            "bearing_std": math.radians(self.std),
+            "near": self.near,
+            "far": math.inf if self.far is None else self.far,
+            "zones": self.zones,
+        }
+
 
 class RangeTable(fields.Table):
     """A distance from a place."""
@@ -86,6 +101,18 @@ class RangeTable(fields.Table):
     range: Annotated[fields.Length, Field(gt=0)]
     std: Annotated[fields.Length, Field(gt=0)]
     zones: Zones | None = None
+
+    def told(self) -> dict[str, Any]:
+        """Return what the record of a contact has of it."""
+        return {"sensor": self.from_, "range": self.range, "range_std": self.std, "zones": self.zones}
+
+
+class SeenInTable(RegionTable):
+    """A region within which something was seen."""
+
+    def told(self) -> dict[str, Any]:
+        """Return what the record of a contact has of it."""
+        return {"area": self.area()}
 
 
 def _belief(value: object) -> float:
@@ -109,21 +136,21 @@ class ContactTable(fields.Table):
     position: PlaceTable | None = None
     bearing: BearingTable | None = None
     range: RangeTable | None = None
-    area: RegionTable | None = None
+    area: SeenInTable | None = None
     of: Annotated[ObjectTable, BeforeValidator(_object)] | None = None
 
     @model_validator(mode="after")
     def one_kind(self) -> "ContactTable":
         """Refuse none or two kinds, and two ways of being false."""
-        fields.one_of(self, KINDS)
+        fields.one_of(self, tuple(DENSITY))
         if self.belief is not None and self.false_density is not None:
             raise ValueError("give belief or false_density, not both: either says how a contact may be false")
         self.false()
         return self
 
-    def kind(self) -> Any:
+    def kind(self) -> str:
         """Return the kind of contact."""
-        return fields.one_of(self, KINDS)
+        return fields.one_of(self, tuple(DENSITY))
 
     def false(self) -> float:
         """Return the density of false contacts, in what the contact is measured in."""
@@ -142,28 +169,7 @@ class ContactTable(fields.Table):
         """Return the record; raise ValueError for what does not fit the run."""
         time = units.resolve(self.time, run.start)
         run.check(time, time)
-        more: dict[str, Any] = {}
-        if self.position is not None:
-            major, minor, turn = self.position.axes()
-            more = {"fixes": self.position.places(), "major": major, "minor": minor, "orientation": turn}
-        elif self.bearing is not None:
-            more = {
-                "sensor": self.bearing.from_,
-                "bearing": math.radians(self.bearing.bearing),
-                "bearing_std": math.radians(self.bearing.std),
-                "near": self.bearing.near,
-                "far": math.inf if self.bearing.far is None else self.bearing.far,
-                "zones": self.bearing.zones,
-            }
-        elif self.range is not None:
-            more = {
-                "sensor": self.range.from_,
-                "range": self.range.range,
-                "range_std": self.range.std,
-                "zones": self.range.zones,
-            }
-        elif self.area is not None:
-            more = {"area": self.area.area()}
+        more = getattr(self, self.kind()).told()
         belief = 1.0 if self.belief is None else self.belief
         drifter = self.of.drifter() if self.of is not None else None
         return Contact(name, time, self.kind(), belief, self.false(), drifter=drifter, **more)

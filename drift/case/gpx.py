@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
+from geo import sphere
 from geo.errors import UserError
 from geo.files import small
 
@@ -116,7 +117,7 @@ def _place(point: ET.Element) -> tuple[float, float]:
         raise ValueError(f"has a point without proper lon and lat: {dict(point.attrib)}") from None
     if not (-180 <= lon <= 360 and -90 <= lat <= 90):
         raise ValueError(f"has a point at lon {lon:g}, lat {lat:g}, which is not on Earth")
-    return (lon + 180) % 360 - 180, lat
+    return sphere.wrap_degrees(lon), lat
 
 
 def _time(point: ET.Element) -> float | None:

@@ -66,7 +66,7 @@ class GridTable(fields.Table):
         number, unit = self.spacing
         high = number if unit == "deg" else math.degrees(number / sphere.RADIUS)
         shrink = 1.0 if unit == "deg" else math.cos(math.radians((self.south + self.north) / 2))
-        west = (self.west + 180) % 360 - 180
+        west = sphere.wrap_degrees(self.west)
         span = (self.east - west) % 360 or 360.0
         width, height = (_whole(size) for size in (high / shrink, high))
         units_a_degree = sphere.TURN / 360

@@ -227,11 +227,6 @@ def waypoints(value: object) -> Any:
 Waypoints = Annotated[Any, BeforeValidator(waypoints)]  # list of (time or None, (lon, lat) [deg])
 
 
-def seconds(moment: np.datetime64) -> float:
-    """Return a time as seconds since 1970."""
-    return float(moment.astype("datetime64[s]").astype(np.int64))
-
-
 def moment(seconds_: float, up: bool = False) -> np.datetime64:
     """Return seconds since 1970 as a time, to the nearest second, or up to the next."""
     return np.datetime64(math.ceil(seconds_ - 1e-6) if up else round(seconds_), "s")
@@ -244,7 +239,7 @@ def timed_legs(rows: list[tuple[Any, tuple[float, float]]], start: np.datetime64
         if after <= before:
             raise ValueError(f"waypoints: {notation.group(after)} does not come after {notation.group(before)}")
     lon, lat = np.array([place for _, place in rows]).T
-    return polyline.through([seconds(time) for time in times], lon, lat)
+    return polyline.through([float(notation.epoch(time)) for time in times], lon, lat)
 
 
 def track_legs(track: gpx.Track, start: float | None, speed: float | None) -> Legs:

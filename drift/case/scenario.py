@@ -132,7 +132,7 @@ class AreaTable(WindowTable):
         if len(points) < 3:
             raise ValueError(f"polygon has {len(points)} corners; at least 3 are needed")
         lon, lat = np.array(points).T
-        steps = (np.diff(lon, append=lon[0]) + 180) % 360 - 180
+        steps = sphere.wrap_degrees(np.diff(lon, append=lon[0]))
         if abs(steps.sum()) > 1:
             raise ValueError("polygon goes round a pole; split it into areas that don't")
         if np.abs(steps).max() > LONGEST_EDGE:
@@ -158,7 +158,7 @@ class AreaTable(WindowTable):
 def _fault(reason: str) -> str:
     if reason.startswith("Self-intersection"):
         lon, lat = (float(part) for part in reason[reason.index("[") + 1 : -1].split())
-        return f"crosses itself near [{(lon + 180) % 360 - 180:.3f}, {lat:.3f}] (lon, lat)"
+        return f"crosses itself near [{sphere.wrap_degrees(lon):.3f}, {lat:.3f}] (lon, lat)"
     return "encloses no area" if reason == "Valid Geometry" else f"is not simple ({reason})"
 
 

@@ -20,7 +20,7 @@ from drift.case.sources import SourceTable
 from drift.case.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
 from drift.case.uncertainty import Uncertainty, UncertaintyTable
 from drift.forecast import shares
-from geo import notation
+from geo import notation, sphere
 from geo.box import Box
 
 BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 92 on the device, the rest on the host
@@ -85,7 +85,7 @@ class DomainTable(fields.Table):
 
     def box(self) -> Box:
         """Return the box; one whose east is not east of its west lies across the antimeridian or goes round."""
-        west = (self.west + 180) % 360 - 180
+        west = sphere.wrap_degrees(self.west)
         return Box(west, self.south, west + ((self.east - west) % 360 or 360.0), self.north)
 
 

@@ -14,12 +14,11 @@ from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from drift.case import fields, units
 from drift.motion.scenario import Scenario
-from drift.search import sweep_width
+from drift.search import laws, sweep_width
 from drift.search.records import Law, Watch
 from geo.errors import UserError
 from geo.notation import NMI
 
-LAWS = ("random", "inverse_cube", "definite_range")
 VISUAL = "visual"  # the sensor of the tables
 SENSORS = (VISUAL, "radar", "infrared", "nvg", "sonar", "beacon", "other")
 
@@ -56,21 +55,25 @@ def probability(value: object, what: str = "POD") -> float:
 def _law(value: object) -> Law:
     if isinstance(value, Law):
         return value
-    if isinstance(value, str) and value in LAWS:
-        return Law(value)  # type: ignore[arg-type]
-    if isinstance(value, dict) and set(value) == {"m_beta"}:
-        beta = probability(value["m_beta"], "m_beta")
-        if beta == 0:
-            raise ValueError("m_beta 0 never detects; it is the chance of detection within the maximum range")
-        return Law("m_beta", beta=beta)
-    if isinstance(value, dict) and set(value) == {"curve"}:
-        return _curve(value["curve"])
-    near = difflib.get_close_matches(str(value), LAWS, n=1, cutoff=0.5)
+    plain = [kind for kind in laws.LAWS if kind not in WITH_NUMBERS]
+    if isinstance(value, str) and value in plain:
+        return Law(value)
+    if isinstance(value, dict) and len(value) == 1:
+        ((kind, given),) = value.items()
+        if kind in WITH_NUMBERS:
+            read, _ = WITH_NUMBERS[kind]
+            return read(given)
+    near = difflib.get_close_matches(str(value), plain, n=1, cutoff=0.5)
     hint = f'did you mean "{near[0]}"? ' if near and isinstance(value, str) else ""
-    raise ValueError(
-        f'no law of detection {value!r}; {hint}Allowed: "{LAWS[0]}", "{LAWS[1]}", "{LAWS[2]}", {{ m_beta = 0.8 }}, '
-        '{ curve = [["0 nmi", 0.9], ["1 nmi", 0.4]] }'
-    )
+    allowed = ", ".join([f'"{kind}"' for kind in plain] + [example for _, example in WITH_NUMBERS.values()])
+    raise ValueError(f"no law of detection {value!r}; {hint}Allowed: {allowed}")
+
+
+def _m_beta(value: object) -> Law:
+    beta = probability(value, "m_beta")
+    if beta == 0:
+        raise ValueError("m_beta 0 never detects; it is the chance of detection within the maximum range")
+    return Law("m_beta", beta=beta)
 
 
 def _curve(value: object) -> Law:
@@ -90,6 +93,12 @@ def _curve(value: object) -> Law:
     if max(chances) == 0:
         raise ValueError("curve detects nothing at any range")
     return Law("curve", ranges=ranges, chances=chances)
+
+
+WITH_NUMBERS = {  # laws with numbers of their own: what reads them, and an example
+    "m_beta": (_m_beta, "{ m_beta = 0.8 }"),
+    "curve": (_curve, '{ curve = [["0 nmi", 0.9], ["1 nmi", 0.4]] }'),
+}
 
 
 class ConditionsTable(fields.Table):
@@ -190,11 +199,9 @@ class SensorTable(fields.Table):
 
         kind: of unit, "" if not told; speed [m/s], NaN if not told. Raises ValueError for what is missing.
         """
-        from drift.search import laws  # here, since most cases search nothing and its SciPy takes half a second
-
-        given = self.sweep_width
-        if given is None and self.law.kind == "curve":
-            return (laws.swept(self.law),) * len(scenarios)
+        given, own = self.sweep_width, laws.of(self.law).width
+        if given is None and own is not None:
+            return (own(self.law),) * len(scenarios)
         if given is None:
             raise ValueError(
                 "sweep_width is missing; give a length, one for each scenario, or { visibility = .., wind = .. } for the tables"
@@ -203,7 +210,7 @@ class SensorTable(fields.Table):
             return tuple(self._tabulated(given, kind, speed, scenario) for scenario in scenarios)
         if isinstance(given, dict):
             return by_scenario(given, scenarios, "sweep_width")
-        if self.law.kind == "curve" and not math.isclose(given, swept := laws.swept(self.law), rel_tol=0.02):
+        if own is not None and not math.isclose(given, swept := own(self.law), rel_tol=0.02):
             raise ValueError(
                 f"sweep_width is {given / NMI:.3g} nmi, but the curve sweeps {swept / NMI:.3g} nmi (twice its integral); "
                 "leave sweep_width out, or give one for each scenario, to which the curve is stretched"

@@ -19,7 +19,7 @@ from drift.case.context import Run, all_told
 from drift.case.pattern import PatternTable, RegionTable, Spacing, Waypoints
 from drift.case.sensor import Kind, Pod, SensorTable, Zones, by_scenario
 from drift.motion.scenario import Scenario
-from drift.search import patterns
+from drift.search import laws, patterns
 from drift.search.records import Sortie
 from geo import notation, polyline
 from geo.notation import KNOT, NMI
@@ -101,9 +101,9 @@ class SortieTable(SensorTable):
                 if getattr(self, key) is not None:
                     where = "inside pattern" if self.pattern is not None and key == "spacing" else "with area"
                     raise ValueError(f"{key} belongs {where}; legs tell their own coverage")
-        if self.law.kind == "random" and self.area is None and self.watch is None:
+        if self._anywhere() and self.area is None and self.watch is None:
             raise ValueError(
-                'law = "random" is of an area searched anyhow; legs are swept: give another law, or an area'
+                f'law = "{self.law.kind}" is of an area searched anyhow; legs are swept: give another law, or an area'
             )
         if self.actual is not None:
             self._check_actual()
@@ -141,8 +141,14 @@ class SortieTable(SensorTable):
                 raise ValueError(f"give actual, the track made good, or {key}, not both")
         if self.frame == "datum":
             raise ValueError('actual is a track over the ground; leave out frame = "datum"')
-        if self.law.kind == "random":
-            raise ValueError('law = "random" with actual: a track sweeps; give another law, or leave actual out')
+        if self._anywhere():
+            raise ValueError(
+                f'law = "{self.law.kind}" with actual: a track sweeps; give another law, or leave actual out'
+            )
+
+    def _anywhere(self) -> bool:
+        """Whether its law is of an area searched anyhow, without legs."""
+        return laws.of(self.law).detects == "anywhere"
 
     def _check_effort(self) -> None:
         given = [key for key in ("pod", "spacing") if getattr(self, key) is not None]
@@ -200,8 +206,8 @@ class SortieTable(SensorTable):
         self, start: np.datetime64 | None, end: np.datetime64 | None, run: Run
     ) -> tuple[Area | None, Legs | None]:
         """Return the area and the legs that were made good."""
-        since = None if start is None else pattern_table.seconds(start)
-        until = None if end is None else pattern_table.seconds(end)
+        since = None if start is None else float(notation.epoch(start))
+        until = None if end is None else float(notation.epoch(end))
         if self.actual is not None:
             legs = track_table.made(self.actual, "actual", self.speed, since, until, run)
             if self.pattern is None:
@@ -305,8 +311,6 @@ class SortieTable(SensorTable):
         """Return the coverage of an area for each scenario."""
         assert area is not None
         if self.pod is not None:
-            from drift.search import laws
-
             pods = (
                 by_scenario(self.pod, scenarios, "pod") if isinstance(self.pod, dict) else (self.pod,) * len(scenarios)
             )

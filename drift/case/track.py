@@ -72,7 +72,7 @@ def marker(track: str | None, positions: Any, start: np.datetime64, end: np.date
         legs = pattern_table.track_legs(points, None, None)
     else:
         legs = pattern_table.timed_legs(positions, run.start)
-    if legs.time[0] > pattern_table.seconds(start) or legs.time[-1] < pattern_table.seconds(end):
+    if legs.time[0] > notation.epoch(start) or legs.time[-1] < notation.epoch(end):
         first, last = (pattern_table.moment(time) for time in (legs.time[0], legs.time[-1]))
         raise ValueError(
             f"marker is known from {notation.group(first)} to {notation.group(last)}, not for the whole sortie, "

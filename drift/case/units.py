@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pint
 
-from geo import notation
+from geo import notation, sphere
 
 NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 POWER = re.compile(r"(?<=[A-Za-z])\^?(-?[1-4])(?![\d.])")  # m2/s, nmi^2
@@ -115,7 +115,7 @@ def angle(value: object, letters: str) -> float:
         # A bare longitude may count to 360, as the files of the models do.
         if not (-limit <= value <= limit or (letters == "EW" and 180 < value <= 360)):
             raise ValueError(f"{what} {value:g} is outside {-limit:g} to {limit:g}")
-        return (value + 180) % 360 - 180 if abs(value) > 180 else float(value)
+        return sphere.wrap_degrees(value) if abs(value) > 180 else float(value)
     match = ANGLE.fullmatch(str(value).strip().upper().replace("º", "°").replace("’", "'"))
     if match is None or not (match["before"] or match["after"]) or (match["before"] and match["after"]):
         raise ValueError(f'"{value}" is not a {what}; write it like {"27 30.5N" if letters == "NS" else "088 15.0W"}')
@@ -160,7 +160,7 @@ def position(value: object) -> tuple[float, float]:
         lon, lat = _pair(value)
     else:
         raise ValueError(f'{value!r} is not a position; write it like "27 30.5N 088 15.0W"')
-    return (lon + 180) % 360 - 180, lat
+    return sphere.wrap_degrees(lon), lat
 
 
 def _pair(text: str) -> tuple[float, float]:

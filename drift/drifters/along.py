@@ -215,8 +215,8 @@ def over(case: Case, tracks: Sequence[Track]) -> Case:
     side = MARGIN / np.cos(np.radians(high))
     whole = wide + 2 * side >= 359
     box = {
-        "west": float(-180.0 if whole else (west - side + 180) % 360 - 180),
-        "east": float(180.0 if whole else (west + wide + side + 180) % 360 - 180),
+        "west": float(-180.0 if whole else sphere.wrap_degrees(west - side)),
+        "east": float(180.0 if whole else sphere.wrap_degrees(west + wide + side)),
         "south": float(max(lat.min() - MARGIN, -90)),
         "north": float(min(lat.max() + MARGIN, 90)),
     }

@@ -20,6 +20,7 @@ import xarray as xr
 
 from drift.case import units
 from drift.drifters.records import Array, Track, taken
+from geo import notation
 from geo.errors import UserError
 from geo.files import small
 
@@ -184,11 +185,11 @@ def _moment(text: str) -> float:
             made = datetime.strptime(bare, form)
         except ValueError:
             continue
-        return float(np.datetime64(made, "s").astype(np.int64)) + shift
+        return notation.epoch(np.datetime64(made, "s")) + shift
     moment_or_interval = units.time(text)
     if not isinstance(moment_or_interval, np.datetime64):
         raise ValueError(f'"{text}" is not a time; write it like 2021-03-03T18:00:00Z')
-    return float(moment_or_interval.astype("datetime64[s]").astype(np.int64))
+    return float(notation.epoch(moment_or_interval))
 
 
 def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:

@@ -76,7 +76,7 @@ def believed(tracks: Sequence[Track], fastest: float = FASTEST) -> Believed:
         order = np.flatnonzero(sound)
         order = order[np.argsort(track.time[order], kind="stable")]
         found = taken(track, order)
-        found = replace(found, lon=(found.lon + 180) % 360 - 180)
+        found = replace(found, lon=sphere.wrap_degrees(found.lon))
         again = np.diff(found.time, prepend=-np.inf) <= 0
         alike = again & (np.diff(found.lon, prepend=np.nan) == 0) & (np.diff(found.lat, prepend=np.nan) == 0)
         counts["repeated"] += int(alike.sum())

@@ -27,6 +27,8 @@ from drift.motion.status import Status
 from drift.output import publication
 from geo import sphere
 from geo.errors import UserError
+from kernels import noise
+from kernels.noise import Purpose
 
 Report = Callable[[str, float], None]
 
@@ -228,7 +230,7 @@ def _case(
         "start": np.datetime64(start, "s"),
         "duration": f"{after[-1]:g} h",
         "particles": particles,
-        "seed": (base.seed + number) % 2**63,
+        "seed": noise.seed_for(base.seed, Purpose.VERIFICATION, number) % 2**63,
         "max_lost": 1.0,  # the share lost is told, and the areas are shares of the rest
         "output": {"times": [f"+{hour:g} h" for hour in after]},
     }

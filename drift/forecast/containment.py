@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geo import notation
+from geo import notation, sphere
 from geo.errors import UserError
 
 Array = npt.NDArray[Any]
@@ -58,5 +58,5 @@ def _place(centres: Array, where: npt.ArrayLike, *, turning: bool) -> Array:
     step = float(centres[1] - centres[0]) if len(centres) > 1 else 1.0
     if turning:
         west = centres[0] - step / 2
-        where = west + (where - west) % 360
+        where = sphere.east_of_degrees(where, west)
     return np.asarray((where - centres[0]) / step)

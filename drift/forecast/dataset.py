@@ -10,6 +10,7 @@ import xarray as xr
 from drift.forecast import areas, effective
 from drift.motion.snapshot import Means, Snapshot, mapped, means
 from drift.motion.status import Status
+from geo import sphere
 from geo.cells import Array, Cells
 
 AREA = "area: cell_area"
@@ -305,6 +306,6 @@ def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, Array]:
         ("scenario_mean", [one.scenario for one in mean]),
     ):
         positions = np.array(at)
-        found[f"{name}_lon"] = west + (positions[..., 0] - west) % 360
+        found[f"{name}_lon"] = sphere.east_of_degrees(positions[..., 0], west)
         found[f"{name}_lat"] = positions[..., 1]
     return found

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drift.motion import weights
 from drift.search.updates import Update, Updates
 from geo import notation
 
@@ -59,7 +60,7 @@ def number(weight: Array, family: Array | None = None) -> float:
     if not len(weight) or weight.max() <= 0:
         return 0.0
     weight = weight / weight.max()  # squares of what is very small would be nothing
-    return float(np.sum(weight)) ** 2 / float(np.sum(weight**2))
+    return weights.effective(weight)
 
 
 def by(code: Array, many: int, weight: Array, family: Array | None = None) -> Array:

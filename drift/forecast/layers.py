@@ -19,7 +19,7 @@ from drift.forecast import beyond, effective
 from drift.forecast.build import Contour, Forecast
 from drift.maps import chart, labels
 from drift.maps.chart import Frame
-from geo import notation
+from geo import notation, sphere
 from geo.cells import Array
 from geo.notation import NMI
 
@@ -142,7 +142,7 @@ def _shaded(forecast: Forecast, one: Contour) -> tuple[float, float, float, floa
 
 
 def near(lon: float, middle: float) -> float:
-    return (lon - middle + 180) % 360 - 180 + middle
+    return sphere.near_degrees(lon, middle)
 
 
 def density(forecast: Forecast, time: int) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 
 from drift.forecast.build import Forecast
 from drift.output import formats
-from geo import antimeridian, notation
+from geo import antimeridian, notation, sphere
 from geo.notation import NMI
 
 
@@ -60,7 +60,7 @@ def counts(data: Any, i: int) -> dict[str, float]:
 def _place(lon: float, lat: float) -> dict[str, Any] | None:
     if not np.isfinite(lat):
         return None
-    return {"lon": (lon + 180) % 360 - 180, "lat": lat, "text": notation.position(lon, lat)}
+    return {"lon": sphere.wrap_degrees(lon), "lat": lat, "text": notation.position(lon, lat)}
 
 
 def track(forecast: Forecast, run: str) -> str:
@@ -77,9 +77,9 @@ def track(forecast: Forecast, run: str) -> str:
             [
                 notation.iso(when),
                 notation.group(when),
-                *_numbers((mean[0] + 180) % 360 - 180, mean[1], form=".6f"),
+                *_numbers(sphere.wrap_degrees(mean[0]), mean[1], form=".6f"),
                 notation.position(*mean) or "",
-                *_numbers((datum[0] + 180) % 360 - 180, datum[1], form=".6f"),
+                *_numbers(sphere.wrap_degrees(datum[0]), datum[1], form=".6f"),
                 notation.position(*datum) or "",
                 *_numbers(*(at["containment_area"].values / NMI**2), form=".6g"),
                 *_numbers(*at["status_probability"].values, form=".6f"),
@@ -122,7 +122,7 @@ def ashore(forecast: Forecast, run: str) -> str:
     many = f"{data['status_effective'].sel(status='ashore').values[-1]:.6g}"
     rows = []
     for cell, first in zip(cells, half, strict=True):
-        x, y = (float(lon.ravel()[cell]) + 180) % 360 - 180, float(lat.ravel()[cell])
+        x, y = sphere.wrap_degrees(float(lon.ravel()[cell])), float(lat.ravel()[cell])
         when = notation.iso(data["time"].values[first])
         rows.append([*_numbers(x, y, form=".6f"), notation.position(x, y), f"{last[cell]:.4g}", when, many, run])
     header = ["lon", "lat", "position", "probability_ashore", "first_time", "effective_particles", "run_id"]

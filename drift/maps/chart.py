@@ -40,7 +40,7 @@ class Frame:
     def project(self, lon: Any, lat: Any) -> tuple[Array, Array]:
         """Return (x, y) [m] of positions [deg] at any number of turns; same shape."""
         lon, lat = np.broadcast_arrays(np.asarray(lon, float), np.asarray(lat, float))
-        lon = (lon - self.centre[0] + 180) % 360 - 180 + self.centre[0]
+        lon = sphere.near_degrees(lon, self.centre[0])
         xyz = self.crs.transform_points(DEGREES, lon.ravel(), lat.ravel())
         return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
 
@@ -49,7 +49,7 @@ class Frame:
         x, y = np.meshgrid(np.linspace(*self.x, 25), np.linspace(*self.y, 25))
         lonlat = DEGREES.transform_points(self.crs, x.ravel(), y.ravel())
         lonlat = lonlat[np.isfinite(lonlat).all(axis=1)]
-        lon = (lonlat[:, 0] - self.centre[0] + 180) % 360 - 180 + self.centre[0]
+        lon = sphere.near_degrees(lonlat[:, 0], self.centre[0])
         return float(lon.min()), float(lonlat[:, 1].min()), float(lon.max()), float(lonlat[:, 1].max())
 
 
@@ -156,7 +156,7 @@ def _crossing(along: Array, across: Array, edge: float) -> float | None:
 def degrees_minutes(value: float, is_lon: bool, step: float) -> str:
     """Return an angle as 087°30'W, minutes with as many decimals as the step [arc minutes] needs."""
     if is_lon:
-        value = (value + 180) % 360 - 180
+        value = sphere.wrap_degrees(value)
     decimals = max(0, int(np.ceil(-np.log10(step) - 1e-9)))
     unit = 10**decimals
     whole = round(abs(value) * 60 * unit)

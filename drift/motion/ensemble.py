@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drift.motion import weights
 from drift.motion.status import Status
 from kernels import runtime, weigh
 
@@ -85,13 +86,7 @@ def empty(seed: int, bounds: tuple[int, ...]) -> Ensemble:
 
 def probability(ensemble: Ensemble) -> Array:
     """Return each particle's normalised weight, float64, shape (n,), of sum 1."""
-    return shares(ensemble.log_weight.to_numpy())
-
-
-def shares(log_weight: Array) -> Array:
-    """Return log weights (n,) as probabilities, float64, of sum 1."""
-    weight = np.exp(log_weight.astype(np.float64) - log_weight.max())
-    return np.asarray(weight / weight.sum())
+    return weights.shares(ensemble.log_weight.to_numpy())
 
 
 @dataclass(frozen=True)

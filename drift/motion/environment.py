@@ -221,7 +221,7 @@ def around(case: Case, fastest: float, spreads: float) -> Box:
     grown = np.degrees((spread + fastest * duration) / sphere.RADIUS)
     x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
     highest = min(float(np.abs(y).max() + grown), POLEWARD)
-    west = float((x.min() + 180) % 360 - 180)
+    west = float(sphere.wrap_degrees(x.min()))
     tight = Box(west, float(y.min()), west + max(float(np.ptp(x)), 1e-6), float(y.max()))
     return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))
 
@@ -332,7 +332,7 @@ def _common(box: Box, other: Box) -> Box:
     if south >= north or len(found) != 1:
         return box
     ((west, east),) = found
-    start = (west + 180) % 360 - 180
+    start = sphere.wrap_degrees(west)
     return Box(start, south, start + east - west, north)
 
 
@@ -345,12 +345,12 @@ def _shrunk(box: Box, sources: tuple[Source, ...]) -> Box:
     if south >= north:
         return box
     # Longitudes relative to the box's west: extents may be written a turn away.
-    begins = [((e.west - box.west + 180) % 360 - 180) for e in extents]
+    begins = [sphere.wrap_degrees(e.west - box.west) for e in extents]
     ends = [begin + e.east - e.west for begin, e in zip(begins, extents, strict=True)]
     west, east = max(0.0, min(begins)), min(box.east - box.west, max(ends))
     if west >= east:
         return box
-    start = (box.west + west + 180) % 360 - 180
+    start = sphere.wrap_degrees(box.west + west)
     return Box(start, south, start + east - west, north)
 
 
@@ -360,7 +360,7 @@ def _about(scenario: Scenario, land: Shore, coast: shoreline.Coast) -> shoreline
     if not isinstance(prior, PositionPrior):
         return coast
     lon, lat = float(np.degrees(prior.lon)), float(np.degrees(prior.lat))
-    west = (lon - NEAR_REPORT + 180) % 360 - 180
+    west = sphere.wrap_degrees(lon - NEAR_REPORT)
     south, north = max(lat - NEAR_REPORT, -90.0), min(lat + NEAR_REPORT, 90.0)
     box = Box(west, south, west + 2 * NEAR_REPORT, north)
     cut = box.grown(COAST_MARGIN, COAST_MARGIN)

@@ -80,8 +80,9 @@ def _counts(case: Case) -> list[int]:
 
 def _bounds(case: Case, counts: list[int]) -> tuple[int, ...]:
     """Return the first slot of each scenario and, last, their number; with slots to spare where particles' number floats."""
-    floats = case.resampling.below > 0 and case.resampling.method == "kahn"
-    return (0, *(int(x) for x in np.cumsum([resample.capacity(n) if floats else n for n in counts])))
+    if case.resampling.below > 0:
+        counts = [resample.METHODS[case.resampling.method].slots(n) for n in counts]
+    return (0, *(int(x) for x in np.cumsum(counts)))
 
 
 def _log_weights(case: Case, ensemble: Ensemble, counts: list[int]) -> Array:

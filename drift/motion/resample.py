@@ -5,12 +5,15 @@ Moulines 2005, arXiv:cs/0507025). Kahn's Russian roulette and splitting (Kahn 19
 that their number floats; held at N it would be biased. Either way a particle's expected offspring are N times its share.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drift.motion import weights
+from kernels import noise
+from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
 
@@ -41,6 +44,28 @@ def kahn(weight: Array, number: int, uniform: Array) -> Array:
     return np.asarray(np.repeat(np.arange(len(weight)), offspring.astype(np.int64)))
 
 
+def _kahn_that_fits(weight: Array, number: int, random: np.random.Generator) -> Array:
+    drawn = kahn(weight, number, random.random(len(weight)))
+    while len(drawn) > len(weight):  # eight standard deviations above: draw again
+        drawn = kahn(weight, number, random.random(len(weight)))
+    return drawn
+
+
+class Method(NamedTuple):
+    """A way to resample: ancestors drawn by weight, number aimed at and random numbers; how many slots a number needs."""
+
+    draw: Callable[[Array, int, np.random.Generator], Array]
+    slots: Callable[[int], int]
+
+
+METHODS = {
+    "systematic": Method(
+        lambda weight, number, random: systematic(weight, number, random.random()), lambda number: number
+    ),
+    "kahn": Method(_kahn_that_fits, capacity),
+}
+
+
 def offspring(
     log_weight: Array, scenarios: list[tuple[int, int]], target: list[int], method: str, seeds: tuple[int, int]
 ) -> tuple[Array, Array, Array]:
@@ -57,12 +82,7 @@ def offspring(
         if total <= 0:
             continue
         random = generator(*seeds, scenario)
-        if method == "systematic":
-            drawn = systematic(own, number, random.random())
-        else:
-            drawn = kahn(own, number, random.random(last - first))
-            while len(drawn) > last - first:  # eight standard deviations above: draw again
-                drawn = kahn(own, number, random.random(last - first))
+        drawn = METHODS[method].draw(own, number, random)
         ancestors[first : first + len(drawn)] = first + drawn
         spare[first + len(drawn) : last] = True
         made[first : first + len(drawn)] = scale + np.log(total / number)
@@ -71,4 +91,5 @@ def offspring(
 
 def generator(seed: int, event: int, scenario: int) -> np.random.Generator:
     """Return the random numbers of one resampling: a function of the run's seed, the event and the scenario alone."""
-    return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, event, scenario]))
+    made: np.random.Generator = noise.generator(seed, Purpose.RESAMPLING, event=(event, scenario))
+    return made

@@ -18,7 +18,8 @@ from drift.motion.forcing import Forcing
 from drift.motion.status import Status
 from geo import sphere
 from kernels import advance as kernel
-from kernels import bridge
+from kernels import bridge, noise
+from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], None]
@@ -215,11 +216,11 @@ def _inside(
     step: kernel.Step,
     time: int,
     since: int,
-    salt: int = 0,
+    debris: int = 0,
 ) -> tuple[Array, Array]:
     """Return positions at a time inside a step that has just been made: on each particle's bridge between its ends.
 
-    before: where they were at `since`, the step's begin or a time in it. salt: tells apart ensembles of one seed.
+    before: where they were at `since`, the step's begin or a time in it. debris: tells it apart from the object, 0, which has the same seed.
     """
     end = step.elapsed + step.duration
     release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
@@ -234,7 +235,7 @@ def _inside(
     spread = np.where(status == Status.ADRIFT, np.sqrt(variance), 0.0)
     after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     moment = (clock.start + clock.direction * time) % 2**31
-    seed = (ensemble.seed + salt) % 2**64
+    seed = noise.seed_for(ensemble.seed, Purpose.DEBRIS_BRIDGE, debris) if debris else ensemble.seed
     lon, lat = bridge.between(before, after, share, spread, seed, moment, scene.place.coast)
     return lon, lat
 

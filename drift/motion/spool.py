@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from drift.case.file import Case
 from drift.motion import ensemble as record
+from drift.motion import weights
 from drift.motion.ensemble import Ensemble
 from drift.motion.simulate import Moment
 from drift.motion.snapshot import Snapshot
@@ -119,7 +120,7 @@ class Spool(Sequence[Snapshot]):
         status = np.frombuffer(self._file.read(self._n), np.uint8).astype(np.int32)
         probability = self._probability
         if self._weighted[at]:
-            probability = record.shares(np.frombuffer(self._file.read(4 * self._n), np.float32))
+            probability = weights.shares(np.frombuffer(self._file.read(4 * self._n), np.float32))
         family = self._families[at]
         return Snapshot(self._times[at], lon, lat, probability, status, self._scenario, family, self._world)
 

@@ -27,10 +27,10 @@ from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.errors import UserError
 from geo.forcing.sources import Source
-from kernels import advance
+from kernels import advance, noise
 from kernels import coast as device_coast
+from kernels.noise import Purpose
 
-RENEWAL = 2**40  # between the seeds of a spill's rounds
 LEAST_INTERVAL = 300  # [s] a lattice finer than that is not worth a node of forcing
 
 
@@ -80,7 +80,7 @@ def renew(case: Case, spill: Spill, where: Environment, before: Start, proposal:
     """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
     assert where.coast is not None
     before.scene.forcing.close()
-    seed = (case.seed + number * RENEWAL) % 2**63
+    seed = noise.seed_for(case.seed, Purpose.RENEWAL, number)
     worlds = drawn_worlds.draw(spill, seed, partial(shoreline.is_land, where.coast), proposal)
     ensemble = release.draw(case, spill, worlds, before.scene.place.coast, seed)
     scene = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))
@@ -116,9 +116,9 @@ def land_of(scene: Scene) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.
 
 def clock_of(case: Case, where: Environment, ensemble: Ensemble, scene: Scene) -> tuple[Clock, Trial | None]:
     """Return the clock: the case's step, or the largest whose error is small; on the lattice of the forcing's times."""
-    times = [s.times.astype("datetime64[s]").astype(np.int64) for s in where.sources if s.times.size > 1]
+    times = [notation.epochs(s.times) for s in where.sources if s.times.size > 1]
     divisor, origin = _lattice(times)
-    start = int(case.start.astype("datetime64[s]").astype(np.int64))
+    start = notation.epoch(case.start)
     duration = abs(int((case.end - case.start) / np.timedelta64(1, "s")))
     limits = {
         "a sixth of the decorrelation time of the current's errors": _sixth(case.current_error),

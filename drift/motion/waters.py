@@ -17,6 +17,7 @@ from drift.motion import environment
 from drift.motion.environment import Environment
 from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.forcing_spec import options as source_options
+from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore
@@ -132,7 +133,7 @@ def _joined(box: Box, other: Box) -> Box:
     """Return the smallest box that holds two."""
     turn = 360 * round((box.west + box.east - other.west - other.east) / 720)
     west, east = min(box.west, other.west + turn), max(box.east, other.east + turn)
-    start = (west + 180) % 360 - 180
+    start = sphere.wrap_degrees(west)
     return Box(start, min(box.south, other.south), start + east - west, max(box.north, other.north))
 
 

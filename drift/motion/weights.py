@@ -1,4 +1,4 @@
-"""Sums of log weights on the host, in float64 and one order: what evidence, shares and effective sizes are made from."""
+"""Weights and their logarithms on the host, in float64 and one order: what evidence, shares and effective sizes are made from."""
 
 from typing import Any
 
@@ -14,6 +14,12 @@ def relative(log_weight: Array, scale: Array | None = None) -> Array:
     return np.asarray(np.exp(log_weight.astype(np.float64) - top))
 
 
+def shares(log_weight: Array) -> Array:
+    """Return log weights (n,) as probabilities, float64, of sum 1."""
+    weight = relative(log_weight)
+    return np.asarray(weight / weight.sum())
+
+
 def log_sum(log_weight: Array) -> float:
     """Return the log of the sum of weights; -inf where there is none."""
     top = float(log_weight.max()) if log_weight.size else -np.inf
@@ -23,6 +29,10 @@ def log_sum(log_weight: Array) -> float:
 
 
 def ess(log_weight: Array) -> float:
-    """Return the effective sample size (Kong 1992)."""
-    weight = relative(log_weight)
+    """Return the effective sample size of log weights (Kong 1992)."""
+    return effective(relative(log_weight))
+
+
+def effective(weight: Array) -> float:
+    """Return the effective number of weights (n,) of any scale, not all 0: sum squared over sum of squares (Kish 1965, sec. 11.2)."""
     return float(weight.sum() ** 2 / (weight**2).sum())

@@ -21,7 +21,7 @@ from drift.forecast.build import Forecast
 from drift.motion.status import Status
 from drift.output import formats, manifest, publication
 from drift.output.interrupt import undisturbed
-from geo import sphere
+from geo import notation, sphere
 from geo.cells import Array
 from geo.errors import UserError
 
@@ -176,7 +176,7 @@ def particles(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
     both = ("trajectory", "time")
     names = [str(name) for name in forecast.data["scenario"].values]
     around = float(forecast.data["lon"][0]) - 180
-    lon = around + (sphere.to_degrees(tracks.lon) - around) % 360  # no jump at the antimeridian
+    lon = sphere.east_of_degrees(sphere.to_degrees(tracks.lon), around)  # no jump at the antimeridian
     return xr.Dataset(
         {
             "status": (
@@ -241,7 +241,7 @@ def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]
     halted = np.isin(tracks.status[:, -1], (Status.ASHORE, Status.OUTSIDE, Status.LEFT))
 
     clock = {"units": EPOCH, "calendar": "standard"}  # written as numbers: xarray cannot encode times that are all NaT
-    begin = int(tracks.time[0].astype("datetime64[s]").astype(np.int64))
+    begin = notation.epoch(tracks.time[0])
 
     def times(seconds: Array, known: Array) -> Array:
         return np.where(known & (seconds >= 0), begin + direction * seconds.astype(np.float64), np.nan)

@@ -8,18 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.planner import daylight
+from drift.search import laws
 from drift.search.records import PlanSpec, Unit
-from geo import sphere
+from geo import notation, sphere
 
 Array = npt.NDArray[Any]
 
 MARGIN = 5.0  # [s] legs in whole seconds on the sphere take so much longer than on the plane, at most
 SHARE = 0.85  # of the endurance on scene is search (Joint Pub 3-50, National Search and Rescue Supplement)
-
-
-def seconds(time: np.datetime64) -> float:
-    """Return a time in seconds since 1970."""
-    return float(np.asarray(time, "datetime64[s]").astype(np.int64))
 
 
 def moment(time: float) -> np.datetime64:
@@ -67,12 +63,12 @@ class Reach:
 
 def reach(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float | None = None) -> Reach:
     """Return what a unit can do from its base round a place (lon, lat) [rad]; `after`: it leaves no earlier than that."""
-    begin, until = seconds(spec.begin), seconds(spec.until)
-    leaves = max(begin, seconds(unit.ready), after if after is not None else -np.inf)
+    begin, until = float(notation.epoch(spec.begin)), float(notation.epoch(spec.until))
+    leaves = max(begin, float(notation.epoch(unit.ready)), after if after is not None else -np.inf)
     spans = [(begin, until)]
     if unit.daylight:
         spans = daylight.windows(begin, until, float(np.degrees(place[0])), float(np.degrees(place[1])))
-    if unit.law.kind != "random":  # which has no legs
+    if laws.of(unit.law).detects != "anywhere":  # which has no legs
         spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
     base = tuple(float(v) for v in np.radians(unit.base))
     return Reach((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)

@@ -28,6 +28,7 @@ from drift.motion.scenario import Survival
 from drift.planner import availability, concave, quadtree
 from drift.planner import planning_tracks as record
 from drift.planner.planning_tracks import Tracks
+from drift.search import laws
 from drift.search.records import PlanSpec, Unit
 from geo import sphere
 from kernels import allocate
@@ -189,7 +190,7 @@ def _field(
     curve = concave.curve(list(dict.fromkeys(unit.law for unit in units)), list(groups.values()))
     field = allocate.Field(
         of, len(area), fall, bins.pace, tracks.scenario, tracks.weight, widths * np.array([unit.search_speed for unit in units]),
-        [0.0 if unit.law.kind == "random" else 1 / unit.search_speed for unit in units],  # its effort is over the ground
+        [0.0 if laws.of(unit.law).detects == "anywhere" else 1 / unit.search_speed for unit in units],  # its effort is over the ground
         (curve.value, curve.slope, curve.conjugate), concave.STEP,
     )  # fmt: skip
     return field, _budget(tracks, units, spec, bins, made, start, plane), area
@@ -272,7 +273,7 @@ def _budget(
         away = np.hypot(*np.maximum(np.maximum(low - (x, y), (x, y) - high), 0.0).T)
         near = np.maximum(away - moved - max(unit.sweep_width), 0.0)
         spare[:, u] = can.within(begin, end, can.leaves + near / can.transit_speed)
-        ends = concave.END * max(unit.sweep_width) / unit.search_speed * (unit.law.kind == "inverse_cube")
+        ends = laws.of(unit.law).ends * max(unit.sweep_width) / unit.search_speed
         total[u] = can.search + spec.rounds * ends
         spare[:, u] += (spare[:, u] > 0) * spec.rounds * ends
     return Budget(start, np.maximum.reduceat(spare, start[:-1], axis=0), total, spare > 0)

@@ -12,7 +12,7 @@ has g = 1, for its hazard is its coverage: b = 1 - e^-C. Definite range: g = h, 
 1 - exp(-4 C^2 / pi) + C erfc(2 C / sqrt(pi)): 0.831 at C = 1, where parallel sweeps find 0.790. M-beta by itself finds at most
 what whole numbers of looks can, which is what its parallel sweeps find.
 
-Of a leg of inverse cube that ends, the integral is 2 sqrt(h / pi) W L + W^2 / 4 at the most (END): what lies ahead and astern.
+Of a leg of inverse cube that ends, the integral is 2 sqrt(h / pi) W L + W^2 / 4 at the most (laws.ENDS): what lies ahead and astern.
 
 Unknown sweep widths: factors T of mean 1, one a group. E b(sum T_g C_g) is highest, in the convex order, when all groups are as
 sure as the surest and C is shared evenly among them: then the factor is gamma of the sum of their shapes. That bounds any share.
@@ -34,10 +34,8 @@ Array = npt.NDArray[Any]
 STEP = 0.01  # of coverage
 MOST = 20.0  # coverage beyond which nothing is gained
 SMOOTH = 0.06  # half the window of coverage over which slopes are averaged, so that a kink does not stall the search
-END = 0.25  # sweep widths by which the two ends of a path make it longer
 ROOTS = np.linspace(0.0, 6.5, 3251)  # of h: e^-h is 4e-19 at the last
 SHORT = 1e-5  # share by which the integral over ROOTS may be too low
-ACROSS = 4000  # ranges at which a lateral range curve is looked up
 
 
 @dataclass(frozen=True)
@@ -82,33 +80,13 @@ def curve(used: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
 
 def most(used: Sequence[Law], coverage: Array) -> Array:
     """Return what any legs of some laws find at the most where they come to a coverage, (n,)."""
-    if len(used) == 1 and used[0].kind == "m_beta":
-        return laws.pod(used[0], coverage)
+    if len(used) == 1 and (known := laws.of(used[0]).any_legs) is not None:
+        return known(used[0], coverage)
     h = ROOTS**2
-    g = np.max([capped(law, h) for law in used], axis=0)
+    g = np.max([laws.of(law).cap(law, h) for law in used], axis=0)
     share = np.exp(-h) * 2 * ROOTS
     found = np.array([np.trapezoid(share * np.minimum(h, c * g), ROOTS) for c in coverage])
     return np.minimum((1 + SHORT) * found, 1.0)
-
-
-def capped(law: Law, h: Array) -> Array:
-    """Return g(h): the integral across a leg of its hazard, cut off at h, over its sweep width."""
-    if law.kind == "random":
-        return np.ones(len(h))
-    if law.kind == "inverse_cube":
-        return np.asarray(2 * np.sqrt(h / np.pi))
-    if law.kind == "definite_range":
-        return h
-    if law.kind == "m_beta":
-        return np.asarray(np.minimum(h, -np.log1p(-law.beta) if law.beta < 1 else np.inf) / law.beta)
-    ranges, chances = laws.table(law)
-    at = (np.arange(ACROSS) + 0.5) / ACROSS * ranges[-1]
-    with np.errstate(divide="ignore"):
-        hazard = np.sort(-np.log1p(-np.interp(at, ranges, chances)))
-    finite = np.where(np.isfinite(hazard), hazard, 0.0)
-    below = np.searchsorted(hazard, h)
-    whole = np.concatenate([[0.0], np.cumsum(finite)])[below] + h * (ACROSS - below)
-    return np.asarray(2 * ranges[-1] / ACROSS * whole)
 
 
 def _envelope(c: Array, b: Array) -> Array:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from geo import sphere
+
 Array = npt.NDArray[Any]
 
 HORIZON = -0.833  # [deg] elevation of the sun's centre when its upper limb is seen to rise: half a sun and refraction
@@ -31,7 +33,7 @@ def sun(time: npt.ArrayLike) -> tuple[Array, Array]:
     tilt = np.radians(23.439291 - 0.0130042 * t + 0.00256 * np.cos(node))
     right = np.arctan2(np.cos(tilt) * np.sin(apparent), np.cos(apparent))
     ahead = mean - np.radians(0.0057183) - right  # equation 28.1; its nutation is a third of a second
-    ahead = (ahead + np.pi) % (2 * np.pi) - np.pi
+    ahead = sphere.wrap(ahead)
     return np.arcsin(np.sin(tilt) * np.sin(apparent)), ahead * (86_400 / (2 * np.pi))
 
 

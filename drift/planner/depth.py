@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from geo import sphere
 from geo.box import Box
 from geo.errors import UserError
 
@@ -38,7 +39,7 @@ def shoals(source: Depth, box: Box, draught: float) -> Array:
         with xr.open_dataset(source.file) as data:
             lon, lat, depth = _grid(data, source)
             # At the turn that the box is written in
-            lon = box.west + (lon - box.west) % 360
+            lon = sphere.east_of_degrees(lon, box.west)
             order = np.argsort(lon)
             columns = order[(lon[order] <= box.east)]
             rows = np.flatnonzero((lat >= box.south) & (lat <= box.north))

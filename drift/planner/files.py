@@ -12,9 +12,8 @@ import numpy as np
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
-from drift.search import patterns
+from drift.search import laws, patterns
 from drift.search import shapes as search_shapes
-from drift.search.records import Law
 from geo import notation, sphere
 from geo.notation import KNOT, NMI
 
@@ -52,7 +51,7 @@ def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
 
 
 def _point(parent: ET.Element, tag: str, point: subareas.Waypoint, words: str) -> None:
-    lon = (point.lon + 180) % 360 - 180
+    lon = sphere.wrap_degrees(point.lon)
     made = ET.SubElement(parent, tag, {"lat": f"{point.lat:.7f}", "lon": f"{lon:.7f}"})
     _leaf(made, "time", notation.iso(point.time))
     _leaf(made, "name", point.name)
@@ -193,7 +192,7 @@ def _table(name: str, one: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
     found["start"] = _quoted(notation.iso(sortie.start))
     if sortie.legs is None:
         found["end"] = _quoted(notation.iso(sortie.end))
-    found["law"] = _law(sortie.law)
+    found["law"] = laws.of(sortie.law).written(sortie.law)
     found["sweep_width"] = _widths(sortie.sweep_width, scenarios)
     if math.isfinite(sortie.shape):
         found["sweep_width_uncertainty"] = f"{1 / math.sqrt(sortie.shape):.9g}"
@@ -252,15 +251,6 @@ def _is_parallel(one: Tasking) -> bool:
     return False
 
 
-def _law(law: Law) -> str:
-    if law.kind == "m_beta":
-        return f"{{ m_beta = {law.beta!r} }}"
-    if law.kind == "curve":
-        rows = (f'["{r:.9g} m", {p!r}]' for r, p in zip(law.ranges, law.chances, strict=True))
-        return f"{{ curve = [{', '.join(rows)}] }}"
-    return _quoted(law.kind)
-
-
 def _widths(widths: Sequence[float], scenarios: Sequence[str]) -> str:
     told = [_quoted(f"{width / NMI:.9g} nmi") for width in widths]
     if len(set(told)) == 1:
@@ -279,7 +269,7 @@ def _quoted(text: str) -> str:
 
 def place(lon: float, lat: float) -> str:
     """Return a position in degrees and decimal minutes to 0.2 m, 27 30.5000N 088 15.0000W."""
-    lon = (lon + 180) % 360 - 180
+    lon = sphere.wrap_degrees(lon)
     return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
 
 

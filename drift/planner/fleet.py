@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from drift.case.file import Case
 from drift.motion.environment import Environment
-from drift.planner import availability, courses, depth, planning_tracks
+from drift.planner import courses, depth, planning_tracks
 from drift.planner.courses import Course
 from drift.planner.depth import Depth
 from drift.planner.planning_tracks import Tracks
 from drift.planner.records import Tasking
 from drift.search.records import PlanSpec, Unit
-from geo import sphere
+from geo import notation, sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore
@@ -74,7 +74,7 @@ def _places(unit: Unit, spec: PlanSpec, found: Tracks) -> Array:
     some = planning_tracks.coarser(found, 6)
     lon, lat = (v[:, some.weight > 0].ravel() * sphere.UNIT for v in (some.lon, some.lat))
     far = sphere.distance(math.radians(unit.base[0]), math.radians(unit.base[1]), lon, lat)
-    time = availability.seconds(spec.until) - max(availability.seconds(spec.begin), availability.seconds(unit.ready))
+    time = notation.epoch(spec.until) - max(notation.epoch(spec.begin), notation.epoch(unit.ready))
     near = np.flatnonzero(far < unit.transit_speed * time)
     near = near[:: max(len(near) // PLACES, 1)]
     return np.degrees(np.column_stack([lon[near], lat[near]]))

@@ -16,8 +16,9 @@ from drift.motion.status import Status
 from drift.planner.planning_tracks import Tracks
 from drift.search.filter import Search
 from drift.search.records import Resampling
+from kernels import noise
+from kernels.noise import Purpose
 
-PLANNING = 2**41  # between the seed of the particles that a plan is made on and that of those it is scored on
 BINS = 48  # over the time of a plan, at least, unless they would be shorter than
 SHORTEST = 300  # [s]
 
@@ -28,9 +29,8 @@ def follow(case: Case, where: Environment) -> Tracks:
     span = int((spec.until - spec.begin) / np.timedelta64(1, "s"))
     count = max(span // max(SHORTEST, span // BINS), 1)
     edges = np.unique(np.linspace(0, span, count + 1).round().astype(np.int64))
-    few = replace(
-        case, particles=spec.particles, seed=(case.seed + PLANNING) % 2**63, end=spec.until, resampling=Resampling()
-    )
+    seed = noise.seed_for(case.seed, Purpose.PLANNING)
+    few = replace(case, particles=spec.particles, seed=seed, end=spec.until, resampling=Resampling())
     begin = start.prepare(few, where)
     try:
         search = Search(few, begin.ensemble, begin.scene) if case.sorties or case.contacts else None

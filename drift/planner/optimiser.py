@@ -24,7 +24,7 @@ from drift.planner.records import Alternative, Tasking
 from drift.planner.rectangle import ACROSS, ALONG, ASPECT, SPACING, TURN, WAIT, Crew, Flown, X, Y
 from drift.search.records import PlanSpec, Unit
 from geo import sphere
-from kernels import rectangles, sweeps
+from kernels import noise, rectangles, sweeps
 
 Array = npt.NDArray[Any]
 
@@ -66,7 +66,7 @@ def plan(
     """
     at_sea = at_sea or {}
     tell = tell or (lambda share: None)
-    rng = np.random.Generator(np.random.Philox(key=seed))
+    rng = noise.generator(seed)
     plane = record.plane(tracks)
     factor, nodes = joint.nodes(units)
     crews = _crews(units, spec, plane, float(tracks.time[0]), factor, at_sea)

@@ -28,6 +28,8 @@ from drift.planner.records import Plan, Tasking
 from drift.search.records import Unit
 from geo.errors import UserError
 from geo.notation import group
+from kernels import noise
+from kernels.noise import Purpose
 
 
 @turns.in_turn
@@ -91,7 +93,8 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
                 found = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
         with clock.phase("plan"):
             telling = partial(_told, tell, number, spec.rounds)
-            proposal = optimiser.plan(tracks, units, spec, case.seed + number, survival, telling, boats.courses)
+            seed = noise.seed_for(case.seed, Purpose.OPTIMISER, number)
+            proposal = optimiser.plan(tracks, units, spec, seed, survival, telling, boats.courses)
             flown, boats = fleet.checked(boats, proposal.taskings)
         more = [_named(tasking, number, spec.rounds, case) for tasking in flown]
         if not more:

@@ -52,7 +52,7 @@ class Crew:
     @property
     def random(self) -> bool:
         """Whether it searches at random, without legs."""
-        return self.unit.law.kind == "random"
+        return laws.of(self.unit.law).detects == "anywhere"
 
     @property
     def widest(self) -> float:
@@ -64,7 +64,7 @@ def crew(unit: Unit, reach: Reach, plane: Plane, zero: float, factor: Array, cou
     """Return a unit as the optimiser takes it."""
     curve = laws.pod(unit.law, np.arange(round(MOST / STEP) + 1) * STEP)
     table = None
-    if unit.law.kind not in ("random", "inverse_cube"):
+    if laws.of(unit.law).detects == "abeam":
         table = np.column_stack(laws.table(unit.law)).ravel()
     return Crew(unit, reach, plane, zero, np.array(unit.sweep_width), factor, curve, table, course)
 

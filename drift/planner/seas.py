@@ -110,8 +110,8 @@ def region(plane: Plane, places: Array, margin: float) -> Region:
     )
     lon, lat = (np.degrees(v) for v in plane.round(*edge.T))
     middle = math.degrees(plane.lon)
-    lon = middle + (lon - middle + 180) % 360 - 180
-    west = (float(lon.min()) + 180) % 360 - 180
+    lon = sphere.near_degrees(lon, middle)
+    west = sphere.wrap_degrees(float(lon.min()))
     box = Box(west, float(lat.min()), west + float(np.ptp(lon)), float(lat.max()))
     return Region(plane, low, high, box.grown(0.1, 0.1))
 
@@ -140,7 +140,7 @@ def build(
 
     def back(points: Array) -> Array:
         x, y = (np.degrees(v) for v in plane.round(*points.T))
-        return np.column_stack([centre + (x - centre + 180) % 360 - 180, y])
+        return np.column_stack([sphere.near_degrees(x, centre), y])
 
     degrees = shapely.transform(shapely.segmentize(barrier, 1000.0), back)
     device = crossing.upload(shoreline.build(Shore(degrees, "barrier"), box))

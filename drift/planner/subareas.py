@@ -243,4 +243,4 @@ def _tasking(plan: Plan, name: str, one: Tasking) -> dict[str, Any]:
 
 
 def _place(lon: float, lat: float) -> dict[str, float]:
-    return {"lon": (lon + 180) % 360 - 180, "lat": lat}
+    return {"lon": sphere.wrap_degrees(lon), "lat": lat}

@@ -21,13 +21,13 @@ from drift.maps.chart import INK, Frame
 from drift.planner import daylight, subareas
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text
-from drift.planner.availability import moment, seconds
+from drift.planner.availability import moment
 from drift.planner.map import BASE, GREY, POINT
 from drift.planner.records import Plan, Tasking
 from drift.planner.subareas import Waypoint
 from drift.search import layers as search_layers
 from drift.search import shapes as search_shapes
-from geo import notation
+from geo import notation, sphere
 from geo.box import Box
 from geo.cells import Array
 
@@ -57,7 +57,7 @@ def box(plan: Plan) -> Box:
         [np.concatenate([plan_map.ring(one), *subareas.transits(one), [one.unit.base]]) for one in plan.taskings]
     )
     lon = np.array([_by(value, every[0, 0]) for value in every[:, 0]])
-    west = (float(lon.min()) + 180) % 360 - 180
+    west = sphere.wrap_degrees(float(lon.min()))
     found = Box(west, float(every[:, 1].min()), west + max(float(np.ptp(lon)), 1e-6), float(every[:, 1].max()))
     return found.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(every[:, 1])))
 
@@ -183,7 +183,7 @@ def _facts(figure: Figure, plan: Plan, name: str, one: Tasking) -> None:
 
 def light(one: Tasking) -> str:
     """Return sunrise and sunset at the commence search point, of the day about the search."""
-    begin = seconds(one.on_scene)
+    begin = float(notation.epoch(one.on_scene))
     place = subareas.begin(one)
     spans = daylight.windows(begin - 86_400, begin + 86_400, *place)
     ahead = [span for span in spans if span[1] > begin]
@@ -220,7 +220,7 @@ def _short(point: Waypoint) -> str:
 
 
 def _place(point: Waypoint) -> str:
-    lon = (point.lon + 180) % 360 - 180
+    lon = sphere.wrap_degrees(point.lon)
     return f"{_minutes(point.lat, 2)}{'N' if point.lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
 
 
@@ -231,4 +231,4 @@ def _minutes(angle: float, digits: int) -> str:
 
 def _by(lon: float, other: float) -> float:
     """Return a longitude [deg] at the turn nearest to another."""
-    return other + (lon - other + 180) % 360 - 180
+    return sphere.near_degrees(lon, other)

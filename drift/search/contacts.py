@@ -26,29 +26,44 @@ def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
     A density: per m2 for positions and areas, per radian for bearings, per metre for ranges; belief and false contacts are left out.
     Beyond 6 standard deviations, where no error is normal, it is impossible: a wrong digit must not look like a discovery.
     """
-    x, y = lon * sphere.UNIT, lat * sphere.UNIT
     with np.errstate(divide="ignore"):
-        if contact.kind == "position":
-            return _fixes(contact, x, y)
-        if contact.kind == "area":
-            assert contact.area is not None
-            return np.log(inside(contact.area, lon, lat).astype(np.float64)) - math.log(
-                patterns.square_metres(contact.area)
-            )
-        assert contact.sensor is not None
-        east, north = sphere.offset(math.radians(contact.sensor[0]), math.radians(contact.sensor[1]), x, y)
-        far = np.hypot(east, north)
-        if contact.kind == "bearing":
-            apart = (np.arctan2(east, north) - contact.bearing + np.pi) % (2 * np.pi) - np.pi
-            found = _normal(apart, contact.bearing_std)
-            found = np.where((far >= contact.near) & (far <= contact.far), found, -np.inf)
-        else:
-            found = _normal(far - contact.range, contact.range_std)
-        return np.asarray(found + np.log(_detection(contact, far)))
+        return LIKELIHOODS[contact.kind](contact, lon, lat)
 
 
-def _fixes(contact: Contact, x: Array, y: Array) -> Array:
+def _area(contact: Contact, lon: Array, lat: Array) -> Array:
+    """Return the log of one over the area inside it, and of nothing outside."""
+    assert contact.area is not None
+    return np.asarray(
+        np.log(inside(contact.area, lon, lat).astype(np.float64)) - math.log(patterns.square_metres(contact.area))
+    )
+
+
+def _bearing(contact: Contact, lon: Array, lat: Array) -> Array:
+    """Return the log of a normal of the true bearing from the sensor, between the ranges."""
+    east, north = _from_sensor(contact, lon, lat)
+    far = np.hypot(east, north)
+    apart = sphere.wrap(np.arctan2(east, north) - contact.bearing)
+    found = _normal(apart, contact.bearing_std)
+    found = np.where((far >= contact.near) & (far <= contact.far), found, -np.inf)
+    return np.asarray(found + np.log(_detection(contact, far)))
+
+
+def _range(contact: Contact, lon: Array, lat: Array) -> Array:
+    """Return the log of a normal of the distance from the sensor."""
+    far = np.hypot(*_from_sensor(contact, lon, lat))
+    return np.asarray(_normal(far - contact.range, contact.range_std) + np.log(_detection(contact, far)))
+
+
+def _from_sensor(contact: Contact, lon: Array, lat: Array) -> tuple[Array, Array]:
+    """Return (east, north) [m] of binary angles in the tangent plane of the sensor."""
+    assert contact.sensor is not None
+    at = math.radians(contact.sensor[0]), math.radians(contact.sensor[1])
+    return sphere.offset(*at, lon * sphere.UNIT, lat * sphere.UNIT)
+
+
+def _fixes(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log of the mixture of normals round the fixes, in their tangent planes."""
+    x, y = lon * sphere.UNIT, lat * sphere.UNIT
     c, s = math.cos(contact.orientation), math.sin(contact.orientation)
     total = np.full(x.shape, -np.inf)
     for fix in contact.fixes:
@@ -57,8 +72,8 @@ def _fixes(contact: Contact, x: Array, y: Array) -> Array:
         one = _normal(along, contact.major) + _normal(across, contact.minor) + math.log(fix.share)
         total = np.logaddexp(total, one)
     if contact.zones is not None and contact.sensor is not None:
-        lon, lat = (math.radians(angle) for angle in contact.sensor)
-        total += np.log(_detection(contact, sphere.distance(lon, lat, x, y)))
+        at = math.radians(contact.sensor[0]), math.radians(contact.sensor[1])
+        total += np.log(_detection(contact, sphere.distance(*at, x, y)))
     return total
 
 
@@ -86,3 +101,6 @@ def inside(area: Area, lon: Array, lat: Array) -> Array:
     return np.asarray(
         shapely.contains_xy(shape, *sensor_path.chart(0.0, math.radians(at_lat), apart, lat * sphere.UNIT))
     )
+
+
+LIKELIHOODS = {"position": _fixes, "area": _area, "bearing": _bearing, "range": _range}

@@ -16,10 +16,9 @@ from drift.motion.simulate import Scene
 from drift.motion.start import physics
 from drift.search.records import Contact
 from kernels import noise
+from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
-
-APART = 2**56  # between the seeds of an object's own coefficients and those of each class of its debris
 
 
 @dataclass
@@ -46,7 +45,7 @@ def of_contacts(case: Case, contacts: list[tuple[int, Contact]], scene: Scene) -
         told = replace(case, scenarios=tuple(replace(s, object=drifter) for s in case.scenarios))
         ensemble = prior.draw(told, scene.place.coast).ensemble
         for slots in ensemble.scenarios:  # coefficients of its own
-            prior.equip(ensemble, slots, noise.key((case.seed + number * APART) % 2**64), drifter)
+            prior.equip(ensemble, slots, noise.key(case.seed, Purpose.DEBRIS, number), drifter)
         place = scene.place._replace(debris=number)
         moved = replace(scene, physics=tuple(physics(told, s) for s in told.scenarios), place=place)
         found[drifter] = Debris(ensemble, moved, time)

@@ -16,6 +16,7 @@ from drift.motion.forcing import Forcing
 from drift.search import laws, markers, sensor_path
 from drift.search.markers import Marker, Tracked
 from drift.search.records import Sortie
+from geo import notation
 from kernels import runtime, sweep
 
 Array = npt.NDArray[Any]
@@ -30,9 +31,7 @@ class Flown:
     def __init__(self, sortie: Sortie, start: int, scenarios: int) -> None:
         """Make ready; start: of the run [s since 1970]."""
         self.sortie = sortie
-        self.begin, self.end = (
-            int(t.astype("datetime64[s]").astype(np.int64)) - start for t in (sortie.start, sortie.end)
-        )
+        self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
         self.factors, self.chances = laws.factors(sortie.shape)
         self._path = sensor_path.of_legs(sortie.legs, start) if sortie.legs else None
         self._place, self._ring = None, None
@@ -62,7 +61,7 @@ class Flown:
             return int(sweep.ZONES)
         if self._path is None:
             return int(sweep.INSIDE)
-        return int(sweep.CUBE if self.sortie.law.kind == "inverse_cube" else sweep.ABEAM)
+        return int(sweep.CUBE if laws.of(self.sortie.law).detects == "along" else sweep.ABEAM)
 
     def as_flown(self, scenario: int, start: int) -> Sortie:
         """Return the sortie, with the track of its marker in a scenario if it drifts; start: of the run [s since 1970]."""
@@ -134,7 +133,7 @@ class Flown:
             return sweep.HAZARD, np.ones(1, np.float32)
         if kind == sweep.INSIDE:
             coverage = sortie.coverage[scenario] * self.factors
-            if sortie.law.kind == "random":
+            if laws.of(sortie.law).detects == "anywhere":
                 return sweep.HAZARD, (coverage * sortie.completed).astype(np.float32)
             return sweep.SHARE, (laws.pod(sortie.law, coverage) * sortie.completed).astype(np.float32)
         width = sortie.sweep_width[scenario] * self.factors

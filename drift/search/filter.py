@@ -23,6 +23,7 @@ from drift.search.exposure import Flown
 from drift.search.records import Contact
 from drift.search.updates import Update, Updates
 from drift.suspend.standing import Standing, standing
+from geo import notation
 from geo.errors import UserError
 from kernels import runtime
 from kernels.advance import Step
@@ -39,7 +40,7 @@ class Search:
     def __init__(self, case: Case, ensemble: Ensemble, scene: Scene) -> None:
         """Make ready for a run of an ensemble through a scene."""
         self.case, self.ensemble, self._scene = case, ensemble, scene
-        self._start = int(case.start.astype("datetime64[s]").astype(np.int64))
+        self._start = notation.epoch(case.start)
         self._all = [Flown(sortie, self._start, len(case.scenarios)) for sortie in case.sorties]
         self._waiting = list(self._all)
         self._contacts = [(prior.elapsed(case, contact.time), contact) for contact in case.contacts]

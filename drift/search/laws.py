@@ -1,18 +1,20 @@
-"""Laws of detection: from coverage to probability of detection and back, and what is not known of a sweep width.
+"""Laws of detection: each one entry of a table, from coverage to probability of detection and back.
 
 Coverage C is sweep width times track over area. Sources: Koopman 1980, Search and Screening, chapter 3 (inverse cube, random
 search, definite range); Washburn 2014, Search and Detection, chapter 2; the M-beta law is SAROPS' way to put a sweep width
 into a chance and a range.
+
+A new law is one entry of LAWS; a law with numbers of its own adds them to drift.search.records.Law and its keys to drift.case.sensor.
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize, special
-from scipy.linalg import eigh_tridiagonal
 
 from drift.search.records import Law
 
@@ -21,36 +23,58 @@ Array = npt.NDArray[Any]
 NODES = 16  # of the quadrature over an unknown sweep width
 OFFSETS = 2000  # at which endless sweeps by a curve are averaged
 MOST = 50.0  # coverage beyond which nothing is asked
+ACROSS = 4000  # ranges at which a lateral range curve is looked up
+ENDS = 0.25  # sweep widths by which the two ends of a path of inverse cube make it longer (drift.planner.concave)
+
+
+def _plain(law: Law) -> str:
+    return f'"{law.kind}"'
+
+
+@dataclass(frozen=True)
+class Formulas:
+    """What a law is made of. Each function takes the law, for the numbers that it has of its own."""
+
+    detects: Literal[
+        "anywhere", "along", "abeam"
+    ]  # at a rate in its area; at a rate all along its legs; once, abeam of a leg
+    pod: Callable[[Law, Array], Array]  # b(C)
+    cap: Callable[
+        [Law, Array], Array
+    ]  # g(h): the integral across a leg of its hazard, cut off at h, over its sweep width
+    coverage: Callable[[Law, float], float] | None = None  # C of a POD; None: found by trying
+    lateral: Callable[[Law], tuple[Array, Array]] | None = (
+        None  # range curve, as `table` returns it; what detects abeam has one
+    )
+    width: Callable[[Law], float] | None = None  # sweep width [m] that the law brings along; None: it has to be told
+    any_legs: Callable[[Law, Array], Array] | None = None  # most that any legs find at C, if cap tells more than that
+    sure: bool = False  # whether some coverage detects for certain
+    ends: float = 0.0  # sweep widths by which the two ends of a path make it longer, at the most
+    written: Callable[[Law], str] = _plain  # the law as a case file has it, in TOML
+
+
+def of(law: Law) -> Formulas:
+    """Return what a law is made of."""
+    return LAWS[law.kind]
 
 
 def pod(law: Law, coverage: npt.ArrayLike) -> Array:
     """Return b(C), the probability of detection under endless parallel sweeps (random: anywhere); any shape."""
-    c = np.asarray(coverage, np.float64)
-    if law.kind == "random":
-        return np.asarray(-np.expm1(-c))
-    if law.kind == "inverse_cube":
-        return np.asarray(special.erf(math.sqrt(math.pi) / 2 * c))
-    if law.kind == "definite_range":
-        return np.minimum(c, 1.0)
-    if law.kind == "m_beta":
-        looks = c / law.beta  # r = 2 M / S
-        whole = np.floor(looks)
-        return np.asarray(1 - (1 - law.beta) ** whole * (1 - law.beta * (looks - whole)))
-    return np.interp(c, *_endless(law))
+    return of(law).pod(law, np.asarray(coverage, np.float64))
 
 
 def coverage_of(law: Law, chance: float) -> float:
     """Return the coverage at which a law detects with a chance; raise ValueError where none does."""
-    if not 0 <= chance < 1 and not (chance == 1 and law.kind == "definite_range"):
+    if not 0 <= chance < 1 and not (chance == 1 and of(law).sure):
         raise ValueError(f"a POD of {chance:g} needs endless effort; it must be at least 0 and below 1")
     if chance == 0:
         return 0.0
-    if law.kind == "random":
-        return -math.log1p(-chance)
-    if law.kind == "definite_range":
-        return chance
+    if (inverse := of(law).coverage) is not None:
+        return inverse(law, chance)
     if pod(law, MOST) <= chance:
         raise ValueError(f"this law reaches a POD of {float(pod(law, MOST)):.3g} at most, not {chance:g}")
+    from scipy import optimize  # here, since most cases search nothing, and it takes a third of a second
+
     return float(optimize.brentq(lambda c: float(pod(law, c)) - chance, 0.0, MOST, xtol=1e-12))
 
 
@@ -59,20 +83,52 @@ def table(law: Law) -> tuple[Array, Array]:
 
     Straight in between, nothing beyond the last; two equal ranges are a jump. Twice its integral is 1.
     """
-    if law.kind == "definite_range":
-        return np.array([0.0, 0.5]), np.array([1.0, 1.0])
-    if law.kind == "m_beta":
-        return np.array([0.0, 0.5 / law.beta]), np.array([law.beta, law.beta])
-    if law.kind != "curve":
+    if (lateral := of(law).lateral) is None:
         raise ValueError(f"{law.kind} has no lateral range curve of its own")
-    ranges, chances = np.array(law.ranges), np.array(law.chances)
-    return ranges / swept(law), chances
+    return lateral(law)
 
 
 def swept(law: Law) -> float:
     """Return the sweep width [m] of a lateral range curve: twice its integral."""
     ranges, chances = np.array(law.ranges), np.array(law.chances)
     return float(np.sum((chances[1:] + chances[:-1]) * np.diff(ranges)))
+
+
+def _inverse_cube(_law: Law, c: Array) -> Array:
+    from scipy import special  # here, as above
+
+    return np.asarray(special.erf(math.sqrt(math.pi) / 2 * c))
+
+
+def _m_beta(law: Law, c: Array) -> Array:
+    looks = c / law.beta  # r = 2 M / S
+    whole = np.floor(looks)
+    return np.asarray(1 - (1 - law.beta) ** whole * (1 - law.beta * (looks - whole)))
+
+
+def _m_beta_cap(law: Law, h: Array) -> Array:
+    return np.asarray(np.minimum(h, -np.log1p(-law.beta) if law.beta < 1 else np.inf) / law.beta)
+
+
+def _curve(law: Law) -> tuple[Array, Array]:
+    ranges, chances = np.array(law.ranges), np.array(law.chances)
+    return ranges / swept(law), chances
+
+
+def _curve_cap(law: Law, h: Array) -> Array:
+    ranges, chances = _curve(law)
+    at = (np.arange(ACROSS) + 0.5) / ACROSS * ranges[-1]
+    with np.errstate(divide="ignore"):
+        hazard = np.sort(-np.log1p(-np.interp(at, ranges, chances)))
+    finite = np.where(np.isfinite(hazard), hazard, 0.0)
+    below = np.searchsorted(hazard, h)
+    whole = np.concatenate([[0.0], np.cumsum(finite)])[below] + h * (ACROSS - below)
+    return np.asarray(2 * ranges[-1] / ACROSS * whole)
+
+
+def _curve_written(law: Law) -> str:
+    rows = (f'["{r:.9g} m", {p!r}]' for r, p in zip(law.ranges, law.chances, strict=True))
+    return f"{{ curve = [{', '.join(rows)}] }}"
 
 
 @lru_cache(maxsize=16)
@@ -91,6 +147,43 @@ def _endless(law: Law) -> tuple[Array, Array]:
     return coverages, found
 
 
+LAWS = {
+    "random": Formulas(
+        detects="anywhere",
+        pod=lambda _, c: np.asarray(-np.expm1(-c)),
+        cap=lambda _, h: np.ones(len(h)),
+        coverage=lambda _, chance: -math.log1p(-chance),
+    ),
+    "inverse_cube": Formulas(
+        detects="along", pod=_inverse_cube, cap=lambda _, h: np.asarray(2 * np.sqrt(h / np.pi)), ends=ENDS
+    ),
+    "definite_range": Formulas(
+        detects="abeam",
+        pod=lambda _, c: np.minimum(c, 1.0),
+        cap=lambda _, h: h,
+        coverage=lambda _, chance: chance,
+        lateral=lambda _: (np.array([0.0, 0.5]), np.array([1.0, 1.0])),
+        sure=True,
+    ),
+    "m_beta": Formulas(
+        detects="abeam",
+        pod=_m_beta,
+        cap=_m_beta_cap,
+        lateral=lambda law: (np.array([0.0, 0.5 / law.beta]), np.array([law.beta, law.beta])),
+        any_legs=_m_beta,
+        written=lambda law: f"{{ m_beta = {law.beta!r} }}",
+    ),
+    "curve": Formulas(
+        detects="abeam",
+        pod=lambda law, c: np.interp(c, *_endless(law)),
+        cap=_curve_cap,
+        lateral=_curve,
+        width=swept,
+        written=_curve_written,
+    ),
+}
+
+
 def factors(shape: float) -> tuple[Array, Array]:
     """Return nodes and weights of the unknown factor of a sweep width: gamma of a shape, mean 1; one node where W is known.
 
@@ -98,6 +191,8 @@ def factors(shape: float) -> tuple[Array, Array]:
     """
     if math.isinf(shape):
         return np.ones(1), np.ones(1)
+    from scipy.linalg import eigh_tridiagonal  # here, as above
+
     k = np.arange(NODES)
     nodes, vectors = eigh_tridiagonal(2 * k + shape, np.sqrt(k[1:] * (k[1:] + shape - 1)))
     return nodes / shape, vectors[0] ** 2

@@ -78,9 +78,8 @@ def places(contacts: Sequence[Contact], sorties: Sequence[Sortie] = ()) -> dict[
     """Return the shapes of contacts and sorties by name, for beyond.told."""
     found: dict[str, list[Array]] = {}
     for seen in contacts:
-        fixes = seen.fixes if seen.kind == "position" else ()
-        if len(fixes) > 1:  # each is a place of its own: A and B of a beacon
-            for k, fix in enumerate(fixes, 1):
+        if len(seen.fixes) > 1:  # each is a place of its own: A and B of a beacon
+            for k, fix in enumerate(seen.fixes, 1):
                 alone = replace(seen, fixes=(fix,))
                 found[f'contact "{seen.name}", position {k}'] = [points for _, points in search_shapes.contact(alone)]
         else:

@@ -21,7 +21,7 @@ Array = npt.NDArray[Any]
 class Law:
     """How likely a sweep detects what it passes (Koopman 1980, Search and Screening; SEARCH.md)."""
 
-    kind: Literal["random", "inverse_cube", "definite_range", "m_beta", "curve"] = "inverse_cube"
+    kind: str = "inverse_cube"  # an entry of drift.search.laws.LAWS
     beta: float = 1.0  # m_beta: chance of detection within M = W / (2 beta)
     ranges: tuple[float, ...] = ()  # curve: lateral ranges [m], ascending from 0
     chances: tuple[float, ...] = ()  # and the chance of detection there, straight in between, none beyond
@@ -80,7 +80,7 @@ class Contact:
 
     name: str
     time: np.datetime64
-    kind: Literal["position", "bearing", "range", "area"]
+    kind: str  # an entry of drift.search.contacts.LIKELIHOODS
     belief: float = 1.0  # that it is ours: belief N / E[N] + 1 - belief
     false_density: float = (
         0.0  # [1/m2] (range: [1/m], bearing: [1/rad]) of false contacts: N + false_density; then belief is 1

@@ -5,7 +5,7 @@ drifts with a marker is moved with it, where the marker's track is known. No are
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ import numpy.typing as npt
 import shapely
 
 from drift.search.records import Contact, Sortie
-from drift.spill import tables as washup_tables
 from geo import antimeridian, polyline, sphere
 from geo.polyline import Area, Legs
 
@@ -53,7 +52,7 @@ def circle(lon: float, lat: float, radius: float, begin: float = 0.0, end: float
 
 def _about(lon: float, lat: float, east: Array, north: Array) -> Array:
     x, y = sphere.destination(np.radians(lon), np.radians(lat), east, north)
-    return np.column_stack([lon + (np.degrees(x) - lon + 180) % 360 - 180, np.degrees(y)])
+    return np.column_stack([sphere.near_degrees(np.degrees(x), lon), np.degrees(y)])
 
 
 def searched(sortie: Sortie, time: Any = None) -> Array | None:
@@ -106,23 +105,34 @@ def contact(one: Contact) -> list[Shape]:
 
     Shapes are "point" (1, 2), "region" (closed) or "line". A bearing without a far end is drawn to FARTHEST.
     """
-    if one.kind == "position":
-        return [*_fixes(one)]
-    if one.kind == "area":
-        assert one.area is not None
-        return [("region", outline(one.area))]
+    return CONTACTS[one.kind](one)
+
+
+def _area(one: Contact) -> list[Shape]:
+    assert one.area is not None
+    return [("region", outline(one.area))]
+
+
+def _bearing(one: Contact) -> list[Shape]:
     assert one.sensor is not None
     lon, lat = one.sensor
-    made: list[Shape] = [("point", np.array([[lon, lat]]))]
-    if one.kind == "bearing":
-        far = one.far if math.isfinite(one.far) else max(FARTHEST, 2 * one.near)
-        low, high = one.bearing - ON_LINE * one.bearing_std, one.bearing + ON_LINE * one.bearing_std
-        outer, inner = circle(lon, lat, far, low, high), circle(lon, lat, max(one.near, 1.0), high, low)
-        made.append(("region", np.concatenate([outer, inner, outer[:1]])))
-        ends = _about(lon, lat, *(np.array([one.near, far]) * f(one.bearing) for f in (math.sin, math.cos)))
-        return [*made, ("line", curve(ends[:, 0], ends[:, 1]))]
+    far = one.far if math.isfinite(one.far) else max(FARTHEST, 2 * one.near)
+    low, high = one.bearing - ON_LINE * one.bearing_std, one.bearing + ON_LINE * one.bearing_std
+    outer, inner = circle(lon, lat, far, low, high), circle(lon, lat, max(one.near, 1.0), high, low)
+    ends = _about(lon, lat, *(np.array([one.near, far]) * f(one.bearing) for f in (math.sin, math.cos)))
+    return [
+        ("point", np.array([[lon, lat]])),
+        ("region", np.concatenate([outer, inner, outer[:1]])),
+        ("line", curve(ends[:, 0], ends[:, 1])),
+    ]
+
+
+def _range(one: Contact) -> list[Shape]:
+    assert one.sensor is not None
+    lon, lat = one.sensor
     near, far = one.range - ON_LINE * one.range_std, one.range + ON_LINE * one.range_std
-    return [*made, *(("line", circle(lon, lat, radius)) for radius in (near, one.range, far) if radius > 0)]
+    circles = (circle(lon, lat, radius) for radius in (near, one.range, far) if radius > 0)
+    return [("point", np.array([[lon, lat]])), *(("line", points) for points in circles)]
 
 
 def _fixes(one: Contact) -> Iterator[Shape]:
@@ -134,6 +144,14 @@ def _fixes(one: Contact) -> Iterator[Shape]:
         yield "point", np.array([[fix.lon, fix.lat]])
         if one.major > 0:
             yield "region", _about(fix.lon, fix.lat, east, north)
+
+
+CONTACTS: dict[str, Callable[[Contact], list[Shape]]] = {
+    "position": lambda one: [*_fixes(one)],
+    "area": _area,
+    "bearing": _bearing,
+    "range": _range,
+}
 
 
 def polygon(rings: Sequence[Array]) -> dict[str, Any]:
@@ -154,13 +172,13 @@ def _valid(ring: Array) -> list[Any]:
 
 def lines(parts: Sequence[Array]) -> dict[str, Any]:
     """Return lines as a GeoJSON MultiLineString, cut at the antimeridian."""
-    pieces = [piece for part in parts for piece in washup_tables.cut(shapely.LineString(part))]
+    pieces = [piece for part in parts for piece in antimeridian.cut_line(shapely.LineString(part))]
     return {"type": "MultiLineString", "coordinates": [np.round(piece.coords, DIGITS).tolist() for piece in pieces]}
 
 
 def point(lon: float, lat: float) -> dict[str, Any]:
     """Return a position [deg] as a GeoJSON Point."""
-    return {"type": "Point", "coordinates": [round((lon + 180) % 360 - 180, DIGITS), round(lat, DIGITS)]}
+    return {"type": "Point", "coordinates": [round(sphere.wrap_degrees(lon), DIGITS), round(lat, DIGITS)]}
 
 
 def _drifts(sortie: Sortie) -> bool:

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift.spill import estimate
+from drift.motion import weights
+from geo import notation
 from geo.cells import Array
 from geo.coast.segments import Segments
 
@@ -74,7 +75,7 @@ def build(
         "fate": ("fate", np.array(FATES, object), {"long_name": "what has become of an object", "comment": FATES_MEAN}),
     }
     sizes = {name: len(coords[name][1]) for name in ("time", "segment", "quantile", "kind", "fate")}
-    begin = int(start.astype(np.int64))
+    begin = notation.epoch(start)
     data: dict[str, tuple[Any, ...]] = {}
     for name, (dims, unit, words) in FIGURES.items():
         blank = np.zeros([sizes[dim] for dim in dims])
@@ -108,7 +109,7 @@ def build(
     data["world_weight"] = (("world",), weight, {"long_name": "probability of the world", "units": "1"})
     data["effective_worlds"] = (
         (),
-        estimate.effective(weight),
+        weights.effective(weight),
         {"long_name": "effective number of worlds", "units": "1"},
     )
     data["realisations"] = ((), realisations, {"long_name": "simulated spills of each world", "units": "1"})

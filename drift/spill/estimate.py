@@ -15,11 +15,6 @@ SLACK = 1e-9  # of a share: a cumulative sum that misses it by rounding reaches 
 ONE = 2**52  # share 1 in fixed point: sums are exact, and differences too where they wrap
 
 
-def effective(weight: Array) -> float:
-    """Return the effective number of worlds of weights (n,), 1 / sum of squares (Kish 1965, sec. 11.2)."""
-    return float(weight.sum() ** 2 / np.sum(weight**2))
-
-
 def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Array, Array]:
     """Return the mean over worlds and its standard error of every group, each (groups, k).
 

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
+from drift.motion import weights
 from drift.motion.status import Status
 from drift.spill import exposure, shrinkage
 from drift.spill.exposure import Exposure, Patrol, Reporting
@@ -159,11 +160,6 @@ def posterior(fates: Fates, known: Known, latent: Real, log_weight: Real) -> Pos
     return _weigh(known, here, _evidence(known, here, latent, log_weight), ours, exposure.found(here, known.now))
 
 
-def effective(weight: Real) -> float:
-    """Return the effective number of worlds of weights (Kish 1965)."""
-    return float(weight.sum() ** 2 / (weight**2).sum())
-
-
 def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
     """Return the largest exponent in (0, 1] at which the likelihood leaves `least` effective worlds: bisection.
 
@@ -171,7 +167,7 @@ def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0)
     """
 
     def enough(power: float) -> bool:
-        return effective(_normal(power * log_likelihood + log_weight)) >= least
+        return weights.effective(weights.shares(power * log_likelihood + log_weight)) >= least
 
     if enough(1.0):
         return 1.0
@@ -197,11 +193,6 @@ def surprises(fates: Fates, known: Known, latent: Real, log_weight: Real) -> tup
     return tuple(told)
 
 
-def _normal(log_weight: Real) -> Real:
-    weight = np.exp(log_weight - log_weight.max())
-    return np.asarray(weight / weight.sum())
-
-
 def _per_class(fates: Fates, classes: int) -> npt.NDArray[np.int64]:
     return np.asarray(np.bincount(fates.kind, minlength=classes) // fates.worlds)
 
@@ -222,7 +213,7 @@ def _evidence(known: Known, here: Exposure, latent: Real, log_weight: Real) -> _
     fates, numbers = here.fates, known.numbers
     classes = numbers.shares.size
     n, alike = _per_class(fates, classes), shrinkage.likeness(latent)
-    prior = np.log(_normal(np.broadcast_to(np.asarray(log_weight, float), fates.worlds)) + 1e-300)
+    prior = np.log(weights.shares(np.broadcast_to(np.asarray(log_weight, float), fates.worlds)) + 1e-300)
     density = np.full((len(known.finds), classes, fates.worlds), -np.inf)
     alien = np.full(len(known.finds), -np.inf)
     for k, find in enumerate(known.finds):
@@ -330,13 +321,22 @@ def _weigh(known: Known, here: Exposure, evidence: _Evidence, ours: tuple[int, .
             f"{fewest} objects were found, but not so many of their classes were spilled "
             f"({numbers.objects.max()} in all); raise [spill] objects, or give finds a probability of being false"
         )
-    weight = _normal(log_likelihood + evidence.prior)
+    weight = weights.shares(log_likelihood + evidence.prior)
     with np.errstate(invalid="ignore"):
         chosen = np.nan_to_num(np.exp(size - log_likelihood), nan=0.0)
         objects = weight @ np.nan_to_num(np.exp(objects - log_likelihood[:, None]))
         destroyed = weight @ np.nan_to_num(np.exp(destroyed - log_likelihood[:, None]))
     return Posterior(
-        known, log_likelihood, weight, effective(weight), objects, destroyed, tuple(counted), chosen, found, share
+        known,
+        log_likelihood,
+        weight,
+        weights.effective(weight),
+        objects,
+        destroyed,
+        tuple(counted),
+        chosen,
+        found,
+        share,
     )
 
 

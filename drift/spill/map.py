@@ -28,7 +28,7 @@ from drift.forecast.layers import Mark
 from drift.maps import chart, labels, page
 from drift.maps.chart import INK, Frame
 from drift.spill import washup
-from geo import notation
+from geo import notation, sphere
 from geo.cells import Array
 from geo.coast.segments import Segments
 
@@ -217,7 +217,7 @@ def _extent(
         points = np.zeros((1, 2))
     turn = np.radians(points[:, 0])
     middle = float(np.degrees(np.arctan2(np.sin(turn).mean(), np.cos(turn).mean())))
-    lon, margin = (points[:, 0] - middle + 180) % 360 - 180 + middle, 0.3 if near else 0.06
+    lon, margin = sphere.near_degrees(points[:, 0], middle), 0.3 if near else 0.06
     return chart.frame(lon, points[:, 1], aspect, margin, least=5000.0)
 
 
@@ -334,7 +334,7 @@ def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
     for values, offset, style, tick in ((first, -0.2, FIRST, "white"), (bulk, 0.2, BULK, INK)):
         ax.barh(y + offset, values[2] - values[0], 0.34, values[0], zorder=3, **style)
         ax.scatter(values[1], y + offset, 26, tick, marker="D", edgecolor=INK, linewidth=0.9, zorder=5)
-    begin, end = (data[name].values.ravel()[-1].astype("datetime64[s]").astype(np.int64) for name in ("start", "time"))
+    begin, end = (notation.epoch(data[name].values.ravel()[-1]) for name in ("start", "time"))
     ax.set_xlim(min(begin, first.min()), max(end, bulk.max()))
     ax.set_ylim(WORST - 0.4, -0.6)
     ticks = labels.round_times(*ax.get_xlim(), 7)

@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from drift.spill.fates import Array, Fates, Realisation
 from drift.spill.finds import Numbers, Posterior, joint_of
+from kernels import noise
+from kernels.noise import Purpose
 
 Ints = npt.NDArray[np.int64]
 
@@ -18,7 +20,7 @@ def realise(fates: Fates, posterior: Posterior, seed: int, count: int) -> list[R
 
     Each is a fair draw. They use different particles as far as there are enough.
     """
-    rng = np.random.Generator(np.random.Philox(seed))
+    rng = noise.generator(seed, Purpose.REALISATIONS)
     numbers = posterior.known.numbers
     classes = numbers.shares.size
     destroyed = np.zeros((count, fates.worlds), np.int64)

@@ -13,6 +13,7 @@ from drift.motion.ensemble import Ensemble
 from drift.motion.leeway import AIR_IN_WATER
 from drift.spill.records import Spill
 from drift.spill.worlds import Real, Worlds
+from geo import notation
 from geo.errors import UserError
 from kernels import noise, runtime
 from kernels import prior as kernel
@@ -34,7 +35,7 @@ def draw(case: Case, spill: Spill, worlds: Worlds, coast: DeviceCoast, seed: int
     counts = per_world(spill)
     bounds = tuple(int(n) for n in np.concatenate([[0], np.cumsum(counts) * worlds.size]))
     ensemble, key = record.empty(seed, bounds), noise.key(seed)
-    start = int(case.start.astype("datetime64[s]").astype(np.int64))
+    start = notation.epoch(case.start)
     where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - start)]
     factor = runtime.upload(worlds.windage.astype(np.float32))
     log_weight = np.empty(ensemble.n, np.float32)

@@ -16,6 +16,7 @@ from scipy import special  # stats would take a second to import
 
 from drift.case.file import Case
 from drift.forecast import effective
+from drift.motion import weights
 from drift.motion.environment import Environment
 from drift.motion.prior import elapsed
 from drift.motion.spool import Spool
@@ -104,7 +105,7 @@ def settle(
         least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
         # From where these worlds were drawn (exponent 0) towards where the finds have them (1): never back to the prior.
         aim = told.log_likelihood + drawn.log_weight
-        about = worlds.around(drawn, worlds.normal(finds.tempered(aim, least) * aim))
+        about = worlds.around(drawn, weights.shares(finds.tempered(aim, least) * aim))
         done = drift(renew(case, spill, where, done.start, about, len(rounds)))
         assert done.start.worlds is not None
         drawn = done.start.worlds
@@ -311,7 +312,7 @@ def _odds(after: Aftermath) -> tuple[float, float]:
     found = sum(find.false < 0.5 and not isinstance(find.place, finds.AtSea) for find in told.known.finds)
     if not told.known.finds and not told.known.patrols:
         return 1.0, 1.0
-    world = worlds.normal(after.worlds.log_weight)
+    world = weights.shares(after.worlds.log_weight)
     chance = (told.share @ numbers.shares)[:, None, None] * (1 - numbers.destroyed)
     joint = world[:, None, None] * numbers.objects_prior[:, None] * numbers.destroyed_prior
     count = numbers.objects[:, None]

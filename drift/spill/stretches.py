@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drift.motion import weights
 from drift.spill import estimate
 from drift.spill.dataset import SHARES
 from drift.spill.fates import Fates, Realisation
@@ -211,7 +212,7 @@ def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Arr
 
 def unseen(found: dict[str, Array], weight: Array) -> dict[str, Array]:
     """Return standard errors of expected numbers with what worlds that were not seen leave open; takes what _hits made out."""
-    many, made = estimate.effective(weight), {}
+    many, made = weights.effective(weight), {}
     for name in [name.removesuffix("_hits") for name in found if name.endswith("_hits")]:
         parts = [found.pop(f"{name}_{part}") for part in ("hits", "count", "square")]
         shape = parts[0].shape

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from drift.output import formats
 from drift.spill import finds
 from drift.spill.worlds import Worlds
+from geo import notation
 
 Real = npt.NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def table(
 
 
 def _columns(worlds: Worlds, start: np.datetime64, kinds: Sequence[str]) -> dict[str, tuple[str, Any]]:
-    begin = int(start.astype("datetime64[s]").astype(np.int64))
+    begin = notation.epoch(start)
     turn = 360 / 2**32
     west = int(worlds.lon[0])
     lon = np.subtract(worlds.lon, np.int32(west)) * turn + west * turn  # without a jump at the antimeridian

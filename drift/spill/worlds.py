@@ -18,8 +18,10 @@ from scipy import special
 
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.spill.records import Spill
-from geo import sphere
+from geo import notation, sphere
 from geo.errors import UserError
+from kernels import noise
+from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
 Real = npt.NDArray[np.float64]
@@ -91,12 +93,6 @@ def around(worlds: Worlds, weight: Real) -> Proposal:
     return Proposal(mean + shrink * (centre - mean), share, covariance)
 
 
-def normal(log_weight: Real) -> Real:
-    """Return weights of sum 1 from their logarithms."""
-    weight = np.exp(log_weight - log_weight.max())
-    return np.asarray(weight / weight.sum())
-
-
 def _log_prior(latent: Real) -> Real:
     return np.asarray(-0.5 * (latent**2).sum(1))
 
@@ -108,7 +104,7 @@ def draw(
 
     is_land: int32 binary angles (lon, lat) -> bool. Raises UserError when next to no release lies in water.
     """
-    rng = np.random.Generator(np.random.Philox(key=seed))
+    rng = noise.generator(seed, Purpose.WORLDS)
     model = _Model(spill)
     wanted = count or spill.worlds
     kept: list[Real] = []
@@ -223,7 +219,7 @@ class _Model:
             log_weight=log_weight,
             lon=lon,
             lat=lat,
-            release=begin.astype("datetime64[s]").astype(np.int64) + np.rint(share * float(span)).astype(np.int64),
+            release=notation.epoch(begin) + np.rint(share * float(span)).astype(np.int64),
             windage=np.exp(spill.windage_bias * self.of(latent, "windage")),
             current_east=spill.current_bias * self.of(latent, "current_east"),
             current_north=spill.current_bias * self.of(latent, "current_north"),

@@ -16,7 +16,6 @@ from drift.search.evidence_map import GREY, STROKES
 from drift.suspend.decision import Suspension
 from drift.suspend.text import immortal, reached, share
 from geo import notation
-from geo.cells import Array
 
 WIDTH, HEIGHT = 14.0, 6.4  # [in]
 ALL: dict[str, Any] = {"color": INK, "linewidth": 2.2}
@@ -84,21 +83,17 @@ def _percents(ax: Axes) -> None:
     ax.grid(color=INK, alpha=0.2, linewidth=0.5, zorder=0)
 
 
-def _seconds(times: Array) -> Array:
-    return np.asarray(times, "datetime64[s]").astype(np.int64).astype(float)
-
-
 def _alive(ax: Axes, told: Suspension) -> None:
     """Draw the probability of being alive by time, by scenario and of all, with two standard errors."""
     _prepare(ax, "Probability of being alive")
-    x = _seconds(told.times)
+    x = notation.epochs(told.times).astype(float)
     for s in range(len(told.scenarios) if len(told.scenarios) > 1 else 0):
         colour, dashes, _ = STROKES[s % len(STROKES)]
         ax.plot(x, told.alive[:, s], color=colour, linestyle=dashes, linewidth=1.4, zorder=3)
     mean, error = told.alive[:, -1], 2 * told.alive_error[:, -1]
     ax.fill_between(x, (mean - error).clip(0), (mean + error).clip(max=1), color=INK, alpha=0.15, linewidth=0, zorder=2)
     ax.plot(x, mean, zorder=4, **ALL)
-    now = float(_seconds(np.array([told.now]))[0])
+    now = float(notation.epoch(told.now))
     ax.axvline(now, color="#a33b20", linewidth=1.4, zorder=3)
     at = float(np.interp(now, x, mean))
     ax.plot([now], [at], "o", markersize=6, markerfacecolor="white", markeredgecolor="#a33b20", zorder=6)

@@ -66,7 +66,7 @@ def give_or_take(value: float, error: float) -> str:
 
 def reached(told: Suspension) -> list[tuple[float, np.datetime64]]:
     """Return when the probability of being alive falls to each of FIRST, within the curve."""
-    alive, times = told.alive[:, -1], told.times.astype("datetime64[s]").astype(np.int64)
+    alive, times = told.alive[:, -1], notation.epochs(told.times)
     found = []
     for level in FIRST:
         below = np.flatnonzero(alive <= level)

@@ -203,7 +203,7 @@ def _nearest(coast: Coast, lon_deg: float, lat_deg: float, count: int) -> list[t
 
 
 def _measured(lon_deg: float, lat_deg: float, lon: float, lat: float) -> tuple[float, float, float]:
-    x = (lon * 360 / TURN + 180) % 360 - 180
+    x = sphere.wrap_degrees(lon * 360 / TURN)
     y = lat * 360 / TURN
     return x, y, float(sphere.distance(*np.deg2rad([lon_deg, lat_deg, x, y])))
 

@@ -107,7 +107,7 @@ def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) ->
 
 def position(lon: float, lat: float) -> str:
     """Return a position [deg] in degrees and decimal minutes, 28-42.0N 087-30.0W."""
-    lon = (lon + 180) % 360 - 180
+    lon = sphere.wrap_degrees(lon)
     return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
 
 
@@ -223,7 +223,7 @@ def _midpoints(edge: Array, number: Array, size: Array) -> tuple[Floats, Floats]
     share = np.clip((half - (reached - size)[at]) / size[at], 0, 1)
     lon = edge[at, 0] + share * _turned(edge[at, 2] - edge[at, 0].astype(np.int64))
     lat = edge[at, 1] + share * (edge[at, 3] - edge[at, 1].astype(float))
-    return (lon * DEGREES + 180) % 360 - 180, lat * DEGREES
+    return sphere.wrap_degrees(lon * DEGREES), lat * DEGREES
 
 
 def _lines(coast: Coast, edge: Array, number: Array) -> Array:
@@ -279,7 +279,7 @@ def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
     west, south, east, north = shape.bounds
     centre, squeeze = (west + east) / 2, np.cos(np.deg2rad((south + north) / 2))
     margin = NEAR / METRES
-    x, y = (lon - centre + 180) % 360 - 180, lat
+    x, y = sphere.wrap_degrees(lon - centre), lat
     reach = (east - west) / 2 + margin / max(np.cos(np.deg2rad(min(max(abs(south), abs(north)) + margin, 90))), 1e-3)
     near = np.flatnonzero((np.abs(x) <= reach) & (y >= south - margin) & (y <= north + margin))
     points = shapely.points(x[near] * squeeze * METRES, y[near] * METRES)
@@ -298,7 +298,7 @@ def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
 
 def _too_far(feature: _Feature, coast: Coast) -> str:
     middle = feature.shape.point_on_surface()
-    found = shoreline.nearest_coast(coast, float((middle.x + 180) % 360 - 180), float(middle.y))
+    found = shoreline.nearest_coast(coast, float(sphere.wrap_degrees(middle.x)), float(middle.y))
     hint = (
         f"the nearest coast is {found[2] / 1000:.1f} km from {position(middle.x, middle.y)}, at {position(*found[:2])}"
         if found

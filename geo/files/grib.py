@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from geo import sphere
 from geo.errors import UserError
 from geo.files import decoder, messages
 from geo.files.messages import Message
@@ -267,7 +268,7 @@ def _points(message: Message) -> Points:
     lon, lat = _arranged(lon, placed), _arranged(lat, placed)
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()):
         raise _damaged(message, "points without a longitude and latitude")
-    turn = (lon - lon[:1] + 180.0) % 360.0 - 180.0
+    turn = sphere.wrap_degrees(lon - lon[:1])
     if np.abs(turn).max() < 1e-6 and np.ptp(lat, axis=1).max() < 1e-6:
         coordinates = {"latitude": (("latitude",), lat[:, 0], north), "longitude": (("longitude",), lon[0], east)}
         return Points(("latitude", "longitude"), coordinates, None, (ny, nx), (), ordered.flags)
@@ -296,7 +297,7 @@ def _plane(keys: Mapping[str, Any], lon: Array, lat: Array) -> tuple[dict[str, A
     x, y = (np.asarray(v) for v in pyproj.Transformer.from_crs(base, crs, always_xy=True).transform(lon, lat))
     if mapping["grid_mapping_name"] == "rotated_latitude_longitude":
         middle = x[0, x.shape[1] // 2]
-        x = middle + (x - middle + 180.0) % 360.0 - 180.0
+        x = sphere.near_degrees(x, middle)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         return None
     axis_x, axis_y = x.mean(axis=0), y.mean(axis=1)

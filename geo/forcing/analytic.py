@@ -27,7 +27,7 @@ METRES = sphere.RADIUS * np.pi / 180.0  # [m] in a degree of latitude
 
 def _east_of(lon: ArrayLike, reference: float) -> Array:
     """Longitudes [deg] relative to a reference, in [-180, 180)."""
-    return np.asarray((np.asarray(lon, float) - reference + 180.0) % 360.0 - 180.0)
+    return np.asarray(sphere.wrap_degrees(np.asarray(lon, float) - reference))
 
 
 def solid_rotation(box: Box, speed: float = 0.5, pole_lon: float = 40.0, pole_lat: float = 60.0) -> Flow:

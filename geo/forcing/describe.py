@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from geo import notation
+from geo import notation, sphere
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import address, dataset
@@ -143,6 +143,6 @@ def _span(minutes: int) -> str:
 
 
 def _degrees(box: Box) -> str:
-    west, east = (f"{abs(v):.2f} {'EW'[v < 0]}" for v in (box.west, (box.east + 180.0) % 360.0 - 180.0))
+    west, east = (f"{abs(v):.2f} {'EW'[v < 0]}" for v in (box.west, sphere.wrap_degrees(box.east)))
     south, north = (f"{abs(v):.2f} {'NS'[v < 0]}" for v in (box.south, box.north))
     return f"{west} to {east}, {south} to {north}"

@@ -309,5 +309,5 @@ def _apart(request: Request, item: Layout) -> str:
 
 
 def _span(lon: Array, lat: Array) -> str:
-    turned = lon if np.ptp(lon[np.isfinite(lon)]) < 350 else (lon + 180) % 360 - 180
+    turned = lon if np.ptp(lon[np.isfinite(lon)]) < 350 else sphere.wrap_degrees(lon)
     return f"{np.nanmin(turned):.2f} to {np.nanmax(turned):.2f} E, {np.nanmin(lat):.2f} to {np.nanmax(lat):.2f} N"

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from geo import notation
 from geo.forcing.sources import Source
 from geo.grids import fill as filling
 
@@ -54,7 +55,7 @@ class Slices:
 
     def __init__(self, source: Source, cells: int, ahead: int, pool: ThreadPoolExecutor) -> None:
         self.source, self.cells, self.ahead, self._pool = source, cells, ahead, pool
-        self.seconds = source.times.astype("datetime64[s]").astype(np.int64)
+        self.seconds = notation.epochs(source.times)
         steps = np.diff(self.seconds)
         self._nodes: list[int] = self.seconds.tolist()  # a search of few in Python is faster than in NumPy
         self._steps: list[int] = steps.tolist()

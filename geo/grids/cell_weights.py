@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import scipy.sparse as sp
 
+from geo import sphere
 from geo.grids import layout
 from geo.grids.grid import Grid
 from geo.grids.layout import Array, Curved, Index, Triangles
@@ -76,7 +77,7 @@ def _pseudo_laplacian(mesh: Triangles) -> sp.csr_matrix:
     assert mesh.latc is not None
     n, corner = len(mesh.lon), mesh.cells >= 0
     element, node = np.nonzero(corner)[0], mesh.cells[corner]
-    dx = ((mesh.lonc[element] - mesh.lon[node] + 180.0) % 360.0 - 180.0) * np.cos(np.radians(mesh.lat[node]))
+    dx = sphere.wrap_degrees(mesh.lonc[element] - mesh.lon[node]) * np.cos(np.radians(mesh.lat[node]))
     dy = mesh.latc[element] - mesh.lat[node]
 
     def total(values: Array) -> Array:

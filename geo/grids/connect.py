@@ -3,6 +3,7 @@
 import numpy as np
 import xarray as xr
 
+from geo import sphere
 from geo.errors import UserError
 from geo.grids import naming
 from geo.grids.layout import Array, Index, Triangles
@@ -124,7 +125,7 @@ def _delaunay(lon: Array, lat: Array) -> Index:
     placed = np.flatnonzero(np.isfinite(lon) & np.isfinite(lat))
     lon, lat = lon[placed], lat[placed]
     middle = float(np.degrees(np.angle(np.exp(1j * np.radians(lon)).mean())))
-    x = (lon - middle + 180.0) % 360.0 - 180.0
+    x = sphere.wrap_degrees(lon - middle)
     plane = np.stack((x * np.cos(np.radians(np.mean(lat))), lat), axis=1)
     try:
         cells = np.asarray(Delaunay(plane).simplices, np.int64)

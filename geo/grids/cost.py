@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from geo import sphere
 from geo.grids import grid as grids
 from geo.grids import layout
 from geo.grids.grid import Grid
@@ -42,12 +43,12 @@ def _between(item: Layout, values: Array) -> Probe:
         a, b = (np.sqrt(_scatter(len(item.cells), 0)), _scatter(len(item.cells), 1))
         share = np.stack((1 - a, a * (1 - b), a * b), axis=1)
         lon, lat = item.lon[item.cells], item.lat[item.cells]
-        lon = lon[:, :1] + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
+        lon = sphere.near_degrees(lon, lon[:, :1])
         return ((lon * share).sum(1), (lat * share).sum(1)), (values[item.cells] * share).sum(1)
     lon, lat = layout.points(item)
     shape = (lon.shape[0] - 1, lon.shape[1] - 1)
     a, b = (_scatter(shape[0] * shape[1], k).reshape(shape) for k in (0, 1))
-    turned = [lon[:-1, :-1] + (v - lon[:-1, :-1] + 180.0) % 360.0 - 180.0 for v in _corners(lon)]
+    turned = [sphere.near_degrees(v, lon[:-1, :-1]) for v in _corners(lon)]
     weight = ((1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b)
 
     def blend(corners: Sequence[Array]) -> Array:

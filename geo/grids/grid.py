@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from geo import sphere
 from geo.box import Box
 
 Array = NDArray[np.floating[Any]]
@@ -49,7 +50,7 @@ class Grid:
     @property
     def box(self) -> Box:
         """The box that the nodes span, west edge brought into [-180, 180)."""
-        west = (self.lon0 + 180.0) % 360.0 - 180.0
+        west = sphere.wrap_degrees(self.lon0)
         return Box(west, self.lat0, west + (self.nlon - 1) * self.dlon, self.lat0 + (self.nlat - 1) * self.dlat)
 
 

@@ -182,10 +182,10 @@ def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
     """
     phi, lam = np.radians(lat), np.radians(lon)
     middle = np.degrees(np.arctan2((np.cos(phi) * np.sin(lam)).sum(1), (np.cos(phi) * np.cos(lam)).sum(1)))[:, None]
-    turned = (lon - middle + 180.0) % 360.0 - 180.0
+    turned = sphere.wrap_degrees(lon - middle)
     turned = np.where(np.abs(lat) > 90.0 - 1e-6, 0.0 * turned, turned)  # a pole has no longitude
     with np.errstate(invalid="ignore"):
-        around = np.abs(((np.roll(turned, -1, axis=1) - turned + 180.0) % 360.0 - 180.0).sum(axis=1)) > 180.0
+        around = np.abs(sphere.wrap_degrees(np.roll(turned, -1, axis=1) - turned).sum(axis=1)) > 180.0
         width = np.where(around, 360.0, np.ptp(turned, axis=1))
         half = np.cos(np.radians(np.minimum(width, 180.0) / 2))
         south, north = lat.min(axis=1), lat.max(axis=1)
@@ -298,7 +298,7 @@ def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
     Edges of cells up to WIDE bulge poleward by at most width^2 / 16, a tenth more for the next order; others are
     looked at one by one.
     """
-    turned = (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
+    turned = sphere.wrap_degrees(lon - lon[:, :1])
     low = turned.min(axis=1)
     west, width, south, north = lon[:, 0] + low, turned.max(axis=1) - low, lat.min(axis=1), lat.max(axis=1)
     with np.errstate(invalid="ignore"):

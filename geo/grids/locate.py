@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from geo import sphere
 from geo.errors import UserError
 from geo.grids import absent, connect, naming, projection, rotation, seam, stagger, ugrid
 from geo.grids.layout import Array, Axes, Curved, Layout
@@ -197,7 +198,7 @@ def _separable(lon: Array, lat: Array) -> bool:
     """Whether a two-dimensional lon, lat is a rectilinear grid written out."""
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()) or min(lon.shape) < 2:
         return False
-    turn = (lon - lon[0] + 180.0) % 360.0 - 180.0
+    turn = sphere.wrap_degrees(lon - lon[0])
     dlon, dlat = np.abs(np.diff(lon[0])), np.abs(np.diff(lat[:, 0]))
     if np.median(dlon) == 0 or np.median(dlat) == 0:
         return False
@@ -259,7 +260,7 @@ def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, 
 
     for factor, remark in ((1.0, f'"{name}" gives'), (np.pi / 180.0, f'"{name}", in degrees, gives')):
         turn = at_points(angle * factor)
-        apart = np.abs((turn - seen + np.pi) % (2 * np.pi) - np.pi)
+        apart = np.abs(sphere.wrap(turn - seen))
         known = apart[np.isfinite(apart)]
         if known.size and np.median(known) < np.radians(3.0):
             notes.append(f"{remark} the direction of the grid's x axis")

@@ -8,6 +8,7 @@ import pyproj
 import xarray as xr
 from numpy.typing import NDArray
 
+from geo import sphere
 from geo.errors import UserError
 from geo.grids.layout import Array, Plane, points
 
@@ -86,7 +87,7 @@ def disagreement(plane: Plane, lon: NDArray[Any], lat: NDArray[Any]) -> str:
     plane_lon, plane_lat = points(plane)
     cell = max(abs(np.diff(lat[:2, 0])[0]), abs(np.diff(lat[0, :2])[0]), 1e-9)
     with np.errstate(invalid="ignore"):
-        east = ((lon - plane_lon)[j, i] + 180.0) % 360.0 - 180.0
+        east = sphere.wrap_degrees((lon - plane_lon)[j, i])
         apart = np.hypot(east * np.cos(np.radians(lat[j, i])), (lat - plane_lat)[j, i])
     worst = float(np.nanmax(apart)) if np.isfinite(apart).any() else 0.0
     return f"{worst * 60:.2f} nmi" if worst > 0.5 * cell else ""

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from geo import sphere
 from geo.box import Box
 from geo.grids import layout as lay
 from geo.grids.grid import Grid
@@ -75,7 +76,7 @@ def _grid(west: float, south: float, width: float, height: float, dlon: float, d
         n = int(np.ceil(360.0 / dlon - 1e-6))
         return Grid(-180.0, float(south), 360.0 / n, float(height / (nlat - 1)), n + 1, nlat)
     nlon = max(2, int(np.ceil(width / dlon - 1e-6)) + 1)
-    west = (west + 180.0) % 360.0 - 180.0
+    west = sphere.wrap_degrees(west)
     return Grid(float(west), float(south), float(max(width, dlon) / (nlon - 1)), float(height / (nlat - 1)), nlon, nlat)
 
 

@@ -135,7 +135,7 @@ def test_no_legs_find_more_than_the_curve() -> None:
     for paths in sets:
         hazard = sum(hazards(path, x, y) for path in paths)
         length = sum(np.hypot(*np.diff(path, axis=0).T).sum() for path in paths)
-        coverage = (width * length + len(paths) * concave.END * width**2) / side**2
+        coverage = (width * length + len(paths) * laws.ENDS * width**2) / side**2
         limit = float(concave.most([Law()], np.array([coverage]))[0])
         np.testing.assert_allclose(limit, any_legs(np.array([coverage]))[0], atol=2e-5)
         shares.append(np.mean(-np.expm1(-hazard)) / limit)
@@ -156,7 +156,7 @@ def test_what_a_leg_that_ends_adds() -> None:
         for h in (0.3, 1.0):
             whole = 4 * float(dy @ np.minimum(hazard, h) @ dx)
             ends = whole - 2 * np.sqrt(h / np.pi) * width * long
-            assert 0.3 < ends / (concave.END * width**2) < 1.003
+            assert 0.3 < ends / (laws.ENDS * width**2) < 1.003
 
 
 def test_a_cloud_that_drifts_as_one_is_as_hard_as_one_that_stays() -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from drift.motion import weights
 from drift.spill import estimate
 
 WORLDS = 400
@@ -29,7 +30,7 @@ def test_with_uneven_weights_the_error_is_that_of_a_ratio() -> None:
     full, value, world, start = groups(rng)
     weight = rng.gamma(0.2, 1.0, WORLDS)
     weight /= weight.sum()
-    many = estimate.effective(weight)
+    many = weights.effective(weight)
     assert 20 < many < 200
     found, error = estimate.mean(value, weight[world], start, float(weight @ weight))
     mean = full @ weight

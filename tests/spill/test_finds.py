@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy import integrate, special, stats
 from spills import DAY, scattered, spill
 
+from drift.motion import weights
 from drift.motion.status import Status
 from drift.spill import exposure, finds, realisations, shrinkage
 from drift.spill.exposure import Patrol, Reporting
@@ -312,7 +313,7 @@ def test_tempering_leaves_as_many_worlds_as_asked() -> None:
     power = finds.tempered(log, 50)
     assert 0 < power < 1
     weight = np.exp(power * (log - log.max()))
-    assert finds.effective(weight) == pytest.approx(50, rel=1e-6)
+    assert weights.effective(weight) == pytest.approx(50, rel=1e-6)
     assert finds.tempered(log * 1e-3, 50) == 1
 
 
