@@ -1,13 +1,19 @@
 """Every Taichi kernel, in the order in which data passes them.
 
 runtime  start a backend; host arrays <-> device arrays
-launch   a kernel with its arguments set once
+launch   arguments in groups; a kernel with its arguments set once
 noise    counter-based random numbers: f(seed, stream, slot, step)
 sphere   the exponential map on binary angles
 prior    draw initial positions in water
 sample   current, wind and Stokes drift at a point, from regular tiles
 coast    is it wet; where does a step first meet the shore
-advance  one step of all particles: Runge-Kutta, leeway, Ornstein-Uhlenbeck errors, diffusion, coast
+features what a step may hold, as bits
+life     what of a step a particle moves
+errors   Ornstein-Uhlenbeck errors, random walk, jibes
+velocity current, Stokes drift and leeway of a drifting object
+integrate  Runge-Kutta along a velocity, and its divergence
+shore    what the shore does to a step: landing, sliding, refloating
+advance  one step of all particles, composed of these
 bridge   where particles are inside a step
 weigh    sums of weights in fixed order
 deposit  weights to a grid, in fixed point

@@ -7,7 +7,7 @@ import numpy as np
 import taichi as ti
 
 from kernels import noise, sphere
-from kernels.coast import Bytes, DeviceCoast, Frame, Ints, Reals, first_crossing, open_sea
+from kernels.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, open_sea
 
 
 @ti.kernel
@@ -22,11 +22,7 @@ def _between(
     seed0: ti.u32,
     seed1: ti.u32,
     moment: ti.i32,
-    cell: Bytes,
-    start: Ints,
-    edge: Ints,
-    edge_id: Ints,
-    frame: Frame,
+    coast: Coast,
 ):
     for i in range(lon.shape[0]):
         x, y = lon[i], lat[i]
@@ -40,9 +36,12 @@ def _between(
             move_lon = ti.cast(ti.round(dlon + n[0] / sphere.cos_lat(y)), ti.i32)
             move_lat = ti.cast(ti.round(dlat + n[1]), ti.i32)
         if ti.static(coastal):
-            hit, x_end, y_end, _p, _e = first_crossing(x, y, move_lon, move_lat, cell, start, edge, edge_id, frame)
-            if hit == 1:  # keep to the line, which met no coast but may touch one where it is rounded
-                hit, x_end, y_end, _p, _e = first_crossing(x, y, line_lon, line_lat, cell, start, edge, edge_id, frame)
+            hit, x_end, y_end = 1, x, y
+            for _ in range(2):
+                if hit == 1:
+                    hit, x_end, y_end, _p, _e = first_crossing(x, y, move_lon, move_lat, coast)
+                    # If it hits, keep to the line, which met no coast but may touch one where it is rounded.
+                    move_lon, move_lat = line_lon, line_lat
             lon[i], lat[i] = x_end, y_end
         else:
             lon[i], lat[i] = x + move_lon, y + move_lat
@@ -63,5 +62,5 @@ def between(
     """
     lon, lat = begin[0].copy(), begin[1].copy()
     arrays = (lon, lat, *end, share.astype(np.float32), spread.astype(np.float32))
-    _between(coast is not None, *arrays, *noise.key(seed), moment, *(coast or open_sea()).grid)
+    _between(coast is not None, *arrays, *noise.key(seed), moment, (coast or open_sea()).pack)
     return lon, lat

@@ -5,13 +5,14 @@ taken in 64-bit integers, so no answer depends on rounding; steps and edges must
 degrees). A point on an edge is land, and a step that touches an edge has crossed it. Outside the grid all is water.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import taichi as ti
 
 from geo.coast import edges as shore_grid
-from kernels import runtime
+from kernels import launch, runtime
 
 Frame = ti.types.vector(7, ti.i32)  # lon0, lat0, shift, nx, ny, reference x, reference y of geo.coast.edges.Coast
 Bytes = ti.types.ndarray(dtype=ti.u8, ndim=1)
@@ -22,42 +23,45 @@ ONE = 1 << 30  # a whole step, in the fixed point of crossing fractions
 NEVER = ONE + 1
 
 
-class DeviceCoast(NamedTuple):
-    """A geo.coast.edges.Coast on the device: hand its members to a kernel in this order."""
+Coast = ti.types.argpack(
+    cell=Bytes,  # (ny * nx,)
+    start=Ints,  # (ny * nx + 1,)
+    edges=Ints,  # (4 * n,), as listed by cell
+    edge_id=Ints,  # (n,)
+    frame=Frame,
+    line=Ints,  # (4 * m,), by number: what an edge_id points to
+)
 
-    cell: ti.Ndarray  # u8 (ny * nx,)
-    start: ti.Ndarray  # i32 (ny * nx + 1,)
-    edge: ti.Ndarray  # i32 (4 * n,), as listed by cell
-    edge_id: ti.Ndarray  # i32 (n,)
-    frame: Frame
-    line: ti.Ndarray  # i32 (4 * m,), by number: what an edge_id points to
 
-    @property
-    def grid(self) -> tuple:
-        """All but the edges by number: what it takes to find a crossing."""
-        return self[:5]
+@dataclass(frozen=True, eq=False)
+class DeviceCoast:
+    """A geo.coast.Coast on the device."""
+
+    pack: ti.ArgPack  # a `Coast`: what kernels take
 
 
 def upload(coast: shore_grid.Coast) -> DeviceCoast:
     """Return the device copy of a coast."""
     frame = Frame([coast.lon0, coast.lat0, coast.shift, coast.nx, coast.ny, *coast.reference])
     listed = (runtime.upload(a) for a in (coast.cell, coast.start, coast.edge, coast.edge_id))
-    return DeviceCoast(*listed, frame, runtime.upload(shore_grid.edges(coast)))
+    return DeviceCoast(launch.pack(Coast, *listed, frame, runtime.upload(shore_grid.edges(coast))))
 
 
 def open_sea() -> DeviceCoast:
     """Return a coast of no cells, to stand for the arguments of a kernel that was compiled without one."""
     nothing = runtime.empty(1, ti.i32)
-    return DeviceCoast(runtime.empty(1, ti.u8), nothing, nothing, nothing, Frame([0] * 7), nothing)
+    return DeviceCoast(launch.pack(Coast, runtime.empty(1, ti.u8), nothing, nothing, nothing, Frame([0] * 7), nothing))
 
 
 @ti.func
-def is_wet(lon, lat, cell: ti.template(), start: ti.template(), edge: ti.template(), frame):
-    """1 if a point [binary angles] lies in water: parity of the edges between it and its cell's reference point.
+def is_wet(lon, lat, coast: ti.template()):
+    """1 if a point [binary angles] lies in the water of a `Coast`: parity of the edges between it and its cell's reference point.
 
     An end of an edge on the line from the reference to the point counts as right of it (half-open), so a line through
     a vertex crosses once or not at all.
     """
+    cell, start, edge = ti.static(coast.cell, coast.start, coast.edges)
+    frame = coast.frame
     shift = frame[2]
     column = ti.cast(ti.bit_shr(ti.cast(lon - frame[0], ti.u32), shift), ti.i32)
     row = ti.cast((ti.cast(lat, ti.i64) - frame[1]) >> shift, ti.i32)
@@ -119,11 +123,13 @@ def _fraction(sx, sy, ax, ay, bx, by):
 
 
 @ti.func
-def _first(lon, lat, sx, sy, cell: ti.template(), start: ti.template(), edge: ti.template(), frame):
+def _first(lon, lat, sx, sy, coast: ti.template()):
     """(fraction in 2**-30, listed edge) of the first touch of a step, over the cells that it goes through.
 
     Row by row: in each row, the columns between where the step enters and leaves it.
     """
+    start, edge = ti.static(coast.start, coast.edges)
+    frame = coast.frame
     shift = frame[2]
     around = (1 << (32 - shift)) - 1  # columns in a turn, less one: a mask that wraps longitude
     x0 = ti.cast(ti.cast(lon - frame[0], ti.u32), ti.i64)
@@ -166,27 +172,27 @@ def _first(lon, lat, sx, sy, cell: ti.template(), start: ti.template(), edge: ti
 
 
 @ti.func
-def is_clear(lon, lat, reach, cell: ti.template(), frame):
+def is_clear(lon, lat, reach, coast: ti.template()):
     """1 if no move of at most `reach` units along each axis can meet the coast: one look-up in a cell's byte."""
+    frame = coast.frame
     clear = reach == 0
     column = ti.cast(ti.bit_shr(ti.cast(lon - frame[0], ti.u32), frame[2]), ti.i32)
     row = ti.cast((ti.cast(lat, ti.i64) - frame[1]) >> frame[2], ti.i32)
     if column < frame[3] and row >= 0 and row < frame[4]:
-        away = ti.cast(cell[row * frame[3] + column], ti.i32) & 127
+        away = ti.cast(coast.cell[row * frame[3] + column], ti.i32) & 127
         # From anywhere in a cell, a move of k whole cells' width ends at most k cells away, where k < away is clear.
         clear = clear or reach <= (away - 1) << frame[2]
     return clear
 
 
 @ti.func
-def first_crossing(
-    lon, lat, dlon, dlat, cell: ti.template(), start: ti.template(), edge: ti.template(), edge_id: ti.template(), frame
-):
+def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
     """(hit, lon, lat, fraction, edge_id): the end of a step (dlon, dlat) that starts in water [binary angles].
 
     Without a hit: (0, where the step leads, 1.0, -1). With one: the last lattice point in water before the crossing
     (verified: the way to it touches no edge; at worst the start), the crossing's fraction of the step, and the number
-    of the shoreline edge. In open sea it costs one look-up: a cell's byte says how far the coast is.
+    of the shoreline edge. In open sea it costs one look-up: a cell's byte says how far the coast is. A kernel that asks several
+    times asks in a loop: each place where this is written costs it half a second of compilation.
     """
     hit = 0
     stop_lon = lon + dlon
@@ -194,20 +200,20 @@ def first_crossing(
     fraction = ti.cast(1.0, ti.f32)
     number = -1
     reach = ti.max(abs(dlon), abs(dlat))
-    if not is_clear(lon, lat, reach, cell, frame):
+    if not is_clear(lon, lat, reach, coast):
         sx = ti.cast(dlon, ti.i64)
         sy = ti.cast(dlat, ti.i64)
         along = reach  # how much of the step is left, counted along its longer side
         back = 0
         seeking = 1
         while seeking == 1:
-            at, struck = _first(lon, lat, sx, sy, cell, start, edge, frame)
+            at, struck = _first(lon, lat, sx, sy, coast)
             if at == NEVER:
                 seeking = 0
             elif back == 0:
                 hit = 1
                 fraction = ti.cast(at, ti.f32) * ti.cast(1.0 / ONE, ti.f32)
-                number = edge_id[struck]
+                number = coast.edge_id[struck]
                 along = ti.cast((ti.cast(at, ti.i64) * reach) >> 30, ti.i32)
                 back = 1
             else:
@@ -230,9 +236,9 @@ def first_crossing(
 
 
 @ti.kernel
-def _wet(lon: Ints, lat: Ints, wet: Ints, cell: Bytes, start: Ints, edge: Ints, frame: Frame):
+def _wet(lon: Ints, lat: Ints, wet: Ints, coast: Coast):
     for i in range(lon.shape[0]):
-        wet[i] = is_wet(lon[i], lat[i], cell, start, edge, frame)
+        wet[i] = is_wet(lon[i], lat[i], coast)
 
 
 @ti.kernel
@@ -246,33 +252,19 @@ def _crossings(
     stop_lat: Ints,
     fraction: Reals,
     number: Ints,
-    cell: Bytes,
-    start: Ints,
-    edge: Ints,
-    edge_id: Ints,
-    frame: Frame,
+    coast: Coast,
 ):
     for i in range(lon.shape[0]):
         hit[i], stop_lon[i], stop_lat[i], fraction[i], number[i] = first_crossing(
-            lon[i], lat[i], dlon[i], dlat[i], cell, start, edge, edge_id, frame
+            lon[i], lat[i], dlon[i], dlat[i], coast
         )
 
 
 @ti.kernel
-def _meets(
-    lon: Ints,
-    lat: Ints,
-    dlon: Ints,
-    dlat: Ints,
-    fraction: Reals,
-    cell: Bytes,
-    start: Ints,
-    edge: Ints,
-    frame: Frame,
-):
+def _meets(lon: Ints, lat: Ints, dlon: Ints, dlat: Ints, fraction: Reals, coast: Coast):
     for i in range(lon.shape[0]):
-        if not is_clear(lon[i], lat[i], ti.max(abs(dlon[i]), abs(dlat[i])), cell, frame):
-            at, _ = _first(lon[i], lat[i], ti.cast(dlon[i], ti.i64), ti.cast(dlat[i], ti.i64), cell, start, edge, frame)
+        if not is_clear(lon[i], lat[i], ti.max(abs(dlon[i]), abs(dlat[i])), coast):
+            at, _ = _first(lon[i], lat[i], ti.cast(dlon[i], ti.i64), ti.cast(dlat[i], ti.i64), coast)
             if at != NEVER:
                 fraction[i] = ti.cast(at, ti.f32) * ti.cast(1.0 / ONE, ti.f32)
 
@@ -292,7 +284,7 @@ def wet(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     lon, lat = (np.ascontiguousarray(a, np.int32) for a in (lon, lat))
     out = np.ones(lon.size, np.int32)
     if lon.size:
-        _wet(lon, lat, out, coast.cell, coast.start, coast.edge, coast.frame)
+        _wet(lon, lat, out, coast.pack)
     return out == 1
 
 
@@ -301,7 +293,7 @@ def meets(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray
     steps = [np.ascontiguousarray(a, np.int32) for a in (lon, lat, dlon, dlat)]
     fraction = np.full(steps[0].size, np.inf, np.float32)
     if fraction.size:
-        _meets(*steps, fraction, coast.cell, coast.start, coast.edge, coast.frame)
+        _meets(*steps, fraction, coast.pack)
     return fraction
 
 
@@ -312,5 +304,5 @@ def crossings(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.nda
     hit, stop_lon, stop_lat, number = (np.zeros(n, np.int32) for _ in range(4))
     fraction = np.ones(n, np.float32)
     if n:
-        _crossings(*steps, hit, stop_lon, stop_lat, fraction, number, *coast.grid)
+        _crossings(*steps, hit, stop_lon, stop_lat, fraction, number, coast.pack)
     return Crossings(hit == 1, stop_lon, stop_lat, fraction, number)

@@ -7,7 +7,7 @@ conditioned on water. How many candidates were drawn tells the share of the prio
 import taichi as ti
 
 from kernels import noise, sphere
-from kernels.coast import Bytes, Frame, Ints, Reals, is_wet
+from kernels.coast import Coast, Ints, Reals, is_wet
 
 TRIES = 4096  # a prior with less than 1 % of water still fails with probability 1e-18 only
 REDRAWS = 64  # of a slope: at least half of all draws pass, so that all fail with probability 2**-64 at most
@@ -44,10 +44,7 @@ def draw_position(
     farthest: ti.f32,
     bearing: ti.f32,
     sector: ti.f32,
-    cell: Bytes,
-    start: Ints,
-    edge: Ints,
-    frame: Frame,
+    coast: Coast,
 ):
     """Draw positions [binary angle] around (lon0, lat0): a bivariate normal, then a displacement of its own.
 
@@ -68,7 +65,7 @@ def draw_position(
             k += 1
             found = 1
             if ti.static(coastal):
-                found = is_wet(x, y, cell, start, edge, frame)
+                found = is_wet(x, y, coast)
             lon[i], lat[i] = x, y
         tries[0] += k
         tries[1] += 1 - found
@@ -109,10 +106,7 @@ def draw_area(
     width: ti.u32,
     height: ti.u32,
     broadest: ti.f32,
-    cell: Bytes,
-    start: Ints,
-    edge: Ints,
-    frame: Frame,
+    coast: Coast,
 ):
     """Draw positions uniform in true area inside a polygon whose sides are straight in lon-lat (parallels stay so).
 
@@ -132,7 +126,7 @@ def draw_area(
                 tries[0] += 1
                 found = 1
                 if ti.static(coastal):
-                    found = is_wet(x, y, cell, start, edge, frame)
+                    found = is_wet(x, y, coast)
                 lon[i], lat[i] = x, y
         tries[1] += 1 - found
 
@@ -158,10 +152,7 @@ def draw_trackline(
     mode: ti.f32,
     departure: ti.i32,
     voyage: ti.f32,
-    cell: Bytes,
-    start: Ints,
-    edge: Ints,
-    frame: Frame,
+    coast: Coast,
 ):
     """Draw a share of the voyage done at the time of distress, the place on the track there, and a cross-track error.
 
@@ -198,7 +189,7 @@ def draw_trackline(
             x, y = sphere.exponential(x, y, off * c, -off * s)
             found = 1
             if ti.static(coastal):
-                found = is_wet(x, y, cell, start, edge, frame)
+                found = is_wet(x, y, coast)
             lon[i], lat[i] = x, y
             release[i] = departure + ti.cast(ti.round(share * voyage), ti.i32)
         tries[0] += k
@@ -287,10 +278,7 @@ def draw_objects(
     world_release: Ints,
     scatter: ti.f32,
     lasting: ti.f32,
-    cell: Bytes,
-    start: Ints,
-    edge: Ints,
-    frame: Frame,
+    coast: Coast,
 ):
     """Draw the objects of worlds, per_world slots each: about the world's release [binary angle], from its time on.
 
@@ -309,7 +297,7 @@ def draw_objects(
             x, y = sphere.exponential(world_lon[k], world_lat[k], n[0], n[1])
             found = 1
             if ti.static(coastal):
-                found = is_wet(x, y, cell, start, edge, frame)
+                found = is_wet(x, y, coast)
             lon[i], lat[i] = x, y
             release[i] = world_release[k] + ti.cast(lasting * noise.uniform(w[2]), ti.i32)
         if found == 0:

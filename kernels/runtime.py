@@ -86,6 +86,8 @@ def start(backend: str = "cpu", threads: int | None = None) -> None:
                     default_fp=ti.f32,
                     default_ip=ti.i32,
                     fast_math=False,
+                    # What it finds in a kernel the machine's compiler finds again; it takes the square of the kernel's length.
+                    cfg_optimization=False,
                     log_level=ti.ERROR,
                     offline_cache=True,
                     cpu_max_num_threads=count,

@@ -16,30 +16,29 @@ import taichi as ti
 from geo import sphere
 from geo.errors import UserError
 from geo.grids.grid import Grid
-from kernels import runtime
+from kernels import launch, runtime
 
 WHERE, SCALE = 5, 6
 
 f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
+i32x6 = ti.types.vector(6, ti.i32)
 Nodes = ti.types.ndarray(dtype=f32x4, ndim=1)
+Sea = ti.types.argpack(
+    nodes=Nodes,
+    where=ti.types.ndarray(dtype=ti.i32, ndim=1),
+    scale=ti.types.ndarray(dtype=ti.f32, ndim=1),
+    ranges=i32x6,  # first and last tile of currents, winds and Stokes drift
+)
 
 
 @ti.func
-def sample(
-    nodes: ti.template(),
-    where: ti.template(),
-    scale: ti.template(),
-    first: ti.i32,
-    last: ti.i32,
-    lon: ti.i32,
-    lat: ti.i32,
-    fraction: ti.f32,
-) -> f32x3:
+def sample(sea: ti.template(), first: ti.i32, last: ti.i32, lon: ti.i32, lat: ti.i32, fraction: ti.f32) -> f32x3:
     """Return (east, north, valid): of each group in [first, last) the first tile that knows the point, added up.
 
-    fraction: of the step. first must begin a group, last end one.
+    sea: a `Sea`; fraction: of the step. first must begin a group, last end one.
     """
+    nodes, where, scale = ti.static(sea.nodes, sea.where, sea.scale)
     east, north, valid = 0.0, 0.0, 0.0
     tile = first
     while tile < last:
@@ -89,9 +88,7 @@ def _place(nodes: Nodes, values: ti.types.ndarray(dtype=ti.f32, ndim=1), first: 
 
 @ti.kernel
 def _sample_all(
-    nodes: Nodes,
-    where: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    scale: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    sea: Sea,
     first: ti.i32,
     last: ti.i32,
     fraction: ti.f32,
@@ -100,7 +97,7 @@ def _sample_all(
     out: ti.types.ndarray(dtype=ti.f32, ndim=1),
 ):
     for i in range(lon.shape[0]):
-        r = sample(nodes, where, scale, first, last, lon[i], lat[i], fraction)
+        r = sample(sea, first, last, lon[i], lat[i], fraction)
         for k in ti.static(range(3)):
             out[3 * i + k] = r[k]
 
@@ -150,5 +147,9 @@ class Tiles:
     def at(self, first: int, last: int, lon: np.ndarray, lat: np.ndarray, fraction: float) -> np.ndarray:
         """Return (east, north, valid) [m/s, m/s, 0 or 1], shape (n, 3), at binary angles: for tests and checks."""
         out = np.zeros(3 * lon.size, np.float32)
-        _sample_all(self.nodes, self.where, self.scale, first, last, fraction, lon, lat, out)
+        _sample_all(self.sea((0,) * 6), first, last, fraction, lon, lat, out)
         return out.reshape(-1, 3)
+
+    def sea(self, ranges: tuple[int, ...]) -> ti.ArgPack:
+        """Return the tiles as a `Sea` for kernels; ranges: first and last tile of currents, winds and Stokes drift."""
+        return launch.pack(Sea, self.nodes, self.where, self.scale, ranges)

@@ -7,7 +7,7 @@ tangent at the particle, with the shore near it taken as a straight line.
 import taichi as ti
 
 from kernels import noise, sphere
-from kernels.coast import first_crossing
+from kernels.coast import first_crossing, is_clear
 
 METRES = sphere.RADIUS * sphere.UNIT  # [m] of a binary angle unit along a meridian
 OFF = 0.5  # [m] that a sliding particle keeps off the shore, so that rounding does not put it ashore
@@ -15,15 +15,18 @@ PIECE = 150.0  # [m] standard deviation of a walk's pieces near the shore: islet
 MOST_PIECES = 64
 CORNERS = 6  # edges that a step slides along at most
 
+f32x2 = ti.types.vector(2, ti.f32)
 f32x3 = ti.types.vector(3, ti.f32)
 
 
 @ti.func
-def nearest(lon, lat, reach, c, cell: ti.template(), start: ti.template(), edge: ti.template(), frame) -> f32x3:
+def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
     """(distance, east, north) [m] of the nearest point of the shore from a point, searched within reach [m].
 
     c: cosine of the latitude. A distance above reach says that there is none.
     """
+    start, edge = ti.static(coast.start, coast.edges)
+    frame = coast.frame
     shift = frame[2]
     around = (1 << (32 - shift)) - 1
     tall = ti.cast(reach * ti.f32(1.0 / METRES), ti.i64) + 1
@@ -55,8 +58,9 @@ def nearest(lon, lat, reach, c, cell: ti.template(), start: ti.template(), edge:
 
 
 @ti.func
-def facing(lon, lat, c, number, line: ti.template()) -> f32x3:
+def facing(lon, lat, c, number, coast: ti.template()) -> f32x3:
     """(distance [m], east, north) of a point from the straight line of an edge, and the unit normal on its side."""
+    line = ti.static(coast.line)
     ax = ti.cast(line[4 * number] - lon, ti.i64)
     ay = ti.cast(line[4 * number + 1] - lat, ti.i64)
     ex = ti.cast(line[4 * number + 2] - line[4 * number], ti.i64)
@@ -70,7 +74,7 @@ def facing(lon, lat, c, number, line: ti.template()) -> f32x3:
 
 
 @ti.func
-def touch(lon, lat, dlon, dlat, chance, c, cell: ti.template(), start: ti.template(), edge: ti.template(), frame):
+def touch(lon, lat, dlon, dlat, chance, c, coast: ti.template()):
     """(touched, before, after, east, north): whether the bridge over a step that ends in water met the shore.
 
     A Brownian bridge over a time t between points at distances d1 and d2 on one side of a line meets it with probability
@@ -84,7 +88,7 @@ def touch(lon, lat, dlon, dlat, chance, c, cell: ti.template(), start: ti.templa
     touched, before, after, nx, ny = 0, 0.0, 0.0, 0.0, 0.0
     for end in range(2):
         if touched == 0:
-            p = nearest(lon + end * dlon, lat + end * dlat, reach, c, cell, start, edge, frame)
+            p = nearest(lon + end * dlon, lat + end * dlat, reach, c, coast)
             if p[0] <= reach and p[0] > 1e-3:
                 nx, ny = -p[1] / p[0], -p[2] / p[0]
                 other = p[0] + (sx * nx + sy * ny) * (1.0 - 2.0 * end)
@@ -118,80 +122,43 @@ def landing(fraction, before, variance, normal, uniform):
 
 
 @ti.func
-def slide(
-    lon,
-    lat,
-    dlon,
-    dlat,
-    c,
-    before,
-    nx,
-    ny,
-    chance,
-    cell: ti.template(),
-    start: ti.template(),
-    edge: ti.template(),
-    edge_id: ti.template(),
-    frame,
-    line: ti.template(),
-):
-    """(lon, lat): where a step that meets the shore's line at distance `before`, normal (nx, ny), ends along the shore.
+def pushed(sx, sy, before, nx, ny, chance) -> f32x2:
+    """Return a step (sx, sy) [m], pushed off the shore's line at distance `before`, normal (nx, ny), by as much as it went over it.
 
-    The step is pushed off the line by as much as its bridge went over it: reflected Brownian motion in a half-plane,
-    exact in law (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H); without diffusion, projected onto the shore. At
-    further edges what is left of the step follows each in turn.
+    chance [m2]: as of `touch`; 0 without diffusion. Its bridge's lowest point is then that of its law, and the push makes it
+    reflected Brownian motion in a half-plane, exact in law (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H); without diffusion
+    it is the projection onto the shore.
     """
-    k = ti.f32(METRES)
-    sx, sy = ti.cast(dlon, ti.f32) * (c * k), ti.cast(dlat, ti.f32) * k
     after = before + sx * nx + sy * ny
     lowest = 0.5 * (before + after - ti.sqrt((before - after) * (before - after) + 4.0 * chance))
     push = OFF - ti.min(lowest, 0.0)
-    sx, sy = sx + push * nx, sy + push * ny
-    x, y = lon, lat
-    going = 1
-    for _ in range(CORNERS):
-        if going == 1:
-            move_x, move_y = ti.cast(ti.round(sx / (c * k)), ti.i32), ti.cast(ti.round(sy / k), ti.i32)
-            hit, x_stop, y_stop, _part, number = first_crossing(x, y, move_x, move_y, cell, start, edge, edge_id, frame)
-            going = hit
-            if hit == 1:
-                sx -= ti.cast(x_stop - x, ti.f32) * (c * k)
-                sy -= ti.cast(y_stop - y, ti.f32) * k
-                f = facing(x_stop, y_stop, c, number, line)
-                inward = sx * f[1] + sy * f[2]
-                sx, sy = sx + (OFF - inward) * f[1], sy + (OFF - inward) * f[2]
-            x, y = x_stop, y_stop
-    return x, y
+    return f32x2(sx + push * nx, sy + push * ny)
 
 
 @ti.func
-def leave(
-    lon,
-    lat,
-    c,
-    offing,
-    number,
-    cell: ti.template(),
-    start: ti.template(),
-    edge: ti.template(),
-    edge_id: ti.template(),
-    frame,
-    line: ti.template(),
-):
+def along(sx, sy, nx, ny) -> f32x2:
+    """Return what is left of a step (sx, sy) [m] that has met a further edge of unit normal (nx, ny): it follows that edge."""
+    inward = sx * nx + sy * ny
+    return f32x2(sx + (OFF - inward) * nx, sy + (OFF - inward) * ny)
+
+
+@ti.func
+def leave(lon, lat, c, offing, number, coast: ti.template()):
     """(lon, lat, east, north): a point an offing [m] straight off the beach, and the way there; half-way over to another shore."""
-    f = facing(lon, lat, c, number, line)
+    f = facing(lon, lat, c, number, coast)
     move_x = ti.cast(ti.round(offing * f[1] / (c * ti.f32(METRES))), ti.i32)
     move_y = ti.cast(ti.round(offing * f[2] / ti.f32(METRES)), ti.i32)
-    hit, x, y, _part, _number = first_crossing(lon, lat, move_x, move_y, cell, start, edge, edge_id, frame)
-    if hit == 1:
-        _hit, x, y, _part, _number = first_crossing(
-            lon, lat, (x - lon) // 2, (y - lat) // 2, cell, start, edge, edge_id, frame
-        )
+    x, y, hit = lon, lat, 1
+    for _ in range(2):  # all the way, else half the way to what it met
+        if hit == 1:
+            hit, x, y, _part, _number = first_crossing(lon, lat, move_x, move_y, coast)
+            move_x, move_y = (x - lon) // 2, (y - lat) // 2
     return x, y, f[1], f[2]
 
 
 @ti.func
-def walk(
+def meet(
+    walks: ti.template(),
     slides: ti.template(),
     lon,
     lat,
@@ -203,76 +170,97 @@ def walk(
     seed1,
     slot,
     step,
-    cell: ti.template(),
-    start: ti.template(),
-    edge: ti.template(),
-    edge_id: ti.template(),
-    frame,
-    line: ti.template(),
+    coast: ti.template(),
 ):
-    """(met, lon, lat, part, edge number): how a step near the shore ends that is a random walk of variance [m2] = 2 D t.
+    """(met, lon, lat, part, edge number): how a step (dlon, dlat) from a point in water ends, and whether it ends on the shore.
 
-    The way is a Brownian bridge over (dlon, dlat), walked in pieces of at most PIECE, so that a shore smaller than the
-    step's spread is met as often as at small steps; each piece is tested for a crossing and for a touch. part: share of
-    the step [1] after which the shore is met.
+    walks: whether it is a random walk of variance [m2] = 2 D t, of the noise of a slot and a step, else it is straight. A walk's
+    way is a Brownian bridge, walked in pieces of at most PIECE, so that a shore smaller than the step's spread is met as often as
+    at small steps; each piece is tested for a crossing and for a touch. part: share of the step [1] after which the shore is met.
+
+    slides: what meets the shore never ends there, but goes on along it: `pushed` off its line and, at further edges, `along` each
+    in turn.
     """
     k = ti.f32(METRES)
-    pieces = ti.min(ti.max(ti.cast(ti.ceil(variance / (PIECE * PIECE)), ti.i32), 1), MOST_PIECES)
+    pieces, near = 1, True
+    if ti.static(walks):
+        pieces = ti.min(ti.max(ti.cast(ti.ceil(variance / (PIECE * PIECE)), ti.i32), 1), MOST_PIECES)
+        # Beyond 2.9 standard deviations of the walk no bridge comes back with a chance of 2^-24.
+        span = ti.max(ti.abs(dlon), ti.abs(dlat)) + ti.cast(2.9 * ti.sqrt(variance) / (c * k), ti.i32) + 1
+        near = not is_clear(lon, lat, span, coast)
     v = variance / ti.cast(pieces, ti.f32)
     x, y, rest_lon, rest_lat = lon, lat, dlon, dlat
     met, part, number = 0, ti.cast(1.0, ti.f32), -1
+    if not near:
+        x, y, pieces = lon + dlon, lat + dlat, 0
     for j in range(pieces):
         if met == 0:
-            w = noise.philox(
-                ti.cast(slot, ti.u32),
-                ti.cast(step, ti.u32),
-                ti.u32(noise.STREAM_COAST),
-                ti.cast(2 * j, ti.u32),
-                seed0,
-                seed1,
-            )
-            left = ti.cast(pieces - j, ti.f32)
-            move_lon, move_lat = rest_lon, rest_lat
-            if j < pieces - 1:
-                n = noise.normals(w[0], w[1]) * ti.sqrt(v * (left - 1.0) / left)
-                move_lon = ti.cast(ti.round(ti.cast(rest_lon, ti.f32) / left + n[0] / (c * k)), ti.i32)
-                move_lat = ti.cast(ti.round(ti.cast(rest_lat, ti.f32) / left + n[1] / k), ti.i32)
-            rest_lon, rest_lat = rest_lon - move_lon, rest_lat - move_lat
-            chance = -0.5 * v * ti.log(noise.uniform(w[2]))
-            met, x_end, y_end, share, struck = first_crossing(
-                x, y, move_lon, move_lat, cell, start, edge, edge_id, frame
-            )
-            before, after, nx, ny = 0.0, 0.0, 0.0, 0.0
-            if met == 1:
-                f = facing(x, y, c, struck, line)
-                before, nx, ny = f[0], f[1], f[2]
-            else:
-                met, before, after, nx, ny = touch(x, y, move_lon, move_lat, chance, c, cell, start, edge, frame)
-                if ti.static(not slides):
-                    if met == 1:  # the bridge's mirror image goes ashore where it touched
-                        mirrored_lon = move_lon - ti.cast(ti.round(2.0 * after * nx / (c * k)), ti.i32)
-                        mirrored_lat = move_lat - ti.cast(ti.round(2.0 * after * ny / k), ti.i32)
-                        hit, x_hit, y_hit, share_hit, number_hit = first_crossing(
-                            x, y, mirrored_lon, mirrored_lat, cell, start, edge, edge_id, frame
-                        )
+            move_lon, move_lat, chance = rest_lon, rest_lat, ti.cast(0.0, ti.f32)
+            if ti.static(walks):
+                w = noise.philox(
+                    ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST), ti.cast(2 * j, ti.u32),
+                    seed0, seed1,
+                )  # fmt: skip
+                left = ti.cast(pieces - j, ti.f32)
+                if j < pieces - 1:
+                    n = noise.normals(w[0], w[1]) * ti.sqrt(v * (left - 1.0) / left)
+                    move_lon = ti.cast(ti.round(ti.cast(rest_lon, ti.f32) / left + n[0] / (c * k)), ti.i32)
+                    move_lat = ti.cast(ti.round(ti.cast(rest_lat, ti.f32) / left + n[1] / k), ti.i32)
+                rest_lon, rest_lat = rest_lon - move_lon, rest_lat - move_lat
+                chance = -0.5 * v * ti.log(noise.uniform(w[2]))
+
+            # The first try is the piece itself; after it, what the shore makes of a piece that has met it.
+            x_from, y_from, way_lon, way_lat, going = x, y, move_lon, move_lat, 1
+            x_end, y_end, before, share, struck = x, y, ti.cast(0.0, ti.f32), ti.cast(1.0, ti.f32), -1
+            sx, sy = ti.cast(move_lon, ti.f32) * (c * k), ti.cast(move_lat, ti.f32) * k
+            for attempt in range(ti.static(1 + CORNERS if slides else 2 if walks else 1)):
+                if going == 1:
+                    hit, x_stop, y_stop, at, edge = first_crossing(x_from, y_from, way_lon, way_lat, coast)
+                    going = 0
+                    if attempt == 0:
+                        met, x_end, y_end, share, struck = hit, x_stop, y_stop, at, edge
+                        after, nx, ny = ti.cast(0.0, ti.f32), ti.cast(0.0, ti.f32), ti.cast(0.0, ti.f32)
+                        if hit == 1:
+                            if ti.static(walks or slides):
+                                f = facing(x, y, c, edge, coast)
+                                before, nx, ny = f[0], f[1], f[2]
+                        elif ti.static(walks):
+                            met, before, after, nx, ny = touch(x, y, move_lon, move_lat, chance, c, coast)
+                            if ti.static(not slides):
+                                if met == 1:  # the bridge's mirror image goes ashore where it touched
+                                    way_lon = move_lon - ti.cast(ti.round(2.0 * after * nx / (c * k)), ti.i32)
+                                    way_lat = move_lat - ti.cast(ti.round(2.0 * after * ny / k), ti.i32)
+                                    going = 1
+                        if ti.static(slides):
+                            if met == 1:
+                                s = pushed(sx, sy, before, nx, ny, chance)
+                                sx, sy, going = s[0], s[1], 1
+                    elif ti.static(slides):
+                        x_end, y_end = x_stop, y_stop
+                        if hit == 1:
+                            sx -= ti.cast(x_stop - x_from, ti.f32) * (c * k)
+                            sy -= ti.cast(y_stop - y_from, ti.f32) * k
+                            f = facing(x_stop, y_stop, c, edge, coast)
+                            s = along(sx, sy, f[1], f[2])
+                            sx, sy, going = s[0], s[1], 1
+                            x_from, y_from = x_stop, y_stop
+                    else:
                         met = hit  # past the end of a spit it may find water
                         if hit == 1:
-                            x_end, y_end, share, struck = x_hit, y_hit, share_hit, number_hit
-            if met == 1:
-                if ti.static(slides):
-                    x_end, y_end = slide(
-                        x, y, move_lon, move_lat, c, before, nx, ny, chance,
-                        cell, start, edge, edge_id, frame, line,
-                    )  # fmt: skip
-                    met = 0
-                else:
+                            x_end, y_end, share, struck = x_stop, y_stop, at, edge
+                    if ti.static(slides):
+                        way_lon, way_lat = ti.cast(ti.round(sx / (c * k)), ti.i32), ti.cast(ti.round(sy / k), ti.i32)
+            if ti.static(slides):
+                met = 0
+            elif met == 1:
+                if ti.static(walks):
                     w = noise.philox(
                         ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST), ti.cast(2 * j + 1, ti.u32),
                         seed0, seed1,
                     )  # fmt: skip
                     n = noise.normals(w[0], w[1])
                     share = landing(share, before, v, n[0], noise.uniform(w[2]))
-                    part = (ti.cast(j, ti.f32) + share) / ti.cast(pieces, ti.f32)
-                    number = struck
+                part = (ti.cast(j, ti.f32) + share) / ti.cast(pieces, ti.f32)
+                number = struck
             x, y = x_end, y_end
     return met, x, y, part, number

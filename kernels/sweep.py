@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import sphere
-from kernels.advance import ADRIFT, ASHORE, PENDING
+from kernels import life, sphere
 from kernels.coast import Ints, Reals
 
 METRES = sphere.RADIUS * sphere.UNIT
@@ -155,18 +154,10 @@ def _expose(
     size: ti.i32,
 ):
     for i in range(first, last):
-        if status[i] != PENDING:
-            # When it moves in this step, and from when to when it can be seen: [s] after the step's begin.
-            finish, gone = elapsed + duration, ti.cast(duration, ti.f32)
-            if status[i] != ADRIFT:
-                finish = ti.min(finish, ended[i])
-                if status[i] != ASHORE:
-                    gone = ti.cast(finish - elapsed, ti.f32)
-            left = ti.max(elapsed, release[i])
-            seen = ti.cast(left - elapsed, ti.f32)
-            if afloat[i] < finish:
-                left = ti.max(left, afloat[i])
-            leaves, moored = ti.cast(left - elapsed, ti.f32), ti.cast(finish - elapsed, ti.f32)
+        if status[i] != life.PENDING:
+            times = life.behind(status[i], release[i], ended[i], afloat[i], elapsed, duration)
+            seen, leaves = ti.cast(times[0] - elapsed, ti.f32), ti.cast(times[1] - elapsed, ti.f32)
+            moored, gone = ti.cast(times[2] - elapsed, ti.f32), ti.cast(times[3] - elapsed, ti.f32)
             pace = 1.0 / ti.max(moored - leaves, 1.0)
             x, y = before_lon[i], before_lat[i]
             dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)

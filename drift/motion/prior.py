@@ -116,7 +116,7 @@ def _place(
     """Draw positions and releases of one scenario's slots."""
     prior = scenario.prior
     shore = coast or open_sea()
-    water = (shore.cell, shore.start, shore.edge, shore.frame)
+    water = (shore.pack,)
     common = (coast is not None, *slots, ensemble.lon, ensemble.lat)
     if isinstance(prior, TracklinePrior):
         points, courses, lengths, ends = _pieces(prior)

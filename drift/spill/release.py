@@ -43,7 +43,7 @@ def draw(case: Case, spill: Spill, worlds: Worlds, coast: DeviceCoast, seed: int
         tries = runtime.upload(np.zeros(2, np.int64))
         kernel.draw_objects(
             True, *slots, count, ensemble.lon, ensemble.lat, ensemble.release, ensemble.world, tries, *key,
-            *where, spill.scatter, spill.lasting, coast.cell, coast.start, coast.edge, coast.frame,
+            *where, spill.scatter, spill.lasting, coast.pack,
         )  # fmt: skip
         failed = int(tries.to_numpy()[1])
         if failed > 0.01 * (slots[1] - slots[0]):

@@ -8,7 +8,7 @@ import taichi as ti
 from scipy.integrate import solve_ivp
 
 from geo import sphere
-from kernels.advance import f32x3
+from kernels.velocity import f32x3
 
 T = ti.template()
 DEG = np.pi / 180
@@ -22,7 +22,7 @@ PSI = 2.0e5  # [m2/s]
 
 
 @ti.func
-def solid_rotation(features: T, nodes: T, where: T, scale: T, ranges: T, line: T, error: T, lon, lat, fraction):
+def solid_rotation(features: T, sea: T, own: T, lon, lat, fraction):
     """East and north of a rigid rotation about AXIS: v = omega x r."""
     x, y = ti.cast(lon, ti.f32) * ti.f32(sphere.UNIT), ti.cast(lat, ti.f32) * ti.f32(sphere.UNIT)
     d = x - ti.f32(AXIS[0])
@@ -32,14 +32,14 @@ def solid_rotation(features: T, nodes: T, where: T, scale: T, ranges: T, line: T
 
 
 @ti.func
-def inertial(features: T, nodes: T, where: T, scale: T, ranges: T, line: T, error: T, lon, lat, fraction):
+def inertial(features: T, sea: T, own: T, lon, lat, fraction):
     """A velocity that turns clockwise with time; the time of the step comes in as the blend of tile 0."""
-    t = scale[4] + scale[5] * fraction
+    t = sea.scale[4] + sea.scale[5] * fraction
     return f32x3(SPEED * ti.cos(INERTIAL * t), -SPEED * ti.sin(INERTIAL * t), 1.0)
 
 
 @ti.func
-def stommel(features: T, nodes: T, where: T, scale: T, ranges: T, line: T, error: T, lon, lat, fraction):
+def stommel(features: T, sea: T, own: T, lon, lat, fraction):
     """psi = PSI sin(X)^2 sin(Y), intensified towards the west as Stommel's gyre is; free of divergence on the sphere."""
     x = (ti.cast(lon, ti.f32) * ti.f32(sphere.UNIT) - ti.f32(GYRE[0])) / ti.f32(GYRE[2])
     lat_rad = ti.cast(lat, ti.f32) * ti.f32(sphere.UNIT)

@@ -1,0 +1,237 @@
+"""How long each kernel takes to compile, the first time on a machine: every variant in a fresh process with an empty cache.
+
+    python benchmarks/compile_times.py [--runs 1] [--only TEXT] [--backend cpu] [--json FILE]
+
+The time is that of the first launch on a handful of particles, after another kernel has started the compiler itself; the least of
+the runs counts. Kernels that take less than a quarter of a second are left out.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import shapely
+from rich.console import Console
+from rich.table import Table
+
+from drift.motion import ensemble as record
+from geo.box import Box
+from geo.coast import edges as shoreline
+from geo.coast.shore import Shore
+from geo.grids.grid import Grid
+from kernels import advance as kernel
+from kernels import allocate, bridge, rectangles, runtime, sweep, sweeps, weigh
+from kernels import coast as device_coast
+from kernels import prior as draws
+from kernels.sample import Tiles
+
+BOX = Box(-1.5, -1.5, 1.5, 1.5)
+ALL = (0, 1, 1, 2, 2, 3)  # current, wind, Stokes drift
+DOMAIN = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
+ERRORS = kernel.Physics(0.1, 21_600.0, 1.0, 21_600.0, jibe_rate=1e-5)
+WALK = ERRORS._replace(diffusivity=10.0)
+N = 8
+KEY = (1, 0)
+
+
+def coast() -> device_coast.DeviceCoast:
+    """Return an island off which the particles lie."""
+    land = Shore(np.array([shapely.box(0.1, -1.4, 1.4, 1.4)], object), "test", (), BOX)
+    return device_coast.upload(shoreline.build(land, BOX))
+
+
+def ensemble() -> record.Ensemble:
+    """Return a handful of particles at (0, 0)."""
+    return record.empty(1, (0, N))
+
+
+def move(
+    physics: kernel.Physics, coastal: bool, ranges: tuple[int, ...] = ALL, **place: object
+) -> Callable[[], object]:
+    """Return a job that moves particles over one step."""
+    tiles = Tiles([Grid(-1, -1, 1, 1, 3, 3)] * 3)
+    for tile in range(3):
+        tiles.place(tile, np.full((3, 3, 2), 0.1, np.float32), later=False)
+    tiles.blend([(0.0, 0.1)] * 3)
+    where = kernel.Place(DOMAIN, coast() if coastal else None, **place)
+    own = ensemble()
+    return lambda: kernel.advance(own, (0, N), tiles, ranges, physics, kernel.Step(0, 0, 600, 1), where)
+
+
+def inside() -> Callable[[], object]:
+    """Return a job that places particles inside a step."""
+    device, zeros, ones = coast(), np.zeros(N, np.int32), np.ones(N)
+    return lambda: bridge.between((zeros, zeros), (zeros + 9, zeros + 9), 0.5 * ones, ones, 1, 0, device)
+
+
+def drawn(name: str, *numbers: float) -> Callable[[], object]:
+    """Return a job that draws positions in water."""
+    device, own, tries = coast(), ensemble(), runtime.upload(np.zeros(2, np.int64))
+    return lambda: getattr(draws, name)(True, 0, N, own.lon, own.lat, tries, *KEY, *numbers, device.pack)
+
+
+def trackline() -> Callable[[], object]:
+    """Return a job that draws positions along a track."""
+    device, own, tries = coast(), ensemble(), runtime.upload(np.zeros(2, np.int64))
+    points = runtime.upload(np.zeros(2, np.int32))
+    numbers = [runtime.upload(np.ones(1, np.float32)) for _ in range(3)]
+    args = (True, 0, N, own.lon, own.lat, own.release, tries, *KEY, points, *numbers)
+    return lambda: draws.draw_trackline(*args, 1.0, 0.0, 1.0, -1.0, 0, 60.0, device.pack)
+
+
+def objects() -> Callable[[], object]:
+    """Return a job that draws the objects of worlds."""
+    device, own, tries = coast(), ensemble(), runtime.upload(np.zeros(2, np.int64))
+    worlds = [runtime.upload(np.zeros(1, np.int32)) for _ in range(3)]
+    args = (True, 0, N, N, own.lon, own.lat, own.release, own.world, tries, *KEY, *worlds)
+    return lambda: draws.draw_objects(*args, 10.0, 60.0, device.pack)
+
+
+def watch(kind: int) -> Callable[[], object]:
+    """Return a job that exposes particles to a sensor's track."""
+    own, exposure = ensemble(), runtime.empty(N)
+    time_, place = np.array([0, 300, 600], np.float32), np.zeros(6, np.int32)
+    trig, course, searching = np.ones(6, np.float32), np.ones(8, np.float32), np.ones(2, np.int32)
+    track = sweep.Track(time_, place, trig, course, searching)
+    table = np.array([0, 1, 100, 0.5, 100, 100, 0, 100], np.float32)
+    args = (own, (0, N), (own.lon, own.lat), 0, 600, kind, track, table, np.ones(1, np.float32), exposure)
+    return lambda: sweep.expose(*args)
+
+
+def fail() -> Callable[[], object]:
+    """Return a job that takes a sortie's miss into weights."""
+    one, columns = np.ones(2, np.float32) / 2, [runtime.empty(2 * N) for _ in range(2)]
+    return lambda: sweep.fail((0, N), sweep.HAZARD, columns[0], one, one, columns[1], runtime.empty(N))
+
+
+def swarm() -> rectangles.Swarm:
+    """Return tracks of a handful of particles on a plane."""
+    zeros = np.zeros((3, N))
+    return rectangles.swarm(np.array([0.0, 60.0, 120.0]), zeros, zeros, zeros + 1, np.zeros(N, np.int32))
+
+
+ONE = np.ones(1)
+TWO = np.ones((N, 1))
+PATH = np.array([[0, 0, 0, 1], [60, 9, 5, 1]], np.float32)
+CURVE = np.array([0, 1, 1, 0], np.float32)
+BOXED = np.array([[0, 0, 0, 1, 90, 90, 0, 60, 1]], np.float32)
+
+
+def spread(gain: bool) -> Callable[[], object]:
+    """Return a job of the bound: effort over cells."""
+    cell = np.zeros((1, N), np.int32)
+    one, curve = np.ones((1, N)), (np.array([3.0, 2.0, 1.0]),) * 3
+    field = allocate.Field(cell, 1, one, one, cell[0], one[0], np.ones((1, 1)), np.ones(1), curve, 0.1)
+    return field.gain if gain else lambda: field.spend(np.ones((1, 1)))
+
+
+def crossing(name: str) -> Callable[[], object]:
+    """Return a job that asks the coast."""
+    device, zeros = coast(), np.zeros(N, np.int32)
+    more = () if name == "wet" else (zeros + 9, zeros + 7)
+    return lambda: getattr(device_coast, name)(device, zeros, zeros, *more)
+
+
+BEACH = kernel.Beach(21_600.0, 50.0)
+SLIDES = kernel.Beach(slides=True)
+VARIANTS: dict[str, Callable[[], Callable[[], object]]] = {
+    "advance, current alone": lambda: move(kernel.Physics(), False, (0, 1, 0, 0, 0, 0)),
+    "advance, open sea": lambda: move(WALK, False, bias=True),
+    "advance, backward": lambda: move(WALK, False, bias=True, divergence=True),
+    "advance, coast, no noise": lambda: move(kernel.Physics(), True),
+    "advance, coast, no diffusion": lambda: move(ERRORS, True, bias=True),
+    "advance, coast": lambda: move(WALK, True, bias=True),
+    "advance, coast, debris": lambda: move(WALK, True, bias=True, debris=1),
+    "advance, slide, no diffusion": lambda: move(ERRORS, True, bias=True, beach=SLIDES),
+    "advance, slide": lambda: move(WALK, True, bias=True, beach=SLIDES),
+    "advance, refloat, no diffusion": lambda: move(ERRORS, True, bias=True, beach=BEACH),
+    "advance, refloat": lambda: move(WALK, True, bias=True, beach=BEACH),
+    "advance, spill": lambda: move(WALK, True, bias=True, beach=BEACH, sinks=True),
+    "advance, spill, backward": lambda: move(WALK, True, bias=True, beach=BEACH, sinks=True, divergence=True),
+    "bridge": inside,
+    "coast, crossings": lambda: crossing("crossings"),
+    "coast, meets": lambda: crossing("meets"),
+    "coast, wet": lambda: crossing("wet"),
+    "prior, position": lambda: drawn("draw_position", 0, 0, 9.0, 5.0, 0.0, 0.0, 9.0, 0.0, 1.0),
+    "prior, trackline": trackline,
+    "prior, objects of worlds": objects,
+    "weigh": lambda: lambda: weigh.account(runtime.empty(N), runtime.empty(N, runtime.ti.i32), 0, N),
+    "sweep, inverse cube": lambda: watch(sweep.CUBE),
+    "sweep, abeam": lambda: watch(sweep.ABEAM),
+    "sweep, zones": lambda: watch(sweep.ZONES),
+    "sweep, inside": lambda: watch(sweep.INSIDE),
+    "sweep, fail": fail,
+    "planner, legs by inverse cube": lambda: lambda: sweeps.gains(swarm(), None, [PATH], 90 * ONE, ONE, TWO, TWO),
+    "planner, legs by a curve": lambda: lambda: sweeps.gains(swarm(), CURVE, [PATH], 90 * ONE, ONE, TWO, TWO),
+    "planner, one path by a curve": lambda: lambda: sweeps.found(swarm(), CURVE, PATH, 90 * ONE, ONE),
+    "planner, rectangles swept": lambda: (
+        lambda: rectangles.gains(swarm(), False, BOXED, np.ones((1, 1)), ONE, 0.1, CURVE, TWO, TWO)
+    ),
+    "planner, rectangles at random": lambda: (
+        lambda: rectangles.gains(swarm(), True, BOXED, np.ones((1, 1)), ONE, 0.1, CURVE, TWO, TWO)
+    ),
+    "planner, one rectangle": lambda: lambda: rectangles.found(swarm(), False, BOXED, np.ones((1, 1)), ONE, 0.1, CURVE),
+    "planner, bound: spend": lambda: spread(False),
+    "planner, bound: gain": lambda: spread(True),
+}
+SHOWN = 0.25  # [s]
+
+
+def timed(name: str, backend: str) -> float:
+    """Return the time [s] of the first launch of a variant, here."""
+    runtime.start(backend)
+    from kernels import sphere as first
+
+    zeros = np.zeros(1, np.int32)
+    first.displace(zeros, zeros, np.zeros(1, np.float32), np.zeros(1, np.float32))
+    job = VARIANTS[name]()
+    runtime.wait()
+    begin = time.perf_counter()
+    job()
+    runtime.wait()
+    return time.perf_counter() - begin
+
+
+def fresh(name: str, backend: str) -> float:
+    """Return what `timed` returns, of a process of its own that finds nothing compiled."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, __file__, "--child", name, "--backend", backend]
+        env = {**os.environ, "TI_OFFLINE_CACHE_FILE_PATH": folder}
+        done = subprocess.run(command, env=env, check=True, capture_output=True, text=True)
+    return float(done.stdout.split()[-1])
+
+
+def main() -> None:
+    """Measure, print the table, and write JSON where asked."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--runs", type=int, default=1)
+    options.add_argument("--only", default="")
+    options.add_argument("--backend", default="cpu")
+    options.add_argument("--json", type=Path)
+    options.add_argument("--child", help=argparse.SUPPRESS)
+    given = options.parse_args()
+    if given.child:
+        print(timed(given.child, given.backend))
+        return
+    names = [name for name in VARIANTS if given.only in name]
+    found = {name: min(fresh(name, given.backend) for _ in range(given.runs)) for name in names}
+    table = Table(title=f"seconds to compile ({given.backend})")
+    table.add_column("kernel")
+    table.add_column("s", justify="right")
+    for name, seconds in found.items():
+        if seconds >= SHOWN or given.only:
+            table.add_row(name, f"{seconds:.2f}")
+    Console(width=100).print(table)
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()

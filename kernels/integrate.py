@@ -1,0 +1,109 @@
+"""A step along a field of velocity, by an explicit Runge-Kutta scheme in lon and lat, and the field's divergence.
+
+A velocity is a `ti.func` (features, sea, own, lon, lat, fraction) -> (east, north, valid) [m/s], as `kernels.velocity.drift` is:
+features: what it is compiled for; sea: kernels.sample.Sea; own: what of the particle it depends on; lon, lat [binary angle];
+fraction: of the lattice step.
+"""
+
+import taichi as ti
+
+from kernels import sphere
+
+ASIDE = 200.0  # [m] across which a divergence is measured, to either side
+
+# Where each stage stands in the step, and its part of the sum. A stage starts along the velocity of the one before.
+MIDPOINT = ((0.0, 1 / 2), (0.0, 1.0))
+CLASSICAL = ((0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6))
+
+f32x2 = ti.types.vector(2, ti.f32)
+f32x4 = ti.types.vector(4, ti.f32)
+
+
+@ti.func
+def tableau(scheme: ti.template(), stage: ti.i32) -> f32x2:
+    """Return where a stage of a scheme stands in the step, and its part of the sum."""
+    entry = f32x2(0.0)
+    for k in ti.static(range(len(scheme[0]))):
+        if stage == k:
+            entry = f32x2(ti.static(scheme[0][k]), ti.static(scheme[1][k]))
+    return entry
+
+
+@ti.func
+def integrate(
+    velocity: ti.template(),
+    scheme: ti.template(),
+    beached: ti.template(),
+    features: ti.template(),
+    sea: ti.template(),
+    own: ti.template(),
+    lon: ti.i32,
+    lat: ti.i32,
+    c0: ti.f32,
+    s0: ti.f32,
+    dt: ti.f32,
+    begin: ti.f32,
+    share: ti.f32,
+    off: f32x2,
+) -> f32x4:
+    """Return (dlon, dlat, valid, sets off) [binary angle units] over dt [s, signed], a share of the step from `begin` on.
+
+    scheme: MIDPOINT, of order 2, or CLASSICAL, of order 4 (Kutta 1901), in the coordinates lon and lat themselves: stages of
+    east and north metres, added up and wrapped afterwards, would be of first order. c0, s0: cosine and sine of lat. Where a stage
+    finds no forcing, valid is 0 and the way is that of the last stage that did: where the coast may still stop it.
+
+    beached: whether a particle may lie on a beach; then off (east, north) leads off it, as long as the drift has to do so to set
+    the particle off, and is zero for a particle that is afloat. Where it does not set off, the way means nothing.
+    """
+    scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
+    dlon, dlat, sum_lon, sum_lat, valid, sets_off = 0.0, 0.0, 0.0, 0.0, 1.0, 1.0
+    # A loop at run time: unrolled it compiles three times as long and runs no faster.
+    for stage in range(ti.static(len(scheme[0]))):
+        at, part = tableau(scheme, stage)
+        d = at * dlat * ti.f32(sphere.UNIT)
+        c = c0 - d * (s0 + d * (0.5 * c0 - d * s0 * (1.0 / 6.0)))  # cos(lat + d), |d| < 0.02: error 7e-9
+        x, y = lon + ti.cast(at * dlon, ti.i32), lat + ti.cast(at * dlat, ti.i32)
+        r = velocity(features, sea, own, x, y, begin + at * share)
+        if ti.static(beached):
+            if stage == 0 and (off[0] != 0.0 or off[1] != 0.0):
+                if r[2] < 0.5 or r[0] * off[0] + r[1] * off[1] <= 0.0:
+                    sets_off = 0.0
+                    break
+        valid *= r[2]
+        if valid > 0.5:
+            dlon, dlat = r[0] * scale_lat / c, r[1] * scale_lat
+        sum_lon += part * dlon
+        sum_lat += part * dlat
+    if valid < 0.5:
+        sum_lon, sum_lat = dlon, dlat  # the way that the last valid stage leads
+    return f32x4(sum_lon, sum_lat, valid, sets_off)
+
+
+@ti.func
+def divergence(
+    velocity: ti.template(),
+    features: ti.template(),
+    sea: ti.template(),
+    own: ti.template(),
+    lon: ti.i32,
+    lat: ti.i32,
+    fraction: ti.f32,
+) -> ti.f32:
+    """Return the divergence [1/s] of a velocity on the sphere, by central differences; 0 where a side has no forcing."""
+    c, s = sphere.cos_lat(lat), sphere.sin_lat(lat)
+    dx = ti.cast(ASIDE / (c * ti.f32(sphere.RADIUS * sphere.UNIT)), ti.i32)
+    dy = ti.cast(ASIDE / (sphere.RADIUS * sphere.UNIT), ti.i32)
+    # east, west, north, south: sides that are left or up count +1
+    total, valid, north = 0.0, 1.0, 0.0
+    for side in range(4):
+        sign = 1 - 2 * (side & 1)
+        x, y = lon, lat
+        if side < 2:
+            x += sign * dx
+        else:
+            y += sign * dy
+        r = velocity(features, sea, own, x, y, fraction)
+        total += ti.cast(sign, ti.f32) * (r[0] if side < 2 else r[1])
+        north += 0.25 * r[1]
+        valid *= r[2]
+    return valid * (total * ti.f32(0.5 / ASIDE) - north * s / c * ti.f32(1.0 / sphere.RADIUS))
