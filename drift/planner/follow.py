@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from drift.case.file import Case
+from drift import start
+from drift.case.record import Case
 from drift.motion import ensemble as record
-from drift.motion import simulate, start
+from drift.motion import simulate
 from drift.motion.environment import Environment
-from drift.motion.prior import elapsed
 from drift.motion.status import Status
 from drift.planner.planning_tracks import Tracks
-from drift.search.filter import Search
 from drift.search.records import Resampling
 from kernels import noise
 from kernels.noise import Purpose
@@ -33,8 +32,8 @@ def follow(case: Case, where: Environment) -> Tracks:
     few = replace(case, particles=spec.particles, seed=seed, end=spec.until, resampling=Resampling())
     begin = start.prepare(few, where)
     try:
-        search = Search(few, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
-        first = elapsed(case, spec.begin)
+        search = start.search(few, begin)
+        first = case.period.elapsed(spec.begin)
         moments = list(simulate.run(begin.ensemble, begin.scene, begin.clock, first + edges, search=search))
     finally:
         begin.scene.forcing.close()
