@@ -30,15 +30,16 @@ from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan
 from drift.planner import text as plan_text
 from drift.planner.records import Plan
+from drift.search import particles_left
 from drift.search import tables as search_tables
 from drift.search.filter import Search
+from drift.search.standing import Standing, standing
 from drift.search.updates import Updates
 from drift.spill import evidence, renewal
 from drift.spill.renewal import Aftermath, Drifted
 from drift.spill.strandings import Landings
 from drift.suspend import decision
 from drift.suspend import text as suspend_text
-from drift.suspend.standing import Standing, standing
 from geo.errors import UserError
 from geo.files import digest
 from kernels import deposit, runtime
@@ -147,6 +148,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         one, log_weight = begin.ensemble, begin.ensemble.log_weight.to_numpy()
         ess = weights.ess(log_weight)
         begun = standing(case.start, weights.relative(log_weight), one.release.to_numpy(), one.scenarios, None, ess)
+    seen: list[Updates] = []  # what sorties and contacts did, by drift
     with contextlib.ExitStack() as stack:
 
         def drifted(begin: Start) -> Drifted:
@@ -160,13 +162,15 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
                 )
                 snapshots = stack.enter_context(Spool(case, begin.ensemble, moments))
             check_lost(case, where, begin, snapshots[-1], search)
-            return Drifted(begin, snapshots, landings, search.updates if search else None)
+            if search:
+                seen.append(search.updates)
+            return Drifted(begin, snapshots, landings)
 
         done, after = drifted(begin), None
         if case.spill and stretches:
             with clock.phase("finds"):
                 done, after = renewal.settle(case, case.spill, where, stretches, done, drifted)
-        begin, snapshots = done.start, done.snapshots
+        begin, snapshots, updates = done.start, done.snapshots, seen[-1] if seen else None
         account = record.account(begin.ensemble, snapshots[-1].status)
         tell("map", 0.0)
         with clock.phase("products"):
@@ -177,14 +181,14 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
             )
             tracks = _trajectories(case, begin.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
-    numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates) + off_grid.warnings(made.data)
+    numbers["warnings"] = particles_left.of_run(made.data, case.particles, updates) + off_grid.warnings(made.data)
     if after is not None:
         numbers |= renewal.numbers(after)
         few = effective.Count(after.posterior.effective, what="worlds").few  # the maps' worlds are the same
         numbers["warnings"] = [*renewal.warnings(after), *([] if few else numbers["warnings"])]
-    if done.updates is not None:
-        numbers |= {"search": search_tables.numbers(done.updates)}
-    return Result(case, made, tracks, numbers, after, done.updates, begun)
+    if updates is not None:
+        numbers |= {"search": search_tables.numbers(updates)}
+    return Result(case, made, tracks, numbers, after, updates, begun)
 
 
 def write(

@@ -1,5 +1,6 @@
 """Shapes across the antimeridian: cut there, for formats whose longitudes end at 180 degrees."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,14 @@ def cut(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
         moved = shapely.set_precision(shapely.transform(inside, lambda xy, turn=turn: _moved(xy, turn)), 1e-7)
         parts += [p for p in shapely.get_parts(moved) if p.geom_type == "Polygon" and p.area > 0]
     return shapely.MultiPolygon([shapely.geometry.polygon.orient(part) for part in parts])
+
+
+def cut_line(line: Any) -> Iterator[Any]:
+    """Yield the parts of a line of unwrapped longitudes, cut at the antimeridian, in [-180, 180]."""
+    for turn in (-720, -360, 0, 360, 720):
+        inside = shapely.intersection(line, shapely.box(turn - 180, -90, turn + 180, 90))
+        moved = shapely.transform(inside, lambda xy, turn=turn: _moved(xy, turn))
+        yield from (part for part in shapely.get_parts(moved) if part.geom_type == "LineString" and not part.is_empty)
 
 
 def _moved(xy: Array, turn: int) -> Array:

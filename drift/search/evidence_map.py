@@ -20,6 +20,7 @@ from matplotlib.transforms import blended_transform_factory
 from drift.forecast import effective, layers
 from drift.maps import labels, page
 from drift.maps.chart import INK
+from drift.search import particles_left
 from drift.search import shapes as search_shapes
 from drift.search import tables as search_tables
 from drift.search.updates import Update, Updates
@@ -71,7 +72,7 @@ def draw(
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
     lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # of the legend
-    least = effective.lowest(updates, particles)
+    least = particles_left.lowest(updates, particles)
     below = 0.32 * least.few  # [in] by which all is lower for a warning
     over = 1.45 + 0.24 * lines + below
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))

@@ -13,7 +13,6 @@ import numpy.typing as npt
 import shapely
 
 from drift.search.records import Contact, Sortie
-from drift.spill import tables as washup_tables
 from geo import antimeridian, polyline, sphere
 from geo.polyline import Area, Legs
 
@@ -154,7 +153,7 @@ def _valid(ring: Array) -> list[Any]:
 
 def lines(parts: Sequence[Array]) -> dict[str, Any]:
     """Return lines as a GeoJSON MultiLineString, cut at the antimeridian."""
-    pieces = [piece for part in parts for piece in washup_tables.cut(shapely.LineString(part))]
+    pieces = [piece for part in parts for piece in antimeridian.cut_line(shapely.LineString(part))]
     return {"type": "MultiLineString", "coordinates": [np.round(piece.coords, DIGITS).tolist() for piece in pieces]}
 
 

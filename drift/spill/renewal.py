@@ -22,7 +22,6 @@ from drift.motion.spool import Spool
 from drift.motion.start import Start, renew
 from drift.motion.status import Status
 from drift.output.writer import Product
-from drift.search.updates import Updates
 from drift.spill import evidence, finds, unknowns, washup, worlds
 from drift.spill import tables as washup_tables
 from drift.spill.fates import FOREVER, Fates, Realisation
@@ -50,7 +49,6 @@ class Drifted:
     start: Start
     snapshots: Spool
     landings: Landings
-    updates: Updates | None = None  # what sorties and contacts did
 
 
 @dataclass(frozen=True)

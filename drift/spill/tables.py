@@ -1,15 +1,14 @@
 """The washup as text: stretches worst first as CSV and as GeoJSON lines, by time, and the account. Writes no file."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import shapely
 import xarray as xr
 
 from drift.output import formats
 from drift.spill import washup
-from geo import notation
+from geo import antimeridian, notation
 from geo.cells import Array
 from geo.coast.segments import Segments
 
@@ -111,21 +110,15 @@ def geojson(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any])
             "id": int(number),
             "geometry": {
                 "type": "MultiLineString",
-                "coordinates": [np.round(part.coords, DIGITS).tolist() for part in cut(segments.lines[number])],
+                "coordinates": [
+                    np.round(part.coords, DIGITS).tolist() for part in antimeridian.cut_line(segments.lines[number])
+                ],
             },
             "properties": {name: _number(value) for name, value in zip(columns, row, strict=True)},
         }
         for number, row in zip(columns["segment"], zip(*columns.values(), strict=True), strict=True)
     ]
     return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
-
-
-def cut(line: Any) -> Iterator[Any]:
-    """Yield the parts of a line of unwrapped longitudes, cut at the antimeridian, in [-180, 180]."""
-    for turn in (-720, -360, 0, 360, 720):
-        inside = shapely.intersection(line, shapely.box(turn - 180, -90, turn + 180, 90))
-        moved = shapely.transform(inside, lambda xy, turn=turn: xy - np.array([turn, 0.0]))
-        yield from (part for part in shapely.get_parts(moved) if part.geom_type == "LineString" and not part.is_empty)
 
 
 def _worlds(data: xr.Dataset) -> float:

@@ -26,7 +26,7 @@ from drift.motion.status import Status
 from drift.planner import files as plan_files
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text
-from drift.search import evidence_map
+from drift.search import evidence_map, particles_left
 from geo import notation, sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
@@ -301,7 +301,7 @@ def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", title="t", particles=12_000)
     assert "ONLY 8 OF 12,000 PARTICLES COUNT: shares, evidence and POS are rough" in words
     assert sum(text.endswith(", 8 particles count") for text in words) == 1
-    told = effective.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))
+    told = particles_left.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))
     named = f'{low[2].kind} "{low[2].name}"'
     assert told[0].startswith(f"only 8 of 12,000 particles count after {named}: areas and shares after it are rough")
 
