@@ -13,6 +13,7 @@ from drift import summary
 from drift.backtrack.backward import Origin
 from drift.case.file import Case
 from drift.forecast.build import Forecast
+from drift.maps.marks import Line, Mark
 from drift.motion import forcing_error
 from drift.motion.environment import Environment
 from drift.motion.scenario import AreaPrior, PositionPrior
@@ -42,11 +43,11 @@ def figures(
     planned: PatrolPlan | None = None,
 ) -> dict[str, Figure]:
     """Return, by file name, what draws each picture to a path."""
-    from drift.forecast import layers
     from drift.forecast import map as forecast_map
     from drift.planner import map as plan_map
     from drift.planner import unit_sheet
     from drift.search import evidence_map
+    from drift.search import layers as search_layers
     from drift.search import map as search_map
     from drift.spill import map as washup_map
     from drift.suspend import map as suspend_map
@@ -62,11 +63,11 @@ def figures(
         alone = len(stories) == 1
         if isinstance(prior, PositionPrior):
             label = known_as if alone else f"{short}, {scenario.name}"
-            marks.append(forecast_map.Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
+            marks.append(Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
         else:
             lon = np.degrees(np.unwrap(prior.lon)).tolist()
             closed = isinstance(prior, AreaPrior)
-            lines.append(forecast_map.Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
+            lines.append(Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
     coast = where.coast.polygons if where.coast is not None else None
     common: dict[str, Any] = {
         "title": case.title if plan is None else f"If this plan finds nothing: {case.title}",
@@ -84,8 +85,7 @@ def figures(
                 forecast,
                 lines=lines,
                 known_as=known_as,
-                searched=updates.sorties if updates else (),
-                contacts=case.contacts,
+                overlays=[partial(search_layers.reminder, updates.sorties if updates else (), case.contacts)],
                 **common,
             )
         ),
@@ -94,7 +94,7 @@ def figures(
     if after is not None:
         rest = {name: value for name, value in common.items() if name != "particles"}
         numbered = enumerate(after.posterior.known.finds, 1)
-        found = [layers.Mark(*renewal.position(after, find), f"{k}") for k, find in numbered]
+        found = [Mark(*renewal.position(after, find), f"{k}") for k, find in numbered]
         walked = [
             washup_map.Patrolled(told["name"], told["time"], told["detection"], told["segments"])
             for told in renewal.patrols(after.spill, after.segments)
@@ -147,12 +147,11 @@ def caution(case: Case) -> str:
 def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[str, Figure]:
     """Return, by file name, what draws where a spill may have come from."""
     from drift.backtrack import map as origin_map
-    from drift.forecast import layers
 
     assert case.spill is not None
     attributes = summary.attributes(case, where)
     marks = [
-        layers.Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
+        Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
         for k, find in enumerate(case.spill.finds, 1)
         if find.lat == find.lat  # a stretch by name has no place of its own
     ]

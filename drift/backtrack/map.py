@@ -23,9 +23,9 @@ from matplotlib.patches import Patch
 from drift.backtrack import backward
 from drift.backtrack.backward import Origin
 from drift.forecast import areas, density, effective, layers
-from drift.forecast.layers import Mark
 from drift.maps import chart, labels, page
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.marks import Mark
 from geo import notation
 from geo.cells import Array
 from geo.notation import NMI
@@ -39,7 +39,6 @@ PRIOR: dict[str, Any] = {"color": layers.PRIOR_COLOURS[0], "linewidth": 1.6, "li
 ALLOWED = 0.01  # of the prior's largest density: under that its cells hold too few draws for a line
 FLOOR = float(np.exp(-4.0))  # of a line's density: less counts as that, so that lines stay near the cells that matter
 ROW = 0.032  # of the page, the row of a warning over the map
-GREY = "#55606b"
 BELIEVED: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
 ASSUMED: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
 MEAN: dict[str, Any] = {"linestyle": "none", "marker": "X", "color": layers.TRACK, "markeredgecolor": "white"}

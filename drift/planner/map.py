@@ -17,9 +17,9 @@ from matplotlib.patches import Patch
 
 from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
-from drift.forecast.layers import Line, Mark
 from drift.maps import chart, labels, page
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.marks import Line, Mark
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
@@ -31,7 +31,6 @@ from geo.notation import KNOT, NMI
 
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
 SIZE = (11.7, 8.3)  # [in]
-GREY = "#55606b"
 POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
 BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
 ROW = 0.03  # of the page, a row of warnings over the map

@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from drift.maps import chart, labels, page
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
 from drift.planner import daylight, subareas
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text
 from drift.planner.availability import moment, seconds
-from drift.planner.map import BASE, GREY, POINT
+from drift.planner.map import BASE, POINT
 from drift.planner.records import Plan, Tasking
 from drift.planner.subareas import Waypoint
 from drift.search import layers as search_layers

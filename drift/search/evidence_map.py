@@ -19,7 +19,7 @@ from matplotlib.transforms import blended_transform_factory
 
 from drift.forecast import effective, layers
 from drift.maps import labels, page
-from drift.maps.chart import INK
+from drift.maps.chart import GREY, INK
 from drift.search import particles_left
 from drift.search import shapes as search_shapes
 from drift.search import tables as search_tables
@@ -30,7 +30,6 @@ from geo.cells import Array
 A_LINE = 4  # scenarios in a line of the legend
 HUGE = 1e6  # Bayes factor beyond which its figure says no more
 MOST = 22  # rows; of more updates the last are shown
-GREY = "#55606b"
 DIGIT, OVERHANG = 0.072, 0.12  # [in] of a small digit; by which numbers over a chart may reach beyond its right edge
 # Light to dark and by hatch, so that neighbours differ in grey print too
 FILLS: tuple[dict[str, Any], ...] = (

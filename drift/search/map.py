@@ -18,10 +18,10 @@ from matplotlib.path import Path as Outline
 
 from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
-from drift.forecast.layers import Mark
 from drift.maps import chart, labels
 from drift.maps import page as paper  # `page` is the number of one
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.marks import Mark
 from drift.search import layers as search_layers
 from drift.search.records import Contact, Sortie
 from drift.search.updates import Update, Updates
@@ -33,7 +33,6 @@ GAP, OVER, HEAD, FOOT, LEFT, RIGHT = 0.14, 0.66, 0.85, 1.0, 0.42, 1.15  # [in]
 STAGES = ("before", "mid-search", "after")
 RECENT = np.timedelta64(6, "h")  # before a sortie, from when on contacts are drawn with it
 RANGE = 3.0  # densest map over the middle one on the colour scale: a contact must not make the others pale
-GREY = "#55606b"
 
 
 def pages(sorties: Sequence[Sortie]) -> int:

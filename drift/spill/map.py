@@ -24,9 +24,9 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
 from drift.forecast import effective, layers
-from drift.forecast.layers import Mark
 from drift.maps import chart, labels, page
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.marks import Mark
 from drift.spill import washup
 from geo import notation
 from geo.cells import Array
@@ -38,7 +38,6 @@ DECADES = 2.5  # of the expected number on the colour scale
 ROW = 0.032  # of the figure, the row of a warning over the maps
 WIDTH, HEIGHT = 13.0, 9.4  # [in]
 MAP = (0.46, 0.405)  # of the figure
-GREY = "#55606b"
 PATROL, PATROL_INK = "#4fa3d1", "#0b4f8a"
 TOLD = 8  # patrols beside which day, time and detection are written
 FIRST: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from drift.forecast import effective
 from drift.forecast.layers import LAST_KNOWN
 from drift.maps import labels, page
-from drift.maps.chart import INK
-from drift.search.evidence_map import GREY, STROKES
+from drift.maps.chart import GREY, INK
+from drift.search.evidence_map import STROKES
 from drift.suspend.decision import Suspension
 from drift.suspend.text import immortal, reached, share
 from geo import notation

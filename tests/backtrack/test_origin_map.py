@@ -13,7 +13,7 @@ from PIL import Image
 
 from drift.backtrack import map as origin_map
 from drift.backtrack.backward import Origin
-from drift.forecast import layers
+from drift.maps.marks import Mark
 from geo import sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
@@ -49,9 +49,7 @@ def release(lon, lat, cells=(61, 45), times=12, effective=130.0):
 
 
 def finds(lon, lat, count):
-    return [
-        layers.Mark(lon + 0.02 * k, lat - 0.3, f"{100 + k} find of a thing, 15{k:02d}16Z") for k in range(1, count + 1)
-    ]
+    return [Mark(lon + 0.02 * k, lat - 0.3, f"{100 + k} find of a thing, 15{k:02d}16Z") for k in range(1, count + 1)]
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import io
 import json
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -27,6 +28,7 @@ from drift.planner import files as plan_files
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text
 from drift.search import evidence_map, particles_left
+from drift.search import layers as search_layers
 from geo import notation, sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
@@ -263,7 +265,9 @@ def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path
     assert beyond.hidden(wider, [far])
     contact = SimpleNamespace(name="flare", time=BEGIN, kind="range", sensor=(far[0, 0], far[0, 1]))
     contact = searches.Contact(**vars(contact), range=900.0, range_std=100.0)
-    forecast_map.draw_map(made, tmp_path / "map.png", title="t", contacts=[contact])
+    forecast_map.draw_map(
+        made, tmp_path / "map.png", title="t", overlays=[partial(search_layers.reminder, (), [contact])]
+    )
     where = notation.position(*far[0])
     assert any(f'outside this frame: contact "flare", to the E (around {where})' in text for text in words)
 

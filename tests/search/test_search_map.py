@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from matplotlib.text import Text
 from PIL import Image
 
 from drift.forecast import map as forecast_map
+from drift.maps.marks import Mark
 from drift.planner import map as plan_map
 from drift.search import evidence_map
+from drift.search import layers as search_layers
 from drift.search import map as search_map
 from drift.search.updates import Update, Updates
 
@@ -77,13 +80,15 @@ def test_pictures_anywhere(tmp_path, lon, lat):
     common = {
         **COMMON,
         "polygons": [shapely.box(lon + 0.4, lat, lon + 2, lat + 1)],
-        "marks": [forecast_map.Mark(lon, lat)],
+        "marks": [Mark(lon, lat)],
     }
     everything = [*sorties[2:], searches.watch(lon, lat)]
     search_map.draw(
         forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", page=1, **common
     )
-    forecast_map.draw_map(forecast, tmp_path / "map.png", searched=everything, **common)
+    forecast_map.draw_map(
+        forecast, tmp_path / "map.png", overlays=[partial(search_layers.reminder, everything, ())], **common
+    )
     plan_map.draw(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", particles=1000, **common)
     for name in ("search", "map", "plan"):
         with Image.open(tmp_path / f"{name}.png") as image:
@@ -92,15 +97,16 @@ def test_pictures_anywhere(tmp_path, lon, lat):
 
 def test_only_sorties_begun_are_on_the_map(tmp_path, search, words):
     forecast, sorties, _, _ = search
-    forecast_map.draw_map(forecast, tmp_path / "a.png", time=0, searched=sorties, title="t")
+    searched = [partial(search_layers.reminder, sorties, ())]
+    forecast_map.draw_map(forecast, tmp_path / "a.png", time=0, overlays=searched, title="t")
     assert "Searched area" not in words
-    forecast_map.draw_map(forecast, tmp_path / "b.png", searched=sorties, title="t")
+    forecast_map.draw_map(forecast, tmp_path / "b.png", overlays=searched, title="t")
     assert "Searched area" in words
     assert "Legs as flown" in words
 
 
 def test_no_searches_change_no_pixel(tmp_path, search):
-    for name, more in (("a.png", {}), ("b.png", {"searched": ()})):
+    for name, more in (("a.png", {}), ("b.png", {"overlays": [partial(search_layers.reminder, (), ())]})):
         forecast_map.draw_map(search[0], tmp_path / name, title="t", **more)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 

@@ -10,7 +10,7 @@ from matplotlib.patches import BoxStyle
 from matplotlib.text import Text
 from PIL import Image
 
-from drift.forecast import layers
+from drift.maps.marks import Mark
 from drift.motion.status import Status
 from drift.spill import map as washup_map
 from drift.spill import tables as washup_tables
@@ -102,7 +102,7 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
         tmp_path / "washup.png",
         title="A test " * 30,
         polygons=[land],
-        marks=[layers.Mark(lon + 1.5, lat - 0.4, "Release 21/1800Z")],
+        marks=[Mark(lon + 1.5, lat - 0.4, "Release 21/1800Z")],
         footer="casp-drift " * 40,
         caution=WRONG,
     )
@@ -197,7 +197,7 @@ def test_what_is_planned_is_shown_near_and_listed_alone(tmp_path, monkeypatch):
     table = washup_tables.records(made)
     ranks = dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True))
     walked = [washup_map.Patrolled("east", np.datetime64("1973-11-22T09:30:00"), 0.65, [9])]
-    options = {"title": "T", "polygons": [land], "patrols": walked, "finds": [layers.Mark(-94.6, 29.0, "far")]}
+    options = {"title": "T", "polygons": [land], "patrols": walked, "finds": [Mark(-94.6, 29.0, "far")]}
     for near, count in ((False, 3), (True, 1)):
         said.clear()
         washup_map.draw(made, where, tmp_path / "near.png", near=near, **options)
@@ -210,7 +210,7 @@ def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     said = words(monkeypatch)
     where, land = coast(-95.0, 29.0, 12)
     when = np.datetime64("1973-11-22T09:30:00")
-    found = [layers.Mark(-94.6, 29.0, "1"), layers.Mark(-94.2, 29.0, "2")]
+    found = [Mark(-94.6, 29.0, "1"), Mark(-94.2, 29.0, "2")]
     walked = [washup_map.Patrolled("east", when, 0.65, [10, 11]), washup_map.Patrolled("west", when, 0.4, [0])]
     options = {"title": "T", "polygons": [land], "finds": found}
     washup_map.draw(spill(where, [4, 5]), where, tmp_path / "with.png", patrols=walked, **options)
