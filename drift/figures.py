@@ -13,6 +13,7 @@ from drift import summary
 from drift.backtrack.backward import Origin
 from drift.case.file import Case
 from drift.forecast.build import Forecast
+from drift.maps.imprint import Imprint
 from drift.maps.marks import Line, Mark
 from drift.motion import forcing_error
 from drift.motion.environment import Environment
@@ -69,14 +70,14 @@ def figures(
             closed = isinstance(prior, AreaPrior)
             lines.append(Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
     coast = where.coast.polygons if where.coast is not None else None
+    whole = {**attributes, "run_id": formats.run_id(attributes)}
+    own = Imprint(case.title, footer, whole, caution(case))
+    imprint = own if plan is None else replace(own, title=f"If this plan finds nothing: {case.title}")
     common: dict[str, Any] = {
-        "title": case.title if plan is None else f"If this plan finds nothing: {case.title}",
         "polygons": () if coast is None else coast,
         "marks": marks,
         "particles": case.particles,
-        "footer": footer,
-        "attributes": {**attributes, "run_id": formats.run_id(attributes)},
-        "caution": caution(case),
+        "imprint": imprint,
     }
     drawn = {
         "map.png": _kept(
@@ -108,26 +109,27 @@ def figures(
                 )
                 for slot, visits in patrol_planner.by_patrol(planned)
             ]
-            rest |= {"title": f"Planned patrols: {case.title}", "patrolled": "planned patrol", "near": True}
+            rest |= {
+                "imprint": replace(own, title=f"Planned patrols: {case.title}"),
+                "patrolled": "planned patrol",
+                "near": True,
+            }
             drawn["patrols.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     if updates is not None:
-        bare = {name: common[name] for name in ("title", "particles", "footer", "attributes", "caution")}
-        drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, **bare))
+        drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, imprint=imprint, particles=case.particles))
         # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
         for page in range(1, 1 + (search_map.pages(updates.sorties) if plan is None else 0)):
             name = "search.png" if page == 1 else f"search-{page}.png"
             drawing = partial(search_map.draw, forecast, updates.sorties, case.contacts, updates, page=page, **common)
             drawn[name] = _kept(drawing)
     if plan is not None:
-        drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **{**common, "title": case.title}))
+        drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **{**common, "imprint": own}))
         land = fleet.shown(case, where, unit_sheet.box(plan)) if coast is not None and plan.taskings else ()
-        shown = {name: common[name] for name in ("footer", "attributes", "caution")}
         for name, which, number in unit_sheet.pages(plan):
-            sheet = partial(unit_sheet.draw, plan, which, number=number, title=case.title, polygons=land, **shown)
+            sheet = partial(unit_sheet.draw, plan, which, number=number, imprint=own, polygons=land)
             drawn[name] = _kept(sheet)
     if told is not None:
-        bare = {name: common[name] for name in ("footer", "attributes", "caution")}
-        drawn["suspend.png"] = _kept(partial(suspend_map.draw, told, title=case.title, **bare))
+        drawn["suspend.png"] = _kept(partial(suspend_map.draw, told, imprint=own))
     return drawn
 
 
@@ -158,12 +160,9 @@ def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[s
     draw = partial(
         origin_map.draw,
         found,
-        title=case.title,
+        imprint=Imprint(case.title, footer, {**attributes, "run_id": formats.run_id(attributes)}, caution(case)),
         polygons=where.coast.polygons if where.coast is not None else (),
         marks=marks,
-        footer=footer,
-        attributes={**attributes, "run_id": formats.run_id(attributes)},
-        caution=caution(case),
     )
     return {"origin.png": _kept(draw)}
 

@@ -5,7 +5,7 @@ state behind. Shading runs from light to dark (magma reversed): even steps to th
 """
 
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from drift.forecast import words as forecast_words
 from drift.forecast.build import Forecast
 from drift.maps import chart, labels, page
 from drift.maps.chart import GREY, INK, Frame
+from drift.maps.imprint import Imprint
 from drift.maps.marks import Line, Mark
 from drift.maps.overlay import AtTime
 from geo import notation
@@ -31,24 +32,19 @@ ROW = 0.03  # of the page, a row of warnings over the map
 def draw_map(
     forecast: Forecast,
     path: Path,
+    imprint: Imprint,
     *,
-    title: str,
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
     lines: Sequence[Line] = (),
     known_as: str = "Last known position",
     particles: int | None = None,
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
     time: int = -1,
     overlays: Sequence[AtTime] = (),
 ) -> None:
     """Draw the forecast at one output time (index).
 
     polygons: shapely land polygons [deg]. known_as: what the marks are. particles: their number in the run.
-    footer: a line of where it comes from (case, seed, version); attributes: the same in full, into the file.
-    caution: what the forecast must not be believed of, on a banner beside the title.
     overlays: what other topics draw on it at its time.
     """
     figure, canvas = page.figure(11.7, 8.3)
@@ -92,12 +88,14 @@ def draw_map(
     ashore = layers.ashore_marks(ax, here, forecast, time)
     layers.track(ax, canvas, here, forecast, time, marks)
 
-    figure.text(0.055, 0.955, page.fit(title, 60 if caution else 95), fontsize=15, weight="bold", color=INK)
+    figure.text(
+        0.055, 0.955, page.fit(imprint.title, 60 if imprint.caution else 95), fontsize=15, weight="bold", color=INK
+    )
     valid = f"Valid {notation.group(now)}   ({notation.iso(now)}, UTC)"
     figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
     figure.text(0.055, 0.888, forecast_words.basis(forecast, time, particles), fontsize=9, color=INK)
-    if caution:
-        page.banner(figure, 0.985, 0.955, "right", 10, caution)
+    if imprint.caution:
+        page.banner(figure, 0.985, 0.955, "right", 10, imprint.caution)
     if count.few:
         page.banner(figure, 0.058, 0.884 - ROW, "left", 11, effective.banner(count))
     for k, text in enumerate([*said, *out], 1 + count.few):
@@ -108,22 +106,19 @@ def draw_map(
     _legend(figure, rows)
     _panel(figure, at, mesh)
     figure.text(0.055, 0.04, forecast_words.account(at), fontsize=9.5, color=INK)
-    if footer:
-        figure.text(0.055, 0.015, textwrap.shorten(footer, 190, placeholder=" …"), fontsize=7.5, color=GREY)
-    page.save(canvas, path, title, attributes, dpi=140)
+    if imprint.footer:
+        figure.text(0.055, 0.015, textwrap.shorten(imprint.footer, 190, placeholder=" …"), fontsize=7.5, color=GREY)
+    page.save(canvas, path, imprint.title, imprint.attributes, dpi=140)
 
 
 def draw_snapshots(
     forecast: Forecast,
     path: Path,
+    imprint: Imprint,
     *,
-    title: str,
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
     particles: int | None = None,
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
 ) -> None:
     """Draw the output times side by side, at most twelve, on one extent and one colour scale; see draw_map."""
     count = forecast.data.sizes["time"]
@@ -131,7 +126,7 @@ def draw_snapshots(
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
     rows = -(-len(picks) // columns)
     least, least_at = effective.fewest(forecast.data, picks, particles)
-    wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(caution) + least.few), 0.5, 0.35
+    wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(imprint.caution) + least.few), 0.5, 0.35
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
     figure, canvas = page.figure(width, height)
     times = [forecast.data["time"].values[i] for i in picks]
@@ -184,12 +179,14 @@ def draw_snapshots(
             )
         if k == 0:
             chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
-    if caution:
-        page.banner(figure, side / width, 1 - 0.9 / height, "left", 8, caution)
+    if imprint.caution:
+        page.banner(figure, side / width, 1 - 0.9 / height, "left", 8, imprint.caution)
     if least.few:
         words = effective.banner(least, "areas are rough", notation.group(forecast.data["time"].values[least_at]))
-        page.banner(figure, side / width, 1 - (0.9 + 0.3 * bool(caution)) / height, "left", 8, words)
-    figure.text(side / width, 1 - 0.36 / height, page.fit(title, width * 9), fontsize=12, weight="bold", color=INK)
+        page.banner(figure, side / width, 1 - (0.9 + 0.3 * bool(imprint.caution)) / height, "left", 8, words)
+    figure.text(
+        side / width, 1 - 0.36 / height, page.fit(imprint.title, width * 9), fontsize=12, weight="bold", color=INK
+    )
     figure.text(
         side / width,
         1 - 0.62 / height,
@@ -197,8 +194,8 @@ def draw_snapshots(
         fontsize=8,
         color=INK,
     )
-    if footer:
-        figure.text(side / width, 0.1 / height, page.fit(footer, width * 17), fontsize=7, color=GREY)
+    if imprint.footer:
+        figure.text(side / width, 0.1 / height, page.fit(imprint.footer, width * 17), fontsize=7, color=GREY)
     if mesh is not None:
         bar = figure.add_axes((1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height))
         figure.colorbar(mesh, cax=bar, extend="both")
@@ -208,7 +205,7 @@ def draw_snapshots(
         bar.minorticks_off()
         bar.set_title(f"% per {unit}", fontsize=7, color=INK, pad=8)
         bar.tick_params(labelsize=7)
-    page.save(canvas, path, title, attributes, dpi=130)
+    page.save(canvas, path, imprint.title, imprint.attributes, dpi=130)
 
 
 def _joined(text: str, particles: int | None) -> str:

@@ -17,6 +17,7 @@ from drift.forecast import layers
 from drift.forecast import map as forecast_map
 from drift.forecast import words as forecast_words
 from drift.maps import chart, field, labels
+from drift.maps.imprint import Imprint
 from drift.maps.marks import Line, Mark
 from drift.motion.status import Status
 from geo import sphere
@@ -60,14 +61,12 @@ def test_pictures_anywhere_and_at_any_size(tmp_path, lon, lat, spread):
         shapely.box(lon + 4 * step, lat - 20 * step, lon + 400 * step, min(lat + 3 * step, 89)),
         shapely.box(lon - 360, lat, lon - 359, lat + 1),
     ]
-    options = {"title": "A test " * 30, "polygons": land, "marks": [Mark(lon, lat, "LKP 21/1830Z")]}
+    options = {"imprint": Imprint("A test " * 30), "polygons": land, "marks": [Mark(lon, lat, "LKP 21/1830Z")]}
     forecast_map.draw_map(
         made,
         tmp_path / "map.png",
         lines=[Line([lon, lon + step, lon + step], [lat, lat, lat + step], "Area", closed=True)],
-        footer="casp-drift",
-        caution=WRONG,
-        **options,
+        **{**options, "imprint": Imprint("A test " * 30, footer="casp-drift", caution=WRONG)},
     )
     forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", **options)
     assert size(tmp_path / "map.png") == (1638, 1162)
@@ -85,8 +84,8 @@ def test_pictures_of_nothing(tmp_path):
         np.zeros(n, np.int32),
     )
     made = forecast_build.build([one], scenarios=["x"])
-    forecast_map.draw_map(made, tmp_path / "map.png", title="pending", marks=[Mark(-87.0, 28.0)])
-    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", title="pending")
+    forecast_map.draw_map(made, tmp_path / "map.png", imprint=Imprint("pending"), marks=[Mark(-87.0, 28.0)])
+    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", imprint=Imprint("pending"))
 
 
 def test_a_field_with_gaps(tmp_path):
@@ -262,7 +261,10 @@ def test_provenance_is_in_the_picture(tmp_path):
     made, marks = forecast(-87.5, 28.7), [Mark(-87.5, 28.7)]
     for name in ("a.png", "b.png"):
         forecast_map.draw_map(
-            made, tmp_path / name, title="t", marks=marks, attributes={"case": "title = 'Bjørnøya → 1'"}
+            made,
+            tmp_path / name,
+            imprint=Imprint("t", attributes={"case": "title = 'Bjørnøya → 1'"}),
+            marks=marks,
         )
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:
