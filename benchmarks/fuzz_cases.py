@@ -178,12 +178,12 @@ def written(data: dict[str, Any]) -> str:
 def tried(text: str, folder: Path, run: bool) -> str:
     """Load a case, check it and, if so wanted, run it and read back what it wrote; return what came of that."""
     import drift
-    from drift import preview
+    from drift.preview import check
 
     path = folder / "case.toml"
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     case = drift.load(path)
-    preview.understood(replace(case, particles=min(case.particles, 400)))
+    check.understood(replace(case, particles=min(case.particles, 400)))
     if not run:
         return "checked"
     out = folder / "out"

@@ -13,6 +13,8 @@ from drift import summary
 from drift.backtrack.backward import Origin
 from drift.case.record import Case
 from drift.forecast.build import Forecast
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Line, Mark
 from drift.motion import forcing_error
 from drift.motion.environment import Environment
 from drift.motion.scenario import AreaPrior, PositionPrior
@@ -42,11 +44,11 @@ def figures(
     planned: PatrolPlan | None = None,
 ) -> dict[str, Figure]:
     """Return, by file name, what draws each picture to a path."""
-    from drift.forecast import layers
     from drift.forecast import map as forecast_map
     from drift.planner import map as plan_map
     from drift.planner import unit_sheet
     from drift.search import evidence_map
+    from drift.search import layers as search_layers
     from drift.search import map as search_map
     from drift.spill import map as washup_map
     from drift.suspend import map as suspend_map
@@ -62,20 +64,20 @@ def figures(
         alone = len(stories) == 1
         if isinstance(prior, PositionPrior):
             label = known_as if alone else f"{short}, {scenario.name}"
-            marks.append(forecast_map.Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
+            marks.append(Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
         else:
             lon = np.degrees(np.unwrap(prior.lon)).tolist()
             closed = isinstance(prior, AreaPrior)
-            lines.append(forecast_map.Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
+            lines.append(Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
     coast = where.coast.polygons if where.coast is not None else None
+    whole = {**attributes, "run_id": formats.run_id(attributes)}
+    own = Imprint(case.title, footer, whole, caution(case))
+    imprint = own if plan is None else replace(own, title=f"If this plan finds nothing: {case.title}")
     common: dict[str, Any] = {
-        "title": case.title if plan is None else f"If this plan finds nothing: {case.title}",
         "polygons": () if coast is None else coast,
         "marks": marks,
         "particles": case.particles,
-        "footer": footer,
-        "attributes": {**attributes, "run_id": formats.run_id(attributes)},
-        "caution": caution(case),
+        "imprint": imprint,
     }
     drawn = {
         "map.png": _kept(
@@ -84,8 +86,7 @@ def figures(
                 forecast,
                 lines=lines,
                 known_as=known_as,
-                searched=updates.sorties if updates else (),
-                contacts=case.contacts,
+                overlays=[partial(search_layers.reminder, updates.sorties if updates else (), case.contacts)],
                 **common,
             )
         ),
@@ -94,7 +95,7 @@ def figures(
     if after is not None:
         rest = {name: value for name, value in common.items() if name != "particles"}
         numbered = enumerate(after.posterior.known.finds, 1)
-        found = [layers.Mark(*renewal.position(after, find), f"{k}") for k, find in numbered]
+        found = [Mark(*renewal.position(after, find), f"{k}") for k, find in numbered]
         walked = [
             washup_map.Patrolled(told["name"], told["time"], told["detection"], told["segments"])
             for told in renewal.patrols(after.spill, after.segments)
@@ -108,26 +109,27 @@ def figures(
                 )
                 for slot, visits in patrol_planner.by_patrol(planned)
             ]
-            rest |= {"title": f"Planned patrols: {case.title}", "patrolled": "planned patrol", "near": True}
+            rest |= {
+                "imprint": replace(own, title=f"Planned patrols: {case.title}"),
+                "patrolled": "planned patrol",
+                "near": True,
+            }
             drawn["patrols.png"] = _kept(partial(washup_map.draw, after.washup, after.segments, **rest))
     if updates is not None:
-        bare = {name: common[name] for name in ("title", "particles", "footer", "attributes", "caution")}
-        drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, **bare))
+        drawn["evidence.png"] = _kept(partial(evidence_map.draw, updates, imprint=imprint, particles=case.particles))
         # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
         for page in range(1, 1 + (search_map.pages(updates.sorties) if plan is None else 0)):
             name = "search.png" if page == 1 else f"search-{page}.png"
             drawing = partial(search_map.draw, forecast, updates.sorties, case.contacts, updates, page=page, **common)
             drawn[name] = _kept(drawing)
     if plan is not None:
-        drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **{**common, "title": case.title}))
+        drawn["plan.png"] = _kept(partial(plan_map.draw, forecast, plan, **{**common, "imprint": own}))
         land = fleet.shown(case, where, unit_sheet.box(plan)) if coast is not None and plan.taskings else ()
-        shown = {name: common[name] for name in ("footer", "attributes", "caution")}
         for name, which, number in unit_sheet.pages(plan):
-            sheet = partial(unit_sheet.draw, plan, which, number=number, title=case.title, polygons=land, **shown)
+            sheet = partial(unit_sheet.draw, plan, which, number=number, imprint=own, polygons=land)
             drawn[name] = _kept(sheet)
     if told is not None:
-        bare = {name: common[name] for name in ("footer", "attributes", "caution")}
-        drawn["suspend.png"] = _kept(partial(suspend_map.draw, told, title=case.title, **bare))
+        drawn["suspend.png"] = _kept(partial(suspend_map.draw, told, imprint=own))
     return drawn
 
 
@@ -147,24 +149,20 @@ def caution(case: Case) -> str:
 def origin(case: Case, where: Environment, found: Origin, footer: str) -> dict[str, Figure]:
     """Return, by file name, what draws where a spill may have come from."""
     from drift.backtrack import map as origin_map
-    from drift.forecast import layers
 
     assert case.spill is not None
     attributes = summary.attributes(case, where)
     marks = [
-        layers.Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
+        Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
         for k, find in enumerate(case.spill.finds, 1)
         if find.lat == find.lat  # a stretch by name has no place of its own
     ]
     draw = partial(
         origin_map.draw,
         found,
-        title=case.title,
+        imprint=Imprint(case.title, footer, {**attributes, "run_id": formats.run_id(attributes)}, caution(case)),
         polygons=where.coast.polygons if where.coast is not None else (),
         marks=marks,
-        footer=footer,
-        attributes={**attributes, "run_id": formats.run_id(attributes)},
-        caution=caution(case),
     )
     return {"origin.png": _kept(draw)}
 

@@ -28,7 +28,9 @@ from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan
 from drift.planner import text as plan_text
 from drift.planner.records import Plan
+from drift.search import particles_left
 from drift.search import tables as search_tables
+from drift.search.standing import Standing, standing
 from drift.search.updates import Updates
 from drift.spill import evidence, renewal
 from drift.spill.renewal import Aftermath, Drifted
@@ -37,7 +39,6 @@ from drift.spill.worlds import Proposal
 from drift.start import Start
 from drift.suspend import decision
 from drift.suspend import text as suspend_text
-from drift.suspend.standing import Standing, standing
 from geo.errors import UserError
 from geo.files import digest
 from kernels import deposit, runtime
@@ -147,6 +148,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         one, log_weight = begin.ensemble, begin.ensemble.log_weight.to_numpy()
         ess = weights.ess(log_weight)
         begun = standing(case.start, weights.relative(log_weight), one.release.to_numpy(), one.scenarios, None, ess)
+    seen: list[Updates] = []  # what sorties and contacts did, by drift
     with contextlib.ExitStack() as stack:
 
         def drifted(begin: Start) -> Drifted:
@@ -161,7 +163,9 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
                 spool = Spool(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
                 snapshots = stack.enter_context(spool)
             start.check_end(case, where, begin, snapshots[-1], search)
-            return Drifted(begin.ensemble, snapshots, landings, begin.worlds, search.updates if search else None)
+            if search:
+                seen.append(search.updates)
+            return Drifted(begin.ensemble, snapshots, landings, begin.worlds)
 
         def renewed(proposal: Proposal, number: int) -> Drifted:
             """Draw a spill's worlds anew, and move their objects through the run."""
@@ -173,7 +177,7 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
         if case.spill and stretches and where.coast:
             with clock.phase("finds"):
                 done, after = renewal.settle(case.period, case.spill, where.coast, stretches, done, renewed)
-        snapshots = done.snapshots
+        snapshots, updates = done.snapshots, seen[-1] if seen else None
         account = record.account(done.ensemble, snapshots[-1].status)
         tell("map", 0.0)
         with clock.phase("products"):
@@ -184,14 +188,14 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
             )
             tracks = _trajectories(case, done.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
-    numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates) + off_grid.warnings(made.data)
+    numbers["warnings"] = particles_left.of_run(made.data, case.particles, updates) + off_grid.warnings(made.data)
     if after is not None:
         numbers |= renewal.numbers(after)
         few = effective.Count(after.posterior.effective, what="worlds").few  # the maps' worlds are the same
         numbers["warnings"] = [*renewal.warnings(after), *([] if few else numbers["warnings"])]
-    if done.updates is not None:
-        numbers |= {"search": search_tables.numbers(done.updates)}
-    return Result(case, made, tracks, numbers, after, done.updates, begun)
+    if updates is not None:
+        numbers |= {"search": search_tables.numbers(updates)}
+    return Result(case, made, tracks, numbers, after, updates, begun)
 
 
 def write(

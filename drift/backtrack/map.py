@@ -5,7 +5,7 @@ handed in; nothing is downloaded.
 """
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,10 @@ from matplotlib.patches import Patch
 from drift.backtrack import backward
 from drift.backtrack.backward import Origin
 from drift.forecast import areas, density, effective, layers
-from drift.forecast.layers import Mark
 from drift.maps import chart, labels, page
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Mark
 from geo import notation
 from geo.cells import Array
 from geo.notation import NMI
@@ -39,7 +40,6 @@ PRIOR: dict[str, Any] = {"color": layers.PRIOR_COLOURS[0], "linewidth": 1.6, "li
 ALLOWED = 0.01  # of the prior's largest density: under that its cells hold too few draws for a line
 FLOOR = float(np.exp(-4.0))  # of a line's density: less counts as that, so that lines stay near the cells that matter
 ROW = 0.032  # of the page, the row of a warning over the map
-GREY = "#55606b"
 BELIEVED: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
 ASSUMED: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
 MEAN: dict[str, Any] = {"linestyle": "none", "marker": "X", "color": layers.TRACK, "markeredgecolor": "white"}
@@ -71,18 +71,15 @@ class _Shown:
 def draw(
     found: Origin,
     path: Path,
+    imprint: Imprint,
     *,
-    title: str,
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
 ) -> None:
     """Draw what drift.backtrack.backward.backward found.
 
     polygons: shapely land polygons [deg]. marks: the finds, their labels beginning with their numbers: what follows is listed
-    beside the map ("1 first box, 031516Z"). footer, attributes, caution: as in drift.forecast.map.draw_map.
+    beside the map ("1 first box, 031516Z").
     """
     figure, canvas = page.figure(WIDTH, HEIGHT)
     shown = _shown(found)
@@ -105,15 +102,15 @@ def draw(
         layers.rough(ax, here, shown.areas[max(shown.areas)][0])
     _points(ax, canvas, here, found, shown, marks)
     _bar(figure, mesh)
-    _words(figure, found, title, caution)
+    _words(figure, found, imprint.title, imprint.caution)
     _legend(figure, shown, len(marks), land is not None, few)
     _times(figure, found)
     _figures(figure, found)
     _names(figure, marks)
     figure.text(MAP[0], 0.045, CAVEAT, fontsize=9.5, weight="bold", color=INK)
-    if footer:
-        figure.text(MAP[0], 0.017, page.fit(footer, 190), fontsize=7.5, color=GREY)
-    page.save(canvas, path, title, attributes, dpi=140)
+    if imprint.footer:
+        figure.text(MAP[0], 0.017, page.fit(imprint.footer, 190), fontsize=7.5, color=GREY)
+    page.save(canvas, path, imprint.title, imprint.attributes, dpi=140)
 
 
 def _shown(found: Origin) -> _Shown:

@@ -297,9 +297,7 @@ def _info(given: argparse.Namespace) -> None:
 
 
 def _draw(source: Any, path: Path) -> None:
-    import matplotlib
-
-    from drift.forecast import map as forecast_map
+    from drift.maps import field, page
     from geo import notation
     from geo.coast import shore
 
@@ -310,10 +308,8 @@ def _draw(source: Any, path: Path) -> None:
     land = shore.land("gshhg", grid.box).polygons
     half = path.with_name(f".{path.name[:100]}.{os.getpid()}.png")
     try:
-        with matplotlib.rc_context({"text.parse_math": False}):  # a "$" in a file's name is no formula
-            forecast_map.draw_field(
-                half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land
-            )
+        with page.literal():
+            field.draw_field(half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land)
         os.replace(half, os.path.realpath(path))
     except OSError as error:
         raise UserError(f"--plot {path}: cannot be written ({error.strerror}); name another file") from error

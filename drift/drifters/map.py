@@ -11,10 +11,10 @@ from drift.drifters import text as verification_text
 from drift.drifters import verification
 from drift.drifters.verification import Verification
 from drift.maps import page
-from drift.maps.chart import INK
+from drift.maps.chart import GREY, INK
 from geo.notation import NMI
 
-GREY, BLUE, RED, SAND = "#55606b", "#0b4f8a", "#a33b20", "#b9802a"
+BLUE, RED, SAND = "#0b4f8a", "#a33b20", "#b9802a"
 MARKS = (("#5b8db8", "s"), (BLUE, "o"), (RED, "^"), (SAND, "D"))  # of areas, by share
 
 

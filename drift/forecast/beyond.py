@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
+from drift.forecast.words import TELLING
 from drift.maps import labels
 from drift.maps.chart import Frame
 from geo import notation, sphere
@@ -31,7 +32,7 @@ def aside(here: Frame, at: Any) -> str:
     """Return what a frame leaves out of the probability in a few words, for a small map; empty if that is little."""
     mass = _outside(here, at)
     total = float(mass.sum())
-    if total <= labels.TELLING:
+    if total <= TELLING:
         return ""
     lon, lat, _ = _most(mass, at)
     inside = within(here, np.array([[lon, lat]]))[0]
@@ -71,7 +72,7 @@ def _outside(here: Frame, at: Any) -> Array:
 def _probability(here: Frame, at: Any) -> str:
     mass = _outside(here, at)
     total = float(mass.sum())
-    if total <= labels.TELLING:
+    if total <= TELLING:
         return ""
     lon, lat, alone = _most(mass, at)
     words = f"{labels.percent(total)} of the probability lies outside this frame"

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.motion import weights
-from drift.search.updates import Update, Updates
 from geo import notation
 
 Array = npt.NDArray[Any]
@@ -123,41 +122,23 @@ def parts(data: Any, time: int) -> list[str]:
     return found
 
 
-def of_run(data: Any, particles: int, updates: Updates | None = None) -> list[str]:
-    """Return the warnings of a forecast: after which update few count, at which outputs, and of which parts at its end."""
+def of_run(data: Any, particles: int, since: np.datetime64 | None = None, left: float = 0.0) -> list[str]:
+    """Return the warnings of a forecast: at which outputs few particles count, and of which parts at its end.
+
+    since, left: where it has been told already that `left` particles count from a time on, outputs from then on are told of only if
+    fewer than half as many count there.
+    """
     told = []
-    update = first_low(updates) if updates else None
-    if update is not None:
-        low = Count(update.ess_after, particles)
-        anew = "" if update.resampled else ", or [resampling] below = 0.05"
-        told.append(
-            f"{sentence(low, f'{after(update)}', 'areas and shares after it are rough')}. Check it; else give more particles{anew}"
-        )
     times = data["time"].values
     few = [i for i in range(released(data), len(times)) if at(data, i, particles).few]
     if few:
         counts = [at(data, i, particles) for i in few]
         worst = min(range(len(few)), key=lambda k: counts[k].number)
-        known = update is not None and all(_since(times, i, update.time) for i in few)
-        if update is None or not known or counts[worst].number < 0.5 * update.ess_after:
+        known = since is not None and all(_since(times, i, since) for i in few)
+        if not known or counts[worst].number < 0.5 * left:
             others = f" and few at {len(few) - 1} more output time{'s' * (len(few) > 2)}" if len(few) > 1 else ""
             told.append(sentence(counts[worst], f"at {notation.group(times[few[worst]])}{others}"))
     return told + parts(data, len(times) - 1)
-
-
-def first_low(updates: Updates) -> Update | None:
-    """Return the first sortie or contact after which few particles count; what comes after it stands on these."""
-    return next((update for update in updates.all if Count(update.ess_after).few), None)
-
-
-def lowest(updates: Updates, particles: int | None = None) -> Count:
-    """Return how many particles the evidence stands on: the least that any update has left, as copies add nothing."""
-    return Count(min((update.ess_after for update in updates.all), default=0.0), particles)
-
-
-def after(update: Update) -> str:
-    """Return in words after what."""
-    return f'after {update.kind} "{update.name}"'
 
 
 def released(data: Any) -> int:

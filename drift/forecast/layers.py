@@ -1,7 +1,6 @@
 """What a chart shows of a forecast: shading, areas, track, marks, what is ashore."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -19,6 +18,7 @@ from drift.forecast import beyond, effective
 from drift.forecast.build import Contour, Forecast
 from drift.maps import chart, labels
 from drift.maps.chart import Frame
+from drift.maps.marks import Line, Mark
 from geo import notation, sphere
 from geo.cells import Array
 from geo.notation import NMI
@@ -28,31 +28,12 @@ BETWEEN: tuple[Any, ...] = ((0, (6, 2)), (0, (6, 2, 1.5, 2)), (0, (10, 3)), (0, 
 OUTERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))}
 ROUGH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#55606b", "hatch": "////", "linewidth": 0.0, "alpha": 0.55}
 LARGER = 1.6  # by how much a frame may grow to show a place that is far off
-TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", "#c62828"
+TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", chart.RED
 SHOWN = 0.995  # containment of the cells that are shaded
 ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
 PARTIAL: dict[str, Any] = {"color": TRACK, "linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": ".", "markersize": 3}
 PRIOR_COLOURS = ("#1b5e20", "#00a0b0", "#5d4037", "#8bc34a", "#000000")
 PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), "-")
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A point to mark, such as the last known position [deg]."""
-
-    lon: float
-    lat: float
-    label: str = "LKP"
-
-
-@dataclass(frozen=True)
-class Line:
-    """A line to draw, such as a prior's area (closed) or a trackline [deg]; longitudes without jumps, (n,)."""
-
-    lon: Sequence[float]
-    lat: Sequence[float]
-    label: str
-    closed: bool = False
 
 
 def prior_style(which: int) -> dict[str, Any]:
@@ -68,14 +49,6 @@ def prior_style(which: int) -> dict[str, Any]:
 def shading() -> Colormap:
     """Magma reversed, without its nearly black end, so that lines on top stay visible."""
     return ListedColormap(matplotlib.colormaps["magma_r"](np.linspace(0.03, 0.8, 256)), name="shading")
-
-
-def edges(centres: Array) -> Array:
-    """Return the edges between centres, and one beyond on both sides."""
-    if len(centres) == 1:
-        return np.array([centres[0] - 0.5, centres[0] + 0.5])
-    middle = (centres[1:] + centres[:-1]) / 2
-    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
 
 
 def extent(
@@ -131,7 +104,10 @@ def _shaded(forecast: Forecast, one: Contour) -> tuple[float, float, float, floa
     lon, lat = (data[name].values[np.flatnonzero(cells.any(axis=axis))] for name, axis in (("lon", 0), ("lat", 1)))
     if not len(lon):
         return west, south, east, north
-    half = (edges(data["lon"].values)[1] - data["lon"].values[0], edges(data["lat"].values)[1] - data["lat"].values[0])
+    half = (
+        chart.edges(data["lon"].values)[1] - data["lon"].values[0],
+        chart.edges(data["lat"].values)[1] - data["lat"].values[0],
+    )
     wide, high = east - west, north - south
     return (
         min(west, max(lon[0] - half[0], west - wide)),
@@ -169,7 +145,7 @@ def scale_top(at: Any) -> float:
 def shade(ax: Axes, here: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
     """Shade cells, only the rows and columns that hold anything."""
     rows, columns = (np.flatnonzero(np.isfinite(values).any(axis=axis)) for axis in (1, 0))
-    lon, lat = edges(forecast.data["lon"].values), edges(forecast.data["lat"].values)
+    lon, lat = chart.edges(forecast.data["lon"].values), chart.edges(forecast.data["lat"].values)
     r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
     c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
     x, y = here.project(*np.meshgrid(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1]))

@@ -5,11 +5,10 @@ state behind. Shading runs from light to dark (magma reversed): even steps to th
 """
 
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.colors import LogNorm, PowerNorm
 from matplotlib.figure import Figure
@@ -17,53 +16,49 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from drift.forecast import beyond, effective, layers
+from drift.forecast import words as forecast_words
 from drift.forecast.build import Forecast
-from drift.forecast.layers import Line, Mark
 from drift.maps import chart, labels, page
-from drift.maps.chart import INK, Frame
-from drift.search import layers as search_layers
-from drift.search.records import Contact, Sortie
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Line, Mark
+from drift.maps.overlay import AtTime
 from geo import notation
-from geo.cells import Array
 from geo.notation import NMI
 
 ROW = 0.03  # of the page, a row of warnings over the map
-
-__all__ = ["Line", "Mark", "draw_field", "draw_map", "draw_snapshots"]
 
 
 def draw_map(
     forecast: Forecast,
     path: Path,
+    imprint: Imprint,
     *,
-    title: str,
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
     lines: Sequence[Line] = (),
     known_as: str = "Last known position",
     particles: int | None = None,
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
     time: int = -1,
-    searched: Sequence[Sortie] = (),
-    contacts: Sequence[Contact] = (),
+    overlays: Sequence[AtTime] = (),
 ) -> None:
     """Draw the forecast at one output time (index).
 
     polygons: shapely land polygons [deg]. known_as: what the marks are. particles: their number in the run.
-    footer: a line of where it comes from (case, seed, version); attributes: the same in full, into the file.
-    caution: what the forecast must not be believed of, on a banner beside the title. searched, contacts: of which those begun by then are drawn.
+    overlays: what other topics draw on it at its time.
     """
     figure, canvas = page.figure(11.7, 8.3)
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
     outlines = [c for c in forecast.contours if c.time == now]
-    begun = [sortie for sortie in searched if sortie.start <= now]
-    seen = [contact for contact in contacts if contact.time <= now]
-    places = search_layers.places(seen, begun)
+    over = [overlay(now) for overlay in overlays]
+    places = {name: shapes for one in over for name, shapes in one.places.items()}
     count = effective.at(forecast.data, time, particles)
-    said = [text for text in (labels.missing(at), labels.unshaded(at), *effective.parts(forecast.data, time)) if text]
+    said = [
+        text
+        for text in (forecast_words.missing(at), forecast_words.unshaded(at), *effective.parts(forecast.data, time))
+        if text
+    ]
 
     def framed(above: list[str]) -> tuple[float, Frame, list[str]]:
         """Return the map's height [of the page] under a banner and rows of text, its frame, and what that leaves out."""
@@ -88,45 +83,42 @@ def draw_map(
         layers.rough(ax, here, layers.widest(outlines))
     for outline in outlines:
         layers.rings(ax, here, outline.polygon, layers.line(outline.share, forecast, count.few))
-    for sortie in begun:
-        search_layers.sortie(ax, here, sortie, now, light=True)
-    for contact in seen:
-        search_layers.contact(ax, here, contact, 0.75)
+    for one in over:
+        one.draw(ax, here)
     ashore = layers.ashore_marks(ax, here, forecast, time)
     layers.track(ax, canvas, here, forecast, time, marks)
 
-    figure.text(0.055, 0.955, page.fit(title, 60 if caution else 95), fontsize=15, weight="bold", color=INK)
+    figure.text(
+        0.055, 0.955, page.fit(imprint.title, 60 if imprint.caution else 95), fontsize=15, weight="bold", color=INK
+    )
     valid = f"Valid {notation.group(now)}   ({notation.iso(now)}, UTC)"
     figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
-    figure.text(0.055, 0.888, labels.basis(forecast, time, particles), fontsize=9, color=INK)
-    if caution:
-        page.banner(figure, 0.985, 0.955, "right", 10, caution)
+    figure.text(0.055, 0.888, forecast_words.basis(forecast, time, particles), fontsize=9, color=INK)
+    if imprint.caution:
+        page.banner(figure, 0.985, 0.955, "right", 10, imprint.caution)
     if count.few:
         page.banner(figure, 0.058, 0.884 - ROW, "left", 11, effective.banner(count))
     for k, text in enumerate([*said, *out], 1 + count.few):
         style: dict[str, Any] = {"fontsize": 9.5, "weight": "bold", "color": layers.LAST_KNOWN}
         figure.text(0.055, 0.879 - ROW * k, page.fit(text, 130), **style)
     rows = _rows(forecast, time, outlines, lines, ashore, (known_as, len(marks)), land is not None, count.few)
-    rows += search_layers.key(begun, seen, search_layers.LIGHT)
+    rows += [row for one in over for row in one.key]
     _legend(figure, rows)
     _panel(figure, at, mesh)
-    figure.text(0.055, 0.04, labels.account(at), fontsize=9.5, color=INK)
-    if footer:
-        figure.text(0.055, 0.015, textwrap.shorten(footer, 190, placeholder=" …"), fontsize=7.5, color="#55606b")
-    page.save(canvas, path, title, attributes, dpi=140)
+    figure.text(0.055, 0.04, forecast_words.account(at), fontsize=9.5, color=INK)
+    if imprint.footer:
+        figure.text(0.055, 0.015, textwrap.shorten(imprint.footer, 190, placeholder=" …"), fontsize=7.5, color=GREY)
+    page.save(canvas, path, imprint.title, imprint.attributes, dpi=140)
 
 
 def draw_snapshots(
     forecast: Forecast,
     path: Path,
+    imprint: Imprint,
     *,
-    title: str,
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
     particles: int | None = None,
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
 ) -> None:
     """Draw the output times side by side, at most twelve, on one extent and one colour scale; see draw_map."""
     count = forecast.data.sizes["time"]
@@ -134,7 +126,7 @@ def draw_snapshots(
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
     rows = -(-len(picks) // columns)
     least, least_at = effective.fewest(forecast.data, picks, particles)
-    wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(caution) + least.few), 0.5, 0.35
+    wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(imprint.caution) + least.few), 0.5, 0.35
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
     figure, canvas = page.figure(width, height)
     times = [forecast.data["time"].values[i] for i in picks]
@@ -170,7 +162,7 @@ def draw_snapshots(
             layers.mark_point(ax, here, mark, 6)
         ax.set_title(notation.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
         ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
-        notes = [_off_map(at, waiting)] if labels.missing(at) and np.isfinite(at["mean_lat"]) else []
+        notes = [_off_map(at, waiting)] if forecast_words.missing(at) and np.isfinite(at["mean_lat"]) else []
         notes += layers.beside(here, at, stands_on)
         if notes:
             ax.text(
@@ -187,21 +179,23 @@ def draw_snapshots(
             )
         if k == 0:
             chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
-    if caution:
-        page.banner(figure, side / width, 1 - 0.9 / height, "left", 8, caution)
+    if imprint.caution:
+        page.banner(figure, side / width, 1 - 0.9 / height, "left", 8, imprint.caution)
     if least.few:
         words = effective.banner(least, "areas are rough", notation.group(forecast.data["time"].values[least_at]))
-        page.banner(figure, side / width, 1 - (0.9 + 0.3 * bool(caution)) / height, "left", 8, words)
-    figure.text(side / width, 1 - 0.36 / height, page.fit(title, width * 9), fontsize=12, weight="bold", color=INK)
+        page.banner(figure, side / width, 1 - (0.9 + 0.3 * bool(imprint.caution)) / height, "left", 8, words)
+    figure.text(
+        side / width, 1 - 0.36 / height, page.fit(imprint.title, width * 9), fontsize=12, weight="bold", color=INK
+    )
     figure.text(
         side / width,
         1 - 0.62 / height,
-        page.fit(_joined(labels.span(times, forecast.ends), particles), width * 15),
+        page.fit(_joined(forecast_words.span(times, forecast.ends), particles), width * 15),
         fontsize=8,
         color=INK,
     )
-    if footer:
-        figure.text(side / width, 0.1 / height, page.fit(footer, width * 17), fontsize=7, color="#55606b")
+    if imprint.footer:
+        figure.text(side / width, 0.1 / height, page.fit(imprint.footer, width * 17), fontsize=7, color=GREY)
     if mesh is not None:
         bar = figure.add_axes((1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height))
         figure.colorbar(mesh, cax=bar, extend="both")
@@ -211,58 +205,7 @@ def draw_snapshots(
         bar.minorticks_off()
         bar.set_title(f"% per {unit}", fontsize=7, color=INK, pad=8)
         bar.tick_params(labelsize=7)
-    page.save(canvas, path, title, attributes, dpi=130)
-
-
-def draw_field(
-    path: Path, lon: Array, lat: Array, east: Array, north: Array, *, title: str, polygons: Iterable[Any] = ()
-) -> None:
-    """Draw a field's speed [m/s] as shading and its direction as arrows; missing values stay blank.
-
-    lon: (nlon,), lat: (nlat,) [deg], ascending; east, north: (nlat, nlon) [m/s].
-    """
-    figure, canvas = page.figure(9.0, 7.2)
-    ax = figure.add_axes((0.08, 0.07, 0.76, 0.84))
-    here = chart.frame(lon[[0, -1, 0, -1]], lat[[0, -1, -1, 0]], aspect=0.76 * 9.0 / (0.84 * 7.2), margin=0.02)
-    chart.prepare(ax, here)
-    jump = max(1, max(len(lon), len(lat)) // 800)
-    speed = np.hypot(east, north)[::jump, ::jump]
-    speeds = speed[np.isfinite(speed)]
-    top = float(np.quantile(speeds, 0.995)) if len(speeds) else 1.0
-    mesh = ax.pcolormesh(
-        *here.project(*np.meshgrid(layers.edges(lon[::jump]), layers.edges(lat[::jump]))),
-        np.ma.masked_invalid(speed),
-        cmap=matplotlib.colormaps["viridis_r"],
-        vmin=0,
-        vmax=top or 1.0,
-        zorder=1,
-        rasterized=True,
-    )
-    chart.draw_land(ax, chart.land_path(here, polygons, 900))
-    chart.graticule(ax, here)
-    every = (max(1, len(lat) // 22), max(1, len(lon) // 28))
-    some = np.s_[every[0] // 2 :: every[0], every[1] // 2 :: every[1]]
-    known = np.isfinite(np.hypot(east, north)[some])
-    px, py = (v[some][known] for v in np.meshgrid(lon, lat))
-    u, v = turned(here, px, py, east[some][known], north[some][known])
-    ax.quiver(*here.project(px, py), u, v, color=INK, scale=22 * max(top, 1e-9), width=0.002, zorder=4.5, pivot="mid")
-    bar = figure.add_axes((0.87, 0.15, 0.02, 0.6))
-    figure.colorbar(mesh, cax=bar, extend="max", label="speed [m/s]")
-    figure.text(0.08, 0.945, page.fit(title, 80), fontsize=12, weight="bold", color=INK)
-    page.save(canvas, path, title, None, dpi=110)
-
-
-def turned(here: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return vectors [m/s] at positions [deg] in the directions of the projection's axes, of the same length; all (n,)."""
-    step = 1e-4  # [deg]
-    x, y = here.project(lon, lat)
-    along_x, along_y = here.project(lon + step / np.cos(np.radians(lat)), lat)
-    up_x, up_y = here.project(lon, lat - step)
-    u = east * (along_x - x) - north * (up_x - x)
-    v = east * (along_y - y) - north * (up_y - y)
-    length = np.hypot(u, v)
-    scale = np.divide(np.hypot(east, north), length, out=np.zeros_like(length), where=length > 0)
-    return u * scale, v * scale
+    page.save(canvas, path, imprint.title, imprint.attributes, dpi=130)
 
 
 def _joined(text: str, particles: int | None) -> str:
@@ -275,13 +218,13 @@ def _sizes(at: Any, waiting: str) -> str:
     if np.isfinite(areas[0][1]):
         ends = dict.fromkeys((areas[0], areas[-1]))
         return "   ".join(f"{notation.percent(share)} %: {labels.number(area)}" for share, area in ends) + " nmi²"
-    return waiting if labels.statuses(at)["pending"] > 0 else "nothing left on the map"
+    return waiting if forecast_words.statuses(at)["pending"] > 0 else "nothing left on the map"
 
 
 def _off_map(at: Any, waiting: str) -> str:
     """Return how much of the probability a panel does not show, in a few words."""
-    pending = labels.statuses(at)["pending"]
-    gone = sum(labels.statuses(at)[name] for name in ("outside", "left", "sunk"))
+    pending = forecast_words.statuses(at)["pending"]
+    gone = sum(forecast_words.statuses(at)[name] for name in ("outside", "left", "sunk"))
     parts = [f"{labels.percent(pending)} {waiting}"] if pending > 0 else []
     return "\n".join(parts + ([f"{labels.percent(gone)} off the map"] if gone > 0 else []))
 
@@ -383,6 +326,6 @@ def _panel(figure: Figure, at: Any, mesh: Any) -> None:
         f"Shaded: {100 * layers.SHOWN:g} %. Islands and holes of under\n"
         f"{100 * layers.ISLAND:g} % of an area are not drawn.",
         fontsize=8,
-        color="#55606b",
+        color=GREY,
         linespacing=1.4,
     )

@@ -22,6 +22,7 @@ from geo.cells import Array
 from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
+GREY, RED = "#55606b", "#c62828"  # of what is said besides, and of warnings
 # [arc minutes] between lines of the graticule
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 180, 300, 600, 900, 1800)
 GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
@@ -235,3 +236,11 @@ def free_corner(here: Frame, x: Array, y: Array) -> tuple[float, float]:
     corners = ((0.015, 0.015), (0.685, 0.015), (0.015, 0.91), (0.685, 0.91))
     crowd = [np.sum((fx > a - 0.02) & (fx < a + 0.32) & (fy > b - 0.02) & (fy < b + 0.1)) for a, b in corners]
     return corners[int(np.argmin(crowd))]
+
+
+def edges(centres: Array) -> Array:
+    """Return the edges between centres, and one beyond on both sides."""
+    if len(centres) == 1:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    middle = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])

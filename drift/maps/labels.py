@@ -9,8 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.transforms import Bbox
 
-from drift.forecast.build import Forecast
-from geo import notation
 from geo.cells import Array
 from geo.notation import NMI
 
@@ -21,17 +19,6 @@ SPOTS = [
     for radius in (9, 18, 30, 45)
     for angle in (0, 180, 45, -45, 135, -135, 90, -90)
 ]  # [typographic points] tried in this order
-
-STATUS = {
-    "adrift": "adrift",
-    "ashore": "ashore",
-    "outside": "outside the forcing",
-    "left": "left the domain",
-    "sunk": "sunk",
-    "pending": "not yet released",
-}
-OFF_MAP = {"outside": "ran out of forcing", "left": "left the domain", "sunk": "sank", "pending": "is not yet released"}
-TELLING = 0.01  # share of the probability off the map from which a picture warns
 TINY = 5e-4  # share that would read as 0.0 %
 UNITS = (
     *((10.0**k, f"{10**k:,} nmi²") for k in (8, 6, 4, 2)),
@@ -104,59 +91,6 @@ def percent(share: float) -> str:
     if share < TINY:
         return "< 0.1 %"
     return "> 99.9 %" if 1 - TINY < share < 1 - 1e-9 else f"{100 * share:.1f} %"
-
-
-def statuses(at: Any) -> dict[str, float]:
-    """Return the probability of each status at a time, by name."""
-    return {str(k): float(v) for k, v in zip(at["status"].values, at["status_probability"].values, strict=True)}
-
-
-def account(at: Any) -> str:
-    """Return the account in words: what is adrift, ashore, and lost to the map."""
-    parts = [f"{STATUS[name]} {percent(value)}" for name, value in statuses(at).items() if value > 0]
-    return "Account:  " + "   ·   ".join(parts)
-
-
-def missing(at: Any) -> str:
-    """Return a warning of the probability that is not on the map; empty if that is at most TELLING."""
-    off = {name: value for name, value in statuses(at).items() if name in OFF_MAP and value > 0}
-    if sum(off.values()) <= TELLING:
-        return ""
-    if len(off) == 1:
-        ((name, value),) = off.items()
-        return (
-            f"{percent(value)} of the probability {OFF_MAP[name]} and is not on the map; areas are shares of the rest"
-        )
-    parts = ", ".join(f"{percent(value)} {OFF_MAP[name]}" for name, value in off.items())
-    return f"{percent(sum(off.values()))} of the probability is not on the map: {parts}; areas are shares of the rest"
-
-
-def unshaded(at: Any) -> str:
-    """Return a warning of the probability that lies outside a grid of the user's own; empty if that is at most TELLING."""
-    off = float(at["off_grid"]) if "off_grid" in at else 0.0
-    if not off > TELLING:
-        return ""
-    return f"{percent(off)} of the probability lies outside output.grid and is not shaded; areas count it"
-
-
-def basis(forecast: Forecast, time: int, particles: int | None) -> str:
-    """Return in words when the forecast starts and how many particles it stands on."""
-    times = forecast.data["time"].values
-    hours = float((times[time] - times[0]) / np.timedelta64(1, "s")) / 3600
-    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {notation.group(times[0])}"
-    many = float(forecast.data["effective_particles"].values[time])
-    if particles is None:
-        return f"{when}   ·   {many:,.0f} effective particles"
-    return f"{when}   ·   {particles:,} particles, effective {many:,.0f}"
-
-
-def span(times: Sequence[Any], ends: Sequence[float]) -> str:
-    """Return in words which times are drawn, and what the numbers over each panel are."""
-    to = "back to" if times[-1] < times[0] else "to"
-    held = " and ".join(notation.percent(share) for share in ends)
-    return (
-        f"{notation.group(times[0])} {to} {notation.group(times[-1])}, UTC; areas that hold {held} % (lines), in nmi²"
-    )
 
 
 def scale(top: float) -> tuple[float, str]:

@@ -2,18 +2,25 @@
 
 import textwrap
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 
+import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from drift.forecast import layers
+from drift.maps.chart import RED
 
 
 def figure(width: float, height: float) -> tuple[Figure, FigureCanvasAgg]:
     """Return a white page [inches] and its canvas."""
     figure = Figure((width, height), facecolor="white")
     return figure, FigureCanvasAgg(figure)
+
+
+def literal() -> AbstractContextManager[None]:
+    """Return a context in which texts are drawn as they are: a "$" in a name is no formula."""
+    return matplotlib.rc_context({"text.parse_math": False})
 
 
 def save(canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int) -> None:
@@ -37,5 +44,5 @@ def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str
         weight="bold",
         color="white",
         ha=side,
-        bbox={"facecolor": layers.LAST_KNOWN, "edgecolor": "none", "boxstyle": "square,pad=0.35"},
+        bbox={"facecolor": RED, "edgecolor": "none", "boxstyle": "square,pad=0.35"},
     )

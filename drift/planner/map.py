@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,10 @@ from matplotlib.patches import Patch
 
 from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
-from drift.forecast.layers import Line, Mark
 from drift.maps import chart, labels, page
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Line, Mark
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
@@ -31,7 +32,6 @@ from geo.notation import KNOT, NMI
 
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
 SIZE = (11.7, 8.3)  # [in]
-GREY = "#55606b"
 POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
 BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
 ROW = 0.03  # of the page, a row of warnings over the map
@@ -44,19 +44,16 @@ def draw(
     forecast: Forecast,
     plan: Plan,
     path: Path,
+    imprint: Imprint,
     *,
-    title: str,
     time: int | None = None,
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
     particles: int | None = None,
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
 ) -> None:
     """Draw a plan on the probability at an output (index; the one nearest to the middle of its first round unless told).
 
-    See maps.draw_map for the rest.
+    See drift.forecast.map.draw_map for the rest.
     """
     i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
     at = forecast.data.isel(time=i)
@@ -86,13 +83,13 @@ def draw(
     ashore = layers.ashore_marks(ax, here, forecast, i)
     _plan(ax, canvas, here, forecast, plan, i, marks)
 
-    _title(figure, canvas, title, TITLED if caution else 0.985)
+    _title(figure, canvas, imprint.title, TITLED if imprint.caution else 0.985)
     figure.text(0.055, 0.92, f"Plan: {plan_text.worth(plan)}", fontsize=12.5, weight="bold", color=INK)
     when = f"Probability at {notation.group(now)}, given that all searches until then have failed"
     many = "" if particles is None else f"   ·   {particles:,} particles"
     figure.text(0.055, 0.887, page.fit(when + many, 120), fontsize=9.5, color=INK)
-    if caution:
-        page.banner(figure, 0.985, 0.96, "right", 10, caution)
+    if imprint.caution:
+        page.banner(figure, 0.985, 0.96, "right", 10, imprint.caution)
     if least.few:
         page.banner(figure, 0.058, 0.876 - ROW, "left", 10, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):
@@ -101,9 +98,9 @@ def draw(
     _legend(figure, plan, forecast, outlines, len(marks), ashore, land is not None, count.few)
     _panel(figure, plan)
     _bar(figure, mesh)
-    if footer:
-        figure.text(0.055, 0.012, page.fit(footer, 190), fontsize=7.5, color=GREY)
-    page.save(canvas, path, title, attributes, dpi=140)
+    if imprint.footer:
+        figure.text(0.055, 0.012, page.fit(imprint.footer, 190), fontsize=7.5, color=GREY)
+    page.save(canvas, path, imprint.title, imprint.attributes, dpi=140)
 
 
 def _title(figure: Figure, canvas: FigureCanvasAgg, title: str, right: float) -> None:

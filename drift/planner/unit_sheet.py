@@ -6,7 +6,7 @@ them. A search with more points than fit goes on on further pages.
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from drift.maps import chart, labels, page
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.imprint import Imprint
 from drift.planner import daylight, subareas
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text
 from drift.planner.availability import moment
-from drift.planner.map import BASE, GREY, POINT
+from drift.planner.map import BASE, POINT
 from drift.planner.records import Plan, Tasking
 from drift.planner.subareas import Waypoint
 from drift.search import layers as search_layers
@@ -66,13 +67,10 @@ def draw(
     plan: Plan,
     which: int,
     path: Path,
+    imprint: Imprint,
     *,
-    title: str,
     number: int = 1,
     polygons: Iterable[Any] = (),
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
 ) -> None:
     """Draw page `number` of the sheet of tasking `which`."""
     name, one = subareas.names(plan)[which], plan.taskings[which]
@@ -80,13 +78,13 @@ def draw(
     figure, canvas = page.figure(*SIZE)
     head = f"{name}  {page.fit(one.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
     figure.text(0.06, 0.962, head, fontsize=17, weight="bold", color=INK)
-    figure.text(0.06, 0.943, page.fit(title, 100), fontsize=9.5, color=INK)
+    figure.text(0.06, 0.943, page.fit(imprint.title, 100), fontsize=9.5, color=INK)
     when = (
         f"On scene {notation.group(one.on_scene)} to {plan_map.short(one.off_scene)}. Times are UTC, directions true."
     )
     figure.text(0.06, 0.928, when, fontsize=9.5, color=INK)
-    if caution:
-        page.banner(figure, 0.95, 0.968, "right", 8.5, caution)
+    if imprint.caution:
+        page.banner(figure, 0.95, 0.968, "right", 8.5, imprint.caution)
     if plan_text.rough(plan):
         page.banner(figure, 0.95, 0.945, "right", 8.5, "Few particles: areas and POS are rough")
     if number == 1:
@@ -98,9 +96,9 @@ def draw(
     else:
         first = COLUMNS * (ROWS + MORE * (number - 2))
         _table(figure, way[first : first + COLUMNS * MORE], 0.9, MORE)
-    if footer:
-        figure.text(0.06, 0.012, page.fit(footer, 150), fontsize=6.5, color=GREY)
-    page.save(canvas, path, f"{name} {one.unit.name}: {title}", attributes, dpi=150)
+    if imprint.footer:
+        figure.text(0.06, 0.012, page.fit(imprint.footer, 150), fontsize=6.5, color=GREY)
+    page.save(canvas, path, f"{name} {one.unit.name}: {imprint.title}", imprint.attributes, dpi=150)
 
 
 def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[Waypoint], land: Array) -> None:

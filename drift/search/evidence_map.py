@@ -5,7 +5,6 @@ that it moved most. Right, the cumulative POS by scenario: what a decision to su
 """
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,9 @@ from matplotlib.transforms import blended_transform_factory
 
 from drift.forecast import effective, layers
 from drift.maps import labels, page
-from drift.maps.chart import INK
+from drift.maps.chart import GREY, INK
+from drift.maps.imprint import Imprint
+from drift.search import particles_left
 from drift.search import shapes as search_shapes
 from drift.search import tables as search_tables
 from drift.search.updates import Update, Updates
@@ -29,7 +30,6 @@ from geo.cells import Array
 A_LINE = 4  # scenarios in a line of the legend
 HUGE = 1e6  # Bayes factor beyond which its figure says no more
 MOST = 22  # rows; of more updates the last are shown
-GREY = "#55606b"
 DIGIT, OVERHANG = 0.072, 0.12  # [in] of a small digit; by which numbers over a chart may reach beyond its right edge
 # Light to dark and by hatch, so that neighbours differ in grey print too
 FILLS: tuple[dict[str, Any], ...] = (
@@ -59,19 +59,16 @@ STRENGTH = ((1.2, ""), (3.0, "weak"), (20.0, "positive"), (150.0, "strong"), (ma
 def draw(
     updates: Updates,
     path: Path,
+    imprint: Imprint,
     *,
-    title: str,
     particles: int | None = None,
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
 ) -> None:
-    """Draw the evidence of a search; see maps.draw_map for title, particles, footer, attributes and caution."""
+    """Draw the evidence of a search; particles: their number in the run."""
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
     lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # of the legend
-    least = effective.lowest(updates, particles)
+    least = particles_left.lowest(updates, particles)
     below = 0.32 * least.few  # [in] by which all is lower for a warning
     over = 1.45 + 0.24 * lines + below
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
@@ -79,19 +76,26 @@ def draw(
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
     _cumulative(figure, updates, room)
-    figure.text(0.02, 1 - 0.4 / height, page.fit(title, 75 if caution else 95), fontsize=14, weight="bold", color=INK)
+    figure.text(
+        0.02,
+        1 - 0.4 / height,
+        page.fit(imprint.title, 75 if imprint.caution else 95),
+        fontsize=14,
+        weight="bold",
+        color=INK,
+    )
     figure.text(0.02, 1 - 0.68 / height, _account(updates, len(steps) - len(shown)), fontsize=9.5, color=INK)
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:
         rough = effective.banner(least, "shares, evidence and POS are rough")
         page.banner(figure, 0.0225, 1 - 1.0 / height, "left", 10, rough)
-    if caution:
-        page.banner(figure, 0.985, 1 - 0.4 / height, "right", 10, caution)
+    if imprint.caution:
+        page.banner(figure, 0.985, 1 - 0.4 / height, "right", 10, imprint.caution)
     figure.text(0.02, 0.33 / height, _explained(updates), fontsize=8, color=GREY, linespacing=1.35, va="center")
-    if footer:
-        figure.text(0.02, 0.07 / height, page.fit(footer, 210), fontsize=7, color=GREY)
-    page.save(canvas, path, title, attributes, dpi=120)
+    if imprint.footer:
+        figure.text(0.02, 0.07 / height, page.fit(imprint.footer, 210), fontsize=7, color=GREY)
+    page.save(canvas, path, imprint.title, imprint.attributes, dpi=120)
 
 
 def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:

@@ -23,8 +23,8 @@ from drift.search import contacts as contact_laws
 from drift.search import debris
 from drift.search.exposure import Flown
 from drift.search.records import Contact, Resampling, Sortie
+from drift.search.standing import Standing, standing
 from drift.search.updates import Update, Updates
-from drift.suspend.standing import Standing, standing
 from geo.errors import UserError
 from kernels import runtime
 from kernels.advance import Step

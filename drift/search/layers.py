@@ -8,8 +8,9 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from drift.forecast.layers import Line
 from drift.maps.chart import Frame
+from drift.maps.marks import Line
+from drift.maps.overlay import Overlay
 from drift.search import shapes as search_shapes
 from drift.search.records import Contact, Sortie
 from geo.cells import Array
@@ -22,6 +23,20 @@ CONTACT: dict[str, Any] = {"color": "#a30052", "linewidth": 1.1, "linestyle": (0
 POINT: dict[str, Any] = {"marker": "D", "linestyle": "none", "markeredgewidth": 1.4, "markerfacecolor": "white"}
 LIGHT = 0.55  # of the width of lines where searches are only a reminder
 WORDS = f"Contact, {100 * search_shapes.NEAR_ALL:g} % of its error"
+
+
+def reminder(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any) -> Overlay:
+    """Return what the map of a forecast shows of a search: thin, and of it only what had begun by the map's time."""
+    begun = [one for one in sorties if one.start <= time]
+    seen = [one for one in contacts if one.time <= time]
+
+    def draw(ax: Axes, here: Frame) -> None:
+        for each in begun:
+            sortie(ax, here, each, time, light=True)
+        for other in seen:
+            contact(ax, here, other, 0.75)
+
+    return Overlay(draw, places(seen, begun), key(begun, seen, LIGHT))
 
 
 def sortie(ax: Axes, here: Frame, one: Sortie, time: Any, *, light: bool = False) -> None:

@@ -3,7 +3,7 @@
 All maps of a page have one extent and one colour scale, so that a hole that a sortie has made can be told from drift.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -18,10 +18,11 @@ from matplotlib.path import Path as Outline
 
 from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
-from drift.forecast.layers import Mark
 from drift.maps import chart, labels
 from drift.maps import page as paper  # `page` is the number of one
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Mark
 from drift.search import layers as search_layers
 from drift.search.records import Contact, Sortie
 from drift.search.updates import Update, Updates
@@ -33,7 +34,6 @@ GAP, OVER, HEAD, FOOT, LEFT, RIGHT = 0.14, 0.66, 0.85, 1.0, 0.42, 1.15  # [in]
 STAGES = ("before", "mid-search", "after")
 RECENT = np.timedelta64(6, "h")  # before a sortie, from when on contacts are drawn with it
 RANGE = 3.0  # densest map over the middle one on the colour scale: a contact must not make the others pale
-GREY = "#55606b"
 
 
 def pages(sorties: Sequence[Sortie]) -> int:
@@ -47,17 +47,14 @@ def draw(
     contacts: Sequence[Contact],
     updates: Updates,
     path: Path,
+    imprint: Imprint,
     *,
     page: int,
-    title: str,
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
     particles: int | None = None,
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
 ) -> None:
-    """Draw one page (from 1) of a search's maps; see maps.draw_map for the rest.
+    """Draw one page (from 1) of a search's maps; see drift.forecast.map.draw_map for the rest.
 
     forecast: with outputs at start, middle and end of each sortie, each given all that was seen up to it.
     """
@@ -105,7 +102,7 @@ def draw(
     told = _told(sorties, page, numbered=any(sortie.name in known for sortie in some), contacts=any(seen))
     if particles is not None:
         told += f"   ·   {particles:,} particles"
-    _words(figure, size, title, told, footer, caution)
+    _words(figure, size, imprint.title, told, imprint.footer, imprint.caution)
     if least.few:
         words = effective.banner(
             least, "areas and shares are rough", notation.group(forecast.data["time"].values[least_at])
@@ -116,7 +113,7 @@ def draw(
         figure.text(LEFT / size[0], y, paper.fit(out, size[0] * 12), fontsize=9, weight="bold", color=red)
     _key(figure, size, forecast, search_layers.key(some, list(chain(*seen)), 0.9), bool(marks))
     _bar(figure, size, mesh)
-    paper.save(canvas, path, title, attributes, dpi=130)
+    paper.save(canvas, path, imprint.title, imprint.attributes, dpi=130)
 
 
 def _told(sorties: Sequence[Sortie], page: int, *, numbered: bool, contacts: bool) -> str:

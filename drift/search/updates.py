@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.search.records import Sortie
-from drift.suspend.standing import Standing
+from drift.search.standing import Standing
 
 Array = npt.NDArray[Any]
 

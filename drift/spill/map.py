@@ -4,7 +4,7 @@ Colour runs with lightness alone and width runs with the number, so that the pic
 sooner. Land comes from the polygons handed in; nothing is downloaded.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,10 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
 from drift.forecast import effective, layers
-from drift.forecast.layers import Mark
 from drift.maps import chart, labels, page
-from drift.maps.chart import INK, Frame
+from drift.maps.chart import GREY, INK, Frame
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Mark
 from drift.spill import washup
 from geo import notation, sphere
 from geo.cells import Array
@@ -38,7 +39,6 @@ DECADES = 2.5  # of the expected number on the colour scale
 ROW = 0.032  # of the figure, the row of a warning over the maps
 WIDTH, HEIGHT = 13.0, 9.4  # [in]
 MAP = (0.46, 0.405)  # of the figure
-GREY = "#55606b"
 PATROL, PATROL_INK = "#4fa3d1", "#0b4f8a"
 TOLD = 8  # patrols beside which day, time and detection are written
 FIRST: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
@@ -80,13 +80,10 @@ def draw(
     data: xr.Dataset,
     segments: Segments,
     path: Path,
+    imprint: Imprint,
     *,
-    title: str,
     polygons: Iterable[Any] = (),
     marks: Sequence[Mark] = (),
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
     known_as: str = "Release",
     finds: Sequence[Mark] = (),
     patrols: Sequence[Patrolled] = (),
@@ -96,11 +93,10 @@ def draw(
 ) -> None:
     """Draw a washup (see drift.spill.washup.build) at its last output time.
 
-    polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. footer,
-    attributes, caution: as in drift.forecast.map.draw_map. finds: where objects were found, each labelled by its number; numbers are of those not yet found. patrols: drawn
-    beside the coast, the last of them with name, day, time and detection; patrolled: what they are called. near: the maps show what is
-    patrolled, and of the rest what lies about it, and the table lists that.
-    warning: printed on the page, in red.
+    polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. finds: where objects
+    were found, each labelled by its number; numbers are of those not yet found. patrols: drawn beside the coast, the last of them with
+    name, day, time and detection; patrolled: what they are called. near: the maps show what is patrolled, and of the rest what lies
+    about it, and the table lists that. warning: printed on the page, in red.
     """
     figure, canvas = page.figure(WIDTH, HEIGHT)
     near = near and any(one.segments for one in patrols)
@@ -162,9 +158,9 @@ def draw(
             f"None of the {_spills(data)} simulated spills puts any object ashore by {_moment(data['time'].values[-1])}"
         )
         figure.text(0.5, 0.25, text, fontsize=13, weight="bold", ha="center", color=INK)
-    _words(figure, data, title, caution)
-    if footer:
-        figure.text(0.03, 0.012, page.fit(footer, 190), fontsize=7.5, color=GREY)
+    _words(figure, data, imprint.title, imprint.caution)
+    if imprint.footer:
+        figure.text(0.03, 0.012, page.fit(imprint.footer, 190), fontsize=7.5, color=GREY)
     if finds:
         told = f"▲ after {len(finds)} find{'s' * (len(finds) > 1)}: numbers are of those not yet found"
         figure.text(0.967, 0.945, told, fontsize=9, color=layers.LAST_KNOWN, ha="right", va="center")
@@ -175,7 +171,7 @@ def draw(
     if warning:
         told = page.fit(warning, 210)
         figure.text(0.03, 0.879, told, fontsize=7.5, weight="bold", color=layers.LAST_KNOWN, va="center")
-    page.save(canvas, path, title, attributes, dpi=140)
+    page.save(canvas, path, imprint.title, imprint.attributes, dpi=140)
 
 
 def _shown(data: xr.Dataset, segments: Segments, told: set[int] | None) -> _Shown:

@@ -21,7 +21,6 @@ from drift.motion.period import Period
 from drift.motion.spool import Spool
 from drift.motion.status import Status
 from drift.output.writer import Product
-from drift.search.updates import Updates
 from drift.spill import evidence, finds, unknowns, washup, worlds
 from drift.spill import tables as washup_tables
 from drift.spill.fates import FOREVER, Fates, Realisation
@@ -51,7 +50,6 @@ class Drifted:
     snapshots: Spool
     landings: Landings
     worlds: Worlds | None = None  # of a spill
-    updates: Updates | None = None  # what sorties and contacts did
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from drift.forecast.effective import Count
 from drift.motion.scenario import Scenario
 from drift.planner.records import Plan
 from drift.search.records import Sortie
+from drift.search.standing import Standing
 from drift.search.updates import Update, Updates
-from drift.suspend.standing import Standing
 from geo import sphere
 from geo.polyline import Area
 

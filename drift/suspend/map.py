@@ -1,6 +1,5 @@
 """The picture beside suspend.txt: who may still be alive, what the sorties have come to, and what searching on would add."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,9 @@ from matplotlib.figure import Figure
 from drift.forecast import effective
 from drift.forecast.layers import LAST_KNOWN
 from drift.maps import labels, page
-from drift.maps.chart import INK
-from drift.search.evidence_map import GREY, STROKES
+from drift.maps.chart import GREY, INK
+from drift.maps.imprint import Imprint
+from drift.search.evidence_map import STROKES
 from drift.suspend.decision import Suspension
 from drift.suspend.text import immortal, reached, share
 from geo import notation
@@ -25,32 +25,30 @@ FOUND, ALIVE = "#cfe0ee", "#0b4f8a"
 def draw(
     told: Suspension,
     path: Path,
-    *,
-    title: str,
-    footer: str = "",
-    attributes: Mapping[str, str] | None = None,
-    caution: str = "",
+    imprint: Imprint,
 ) -> None:
-    """Draw it; see maps.draw_map for title, footer, attributes and caution."""
+    """Draw it."""
     figure, canvas = page.figure(WIDTH, HEIGHT)
-    figure.text(0.02, 0.945, page.fit(title, 75 if caution else 95), fontsize=14, weight="bold", color=INK)
+    figure.text(
+        0.02, 0.945, page.fit(imprint.title, 75 if imprint.caution else 95), fontsize=14, weight="bold", color=INK
+    )
     as_of = f"What a decision to suspend rests on, as of {notation.group(told.now)}, given that nothing has been found"
     figure.text(0.02, 0.903, as_of, fontsize=10.5, color=INK)
     if told.count.few:
         page.banner(figure, 0.0225, 0.862, "left", 10, effective.banner(told.count, "every figure here is rough"))
     for warning in immortal(told):
         figure.text(0.02, 0.825, page.fit(warning, 160), fontsize=9, weight="bold", color=LAST_KNOWN, va="center")
-    if caution:
-        page.banner(figure, 0.985, 0.95, "right", 10, caution)
+    if imprint.caution:
+        page.banner(figure, 0.985, 0.95, "right", 10, imprint.caution)
     panels = [_alive, _left, _further] if told.mortal else [_left, _further]
     wide, high = (0.265, 0.54) if told.mortal else (0.43, 0.56)  # without survival times no line needs a legend above
     for panel, left in zip(panels, (0.05, 0.38, 0.715) if told.mortal else (0.05, 0.55), strict=True):
         panel(figure.add_axes((left, 0.2, wide, high)), told)
     _legend(figure, told)
     figure.text(0.02, 0.055, page.fit(_note(told), 230), fontsize=8, color=GREY, va="center")
-    if footer:
-        figure.text(0.02, 0.015, page.fit(footer, 210), fontsize=7, color=GREY)
-    page.save(canvas, path, f"Suspend: {title}", attributes, dpi=120)
+    if imprint.footer:
+        figure.text(0.02, 0.015, page.fit(imprint.footer, 210), fontsize=7, color=GREY)
+    page.save(canvas, path, f"Suspend: {imprint.title}", imprint.attributes, dpi=120)
 
 
 def _note(told: Suspension) -> str:

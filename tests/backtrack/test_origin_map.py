@@ -13,7 +13,8 @@ from PIL import Image
 
 from drift.backtrack import map as origin_map
 from drift.backtrack.backward import Origin
-from drift.forecast import layers
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Mark
 from geo import sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
@@ -49,9 +50,7 @@ def release(lon, lat, cells=(61, 45), times=12, effective=130.0):
 
 
 def finds(lon, lat, count):
-    return [
-        layers.Mark(lon + 0.02 * k, lat - 0.3, f"{100 + k} find of a thing, 15{k:02d}16Z") for k in range(1, count + 1)
-    ]
+    return [Mark(lon + 0.02 * k, lat - 0.3, f"{100 + k} find of a thing, 15{k:02d}16Z") for k in range(1, count + 1)]
 
 
 @pytest.fixture
@@ -84,11 +83,9 @@ def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, 
     origin_map.draw(
         release(lon, lat, cells, times),
         tmp_path / "origin.png",
-        title="A test " * 30,
+        imprint=Imprint("A test " * 30, footer="casp-drift " * 40, caution=WRONG),
         polygons=[land],
         marks=finds((lon + 180) % 360 - 180, lat, count),
-        footer="casp-drift " * 40,
-        caution=WRONG,
     )
     with Image.open(tmp_path / "origin.png") as picture:
         assert picture.size == (1638, 1162)
@@ -106,7 +103,7 @@ def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, 
 
 def test_figures_are_those_of_a_normal_release(tmp_path, seen):
     """A circular normal holds 1 - exp(-r^2 / 2 s^2); areas and radii are known to a cell in 70 and in 4."""
-    origin_map.draw(release(179.9, -17.5), tmp_path / "origin.png", title="T", marks=finds(179.9, -17.5, 2))
+    origin_map.draw(release(179.9, -17.5), tmp_path / "origin.png", imprint=Imprint("T"), marks=finds(179.9, -17.5, 2))
     said = words(seen[0])
     for share, name in ((50, "Half within"), (90, "90 % within")):
         radius = SPREAD * np.sqrt(-2 * np.log1p(-share / 100)) / NMI
@@ -129,7 +126,7 @@ def test_figures_are_those_of_a_normal_release(tmp_path, seen):
 def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
     """Lines on the map, in Mercator's metres, enclose 2 pi s^2 ln 2 and 2 pi s^2 ln 10 to the width of half a cell."""
     lat = -17.5
-    origin_map.draw(release(lon, lat), tmp_path / "origin.png", title="T")
+    origin_map.draw(release(lon, lat), tmp_path / "origin.png", imprint=Imprint("T"))
     ax = seen[0].axes[0]
     sizes = sorted(
         shapely.Polygon(path.vertices).area * np.cos(np.radians(lat)) ** 2
@@ -145,7 +142,7 @@ def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
 
 
 def test_few_effective_worlds_are_warned_of(tmp_path, seen):
-    origin_map.draw(release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", title="T")
+    origin_map.draw(release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", imprint=Imprint("T"))
     assert any(text.startswith("ONLY 3 OF 500 WORLDS COUNT: ") for text in words(seen[0]))
     chart = seen[0].axes[0]
     wanted, drawn = chart.get_position(original=True), chart.get_position()
@@ -156,10 +153,9 @@ def test_the_same_release_gives_the_same_bytes(tmp_path):
     made, land = release(179.9, -17.5), shapely.box(179.5, -18.0, 180.5, -17.8)
     for name in ("one.png", "two.png"):
         options = {
-            "title": "T",
+            "imprint": Imprint("T", attributes={"run_id": "abc-s1"}),
             "polygons": [land],
             "marks": finds(179.9, -17.5, 3),
-            "attributes": {"run_id": "abc-s1"},
         }
         origin_map.draw(made, tmp_path / name, **options)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()

@@ -111,14 +111,14 @@ def test_plots(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
 def test_a_plot_that_fails_half_way_leaves_the_one_of_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from drift.forecast import map as forecast_map
+    from drift.maps import field
 
     def full(path: Path, *arguments: Any, **more: Any) -> None:
         path.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(forecast_map, "draw_field", full)
+    monkeypatch.setattr(field, "draw_field", full)
     small_case.field().to_netcdf("f.nc")
     Path("x.png").write_bytes(b"old")
     assert main(["info", "f.nc", "--plot", "x.png"]) == 2

@@ -5,6 +5,7 @@ import io
 import json
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,12 +22,14 @@ from drift.forecast import beyond, effective, layers, tables
 from drift.forecast import build as forecast_build
 from drift.forecast import map as forecast_map
 from drift.forecast.effective import Count
+from drift.maps.imprint import Imprint
 from drift.motion import spool
 from drift.motion.status import Status
 from drift.planner import files as plan_files
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text
-from drift.search import evidence_map
+from drift.search import evidence_map, particles_left
+from drift.search import layers as search_layers
 from geo import notation, sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
@@ -109,8 +112,9 @@ def test_one_threshold_for_particles_and_one_for_worlds(count, few, text):
 
 
 def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
-    options = {"title": "Few", "particles": N}
-    forecast_map.draw_map(forecast, tmp_path / "map.png", caution=WRONG, **options)
+    options = {"imprint": Imprint("Few", caution=WRONG), "particles": N}
+    forecast_map.draw_map(forecast, tmp_path / "map.png", **options)
+    options["imprint"] = Imprint("Few")
     assert f"{BANNER}: the areas are rough" in words
     assert WRONG in words
     assert any(text.startswith("50 % area: rough, ") for text in words)
@@ -126,9 +130,14 @@ def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
 def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
     seen = []
     monkeypatch.setattr(Figure, "savefig", lambda self, *args, **kwargs: seen.append(self))
-    options = {"title": "A long title of a case, as they are given, " * 2, "particles": N, "caution": WRONG}
+    options = {
+        "imprint": Imprint("A long title of a case, as they are given, " * 2, caution=WRONG),
+        "particles": N,
+    }
     forecast_map.draw_map(forecast, tmp_path / "map.png", **options)
-    forecast_map.draw_snapshots(forecast, tmp_path / "snapshots.png", **{**options, "title": "Short"})
+    forecast_map.draw_snapshots(
+        forecast, tmp_path / "snapshots.png", imprint=Imprint("Short", caution=WRONG), particles=N
+    )
     for figure in seen:
         draw = figure.canvas.get_renderer()
         banner = next(text for text in figure.texts if BANNER in text.get_text())
@@ -183,7 +192,7 @@ def test_a_spill_stands_on_its_worlds(tmp_path, words):
     assert made.data["effective_particles"].item() > 200
     assert tables.numbers(made)["outputs"][0]["effective_worlds"] == pytest.approx(own(share), rel=1e-9)
     assert effective.of_run(made.data, n)[0].startswith("only 3 of 100 worlds count at 211830ZNOV26: ")
-    forecast_map.draw_map(made, tmp_path / "map.png", title="t", particles=n)
+    forecast_map.draw_map(made, tmp_path / "map.png", imprint=Imprint("t"), particles=n)
     assert "ONLY 3 OF 100 WORLDS COUNT: the areas are rough" in words
 
 
@@ -245,9 +254,9 @@ def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(tmp_path, word
     ]
     far = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(*found, *there)[2]
     assert far < 1000  # the mean of 8,000 of 5 km each: 60 m; cells and tenths of a minute come on top
-    forecast_map.draw_map(made, tmp_path / "map.png", title="t")
+    forecast_map.draw_map(made, tmp_path / "map.png", imprint=Imprint("t"))
     assert any(f" % of the probability lies outside this frame, to the {point} (around " in text for text in words)
-    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", title="t")
+    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", imprint=Imprint("t"))
     assert any(text.endswith(f"% outside the frame, {point}") for text in words)
 
 
@@ -263,7 +272,9 @@ def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path
     assert beyond.hidden(wider, [far])
     contact = SimpleNamespace(name="flare", time=BEGIN, kind="range", sensor=(far[0, 0], far[0, 1]))
     contact = searches.Contact(**vars(contact), range=900.0, range_std=100.0)
-    forecast_map.draw_map(made, tmp_path / "map.png", title="t", contacts=[contact])
+    forecast_map.draw_map(
+        made, tmp_path / "map.png", imprint=Imprint("t"), overlays=[partial(search_layers.reminder, (), [contact])]
+    )
     where = notation.position(*far[0])
     assert any(f'outside this frame: contact "flare", to the E (around {where})' in text for text in words)
 
@@ -283,25 +294,25 @@ def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
     assert all(
         f["properties"]["effective_particles_scored_on"] == 6.25 for f in plan_files.geojson(plan, {})["features"]
     )
-    plan_map.draw(forecast, plan, tmp_path / "plan.png", title="t")
+    plan_map.draw(forecast, plan, tmp_path / "plan.png", imprint=Imprint("t"))
     assert "ONLY 6 OF 100,000 PARTICLES COUNT: areas and POS are rough" in words
     words.clear()
     sure = replace(plan, scored_on=Count(60_000.0, 100_000))
     assert plan_text.rough(sure) == plan_files.numbers(sure)["warnings"] == []
     assert "WARNING" not in plan_files.gpx(sure) + plan_files.kml(sure) + plan_files.toml(sure)
-    plan_map.draw(forecast, sure, tmp_path / "sure.png", title="t")
+    plan_map.draw(forecast, sure, tmp_path / "sure.png", imprint=Imprint("t"))
     assert not any("ONLY" in text for text in words)
 
 
 def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     updates = searches.search()[3]
-    evidence_map.draw(updates, tmp_path / "sure.png", title="t", particles=12_000)
+    evidence_map.draw(updates, tmp_path / "sure.png", imprint=Imprint("t"), particles=12_000)
     assert not any("ONLY" in text for text in words)
     low = [replace(u, ess_after=7.9) if k == 2 else u for k, u in enumerate(updates.all)]
-    evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", title="t", particles=12_000)
+    evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", imprint=Imprint("t"), particles=12_000)
     assert "ONLY 8 OF 12,000 PARTICLES COUNT: shares, evidence and POS are rough" in words
     assert sum(text.endswith(", 8 particles count") for text in words) == 1
-    told = effective.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))
+    told = particles_left.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))
     named = f'{low[2].kind} "{low[2].name}"'
     assert told[0].startswith(f"only 8 of 12,000 particles count after {named}: areas and shares after it are rough")
 

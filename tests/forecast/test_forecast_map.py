@@ -15,7 +15,10 @@ from PIL import Image
 from drift.forecast import build as forecast_build
 from drift.forecast import layers
 from drift.forecast import map as forecast_map
-from drift.maps import chart, labels
+from drift.forecast import words as forecast_words
+from drift.maps import chart, field, labels
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Line, Mark
 from drift.motion.status import Status
 from geo import sphere
 
@@ -58,14 +61,12 @@ def test_pictures_anywhere_and_at_any_size(tmp_path, lon, lat, spread):
         shapely.box(lon + 4 * step, lat - 20 * step, lon + 400 * step, min(lat + 3 * step, 89)),
         shapely.box(lon - 360, lat, lon - 359, lat + 1),
     ]
-    options = {"title": "A test " * 30, "polygons": land, "marks": [forecast_map.Mark(lon, lat, "LKP 21/1830Z")]}
+    options = {"imprint": Imprint("A test " * 30), "polygons": land, "marks": [Mark(lon, lat, "LKP 21/1830Z")]}
     forecast_map.draw_map(
         made,
         tmp_path / "map.png",
-        lines=[forecast_map.Line([lon, lon + step, lon + step], [lat, lat, lat + step], "Area", closed=True)],
-        footer="casp-drift",
-        caution=WRONG,
-        **options,
+        lines=[Line([lon, lon + step, lon + step], [lat, lat, lat + step], "Area", closed=True)],
+        **{**options, "imprint": Imprint("A test " * 30, footer="casp-drift", caution=WRONG)},
     )
     forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", **options)
     assert size(tmp_path / "map.png") == (1638, 1162)
@@ -83,8 +84,8 @@ def test_pictures_of_nothing(tmp_path):
         np.zeros(n, np.int32),
     )
     made = forecast_build.build([one], scenarios=["x"])
-    forecast_map.draw_map(made, tmp_path / "map.png", title="pending", marks=[forecast_map.Mark(-87.0, 28.0)])
-    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", title="pending")
+    forecast_map.draw_map(made, tmp_path / "map.png", imprint=Imprint("pending"), marks=[Mark(-87.0, 28.0)])
+    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", imprint=Imprint("pending"))
 
 
 def test_a_field_with_gaps(tmp_path):
@@ -92,11 +93,11 @@ def test_a_field_with_gaps(tmp_path):
     x, y = np.meshgrid(lon, lat)
     east, north = np.cos(y) * 0.4, np.sin(x) * 0.3
     east[10:20, 5:9] = np.nan
-    forecast_map.draw_field(
+    field.draw_field(
         tmp_path / "a.png", lon, lat, east, north, title="current", polygons=[shapely.box(178, -18, 179, -17)]
     )
-    forecast_map.draw_field(tmp_path / "b.png", lon, lat, np.full_like(east, np.nan), north, title="nothing")
-    forecast_map.draw_field(tmp_path / "c.png", lon, lat, 0 * x, 0 * x, title="still")
+    field.draw_field(tmp_path / "b.png", lon, lat, np.full_like(east, np.nan), north, title="nothing")
+    field.draw_field(tmp_path / "c.png", lon, lat, 0 * x, 0 * x, title="still")
     assert size(tmp_path / "a.png") == size(tmp_path / "b.png") == (990, 792)
 
 
@@ -104,11 +105,11 @@ def test_arrows_point_where_the_water_goes():
     """Angles stay in Mercator; in the azimuthal projection a meridian d degrees off turns by d sin(lat), the convergence."""
     lon, east, north = np.array([170.0, 178.0, 186.0]), np.full(3, 0.3), np.full(3, 0.4)
     here = chart.frame(np.array([170.0, 186.0]), np.array([30.0, 40.0]), 1.0)
-    u, v = forecast_map.turned(here, lon, np.full(3, 33.0), east, north)
+    u, v = field.turned(here, lon, np.full(3, 33.0), east, north)
     np.testing.assert_allclose(u, 0.3, atol=1e-5)
     np.testing.assert_allclose(v, 0.4, atol=1e-5)
     here = chart.frame(np.array([170.0, 186.0]), np.array([80.0, 81.0]), 1.0)
-    u, v = forecast_map.turned(here, lon, np.full(3, 80.5), east, north)
+    u, v = field.turned(here, lon, np.full(3, 80.5), east, north)
     turn = np.degrees(np.arctan2(v, u) - np.arctan2(4, 3))
     # west of the centre north leans to the right: clockwise; 0.1 degrees as the projection is not quite conformal
     np.testing.assert_allclose(turn, np.array([-8, 0, 8]) * np.sin(np.radians(80.5)), atol=0.1)
@@ -118,7 +119,7 @@ def test_arrows_point_where_the_water_goes():
 def test_the_frame_shows_area_track_and_marks_but_not_outliers():
     made = forecast(179.9, -17.5)
     times = [made.data["time"].values[-1]]
-    far = forecast_map.Mark(-179.0, -18.4, "LKP")
+    far = Mark(-179.0, -18.4, "LKP")
     here = layers.extent(made, times, [far], (), aspect=1.3)
     west, south, east, north = next(c for c in made.contours if c.time == times[0] and c.share == 0.95).polygon.bounds
     x, y = here.project(
@@ -244,23 +245,26 @@ def test_what_is_off_the_map_is_said():
     ):
         account[:] = 0
         account[[Status.ADRIFT, Status.OUTSIDE, Status.LEFT]] = 1 - outside - left, outside, left
-        assert labels.missing(at).startswith(words)
-        assert bool(labels.missing(at)) == bool(words)
-        assert "ashore" not in labels.account(at)
+        assert forecast_words.missing(at).startswith(words)
+        assert bool(forecast_words.missing(at)) == bool(words)
+        assert "ashore" not in forecast_words.account(at)
 
 
 def test_a_backward_run_counts_hours_before():
     made = forecast(-87.5, 28.7)
-    assert labels.basis(made, -1, 4000) == "24 h after 211830ZNOV26   ·   4,000 particles, effective 4,000"
+    assert forecast_words.basis(made, -1, 4000) == "24 h after 211830ZNOV26   ·   4,000 particles, effective 4,000"
     back = replace(made, data=made.data.isel(time=slice(None, None, -1)))
-    assert labels.basis(back, -1, None).startswith("24 h before 221830ZNOV26")
+    assert forecast_words.basis(back, -1, None).startswith("24 h before 221830ZNOV26")
 
 
 def test_provenance_is_in_the_picture(tmp_path):
-    made, marks = forecast(-87.5, 28.7), [forecast_map.Mark(-87.5, 28.7)]
+    made, marks = forecast(-87.5, 28.7), [Mark(-87.5, 28.7)]
     for name in ("a.png", "b.png"):
         forecast_map.draw_map(
-            made, tmp_path / name, title="t", marks=marks, attributes={"case": "title = 'Bjørnøya → 1'"}
+            made,
+            tmp_path / name,
+            imprint=Imprint("t", attributes={"case": "title = 'Bjørnøya → 1'"}),
+            marks=marks,
         )
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:

@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,8 +16,11 @@ from matplotlib.text import Text
 from PIL import Image
 
 from drift.forecast import map as forecast_map
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Mark
 from drift.planner import map as plan_map
 from drift.search import evidence_map
+from drift.search import layers as search_layers
 from drift.search import map as search_map
 from drift.search.updates import Update, Updates
 
@@ -42,12 +46,14 @@ def words(monkeypatch):
     return found
 
 
-COMMON = {"title": "A search", "footer": "casp-drift", "attributes": {"case": "x"}}
+IMPRINT = Imprint("A search", footer="casp-drift", attributes={"case": "x"})
+COMMON = {"imprint": IMPRINT}
+CAUTIONED = replace(IMPRINT, caution=WRONG)
 
 
 def test_each_sortie_before_amid_and_after(tmp_path, search, words):
     forecast, sorties, contacts, updates = search
-    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "search.png", page=1, caution=WRONG, **COMMON)
+    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "search.png", page=1, imprint=CAUTIONED)
     for stage in ("before", "mid-search", "after"):
         assert sum(text.startswith(stage) for text in words) == 4
     assert "before 221230Z" in words
@@ -77,13 +83,15 @@ def test_pictures_anywhere(tmp_path, lon, lat):
     common = {
         **COMMON,
         "polygons": [shapely.box(lon + 0.4, lat, lon + 2, lat + 1)],
-        "marks": [forecast_map.Mark(lon, lat)],
+        "marks": [Mark(lon, lat)],
     }
     everything = [*sorties[2:], searches.watch(lon, lat)]
     search_map.draw(
         forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", page=1, **common
     )
-    forecast_map.draw_map(forecast, tmp_path / "map.png", searched=everything, **common)
+    forecast_map.draw_map(
+        forecast, tmp_path / "map.png", overlays=[partial(search_layers.reminder, everything, ())], **common
+    )
     plan_map.draw(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", particles=1000, **common)
     for name in ("search", "map", "plan"):
         with Image.open(tmp_path / f"{name}.png") as image:
@@ -92,22 +100,23 @@ def test_pictures_anywhere(tmp_path, lon, lat):
 
 def test_only_sorties_begun_are_on_the_map(tmp_path, search, words):
     forecast, sorties, _, _ = search
-    forecast_map.draw_map(forecast, tmp_path / "a.png", time=0, searched=sorties, title="t")
+    searched = [partial(search_layers.reminder, sorties, ())]
+    forecast_map.draw_map(forecast, tmp_path / "a.png", time=0, overlays=searched, imprint=Imprint("t"))
     assert "Searched area" not in words
-    forecast_map.draw_map(forecast, tmp_path / "b.png", searched=sorties, title="t")
+    forecast_map.draw_map(forecast, tmp_path / "b.png", overlays=searched, imprint=Imprint("t"))
     assert "Searched area" in words
     assert "Legs as flown" in words
 
 
 def test_no_searches_change_no_pixel(tmp_path, search):
-    for name, more in (("a.png", {}), ("b.png", {"searched": ()})):
-        forecast_map.draw_map(search[0], tmp_path / name, title="t", **more)
+    for name, more in (("a.png", {}), ("b.png", {"overlays": [partial(search_layers.reminder, (), ())]})):
+        forecast_map.draw_map(search[0], tmp_path / name, imprint=Imprint("t"), **more)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 def test_the_evidence_says_what_moved_which_story(tmp_path, search, words):
     updates = search[3]
-    evidence_map.draw(updates, tmp_path / "evidence.png", caution=WRONG, **COMMON)
+    evidence_map.draw(updates, tmp_path / "evidence.png", imprint=CAUTIONED)
     assert "before the first update" in words
     assert any(text.startswith("4 sorties that found nothing") for text in words)
     assert 'speaks for "swamped while fishing"' in words
@@ -212,7 +221,7 @@ def test_labels_of_a_plan_keep_apart(tmp_path, search, figures):
     ]
     title = "A title that goes on and on until it meets a warning, Gulf of Mexico and beyond"
     plan = replace(plan, taskings=tuple(taskings))
-    plan_map.draw(search[0], plan, tmp_path / "a.png", **{**COMMON, "title": title}, caution=WRONG)
+    plan_map.draw(search[0], plan, tmp_path / "a.png", imprint=replace(CAUTIONED, title=title))
     found = boxes(
         figures[0],
         lambda text: "\nbase " in text or "\n2" in text or text.startswith(("A title", "SYNTH")),

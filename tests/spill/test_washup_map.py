@@ -10,7 +10,8 @@ from matplotlib.patches import BoxStyle
 from matplotlib.text import Text
 from PIL import Image
 
-from drift.forecast import layers
+from drift.maps.imprint import Imprint
+from drift.maps.marks import Mark
 from drift.motion.status import Status
 from drift.spill import map as washup_map
 from drift.spill import tables as washup_tables
@@ -100,11 +101,9 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
         spill(where, list(touched)),
         where,
         tmp_path / "washup.png",
-        title="A test " * 30,
+        imprint=Imprint("A test " * 30, footer="casp-drift " * 40, caution=WRONG),
         polygons=[land],
-        marks=[layers.Mark(lon + 1.5, lat - 0.4, "Release 21/1800Z")],
-        footer="casp-drift " * 40,
-        caution=WRONG,
+        marks=[Mark(lon + 1.5, lat - 0.4, "Release 21/1800Z")],
     )
     with Image.open(tmp_path / "washup.png") as picture:
         assert picture.size == (1820, 1316)
@@ -121,7 +120,7 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
 def test_none_ashore(tmp_path, monkeypatch):
     said = words(monkeypatch)
     where, land = coast(179.5, -17.0, 9)
-    washup_map.draw(spill(where, []), where, tmp_path / "washup.png", title="T", polygons=[land])
+    washup_map.draw(spill(where, []), where, tmp_path / "washup.png", imprint=Imprint("T"), polygons=[land])
     assert (
         "None of the 50 simulated spills puts any object ashore by 231800ZNOV1973 (1973-11-23T18:00:00Z, UTC)" in said
     )
@@ -132,7 +131,10 @@ def test_the_same_spill_gives_the_same_bytes(tmp_path):
     where, land = coast(-95.0, 29.0, 12)
     made = spill(where, list(range(12)))
     for name in ("one.png", "two.png"):
-        options = {"title": "T", "polygons": [land], "attributes": {"run_id": "abc-s1"}}
+        options = {
+            "imprint": Imprint("T", attributes={"run_id": "abc-s1"}),
+            "polygons": [land],
+        }
         washup_map.draw(made, where, tmp_path / name, **options)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     with Image.open(tmp_path / "one.png") as picture:
@@ -161,7 +163,7 @@ def test_all_afloat_again(tmp_path, monkeypatch):
     made = spill(where, [5, 2, 9])
     for name in ("expected", "probability", "number"):
         made[name][..., -1, :] = 0
-    washup_map.draw(made, where, tmp_path / "washup.png", title="T")
+    washup_map.draw(made, where, tmp_path / "washup.png", imprint=Imprint("T"))
     assert said.count("(3)") == 3
     assert "0 - 0 - 0" in said
 
@@ -183,7 +185,7 @@ def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
     nothing = np.zeros(worlds, np.int32)
     one = Realisation(np.ones(n, np.int32), nothing, nothing)
     made = washup.build(fates, where, [one], np.full(worlds, 1 / worlds), np.array([40_000]), START)
-    washup_map.draw(made, where, tmp_path / "washup.png", title="T", polygons=[land])
+    washup_map.draw(made, where, tmp_path / "washup.png", imprint=Imprint("T"), polygons=[land])
     table = washup_tables.records(made)
     assert dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True)) == {4: 1, 7: 2, 9: 3}
     assert [text for text in said if text in ("(1)", "(2)", "(3)")] == ["(1)", "(3)"] * 3
@@ -197,7 +199,7 @@ def test_what_is_planned_is_shown_near_and_listed_alone(tmp_path, monkeypatch):
     table = washup_tables.records(made)
     ranks = dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True))
     walked = [washup_map.Patrolled("east", np.datetime64("1973-11-22T09:30:00"), 0.65, [9])]
-    options = {"title": "T", "polygons": [land], "patrols": walked, "finds": [layers.Mark(-94.6, 29.0, "far")]}
+    options = {"imprint": Imprint("T"), "polygons": [land], "patrols": walked, "finds": [Mark(-94.6, 29.0, "far")]}
     for near, count in ((False, 3), (True, 1)):
         said.clear()
         washup_map.draw(made, where, tmp_path / "near.png", near=near, **options)
@@ -210,9 +212,9 @@ def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     said = words(monkeypatch)
     where, land = coast(-95.0, 29.0, 12)
     when = np.datetime64("1973-11-22T09:30:00")
-    found = [layers.Mark(-94.6, 29.0, "1"), layers.Mark(-94.2, 29.0, "2")]
+    found = [Mark(-94.6, 29.0, "1"), Mark(-94.2, 29.0, "2")]
     walked = [washup_map.Patrolled("east", when, 0.65, [10, 11]), washup_map.Patrolled("west", when, 0.4, [0])]
-    options = {"title": "T", "polygons": [land], "finds": found}
+    options = {"imprint": Imprint("T"), "polygons": [land], "finds": found}
     washup_map.draw(spill(where, [4, 5]), where, tmp_path / "with.png", patrols=walked, **options)
     for text in ("▲1", "▲2"):
         assert said.count(text) == 2  # on both maps

@@ -14,6 +14,7 @@ import drift
 from drift import flow
 from drift.case import survival
 from drift.maps import page
+from drift.maps.imprint import Imprint
 from drift.motion.scenario import Survival
 from drift.preview import check
 from drift.suspend import decision
@@ -278,7 +279,7 @@ def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
         *_, words = suspend_text.text(some, "Title", "run").split("4  SEARCHING ON")
         assert ("+-" in words) == planned
         assert ("no errors are given" in " ".join(words.split())) == (not planned)
-        suspend_map.draw(some, tmp_path / "suspend.png", title="Title")
+        suspend_map.draw(some, tmp_path / "suspend.png", imprint=Imprint("Title"))
         axes = drawn[-1].axes
         assert [ax.get_title(loc="left") for ax in axes] == [
             *(["Probability of being alive"] if mortal else []), "Searched so far", "Searching on from now"

@@ -1,0 +1,74 @@
+"""What a picture of a forecast says in words: its account, what is not on its map, what it stands on."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from drift.forecast.build import Forecast
+from drift.maps import labels
+from geo import notation
+
+STATUS = {
+    "adrift": "adrift",
+    "ashore": "ashore",
+    "outside": "outside the forcing",
+    "left": "left the domain",
+    "sunk": "sunk",
+    "pending": "not yet released",
+}
+
+OFF_MAP = {"outside": "ran out of forcing", "left": "left the domain", "sunk": "sank", "pending": "is not yet released"}
+
+TELLING = 0.01  # share of the probability off the map from which a picture warns
+
+
+def statuses(at: Any) -> dict[str, float]:
+    """Return the probability of each status at a time, by name."""
+    return {str(k): float(v) for k, v in zip(at["status"].values, at["status_probability"].values, strict=True)}
+
+
+def account(at: Any) -> str:
+    """Return the account in words: what is adrift, ashore, and lost to the map."""
+    parts = [f"{STATUS[name]} {labels.percent(value)}" for name, value in statuses(at).items() if value > 0]
+    return "Account:  " + "   ·   ".join(parts)
+
+
+def missing(at: Any) -> str:
+    """Return a warning of the probability that is not on the map; empty if that is at most TELLING."""
+    off = {name: value for name, value in statuses(at).items() if name in OFF_MAP and value > 0}
+    if sum(off.values()) <= TELLING:
+        return ""
+    if len(off) == 1:
+        ((name, value),) = off.items()
+        return f"{labels.percent(value)} of the probability {OFF_MAP[name]} and is not on the map; areas are shares of the rest"
+    parts = ", ".join(f"{labels.percent(value)} {OFF_MAP[name]}" for name, value in off.items())
+    return f"{labels.percent(sum(off.values()))} of the probability is not on the map: {parts}; areas are shares of the rest"
+
+
+def unshaded(at: Any) -> str:
+    """Return a warning of the probability that lies outside a grid of the user's own; empty if that is at most TELLING."""
+    off = float(at["off_grid"]) if "off_grid" in at else 0.0
+    if not off > TELLING:
+        return ""
+    return f"{labels.percent(off)} of the probability lies outside output.grid and is not shaded; areas count it"
+
+
+def basis(forecast: Forecast, time: int, particles: int | None) -> str:
+    """Return in words when the forecast starts and how many particles it stands on."""
+    times = forecast.data["time"].values
+    hours = float((times[time] - times[0]) / np.timedelta64(1, "s")) / 3600
+    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {notation.group(times[0])}"
+    many = float(forecast.data["effective_particles"].values[time])
+    if particles is None:
+        return f"{when}   ·   {many:,.0f} effective particles"
+    return f"{when}   ·   {particles:,} particles, effective {many:,.0f}"
+
+
+def span(times: Sequence[Any], ends: Sequence[float]) -> str:
+    """Return in words which times are drawn, and what the numbers over each panel are."""
+    to = "back to" if times[-1] < times[0] else "to"
+    held = " and ".join(notation.percent(share) for share in ends)
+    return (
+        f"{notation.group(times[0])} {to} {notation.group(times[-1])}, UTC; areas that hold {held} % (lines), in nmi²"
+    )

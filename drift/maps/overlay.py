@@ -1,0 +1,24 @@
+"""What another topic draws on a chart: its layers, the places that the frame is to show, and its rows of the legend."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib.axes import Axes
+
+from drift.maps.chart import Frame
+from geo.cells import Array
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """Layers of a topic that the chart knows nothing of."""
+
+    draw: Callable[[Axes, Frame], None]
+    places: Mapping[
+        str, Sequence[Array]
+    ]  # by name: shapes, each (n, 2) [deg]; the chart says so where it cannot show one
+    key: Sequence[tuple[Any, str]]  # symbols and texts
+
+
+AtTime = Callable[[Any], Overlay]  # what is drawn on a chart of a time, np.datetime64
