@@ -183,7 +183,7 @@ def tried(text: str, folder: Path, run: bool) -> str:
     path = folder / "case.toml"
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     case = drift.load(path)
-    check.understood(replace(case, particles=min(case.particles, 400)))
+    check.check(replace(case, particles=min(case.particles, 400)))
     if not run:
         return "checked"
     out = folder / "out"

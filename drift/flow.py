@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from drift import figures, start, summary, turns
 from drift.backtrack import backward
@@ -59,13 +60,13 @@ class Result:
     begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
 
     @property
-    def probability(self) -> Any:
-        """Probability that the object is in a cell (time, lat, lon), an xarray.DataArray."""
+    def probability(self) -> xr.DataArray:
+        """Probability that the object is in a cell (time, lat, lon)."""
         return self.forecast.probability
 
     @property
-    def washup(self) -> Any:
-        """What comes ashore where and when, an xarray.Dataset (see drift.spill.washup); None without a spill."""
+    def washup(self) -> xr.Dataset | None:
+        """What comes ashore where and when (see drift.spill.washup); None without a spill."""
         return self.aftermath.washup if self.aftermath else None
 
 
@@ -300,7 +301,7 @@ def patrol(
 
 
 @turns.in_turn
-def trace(
+def origin(
     case: Case,
     out: str | os.PathLike[str] | None = None,
     *,
@@ -345,6 +346,9 @@ def trace(
             overwrite=overwrite,
         )
     return found
+
+
+trace = origin  # its name before
 
 
 def _footer(attributes: Mapping[str, str], *more: str) -> str:

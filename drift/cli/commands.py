@@ -142,7 +142,7 @@ def _origin(given: argparse.Namespace) -> None:
         from drift.backtrack import backward
         from drift.cli import outcome
 
-        found = flow.trace(case, out, **options)
+        found = flow.origin(case, out, **options)
     terminal.facts(case.title, outcome.origin(backward.summary(found), backward.warnings(found)))
     terminal.say(f"Results in {out}")
 
@@ -233,7 +233,7 @@ def _check(given: argparse.Namespace) -> None:
         case = _load(given)
         from drift.preview import check
 
-        told = check.understood(case)
+        told = check.check(case)
     terminal.facts(f"{case.title}: ready to run", told)
 
 

@@ -21,7 +21,7 @@ CHECKED = 10_000  # particles that a check draws
 
 
 @turns.in_turn
-def understood(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Return how a case was understood, having opened all and drawn a few particles; run nothing.
 
     datasets: the xarray.Datasets that its sources name.
@@ -45,7 +45,7 @@ def understood(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[st
     finally:
         begin.scene.forcing.close()
     box = where.box
-    found: dict[str, Any] = {
+    found: dict[str, str] = {
         "run": f"{notation.group(case.start)} to {notation.group(case.end)}, {case.particles:,} particles, step {begin.clock.step} s",
         "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
         **told,

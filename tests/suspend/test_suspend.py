@@ -110,7 +110,7 @@ def test_what_is_wrong_is_said_in_one_line(kind: str, tmp_path: Path) -> None:
 def test_check_says_what_survival_was_understood(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(CASE.format(particles=100, more=""))
-    told = check.understood(drift.load(path))
+    told = check.check(drift.load(path))
     assert "alive: median 3.17 h, factor 3 of a standard deviation (Hayward" in told['scenario "swimmer"']
     assert "alive: median 20 h, factor 1.7" in told['scenario "raft"']
 

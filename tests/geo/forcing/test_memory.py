@@ -250,7 +250,7 @@ def test_names_and_types_that_do_not_fit_are_refused_in_one_line(tmp_path: Path)
         ({"roms": data.isel(time=[3])}, r'current "model": .*one time only'),
     ):  # fmt: skip
         with pytest.raises(UserError, match=message) as refused:
-            check.understood(case, given)
+            check.check(case, given)
         assert "\n" not in str(refused.value)
     with pytest.raises(UserError, match="steady belongs to files and to a dataset; this source is constant"):
         case_of(tmp_path, "constant = { east = 0.1, north = 0.2 }\nsteady = true")

@@ -1,0 +1,54 @@
+"""The public face: its names, their types, and that nothing of the house stands in their way."""
+
+import ast
+import importlib
+import pkgutil
+import pydoc
+import subprocess
+import sys
+
+import pytest
+from places import ROOT
+
+import drift
+
+NAMES = {
+    "Brief", "Case", "Result", "UserError", "__version__", "check", "fit_errors", "load", "origin", "patrol", "plan", "results",
+    "run", "run_many", "trace", "vary", "verify",
+}  # fmt: skip
+
+
+def test_the_names_are_those_of_the_stub_and_all_can_be_had() -> None:
+    stub = ast.parse((ROOT / "drift" / "__init__.pyi").read_text(encoding="utf-8"))
+    homes = {
+        a.asname: (node.module, a.name) for node in stub.body if isinstance(node, ast.ImportFrom) for a in node.names
+    }
+    assert set(drift.__all__) == set(dir(drift)) == set(homes) == NAMES
+    for name, (module, there) in homes.items():
+        assert getattr(drift, name) is getattr(importlib.import_module(module), there)
+    assert drift.trace is drift.origin
+
+
+def test_no_room_has_a_public_name() -> None:
+    """A module of that name would stand in the function's place once it is imported."""
+    assert not {module.name for module in pkgutil.iter_modules(drift.__path__)} & NAMES
+
+
+def test_help_shows_each_name_with_its_documentation_and_no_private_one() -> None:
+    shown = pydoc.render_doc(drift, renderer=pydoc.plaintext)
+    for name in NAMES - {"__version__"}:
+        assert name in shown
+        assert getattr(drift, name).__doc__
+    assert "_HOMES" not in shown
+    assert "_lazy" not in shown
+
+
+def test_a_name_that_is_not_there_is_said_so() -> None:
+    with pytest.raises(AttributeError, match="forecast_it"):
+        drift.forecast_it  # noqa: B018
+
+
+def test_importing_it_does_nothing_heavy() -> None:
+    told = "import sys, drift; print(sorted({'numpy', 'taichi', 'xarray', 'pydantic'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout == "[]\n"

@@ -1,0 +1,25 @@
+"""What mypy, which reads this file, must know of the public face: no name is Any. It is not run."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import xarray as xr
+from typing_extensions import assert_type
+
+import drift
+from drift.backtrack.backward import Origin
+from drift.planner.records import Plan
+
+case = drift.load(Path("case.toml"))
+assert_type(case, drift.Case)
+assert_type(drift.vary(case, {"seed": 3}), drift.Case)
+result = drift.run(case, out="results", datasets={"roms": xr.Dataset()})
+assert_type(result, drift.Result)
+assert_type(result.probability, xr.DataArray)
+assert_type(result.washup, xr.Dataset | None)
+assert_type(drift.plan(case), tuple[Plan, drift.Result])
+assert_type(drift.origin(case), Origin)
+assert_type(drift.check(case), dict[str, str])
+assert_type(drift.run_many([case]), Iterator[drift.Brief])
+assert_type(drift.results("results"), list[Path])
+assert_type(drift.__version__, str)
