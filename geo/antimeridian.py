@@ -10,7 +10,10 @@ Array = npt.NDArray[Any]
 
 
 def cut(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
-    """Return polygons of unwrapped longitudes cut at the antimeridian, in [-180, 180], outer rings anticlockwise."""
+    """Return polygons of unwrapped longitudes cut at the antimeridian.
+
+    The parts lie in [-180, 180] [deg], with outer rings anticlockwise.
+    """
     parts: list[Any] = []
     for turn in (-360, 0, 360):
         inside = shapely.intersection(polygon, shapely.box(turn - 180, -90, turn + 180, 90))
