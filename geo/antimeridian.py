@@ -13,7 +13,10 @@ TURNS = (-720, -360, 0, 360, 720)  # [deg] that unwrapped longitudes may have go
 
 
 def cut(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
-    """Return polygons of unwrapped longitudes cut at the antimeridian, in [-180, 180], outer rings anticlockwise."""
+    """Return polygons of unwrapped longitudes cut at the antimeridian.
+
+    The parts lie in [-180, 180] [deg], with outer rings anticlockwise.
+    """
     parts = [part for part in _turned(polygon, 1e-7) if part.geom_type == "Polygon" and part.area > 0]
     return shapely.MultiPolygon([shapely.geometry.polygon.orient(part) for part in parts])
 

@@ -1,8 +1,9 @@
 """Grids of lon-lat cells whose edges are whole binary angles, and the deposit of particles onto them.
 
 Cells are integers in both directions, so that a particle falls into the same cell on every machine and a cell divides
-into 2 x 2 finer ones exactly. Longitudes are unwrapped: an edge may lie beyond 180 degrees, a grid over the antimeridian
-is contiguous. Weights are deposited in fixed point: the sum is the same in any order and for any number of threads.
+into 2 x 2 finer ones exactly. Longitudes are unwrapped: an edge may lie beyond 180 degrees, so that a grid over the
+antimeridian is contiguous. Weights are deposited in fixed point: the sum is the same in any order and for any number
+of threads.
 """
 
 from collections.abc import Callable
@@ -19,12 +20,12 @@ Array = npt.NDArray[Any]
 # [binary angle unit] 0.15 m, of which the cells of a stated grid are a whole number: maps are made on cells of half, down to 1/16, the
 # size.
 QUANTUM = 16
-ONE = 2**50  # probability 1 in fixed point: sums stay below 2^53, so float64 adds them exactly
+ONE = 2**50  # probability 1 in fixed point; sums stay below 2^53, so float64 adds them exactly
 
 
 @dataclass(frozen=True)
 class Cells:
-    """South-west corner, cell size [binary angle] and number of cells; row 0 is the southernmost."""
+    """South-west corner and size of cells [binary angle] and their number; row 0 is the southernmost."""
 
     lon0: int
     lat0: int
@@ -74,11 +75,11 @@ IsLand = Callable[[Array, Array], Array]
 def deposit(lon: Array, lat: Array, weight: Array, cells: Cells) -> Array:
     """Return the summed weights of each cell, int64 (nlat, nlon); particles off the grid are not counted.
 
-    lon, lat: int32 binary angles (n,); weight: int64 fixed point (n,), all together at most 2^53.
+    lon, lat: int32 binary angles (n,); weight: int64 fixed point (n,), whose sum is at most 2^53.
     """
     ix = (lon.view(np.uint32) - np.uint32(cells.lon0 % sphere.TURN)) // np.uint32(cells.width)
     iy = (lat.view(np.uint32) - np.uint32(cells.lat0 % sphere.TURN)) // np.uint32(cells.height)
-    inside = (ix < cells.nlon) & (iy < cells.nlat)  # what lies west or south has wrapped to far east or north
+    inside = (ix < cells.nlon) & (iy < cells.nlat)  # unsigned differences of what lies west or south are large
     if not inside.all():
         ix, iy, weight = ix[inside], iy[inside], weight[inside]
     cell = iy.astype(np.int64) * cells.nlon + ix

@@ -2,15 +2,18 @@
 
 
 class UserError(Exception):
-    """What is wrong, what was given, what is allowed, where to change it: one line, or one a mistake where there are several."""
+    """A mistake of a user's: what is wrong, what was given, what is allowed, where to change it.
+
+    Each mistake is one line; several are reported together.
+    """
 
     def __init__(self, *lines: str) -> None:
-        """Take a mistake a line; nothing that stands in one of them may begin another."""
+        """Take one line for each mistake; `lines` removes line breaks that stand inside one of them."""
         super().__init__(*lines)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The mistakes, a line each."""
+        """The mistakes, one line each."""
         return tuple(" ".join(str(line).split()) for line in self.args)
 
     def __str__(self) -> str:

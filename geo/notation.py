@@ -1,4 +1,4 @@
-"""How times, positions, directions and shares are written where a planner reads them, and times where a machine does (ISO 8601)."""
+"""Text of times, positions, directions and shares as a planner reads them, and of times as ISO 8601."""
 
 import math
 from datetime import datetime
@@ -16,9 +16,9 @@ MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", 
 
 
 def group(moment: Any) -> str:
-    """Return a time, np.datetime64 in UTC, as a date-time group (ACP 121): 211830ZNOV26; seconds are dropped.
+    """Return a time (np.datetime64, UTC) as a date-time group (ACP 121), 211830ZNOV26; seconds are dropped.
 
-    The year has two digits in this century, in which a reader takes them to be, and four in any other.
+    The year has two digits in this century, which a reader assumes, and four in any other.
     """
     when: datetime = np.asarray(moment).astype("datetime64[s]").item()
     year = f"{when.year % 100:02d}" if 2000 <= when.year < 2100 else f"{when.year:04d}"
@@ -26,19 +26,19 @@ def group(moment: Any) -> str:
 
 
 def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
-    """Return how far and in which direction a second point lies from a first [deg], along a great circle."""
+    """Return how far and in which direction point 2 lies from point 1 [deg], along a great circle."""
     east, north = (float(x) for x in sphere.offset(*np.radians([lon1, lat1, lon2, lat2])))
     miles, eighth = math.hypot(east, north) / NMI, round(math.degrees(math.atan2(east, north)) / 45) % 8
     return f"{miles:,.0f} nmi to the {COMPASS[eighth]}" if miles >= 10 else f"{miles:.1f} nmi to the {COMPASS[eighth]}"
 
 
 def percent(share: float) -> str:
-    """Return a share in percent as it was asked for: 0.95 is 95, 0.999 is 99.9."""
+    """Return a share in percent with all its digits: 0.95 is 95, 0.999 is 99.9."""
     return f"{100 * share:.6g}"
 
 
 def epoch(time: Any) -> int:
-    """Return a time, np.datetime64 in UTC, as whole seconds since 1970."""
+    """Return a time (np.datetime64, UTC) as whole seconds since 1970."""
     return int(np.asarray(time).astype("datetime64[s]").astype(np.int64))
 
 
@@ -53,7 +53,7 @@ def iso(time: Any) -> str:
 
 
 def position(lon: float, lat: float) -> str | None:
-    """Return a position in degrees and decimal minutes, 28-42.0N 087-30.0W; None for none."""
+    """Return a position [deg] in degrees and decimal minutes, 28-42.0N 087-30.0W; None where it is not finite."""
     if not (np.isfinite(lon) and np.isfinite(lat)):
         return None
     lon = sphere.wrap_degrees(lon)
@@ -61,5 +61,6 @@ def position(lon: float, lat: float) -> str | None:
 
 
 def _minutes(angle: float, digits: int) -> str:
+    """Return an angle [deg] without its sign as degrees of so many digits and minutes to a tenth."""
     tenths = round(abs(angle) * 600)
     return f"{tenths // 600:0{digits}d}-{tenths % 600 / 10:04.1f}"

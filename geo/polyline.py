@@ -1,11 +1,11 @@
-"""Areas, and legs made good: flown from points, cut, thinned and outlined.
+"""Areas, and legs made good: made from points, cut, thinned and outlined.
 
-Legs are great circles from vertex to vertex, each at constant speed. Positions are degrees, longitudes run on without
-jumps; times are seconds since 1970.
+Legs are great circles from vertex to vertex, each at constant speed. Positions are degrees; longitudes are unwrapped,
+so that they have no jumps. Times are seconds since 1970.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from geo import sphere
 Array = npt.NDArray[Any]
 Place = tuple[float, float]  # (lon, lat) [deg]
 
-SAME = 0.01  # [m] points closer than this are one
+SAME = 0.01  # [m] points closer than this count as one point
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Area:
 
     @property
     def ring(self) -> list[tuple[float, float]]:
-        """Corners (lon, lat) [deg], the first once more at the end."""
+        """Corners (lon, lat) [deg], with the first repeated at the end."""
         return [*zip(self.lon, self.lat, strict=True), (self.lon[0], self.lat[0])]
 
 
@@ -40,19 +40,22 @@ class Legs:
     time: tuple[float, ...]  # [s since 1970], ascending, (k,)
     lon: tuple[float, ...]  # [deg] (k,)
     lat: tuple[float, ...]
-    searching: tuple[bool, ...]  # whether the leg from vertex i to i + 1 is one of search, (k - 1,)
+    searching: tuple[bool, ...]  # whether the unit searches on the leg from vertex i to i + 1, (k - 1,)
 
 
 def through(
     time: npt.ArrayLike, lon: npt.ArrayLike, lat: npt.ArrayLike, searching: Sequence[bool] | None = None
 ) -> Legs:
-    """Return legs from arrays of their vertices, shape (k,); all are of search unless told otherwise, shape (k - 1,)."""
+    """Return legs from arrays of their vertices, shape (k,).
+
+    searching: whether the unit searches on each leg, shape (k - 1,); on all of them by default.
+    """
     t, x, y = (tuple(np.asarray(values, np.float64).tolist()) for values in (time, unwrap(lon), lat))
     return Legs(t, x, y, (True,) * (len(t) - 1) if searching is None else tuple(bool(value) for value in searching))
 
 
 def unwrap(lon: npt.ArrayLike, first: float | None = None) -> Array:
-    """Return longitudes [deg] without jumps, each the turn that is nearest to the one before it."""
+    """Return longitudes [deg] without jumps: each is shifted by whole turns to lie nearest to the one before it."""
     lon = np.asarray(lon, np.float64)
     whole = np.concatenate([[lon[0] if first is None else first], lon])
     return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(whole) / 360.0)))  # exact where nothing jumps
@@ -61,9 +64,10 @@ def unwrap(lon: npt.ArrayLike, first: float | None = None) -> Array:
 def fly(
     lon: npt.ArrayLike, lat: npt.ArrayLike, start: float, speed: float, searching: Sequence[bool] | None = None
 ) -> Legs:
-    """Return legs through points [deg] from a time [s since 1970] on at a speed [m/s]; points that repeat are left out.
+    """Return legs through points [deg] that start at a time [s since 1970] and have one speed [m/s].
 
-    searching: whether the leg from each point to the next is one of search, shape (k - 1,); all are by default.
+    Repeated points are left out. searching: whether the unit searches on the leg from each point to the next,
+    shape (k - 1,); on all of them by default.
     """
     lon, lat = unwrap(lon), np.asarray(lat, np.float64)
     steps = _steps(lon, lat)
@@ -71,8 +75,8 @@ def fly(
     if keep.size < 2:
         raise ValueError("has no length: all its points are the same")
     time = start + np.concatenate([[0.0], np.cumsum(steps)]) / speed
-    sought = None if searching is None else [searching[k - 1] for k in keep[1:]]
-    return through(time[keep], lon[keep], lat[keep], sought)
+    searched = None if searching is None else [searching[k - 1] for k in keep[1:]]
+    return through(time[keep], lon[keep], lat[keep], searched)
 
 
 def lengths(legs: Legs) -> Array:
@@ -91,7 +95,7 @@ def _steps(lon: Array, lat: Array) -> Array:
 
 
 def cut(legs: Legs, share: float) -> Legs:
-    """Return the first share of the track's length; all of it where that is 1."""
+    """Return the legs up to a share of their whole length; all of them where the share is 1."""
     done = np.concatenate([[0.0], np.cumsum(lengths(legs))])
     goal = share * done[-1]
     if share >= 1:
@@ -102,7 +106,7 @@ def cut(legs: Legs, share: float) -> Legs:
 
 
 def between(legs: Legs, first: float, last: float) -> Legs:
-    """Return the part of legs from one time [s since 1970] to another that lies on them."""
+    """Return the part of legs between two times [s since 1970]; raise ValueError where there is none."""
     time = np.array(legs.time)
     first, last = max(first, legs.time[0]), min(last, legs.time[-1])
     if last <= first:
@@ -128,10 +132,10 @@ def place(legs: Legs, time: float) -> Place:
 
 
 def thinned(legs: Legs, tolerance: float) -> Legs:
-    """Return legs with fewer vertices: at no time is the unit farther than a tolerance [m] from where it was.
+    """Return legs with fewer vertices that keep the unit within a tolerance [m] of where it was at every time.
 
-    Douglas and Peucker (1973, doi:10.3138/FM57-6770-U75U-7727) with the distance at the same time; legs that search
-    and legs that don't are not joined.
+    Douglas and Peucker (1973, doi:10.3138/FM57-6770-U75U-7727), with the distance between positions at the same time.
+    Legs on which the unit searches are not joined with legs on which it does not.
     """
     fixed = [
         0,
@@ -141,9 +145,9 @@ def thinned(legs: Legs, tolerance: float) -> Legs:
     (x, y, _), t = _plane(legs), np.array(legs.time)
     keep = np.zeros(t.size, bool)
     keep[fixed] = True
-    open_ = [(a, b) for a, b in itertools.pairwise(fixed) if b > a + 1]
-    while open_:
-        a, b = open_.pop()
+    unchecked = [(a, b) for a, b in itertools.pairwise(fixed) if b > a + 1]
+    while unchecked:
+        a, b = unchecked.pop()
         share = (t[a + 1 : b] - t[a]) / (t[b] - t[a])
         away = np.hypot(
             x[a + 1 : b] - x[a] - share * (x[b] - x[a]), y[a + 1 : b] - y[a] - share * (y[b] - y[a])
@@ -152,28 +156,31 @@ def thinned(legs: Legs, tolerance: float) -> Legs:
         if away[worst] > tolerance:
             k = a + 1 + worst
             keep[k] = True
-            open_ += [part for part in ((a, k), (k, b)) if part[1] > part[0] + 1]
-    chosen = np.flatnonzero(keep)
-    lon, lat = np.array(legs.lon)[chosen], np.array(legs.lat)[chosen]
-    return through(t[chosen], lon, lat, [legs.searching[k] for k in chosen[:-1]])
+            unchecked += [part for part in ((a, k), (k, b)) if part[1] > part[0] + 1]
+    vertices = np.flatnonzero(keep)
+    lon, lat = np.array(legs.lon)[vertices], np.array(legs.lat)[vertices]
+    return through(t[vertices], lon, lat, [legs.searching[k] for k in vertices[:-1]])
 
 
 def strip(legs: Legs, reach: float) -> Area:
-    """Return the outline of what lies within a reach [m] of the legs of search; gaps inside it are not left out."""
+    """Return the outline of what lies within a reach [m] of the legs of search; holes in it are filled."""
     import shapely
 
     x, y, back = _plane(legs)
     parts = [[(x[k], y[k]), (x[k + 1], y[k + 1])] for k in range(len(x) - 1) if legs.searching[k]]
     whole = shapely.union_all(shapely.buffer(shapely.linestrings(parts), reach, quad_segs=4))
-    if whole.geom_type != "Polygon":  # searched here and there
+    if whole.geom_type != "Polygon":  # the searched legs are apart
         whole = whole.convex_hull
     outline = np.array(whole.simplify(reach / 50).exterior.coords)[:-1]
     lon, lat = back(outline[:, 0], outline[:, 1])
     return Area(tuple(unwrap(lon, legs.lon[0]).tolist()), tuple(lat.tolist()))
 
 
-def _plane(legs: Legs) -> tuple[Array, Array, Any]:
-    """Return (x, y) [m] of the vertices, azimuthally equidistant about their middle, and the way back to (lon, lat) [deg]."""
+def _plane(legs: Legs) -> tuple[Array, Array, Callable[[Array, Array], tuple[Array, Array]]]:
+    """Return (x, y) [m] of the vertices in an azimuthal equidistant projection about their middle, and its inverse.
+
+    The inverse takes arrays of x and y [m] and returns (lon, lat) [deg].
+    """
     lon, lat = np.array(legs.lon), np.array(legs.lat)
     middle = np.radians([(lon.min() + lon.max()) / 2, (lat.min() + lat.max()) / 2])
     x, y = sphere.offset(middle[0], middle[1], np.radians(lon), np.radians(lat))

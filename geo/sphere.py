@@ -49,6 +49,7 @@ def east_of_degrees(lon: Degrees, west: Degrees | float) -> Degrees:
 
 
 def _vector(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array, Array]:
+    """Return points [rad] as unit vectors (x, y, z)."""
     lon, lat = np.asarray(lon, np.float64), np.asarray(lat, np.float64)
     return np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)
 

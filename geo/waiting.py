@@ -1,14 +1,13 @@
-"""Leaving while one waits for a server, a library or another thread: what a thread then asks every quarter of a second.
+"""How a wait for a server, a library or another thread is given up: it asks every quarter of a second whether to go on.
 
-A signal's exception can be lost where a destructor runs, and other threads never see it. So a wait asks.
+A signal's exception can be lost where a destructor runs, and other threads never see it. So each wait asks by itself.
 """
 
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
-POLL = 0.25  # [s] the longest that a wait goes without asking
+POLL = 0.25  # [s] longest time that a wait goes without asking
 
 _of_thread = threading.local()
 
@@ -23,7 +22,7 @@ def ask(check: Callable[[], None]) -> None:
 
 
 def heed() -> None:
-    """Raise if this thread is to leave its wait: its own check says so, or the program's main thread has ended."""
+    """Raise where this thread must give up its wait: its check says so, or the program's main thread has ended."""
     check: Callable[[], None] | None = getattr(_of_thread, "check", None)
     if check is not None:
         check()
@@ -32,8 +31,8 @@ def heed() -> None:
 
 
 @contextmanager
-def turn(lock: Any) -> Iterator[None]:
-    """Hold a lock of `threading`, after a wait that heeds as others do."""
+def turn(lock: threading.Lock) -> Iterator[None]:
+    """Hold a lock of `threading`; the wait for it can be given up like any other."""
     while not lock.acquire(timeout=POLL):
         heed()
     try:

@@ -2,10 +2,10 @@
 
 Every polygon vertex is rounded to int32 binary angles (at most 5 mm away); from there on everything is exact integer
 geometry in the lon-lat plane. A cell lists every edge that touches it, knows how far (in cells) the nearest cell with
-an edge is, and whether its reference point lies on land. Built by `build`, read by kernels.coast and by the functions
-below for single questions. A point exactly on an edge is land. Outside the grid everything is water.
+an edge is, and whether its reference point lies on land. `build` makes it; kernels.coast reads it, and so do the
+functions below for single questions. A point exactly on an edge is on land. Outside the grid everything is water.
 
-Refused: a box that reaches beyond the box the polygons were cut to (the cut would count as coast).
+A box that reaches beyond the box to which the polygons were cut is refused: the cut would count as coast.
 """
 
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ TURN = sphere.TURN
 POLE = TURN // 4  # [unit] the north pole's binary latitude
 FINEST = 17  # smallest shift: a cell of 2**17 units is 0.011 degrees, 1.2 km of latitude
 COARSEST = 21  # largest shift: 0.18 degrees, less than geo.coast.shore.MARGIN
-LONGEST_EDGE = 2**18  # [unit] 2.4 km: stretches of coast are made of whole edges; kernels allow 45 degrees
-FAR = 127  # distances [cells] are capped here: seven bits
+LONGEST_EDGE = 2**18  # [unit] 2.4 km, as stretches of coast are made of whole edges; kernels would allow 45 degrees
+FAR = 127  # [cells] distances are capped at this number, so that they fit into seven bits
 LAND = 128  # the bit of a cell's byte that says that its reference point is on land
 
 Ints = npt.NDArray[np.int64]
@@ -34,19 +34,20 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Coast:
-    """Shoreline edges by cell; positions and lengths are binary angle units, cells in rows from south to north."""
+    """Shoreline edges by cell; positions and lengths are binary angle units, rows of cells run from south to north.
+
+    cell: low 7 bits: chessboard distance to a cell with edges; high bit: whether the reference point is on land.
+    """
 
     lon0: int  # south-west corner of cell (0, 0)
     lat0: int
     shift: int  # a cell is 2**shift units wide and high
     nx: int
     ny: int
-    cell: npt.NDArray[
-        np.uint8
-    ]  # (ny * nx,) low 7 bits: chessboard distance to a cell with edges, high bit: reference on land
+    cell: npt.NDArray[np.uint8]  # (ny * nx,)
     start: npt.NDArray[np.int32]  # (ny * nx + 1,) where each cell's edges start in `edge`
     edge: npt.NDArray[np.int32]  # (n, 4) lon_a, lat_a, lon_b, lat_b; repeated for every cell that it touches
-    edge_id: npt.NDArray[np.int32]  # (n,) number of the shoreline edge, 0 up, running along each shoreline
+    edge_id: npt.NDArray[np.int32]  # (n,) number of the shoreline edge, from 0, running along each shoreline
     reference: tuple[int, int]  # offset of the reference point in its cell
     polygons: Array  # shapely land polygons [deg], unwrapped round the box
     source: str
@@ -54,7 +55,7 @@ class Coast:
 
 def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
     """Return the coast of a box; its grid covers the box, rounded outward to cells, in at most max_cells cells."""
-    if shore.box and shore.box.east - shore.box.west >= 360:  # cut nowhere: the grid goes round the Earth as well
+    if shore.box and shore.box.east - shore.box.west >= 360:  # the shore is not cut, so the grid goes round as well
         box = Box(-180.0, box.south, 180.0, box.north)
     if shore.box and not (
         shore.box.west <= box.west
@@ -70,24 +71,15 @@ def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
     globe = nx << shift == TURN
     edges = _edges(shore.polygons)
     edges -= np.array([west, south, west, south])
-    listed = _without_cuts(edges, globe, south)
-    owner, cell = _touched(listed, shift, nx, ny, globe)
+    shoreline = _without_cuts(edges, globe, south)
+    owner, cell = _touched(shoreline, shift, nx, ny, globe)
     order = np.argsort(cell, kind="stable")
     owner, cell = owner[order], cell[order]
     start = np.zeros(nx * ny + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=nx * ny), out=start[1:])
-    reference = _reference(listed[owner], cell, shift, nx)
-    dry = _land_of_references(edges, reference, shift, nx, ny)
-    if owner.size:
-        empty = (start[1:] == start[:-1]).reshape(ny, nx)
-        if globe:  # the distance goes round the Earth
-            wide = np.concatenate([empty[:, nx - FAR :], empty, empty[:, :FAR]], axis=1)
-            distance = ndimage.distance_transform_cdt(wide, "chessboard")[:, FAR : FAR + nx]
-        else:
-            distance = ndimage.distance_transform_cdt(empty, "chessboard")
-        near = np.minimum(distance, FAR).astype(np.uint8).ravel()
-    else:
-        near = np.full(nx * ny, FAR, np.uint8)
+    reference = _reference(shoreline[owner], cell, shift, nx)
+    land = _land_of_references(edges, reference, shift, nx, ny)
+    distance = _cells_to_edges((start[1:] == start[:-1]).reshape(ny, nx), globe)
     used, number = np.unique(owner, return_inverse=True)
     corner = np.array([west, south, west, south])
     return Coast(
@@ -96,9 +88,9 @@ def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
         shift=shift,
         nx=nx,
         ny=ny,
-        cell=near | np.where(dry, LAND, 0).astype(np.uint8),
+        cell=distance.ravel() | np.where(land, LAND, 0).astype(np.uint8),
         start=start,
-        edge=_wrapped(listed[used] + corner)[number],
+        edge=_wrapped(shoreline[used] + corner)[number],
         edge_id=number.astype(np.int32),
         reference=reference,
         polygons=shore.polygons,
@@ -106,8 +98,24 @@ def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
     )
 
 
+def _cells_to_edges(empty: npt.NDArray[np.bool_], globe: bool) -> npt.NDArray[np.uint8]:
+    """Return chessboard distances (ny, nx) from each cell to the nearest that is not empty, at most FAR.
+
+    globe: whether the columns go round the Earth, so that distances do too.
+    """
+    if empty.all():
+        return np.full(empty.shape, FAR, np.uint8)
+    columns = empty.shape[1]
+    if globe:
+        wide = np.concatenate([empty[:, columns - FAR :], empty, empty[:, :FAR]], axis=1)
+        distance = ndimage.distance_transform_cdt(wide, "chessboard")[:, FAR : FAR + columns]
+    else:
+        distance = ndimage.distance_transform_cdt(empty, "chessboard")
+    return np.asarray(np.minimum(distance, FAR).astype(np.uint8))
+
+
 def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Return whether points [binary angles] lie on land, exactly; a point on an edge does."""
+    """Return whether points [binary angles] lie on land, exactly; a point on an edge is on land."""
     lon, lat = np.broadcast_arrays(np.asarray(lon, np.int32), np.asarray(lat, np.int32))
     shape, lon, lat = lon.shape, lon.ravel(), lat.ravel()
     x = (lon.astype(np.int64) - coast.lon0) % TURN
@@ -119,14 +127,14 @@ def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray
     land[inside] = coast.cell[cell] >= LAND
     count = coast.start[cell + 1] - coast.start[cell]
     point = np.repeat(inside, count)
-    which = _runs(coast.start[cell], count)
+    listed = _runs(coast.start[cell], count)
     corner = 1 << coast.shift
-    px = x[point] % corner - coast.reference[0]  # everything relative to the reference point
+    px = x[point] % corner - coast.reference[0]  # all coordinates are relative to the cell's reference point
     py = y[point] % corner - coast.reference[1]
-    ax = _difference(coast.edge[which, 0], lon[point]) + px
-    ay = coast.edge[which, 1].astype(np.int64) - lat[point] + py
-    bx = _difference(coast.edge[which, 2], lon[point]) + px
-    by = coast.edge[which, 3].astype(np.int64) - lat[point] + py
+    ax = _difference(coast.edge[listed, 0], lon[point]) + px
+    ay = coast.edge[listed, 1].astype(np.int64) - lat[point] + py
+    bx = _difference(coast.edge[listed, 2], lon[point]) + px
+    by = coast.edge[listed, 3].astype(np.int64) - lat[point] + py
     side_a, side_b = px * ay - py * ax, px * by - py * bx
     from_reference = ax * by - ay * bx
     from_point = from_reference + side_a - side_b
@@ -140,21 +148,21 @@ def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray
 
 
 def edges(coast: Coast) -> npt.NDArray[np.int32]:
-    """Return the shoreline edges by number, shape (m, 4): what an `edge_id` points to."""
-    out = np.empty((int(coast.edge_id.max(initial=-1)) + 1, 4), np.int32)
-    out[coast.edge_id] = coast.edge
-    return out
+    """Return the shoreline edges by their number, which is their `edge_id`, shape (m, 4)."""
+    ordered = np.empty((int(coast.edge_id.max(initial=-1)) + 1, 4), np.int32)
+    ordered[coast.edge_id] = coast.edge
+    return ordered
 
 
 def covers(coast: Coast, box: Box) -> bool:
-    """Return whether the grid covers a box, so that land in it is land of the coast."""
+    """Return whether the grid covers a box, so that it knows all land there."""
     if coast.nx << coast.shift == TURN:
-        wide = True
+        wide_enough = True
     else:
         west = (round(box.west * TURN / 360) - coast.lon0) % TURN
-        wide = west + round((box.east - box.west) * TURN / 360) <= coast.nx << coast.shift
+        wide_enough = west + round((box.east - box.west) * TURN / 360) <= coast.nx << coast.shift
     south, north = (round(edge * TURN / 360) - coast.lat0 for edge in (box.south, box.north))
-    return wide and south >= 0 and north <= coast.ny << coast.shift
+    return wide_enough and south >= 0 and north <= coast.ny << coast.shift
 
 
 def nearest_coast(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, float, float] | None:
@@ -162,12 +170,15 @@ def nearest_coast(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, 
 
     The nearest edge is found in the plane tangent to the parallel: exact nearby, off by some percent at 500 km.
     """
-    found = _nearest(coast, lon_deg, lat_deg, 1)
-    return _measured(lon_deg, lat_deg, *found[0]) if found else None
+    nearest = _nearest(coast, lon_deg, lat_deg, 1)
+    return _with_distance(lon_deg, lat_deg, *nearest[0]) if nearest else None
 
 
 def nearest_water(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, float, float] | None:
-    """Return (lon [deg], lat [deg], distance [m]) of water near a point on land, some 50 m off the coast if it can."""
+    """Return (lon [deg], lat [deg], distance [m]) of water near a point; some 50 m off the coast where possible.
+
+    A point in water is returned itself; None where no water is found.
+    """
     lon, lat = sphere.to_binary(lon_deg), sphere.to_binary(lat_deg)
     if not is_land(coast, lon, lat):
         return lon_deg, lat_deg, 0.0
@@ -179,8 +190,8 @@ def nearest_water(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, 
             lat = np.rint(y + radius * np.sin(bearing)).astype(np.int32)
             wet = np.flatnonzero(~is_land(coast, lon, lat))
             if wet.size:
-                tried = [_measured(lon_deg, lat_deg, int(lon[i]), int(lat[i])) for i in wet]
-                return min(tried, key=lambda found: found[2])
+                candidates = [_with_distance(lon_deg, lat_deg, int(lon[i]), int(lat[i])) for i in wet]
+                return min(candidates, key=lambda candidate: candidate[2])
     return None
 
 
@@ -195,20 +206,22 @@ def _nearest(coast: Coast, lon_deg: float, lat_deg: float, count: int) -> list[t
     ay, by = (edge[:, i].astype(np.float64) - lat for i in (1, 3))
     dx, dy = bx - ax, by - ay
     along = np.clip(-(ax * dx + ay * dy) / (dx * dx + dy * dy + 1e-300), 0, 1)
-    away = np.hypot(ax + along * dx, ay + along * dy)
-    best = np.argsort(away)[:count]
+    distance = np.hypot(ax + along * dx, ay + along * dy)
+    best = np.argsort(distance)[:count]
     x = lon + (ax + along * dx)[best] / max(squeeze, 1e-9)
     y = lat + (ay + along * dy)[best]
     return list(zip(x.tolist(), y.tolist(), strict=True))
 
 
-def _measured(lon_deg: float, lat_deg: float, lon: float, lat: float) -> tuple[float, float, float]:
+def _with_distance(lon_deg: float, lat_deg: float, lon: float, lat: float) -> tuple[float, float, float]:
+    """Return a second point [unit] as (lon [deg], lat [deg], distance [m]) from the first [deg]."""
     x = sphere.wrap_degrees(lon * 360 / TURN)
     y = lat * 360 / TURN
     return x, y, float(sphere.distance(*np.deg2rad([lon_deg, lat_deg, x, y])))
 
 
 def _wrapped(units: Array) -> npt.NDArray[np.int32]:
+    """Return binary angles brought into int32."""
     return (units & (TURN - 1)).astype(np.uint32).view(np.int32)
 
 
@@ -218,13 +231,13 @@ def _difference(a: Array, b: Array) -> Ints:
 
 
 def _runs(start: Array, count: Array) -> Ints:
-    """Return start[i], start[i] + 1, ... count[i] of them, for every i, in one array."""
+    """Return start[i], start[i] + 1, ..., which are count[i] numbers for every i, in one array."""
     ends = np.cumsum(count)
     return np.asarray(np.arange(int(ends[-1]) if ends.size else 0) + np.repeat(start - (ends - count), count), np.int64)
 
 
 def _cells(box: Box, shift: int) -> tuple[int, int, int, int]:
-    """Return (west, south [unit, west not wrapped], columns, rows) of the cells that cover a box, edges included."""
+    """Return (west, south, columns, rows) of the cells that cover a box, also its edges; west is not wrapped [unit]."""
     size = 1 << shift
     units = TURN / 360.0
     west, east = (int(np.floor(box.west * units / size)), int(np.floor(box.east * units / size)) + 1)
@@ -240,33 +253,33 @@ def _edges(polygons: Array) -> Ints:
     units = np.rint(points * (TURN / 360.0)).astype(np.int64)
     first = np.flatnonzero((ring[1:] == ring[:-1]) & (units[1:] != units[:-1]).any(axis=1))
     edge = np.concatenate([units[first], units[first + 1]], axis=1)
-    # Few are long: only those are halved again and again, and then all are put in their order.
-    whole = np.flatnonzero(_long(edge))
-    part, owner = edge[whole], whole
+    # Few edges are long: only those are halved, again and again, and put back in their places among the others.
+    long_edges = np.flatnonzero(_long(edge))
+    part, owner = edge[long_edges], long_edges
     while (long := _long(part)).any():
         halves, owner = np.repeat(part, 1 + long, axis=0), np.repeat(owner, 1 + long)
         lower = np.flatnonzero(np.repeat(long, 1 + long))[::2]
         halves[lower, 2:] = halves[lower + 1, :2] = (halves[lower, :2] + halves[lower, 2:]) // 2
         part = halves
-    if not whole.size:
+    if not long_edges.size:
         return np.asarray(edge, np.int64)
     count = np.ones(len(edge), np.int64)
-    count[whole] = np.bincount(owner, minlength=len(edge))[whole]
-    out = np.repeat(edge, count, axis=0)
+    count[long_edges] = np.bincount(owner, minlength=len(edge))[long_edges]
+    split = np.repeat(edge, count, axis=0)
     pieces = np.zeros(len(edge), bool)
-    pieces[whole] = True
-    out[np.repeat(pieces, count)] = part
-    return np.asarray(out, np.int64)
+    pieces[long_edges] = True
+    split[np.repeat(pieces, count)] = part
+    return np.asarray(split, np.int64)
 
 
 def _long(edge: Ints) -> npt.NDArray[np.bool_]:
-    """Return which edges are too long to be one."""
+    """Return which edges are too long."""
     wide, high = np.abs(edge[:, 2] - edge[:, 0]), np.abs(edge[:, 3] - edge[:, 1])
     return np.asarray(np.maximum(wide, high) >= LONGEST_EDGE, bool)
 
 
 def _without_cuts(edge: Ints, globe: bool, south: int) -> Ints:
-    """Return the edges that are coast: not the rim at a pole, nor (round the globe) a cut along the seam."""
+    """Return the edges that are coast, without the rim at a pole and, round the globe, cuts along the seam."""
     rim = (np.abs(edge[:, 1] + south) == POLE) & (np.abs(edge[:, 3] + south) == POLE)
     if not globe:
         return np.asarray(edge[~rim] if rim.any() else edge, np.int64)
@@ -285,7 +298,10 @@ def _upward(edge: Ints) -> tuple[Ints, Ints, Ints, Ints]:
 
 
 def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Ints, Ints]:
-    """Return (edge, cell) of all pairs that touch: row by row, the columns between where the edge enters and leaves."""
+    """Return (edge, cell) of all pairs that touch.
+
+    In each row of cells these are the columns from where the edge enters the row to where it leaves it.
+    """
     ax, ay, bx, by = _upward(edge)
     first, last = np.maximum(ay >> shift, 0), np.minimum(by >> shift, ny - 1)
     near = (np.minimum(ax, bx) >> shift < nx + globe) & (np.maximum(ax, bx) >= 0)
@@ -305,7 +321,7 @@ def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Int
 
 
 def _reference(edge: Ints, cell: Ints, shift: int, nx: int) -> tuple[int, int]:
-    """Return an offset within the cells at which no cell's reference point lies on an edge."""
+    """Return an offset of reference points in their cells such that none lies on an edge."""
     size = 1 << shift
     ax, bx = ((edge[:, i] - (cell % nx << shift)) for i in (0, 2))
     ay, by = ((edge[:, i] - (cell // nx << shift)) for i in (1, 3))
@@ -320,13 +336,13 @@ def _reference(edge: Ints, cell: Ints, shift: int, nx: int) -> tuple[int, int]:
 
 
 def _land_of_references(edge: Ints, reference: tuple[int, int], shift: int, nx: int, ny: int) -> npt.NDArray[np.bool_]:
-    """Return whether each cell's reference point is on land, by the parity of the edges west of it (exact)."""
+    """Return whether each cell's reference point is on land, exactly, by the parity of the edges west of it."""
     ax, ay, bx, by = _upward(edge)
     x, y = reference
     first = np.maximum(-((y - ay) >> shift), 0)  # rows whose reference latitude lies in [ay, by)
     last = np.minimum(-((y - by) >> shift) - 1, ny - 1)
     count = np.where(by > ay, np.maximum(last - first + 1, 0), 0)
-    owner = np.repeat(np.arange(len(edge)), count)  # a small share: most edges lie between two such latitudes
+    owner = np.repeat(np.arange(len(edge)), count)  # few edges, as most lie between two such latitudes
     row = _runs(first, count)
     ax, ay, bx, by = ax[owner], ay[owner], bx[owner], by[owner]
     crossing = ax + ((row << shift) + y - ay) * (bx - ax) // (by - ay)

@@ -1,10 +1,10 @@
 """The shoreline cut into stretches: of a given length, or as a user's GeoJSON names them.
 
-A stretch is a set of whole shoreline edges (geo.coast.edges.edges: they are never split, so lengths are equal as far as edges
-allow). Rings shorter than half a stretch, and what a box or a named stretch leaves of a coast that short, are no
-stretch each: those of one square, about a stretch wide, are one segment together.
+A stretch is a set of whole shoreline edges (geo.coast.edges.edges), which are never split, so that lengths are equal as
+far as edges allow. Rings shorter than half a stretch, and pieces as short that a box or a named stretch leaves of a
+coast, are no stretches of their own: all those in one square, about a stretch wide, are one segment together.
 
-Lengths are great circles between the edges' ends. Nearness is reckoned in the plane tangent to the parallel of the
+Lengths are great circles between the edges' ends. Nearness is computed in the plane tangent to the parallel of the
 place in question: exact nearby, off by some percent at 500 km.
 """
 
@@ -18,16 +18,16 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from geo import sphere
+from geo import notation, sphere
 from geo.coast import edges as shoreline
 from geo.coast.edges import Coast
 from geo.errors import UserError
 from geo.files import small as file
 
-NEAR = 2_000.0  # [m] how far from a named line its shoreline may lie
+NEAR = 2_000.0  # [m] largest distance from a named line to its shoreline
 METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
 DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
-UNKNOWN = ""  # kind of a shore that nobody has told
+UNKNOWN = ""  # kind of a shore of which the user's file says nothing
 
 Array = npt.NDArray[Any]
 Ints = npt.NDArray[np.int32]
@@ -36,7 +36,7 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Segments:
-    """Stretches of shoreline, one a row, shape (n,)."""
+    """Stretches of shoreline, one in each row, shape (n,)."""
 
     name: tuple[str, ...]  # unique
     length: Floats  # [m] along the shoreline
@@ -49,39 +49,41 @@ class Segments:
 
 @dataclass(frozen=True)
 class _Feature:
+    """A named line or polygon of a user's file."""
+
     name: str
     access: str
     shape: Any  # shapely line or polygon [deg], longitudes unwrapped
 
 
 def cut(coast: Coast, length: float = 10_000.0) -> Segments:
-    """Return the coast cut into stretches as near to `length` [m] as whole edges and equal shares of a chain allow."""
+    """Return the coast cut into stretches of about `length` [m]: whole edges, and equal shares of each chain."""
     edge = shoreline.edges(coast)
     return _cut(coast, edge, np.full(len(edge), -1), [], length)
 
 
 def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) -> Segments:
-    """Return the stretches of a user's GeoJSON, first and in its order, and the rest of the coast cut by `rest` [m].
+    """Return the stretches of a user's GeoJSON, in its order, then the rest of the coast cut by a length `rest` [m].
 
-    A polygon takes the edges whose midpoints lie inside; a line takes those within NEAR of it, save those beyond its
-    ends. Where features compete the nearest has it, the first of them in the file if that is a tie. Properties:
-    "name", needed and unique, and "access". Raises UserError for a file that can't be used and for a feature without
-    shoreline.
+    A polygon takes the edges whose midpoints lie inside; a line takes those within NEAR of it, except those beyond its
+    ends. An edge that several features take belongs to the nearest of them, and to the first in the file where they
+    are equally near. Properties of a feature: "name", needed and unique, and "access". Raises UserError for a file that
+    cannot be used and for a feature without shoreline.
     """
     features = _read(Path(path))
     edge = shoreline.edges(coast)
     lon, lat = _middles(edge)
-    owner, away = np.full(len(edge), -1), np.full(len(edge), np.inf)
+    owner, nearest_distance = np.full(len(edge), -1), np.full(len(edge), np.inf)
     for number, feature in enumerate(features):
-        which, distance = _taken(feature.shape, lon, lat)
-        if not which.size:
+        taken, distance = _taken(feature.shape, lon, lat)
+        if not taken.size:
             raise UserError(f'segments "{path}": {_too_far(feature, coast)}')
-        closer = distance < away[which]
-        owner[which[closer]], away[which[closer]] = number, distance[closer]
-    lost = np.flatnonzero(np.bincount(owner[owner >= 0], minlength=len(features)) == 0)
-    if lost.size:
+        closer = distance < nearest_distance[taken]
+        owner[taken[closer]], nearest_distance[taken[closer]] = number, distance[closer]
+    empty = np.flatnonzero(np.bincount(owner[owner >= 0], minlength=len(features)) == 0)
+    if empty.size:
         raise UserError(
-            f'segments "{path}": all the shoreline of "{features[lost[0]].name}" belongs to others that lie nearer or '
+            f'segments "{path}": all the shoreline of "{features[empty[0]].name}" belongs to others that lie nearer or '
             "come first; move or delete it"
         )
     return _cut(coast, edge, owner, features, rest)
@@ -98,26 +100,15 @@ def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) ->
     dx, dy = _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) * squeeze, edge[:, 3] - edge[:, 1].astype(float)
     along = np.clip(-(ax * dx + ay * dy) / (dx * dx + dy * dy), 0, 1)
     x, y = ax + along * dx, ay + along * dy
-    near = np.argpartition(np.hypot(x, y), min(31, len(edge) - 1))[:32]  # the sphere decides among those
+    near = np.argpartition(np.hypot(x, y), min(31, len(edge) - 1))[:32]  # distances on the sphere decide among these
     to = (lon + x[near] / squeeze) * sphere.UNIT, (lat + y[near]) * sphere.UNIT
     distance = sphere.distance(np.deg2rad(lon_deg), np.deg2rad(lat_deg), *to)
     best = int(np.argmin(distance))
     return int(segments.of_edge[near[best]]), float(distance[best])
 
 
-def position(lon: float, lat: float) -> str:
-    """Return a position [deg] in degrees and decimal minutes, 28-42.0N 087-30.0W."""
-    lon = sphere.wrap_degrees(lon)
-    return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
-
-
-def _minutes(angle: float, digits: int) -> str:
-    tenths = round(abs(angle) * 600)
-    return f"{tenths // 600:0{digits}d}-{tenths % 600 / 10:04.1f}"
-
-
 def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], length: float) -> Segments:
-    """Return the segments: owner (edges,) says to which feature an edge belongs, -1 for what is cut by length [m]."""
+    """Return the segments; owner: (edges,) feature of each edge, -1 for those that are cut by a length [m]."""
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"length of a segment: {length} m; must be more than 0")
     order, chain, closed = _chains(edge, owner)
@@ -125,30 +116,31 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     size = sphere.distance(*a, *b)
     total = np.bincount(chain, size)
     first = np.flatnonzero(np.diff(chain, prepend=-1))
-    share = np.maximum(np.rint(total / length), 1)[chain]  # stretches of the edge's chain
+    share = np.maximum(np.rint(total / length), 1)[chain]  # number of stretches in the edge's chain
     reached = np.cumsum(size)
     middle = reached - (reached - size)[first][chain] - size / 2
     stretch = np.minimum(np.floor(middle / total[chain] * share), share - 1)
 
-    # A key for every edge (what it is, where or which, stretch), then numbers in the order of their first edges.
-    mine = owner[order]
+    # Each edge gets a key: (0, feature, 0), (1, chain, stretch) or, where its chain is short, (2, row, column) of a
+    # square. Each key becomes a segment; segments are numbered in the order of their first edges.
+    own_feature = owner[order]
     row = np.floor(a[1][first] * sphere.RADIUS / length)
     column = np.floor(a[0][first] * np.cos((row + 0.5) * length / sphere.RADIUS) * sphere.RADIUS / length)
-    small = (total < length / 2)[chain] & (mine < 0)
-    kind = np.where(mine >= 0, 0, np.where(small, 2, 1))
+    small = (total < length / 2)[chain] & (own_feature < 0)
+    kind = np.where(own_feature >= 0, 0, np.where(small, 2, 1))
     key = np.stack(
         [
             kind,
-            np.where(mine >= 0, mine, np.where(small, row[chain], chain)),
-            np.where(small, column[chain], np.where(mine >= 0, 0, stretch)),
+            np.where(own_feature >= 0, own_feature, np.where(small, row[chain], chain)),
+            np.where(small, column[chain], np.where(own_feature >= 0, 0, stretch)),
         ],
         axis=1,
     )
     _, begins, number = np.unique(key, axis=0, return_index=True, return_inverse=True)
     number = number.reshape(-1)
     rank = np.empty(len(begins), np.int64)
-    rest = kind[begins] > 0  # named ones come first, in the user's order
-    rank[np.lexsort((np.where(rest, begins, 0), rest))] = np.arange(len(begins))
+    unnamed = kind[begins] > 0  # named segments come first, in the user's order
+    rank[np.lexsort((np.where(unnamed, begins, 0), unnamed))] = np.arange(len(begins))
     number = rank[number]
 
     by_segment = np.lexsort((np.arange(len(order)), number))
@@ -159,25 +151,27 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     lon, lat = _midpoints(edge[order], number, size)
     islets = np.bincount(number, (small & closed[chain])[by_segment], minlength=len(begins)) > 0
     pieces = np.bincount(number, small[by_segment], minlength=len(begins)) > 0
-    words = np.where(islets, "islets near ", np.where(pieces, "shore near ", ""))
-    plain = [f"{word}{position(x, y)}" for word, x, y in zip(words, lon, lat, strict=True)][len(features) :]
+    prefixes = np.where(islets, "islets near ", np.where(pieces, "shore near ", ""))
+    generated = [f"{prefix}{notation.position(x, y)}" for prefix, x, y in zip(prefixes, lon, lat, strict=True)][
+        len(features) :
+    ]
     return Segments(
-        name=_unique([*(f.name for f in features), *plain]),
+        name=_unique([*(f.name for f in features), *generated]),
         length=lengths,
         lon=lon,
         lat=lat,
         of_edge=of_edge,
         lines=_lines(coast, edge[order], number),
-        access=(*(f.access for f in features), *[UNKNOWN] * len(plain)),
+        access=(*(f.access for f in features), *[UNKNOWN] * len(generated)),
     )
 
 
 def _chains(edge: Array, label: Array) -> tuple[Array, Array, Array]:
-    """Return (order, chain, closed): edges in running order chain by chain, the chain of each, which chains are rings.
+    """Return (order, chain, closed): edges in running order, the chain of each in this order, whether chains are rings.
 
-    A chain is a run of edges of one label, each beginning where the last one ended. The parts of a ring that a box or
-    other labels have cut come together where the ring's own first point lies. A ring begins at its southernmost point,
-    so that stretches depend neither on the box nor on how a file happens to begin.
+    A chain is a run of edges of one label, each beginning where the one before ends. The parts into which a ring's
+    first point divides a chain are joined there. A ring begins at its southernmost point, so that stretches depend
+    neither on the box nor on where a file happens to begin.
     """
     if not len(edge):
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, bool)
@@ -186,18 +180,18 @@ def _chains(edge: Array, label: Array) -> tuple[Array, Array, Array]:
     first = np.flatnonzero(breaks)
     last = np.append(first[1:], len(edge)) - 1
     part = np.cumsum(breaks) - 1
-    loose = np.flatnonzero((edge[first, :2] != edge[last, 2:]).any(axis=1))
-    begins = {(label[first[c]], *edge[first[c], :2]): c for c in loose}
-    follows = {c: begins[key] for c in loose if (key := (label[last[c]], *edge[last[c], 2:])) in begins}
+    open_runs = np.flatnonzero((edge[first, :2] != edge[last, 2:]).any(axis=1))
+    begins = {(label[first[c]], *edge[first[c], :2]): c for c in open_runs}
+    follows = {c: begins[key] for c in open_runs if (key := (label[last[c]], *edge[last[c], 2:])) in begins}
     chain, place = np.arange(len(first)), np.zeros(len(first), np.int64)
-    seen: set[int] = set()
+    visited: set[int] = set()
     followers = set(follows.values())
-    for head in [*(c for c in loose if c not in followers), *loose]:  # what is left then goes round
-        c, along = head, 0
-        while c not in seen:
-            seen.add(c)
-            chain[c], place[c] = head, along
-            along += 1
+    for head in [*(c for c in open_runs if c not in followers), *open_runs]:  # runs that are still left form rings
+        c, steps = head, 0
+        while c not in visited:
+            visited.add(c)
+            chain[c], place[c] = head, steps
+            steps += 1
             if c not in follows:
                 break
             c = follows[c]
@@ -213,21 +207,21 @@ def _chains(edge: Array, label: Array) -> tuple[Array, Array, Array]:
 
 
 def _midpoints(edge: Array, number: Array, size: Array) -> tuple[Floats, Floats]:
-    """Return the points (lon, lat) [deg] at half of each segment's length; edges sorted by segment."""
+    """Return (lon, lat) [deg] of the points at half of each segment's length; edges sorted by segment."""
     first = np.flatnonzero(np.diff(number, prepend=-1))
     reached = np.cumsum(size)
     before = (reached - size)[first]
     half = before + np.add.reduceat(size, first) / 2 if len(first) else before
     last = np.append(first[1:], len(edge)) - 1
-    at = np.clip(np.searchsorted(reached, half), first, last)
-    share = np.clip((half - (reached - size)[at]) / size[at], 0, 1)
-    lon = edge[at, 0] + share * _turned(edge[at, 2] - edge[at, 0].astype(np.int64))
-    lat = edge[at, 1] + share * (edge[at, 3] - edge[at, 1].astype(float))
+    middle = np.clip(np.searchsorted(reached, half), first, last)
+    share = np.clip((half - (reached - size)[middle]) / size[middle], 0, 1)
+    lon = edge[middle, 0] + share * _turned(edge[middle, 2] - edge[middle, 0].astype(np.int64))
+    lat = edge[middle, 1] + share * (edge[middle, 3] - edge[middle, 1].astype(float))
     return sphere.wrap_degrees(lon * DEGREES), lat * DEGREES
 
 
 def _lines(coast: Coast, edge: Array, number: Array) -> Array:
-    """Return each segment's line or lines [deg]; edges sorted by segment, running on within it where they can."""
+    """Return each segment's line or lines [deg]; edges sorted by segment, in running order where they are joined."""
     if not len(edge):
         return np.empty(0, object)
     centre = np.int64(coast.lon0) + (coast.nx << coast.shift) // 2
@@ -236,35 +230,35 @@ def _lines(coast: Coast, edge: Array, number: Array) -> Array:
     ends = np.stack([ax, edge[:, 1], bx, edge[:, 3]], axis=1) * DEGREES
     new = np.ones(len(edge), bool)
     new[1:] = (ends[1:, :2] != ends[:-1, 2:]).any(axis=1) | (number[1:] != number[:-1])
-    # The edges' ends, and before the first edge of every line its beginning.
+    # Points of the lines: the beginning of each line's first edge, then the ends of its edges.
     points = np.repeat(ends[:, 2:], 1 + new, axis=0)
     points[np.flatnonzero(new) + np.arange(new.sum())] = ends[new, :2]
     line = np.repeat(np.cumsum(new) - 1, 1 + new)
     lines = shapely.linestrings(points, indices=line)
     segment = number[new]
-    several = np.asarray(shapely.multilinestrings(lines, indices=segment))
-    one = np.bincount(segment) == 1
-    several[one] = shapely.get_geometry(several[one], 0)
-    return several
+    lines_of = np.asarray(shapely.multilinestrings(lines, indices=segment))
+    single = np.bincount(segment) == 1
+    lines_of[single] = shapely.get_geometry(lines_of[single], 0)
+    return lines_of
 
 
 def _unique(names: list[str]) -> tuple[str, ...]:
-    """Return names with " (2)", " (3)" after those that come again."""
+    """Return names with " (2)", " (3)" after repeated ones."""
     used: set[str] = set()
     times: dict[str, int] = {}
-    out = []
+    unique = []
     for name in names:
         new = name
         while new in used:
             times[name] = times.get(name, 1) + 1
             new = f"{name} ({times[name]})"
         used.add(new)
-        out.append(new)
-    return tuple(out)
+        unique.append(new)
+    return tuple(unique)
 
 
 def _turned(units: Array) -> Floats:
-    """Return differences of binary longitudes the short way round."""
+    """Return differences of binary longitudes the short way round the Earth."""
     return np.asarray(units.astype(np.int64).astype(np.int32), np.float64)
 
 
@@ -275,13 +269,15 @@ def _middles(edge: Array) -> tuple[Floats, Floats]:
 
 
 def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
-    """Return the edges, by their midpoints [deg], that a feature takes, and how far they are from it [m]."""
+    """Return the edges that a feature takes, by their midpoints [deg], and how far they are from it [m]."""
     west, south, east, north = shape.bounds
     centre, squeeze = (west + east) / 2, np.cos(np.deg2rad((south + north) / 2))
     margin = NEAR / METRES
     x, y = sphere.wrap_degrees(lon - centre), lat
-    reach = (east - west) / 2 + margin / max(np.cos(np.deg2rad(min(max(abs(south), abs(north)) + margin, 90))), 1e-3)
-    near = np.flatnonzero((np.abs(x) <= reach) & (y >= south - margin) & (y <= north + margin))
+    half_width = (east - west) / 2 + margin / max(
+        np.cos(np.deg2rad(min(max(abs(south), abs(north)) + margin, 90))), 1e-3
+    )
+    near = np.flatnonzero((np.abs(x) <= half_width) & (y >= south - margin) & (y <= north + margin))
     points = shapely.points(x[near] * squeeze * METRES, y[near] * METRES)
     plane = shapely.transform(shape, lambda p: (p - [centre, 0.0]) * [squeeze * METRES, METRES])
     shapely.prepare(plane)
@@ -291,19 +287,19 @@ def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
     distance = np.asarray(shapely.distance(plane, points))
     near, points, distance = near[distance <= NEAR], points[distance <= NEAR], distance[distance <= NEAR]
     ends = shapely.boundary(plane)  # empty for a closed line
-    beyond = np.asarray(shapely.distance(ends, points)) <= distance * (1 + 1e-9)  # NaN without ends: not beyond
+    beyond = np.asarray(shapely.distance(ends, points)) <= distance * (1 + 1e-9)  # NaN, so false, without ends
     beyond &= ~beyond.all()
     return near[~beyond], distance[~beyond]
 
 
 def _too_far(feature: _Feature, coast: Coast) -> str:
+    """Return in words why a feature has no shoreline, and what to do."""
     middle = feature.shape.point_on_surface()
-    found = shoreline.nearest_coast(coast, float(sphere.wrap_degrees(middle.x)), float(middle.y))
-    hint = (
-        f"the nearest coast is {found[2] / 1000:.1f} km from {position(middle.x, middle.y)}, at {position(*found[:2])}"
-        if found
-        else "the domain has no coast"
-    )
+    nearest = shoreline.nearest_coast(coast, float(sphere.wrap_degrees(middle.x)), float(middle.y))
+    hint = "the domain has no coast"
+    if nearest:
+        middle_text, coast_text = notation.position(middle.x, middle.y), notation.position(*nearest[:2])
+        hint = f"the nearest coast is {nearest[2] / 1000:.1f} km from {middle_text}, at {coast_text}"
     allowed = (
         "a polygon must hold the middle of a shoreline edge"
         if feature.shape.geom_type.endswith("Polygon")
@@ -313,7 +309,7 @@ def _too_far(feature: _Feature, coast: Coast) -> str:
 
 
 def _read(path: Path) -> list[_Feature]:
-    """Return the features of a GeoJSON file; raises UserError for all that is not named lines and polygons."""
+    """Return the features of a GeoJSON file; raise UserError for anything but named lines and polygons."""
     needed = "give a GeoJSON file of lines or polygons, each with a name"
     try:
         content = json.loads(file.contents(path).decode("utf-8-sig"))
@@ -324,13 +320,13 @@ def _read(path: Path) -> list[_Feature]:
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and JSONDecodeError are ValueErrors
         raise UserError(f'segments "{path}": not GeoJSON ({str(error).splitlines()[0]}); {needed}') from None
     kind = content.get("type") if isinstance(content, dict) else None
-    rows = content.get("features") if kind == "FeatureCollection" else [content] if kind == "Feature" else None
-    if not isinstance(rows, list):
+    entries = content.get("features") if kind == "FeatureCollection" else [content] if kind == "Feature" else None
+    if not isinstance(entries, list):
         raise UserError(f'segments "{path}": not a GeoJSON FeatureCollection; {needed}')
-    if not rows:
+    if not entries:
         raise UserError(f'segments "{path}": holds no feature; {needed}')
     features: list[_Feature] = []
-    for number, row in enumerate(rows, 1):
+    for number, row in enumerate(entries, 1):
         try:
             feature = _feature(row)
             if any(feature.name == other.name for other in features):
@@ -342,16 +338,17 @@ def _read(path: Path) -> list[_Feature]:
 
 
 def _feature(row: Any) -> _Feature:
+    """Return a feature from its JSON; raise ValueError, with a message for users, where it cannot be used."""
     if not isinstance(row, dict) or row.get("type") != "Feature":
         raise ValueError("is no GeoJSON Feature")
-    words = row.get("properties") or {}
-    name = words.get("name") if isinstance(words, dict) else None
+    properties = row.get("properties") or {}
+    name = properties.get("name") if isinstance(properties, dict) else None
     if isinstance(name, (int, float)) and not isinstance(name, bool):
         name = f"{name:g}"
     if not isinstance(name, str) or not name.strip():
         raise ValueError('has no name; write one into its properties: "properties": {"name": "Grand Isle"}')
     name = " ".join(name.split())
-    access = words.get("access")
+    access = properties.get("access")
     if access is None:
         access = UNKNOWN
     elif not isinstance(access, str) or not access.strip():
@@ -371,7 +368,7 @@ def _feature(row: Any) -> _Feature:
         raise ValueError(f'"{name}": coordinates must be degrees, lon -180..360 and lat -90..90, in that order')
     shape = _unwrapped(shape)
     if kind.endswith("Polygon"):
-        # What is left of a polygon that crosses itself; lines among it would change the rules for lines.
+        # Repairing a polygon that crosses itself may leave lines, to which other rules would apply: polygons are kept.
         parts = shapely.get_parts(shapely.get_parts(shapely.make_valid(shape)))
         shape = shapely.multipolygons(parts[shapely.get_type_id(parts) == 3])
         if shape.is_empty:
@@ -380,7 +377,7 @@ def _feature(row: Any) -> _Feature:
 
 
 def _unwrapped(shape: Any) -> Any:
-    """Return a geometry without jumps at the antimeridian: each part unwrapped, all within half a turn of the first."""
+    """Return a geometry without jumps at the antimeridian, with all parts within half a turn of the first."""
     reference: list[float] = []
 
     def unwrap(points: Array) -> Array:

@@ -1,6 +1,7 @@
 """The other end of `geo.files.address`: a process that opens one address and hands out its header and its values.
 
-It is another process because what a server answers can crash or hang the C libraries that read it (see `geo.files.child`).
+It is another process because the answers of a server can crash or hang the C libraries that read them (see
+`geo.files.child`).
 """
 
 import contextlib
@@ -13,10 +14,10 @@ from typing import Any
 
 from geo.files.child import limit, listen, send
 
-MEMORY = 4 * 2**30  # [bytes] a nonsensical length must not take the machine's memory with it
-DISK = 2**30  # [bytes] of a temporary file, for an answer that has no end
-COOKIES = "HTTP.COOKIEJAR"  # where the netCDF library keeps cookies; by itself it leaves a file in /tmp
-GRACE = 30.0  # [s] beyond the time-out of a question, after which this process ends by itself
+MEMORY = 4 * 2**30  # [bytes] of memory at most, so that a nonsensical length does not exhaust the machine's
+DISK = 2**30  # [bytes] of a temporary file at most, because an answer may have no end
+COOKIES = "HTTP.COOKIEJAR"  # where the netCDF library keeps cookies; by default it leaves a file in /tmp
+GRACE = 30.0  # [s] after the time-out of a question this process ends by itself
 
 
 def main(scratch: str) -> None:
@@ -24,34 +25,34 @@ def main(scratch: str) -> None:
     questions, answers = listen(partial(shutil.rmtree, scratch, ignore_errors=True))
     limit(RLIMIT_DATA=MEMORY, RLIMIT_FSIZE=DISK)
     warnings.simplefilter("ignore")
-    import netCDF4  # what takes a second is done before the first question's clock runs
+    import netCDF4  # imported before the clock of the first question runs, because it takes a second
     import xarray  # noqa: F401
 
-    with contextlib.suppress(Exception):  # before 1.6.4 there is no such function; the library then writes into /tmp
+    with contextlib.suppress(Exception):  # netCDF4 before 1.6.4 has no such function and writes into /tmp
         if not netCDF4.rc_get(COOKIES):
             netCDF4.rc_set(COOKIES, os.path.join(scratch, "cookies"))
     send(answers, {})
-    nowhere = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
-    held: Any = None
+    nowhere = open(os.devnull, "w")  # noqa: SIM115 - it stays open as long as the process lives
+    dataset: Any = None
     for question, _ in questions:
-        # A C thread that needs no lock of the interpreter's: it ends calls that hang with that lock held.
+        # This timer is a C thread that needs no interpreter lock, so it ends calls that hang while they hold it.
         faulthandler.dump_traceback_later(question["timeout"] + GRACE, exit=True, file=nowhere)
         values: Any = b""
         try:
             if question["ask"] == "open":
-                held = _open(question["address"])
-                told: dict[str, Any] = header(held)
+                dataset = _open(question["address"])
+                reply: dict[str, Any] = header(dataset)
             else:
-                told, values = _values(held, question)
-        except BaseException as raised:  # backends raise all kinds; the other end makes one line of them
+                reply, values = _values(dataset, question)
+        except BaseException as raised:  # backends raise errors of all kinds; the other end makes one line of each
             error = raised
-            while error.__cause__ is not None:  # xarray hides a library's error behind advice of its own
+            while error.__cause__ is not None:  # xarray hides the error of a library behind its own advice
                 error = error.__cause__
-            told = {"error": " ".join(f"{error}".split())[:500] or type(error).__name__}
+            reply = {"error": " ".join(f"{error}".split())[:500] or type(error).__name__}
         faulthandler.cancel_dump_traceback_later()
-        send(answers, told, values)
-    if held is not None:
-        held.close()
+        send(answers, reply, values)
+    if dataset is not None:
+        dataset.close()
     shutil.rmtree(scratch, ignore_errors=True)
     os._exit(0)
 
@@ -62,14 +63,14 @@ def _open(address: str) -> Any:
 
     import xarray as xr
 
-    plain: dict[str, Any] = {"decode_cf": False, "cache": False}
+    options: dict[str, Any] = {"decode_cf": False, "cache": False}
     if "create_default_indexes" in inspect.signature(xr.open_dataset).parameters:
-        plain["create_default_indexes"] = False  # coordinates are read when they are asked for, piece by piece
-    return xr.open_dataset(address, **plain)
+        options["create_default_indexes"] = False  # so that coordinates are only read when asked for, piece by piece
+    return xr.open_dataset(address, **options)
 
 
 def header(data: Any) -> dict[str, Any]:
-    """Return dimensions, types and attributes of a dataset as JSON knows them."""
+    """Return dimensions, types and attributes of a dataset in values that JSON can write."""
     return {
         "attributes": {str(k): _plain(v) for k, v in data.attrs.items()},
         "variables": {
@@ -85,23 +86,23 @@ def header(data: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return an attribute as JSON knows it; numbers keep their type, a fill value's must be exact."""
+    """Return an attribute as JSON can write it; numbers keep their type, because fill values must be exact."""
     import numpy as np
 
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biuf":
         array = np.asarray(value)
         return {"dtype": array.dtype.str, "values": array.tolist()}
     if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(one) for one in list(value)]
+        return [_plain(item) for item in list(value)]
     return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
-def _values(held: Any, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-    """Return what is said of a piece of a variable, and its bytes; texts are said."""
+def _values(dataset: Any, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+    """Return shape and type of a piece of a variable, and its bytes; texts stand in the first of the two."""
     import numpy as np
 
-    key = tuple(slice(*one) for one in question["key"])
-    piece = np.asarray(held.variables[question["name"]][key].values)
+    key = tuple(slice(*bounds) for bounds in question["key"])
+    piece = np.asarray(dataset.variables[question["name"]][key].values)
     if piece.dtype.kind == "O":
         return {"shape": piece.shape, "texts": [str(text) for text in piece.ravel()]}, b""
     piece = np.ascontiguousarray(piece)

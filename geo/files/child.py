@@ -1,8 +1,8 @@
-"""Processes of our own for libraries that bytes from outside may crash or hang: both ends.
+"""Child processes for libraries that bytes from outside may crash or hang: the end that asks and the one that answers.
 
 Such a process reads questions from its standard input and answers on what was its standard output. Each message is a
-length (8 bytes), a JSON text, and as many bytes as the text says. The process ends when its input does, even in the
-middle of a call that hangs, and so never outlives the one that asks.
+length (8 bytes), a JSON document, and as many bytes as the document says. The process ends when its input does, even in
+the middle of a call that hangs, and so never outlives the one that asks.
 """
 
 import contextlib
@@ -21,9 +21,9 @@ from typing import Any
 
 from geo import waiting
 
-LENGTH = 8  # [bytes] of the number before each text, big-endian
-LONGEST = 2**26  # [bytes] of a text
-FAREWELL = 0.5  # [s] for closing what is open
+LENGTH = 8  # [bytes] of the number, big-endian, that stands before each JSON document
+LONGEST = 2**26  # [bytes] longest JSON document
+FAREWELL = 0.5  # [s] that a process has to close what it holds before it is ended by force
 
 Message = tuple[dict[str, Any], memoryview]
 
@@ -34,10 +34,11 @@ class Child:
     def __init__(self, code: str, *arguments: str, most: int, scratch: str | None = None) -> None:
         """Start Python on `code`; raise OSError where the system refuses.
 
-        most: bytes that an answer may have beside its text. scratch: a folder to remove once the process has ended.
+        most: how many bytes an answer may have beside its JSON document. scratch: a folder to remove once the process
+        has ended.
         """
-        apart: dict[str, Any] = (
-            {"start_new_session": True}  # Ctrl-C at a terminal is for this process; it ends the other one
+        options: dict[str, Any] = (
+            {"start_new_session": True}  # Ctrl-C at a terminal then reaches this process only, which ends the child
             if os.name == "posix"
             else {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)}
         )
@@ -48,33 +49,33 @@ class Child:
             stderr=subprocess.DEVNULL,
             bufsize=0,
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-            **apart,
+            **options,
         )
         self._owner = os.getpid()
         self._questions: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None] = queue.SimpleQueue()
         self._answers: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
-        threading.Thread(target=_give_out, args=(self.process.stdin, self._questions), daemon=True).start()
-        threading.Thread(target=_take_in, args=(self.process.stdout, self._answers, most), daemon=True).start()
+        threading.Thread(target=_write_questions, args=(self.process.stdin, self._questions), daemon=True).start()
+        threading.Thread(target=_read_answers, args=(self.process.stdout, self._answers, most), daemon=True).start()
         self._busy = threading.Event()
         self._busy.set()
-        # At the latest when the program ends.
+        # The finalizer runs at the latest when the program ends.
         self._end = weakref.finalize(self, _end, self.process, self._owner, self._questions, self._busy, scratch)
 
     def running(self) -> bool:
-        """Whether the process can be asked: it lives, and is not that of a process from which this one was forked."""
+        """Whether the process can be asked: it lives, and this process is no fork of the one that started it."""
         return self._owner == os.getpid() and self.process.poll() is None
 
     def ask(self, question: dict[str, Any], timeout: float, content: bytes = b"") -> Message:
-        """Return the answer, and the bytes that go with it; see `answer`."""
+        """Put a question and return its answer, and the bytes that go with it; see `answer`."""
         self._busy.set()
         self._questions.put((question, content))
         return self.answer(timeout)
 
     def answer(self, timeout: float) -> Message:
-        """Wait for an answer, heeding who wants to leave.
+        """Wait for an answer; the wait can be given up (see `geo.waiting`).
 
-        Raises TimeoutError after `timeout` [s], EOFError where the process ends without an answer. After those, and
-        whatever else ends the wait, the process is of no more use.
+        Raises TimeoutError after `timeout` [s], EOFError where the process ends without an answer. After any exception
+        that ends the wait, the process must not be asked again.
         """
         until = time.monotonic() + timeout
         while True:
@@ -92,7 +93,7 @@ class Child:
             return answer
 
     def end(self) -> None:
-        """End the process, whatever it does."""
+        """End the process, whatever it is doing."""
         self._end()
 
     def fate(self) -> str:
@@ -109,8 +110,8 @@ class Child:
             return f"crashed (signal {-status})"
 
 
-def _give_out(pipe: Any, questions: "queue.SimpleQueue[tuple[dict[str, Any], bytes] | None]") -> None:
-    """Write questions, by a thread of its own: a process that hangs takes in no more than fits into the pipe."""
+def _write_questions(pipe: Any, questions: "queue.SimpleQueue[tuple[dict[str, Any], bytes] | None]") -> None:
+    """Write questions; a thread does this, because a process that hangs takes in no more than the pipe holds."""
     with contextlib.suppress(OSError):
         while (question := questions.get()) is not None:
             send(pipe, *question)
@@ -118,12 +119,12 @@ def _give_out(pipe: Any, questions: "queue.SimpleQueue[tuple[dict[str, Any], byt
         pipe.close()
 
 
-def _take_in(pipe: Any, answers: "queue.SimpleQueue[Message | None]", most: int) -> None:
-    """Pass answers on; None when there can be no more."""
+def _read_answers(pipe: Any, answers: "queue.SimpleQueue[Message | None]", most: int) -> None:
+    """Pass answers on, and None when there can be no more."""
     try:
         while True:
             answers.put(receive(pipe, most))
-    except Exception:  # the end, or what no answer of ours looks like
+    except Exception:  # the end of the pipe, or bytes that are no answer of ours
         answers.put(None)
     finally:
         pipe.close()
@@ -136,7 +137,7 @@ def _end(
     busy: threading.Event,
     scratch: str | None,
 ) -> None:
-    """End a process: by the end of its input if it waits for a question, so that it closes what it holds."""
+    """End a process; one that waits for a question ends when its input does, so that it closes what it holds."""
     if owner != os.getpid():  # it serves the process from which this one was forked
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
@@ -155,19 +156,20 @@ def _end(
 
 
 def listen(leave: Callable[[], object] = lambda: None) -> tuple[Iterator[Message], Any]:
-    """Return, in the process that answers, its questions and the pipe for its answers: what is printed goes nowhere.
+    """Return, in the process that answers, its questions and the pipe for its answers.
 
-    leave: called before the process is ended by force, soon after the end of its input.
+    What the process prints goes nowhere. leave: called before the process is ended by force, soon after the end of its
+    input.
     """
     questions: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(questions, leave), daemon=True).start()
+    threading.Thread(target=_read_questions, args=(questions, leave), daemon=True).start()
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
     return iter(questions.get, None), answers
 
 
-def _listen(questions: "queue.SimpleQueue[Message | None]", leave: Callable[[], object]) -> None:
-    """Pass questions on; end the process when there can be no more."""
+def _read_questions(questions: "queue.SimpleQueue[Message | None]", leave: Callable[[], object]) -> None:
+    """Pass questions on, and end the process when there can be no more."""
     with contextlib.suppress(Exception), open(0, "rb", buffering=0, closefd=False) as pipe:
         while True:
             questions.put(receive(pipe, sys.maxsize))
@@ -178,22 +180,22 @@ def _listen(questions: "queue.SimpleQueue[Message | None]", leave: Callable[[], 
 
 
 def limit(**most: int) -> None:
-    """Bound what libraries may take, by the names of `resource` (RLIMIT_AS), and leave no core dump of their crashes."""
+    """Bound what libraries may take, by the names of `resource` (RLIMIT_AS); crashes then leave no core dump."""
     try:
         import resource
     except ImportError:  # Windows
         return
     for name, wanted in {**most, "RLIMIT_CORE": 0}.items():
-        with contextlib.suppress(OSError, ValueError, AttributeError):  # a system need not know each
+        with contextlib.suppress(OSError, ValueError, AttributeError):  # not every system knows every limit
             which = getattr(resource, name)
             _, hard = resource.getrlimit(which)
             resource.setrlimit(which, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
 
 
-def send(pipe: Any, told: dict[str, Any], content: Any = b"") -> None:
-    """Write a message to an unbuffered pipe; content: contiguous bytes that go with the text."""
+def send(pipe: Any, document: dict[str, Any], content: Any = b"") -> None:
+    """Write a message to an unbuffered pipe; content: contiguous bytes that go with the JSON document."""
     view = memoryview(content)
-    text = json.dumps(told | {"bytes": view.nbytes}).encode()
+    text = json.dumps(document | {"bytes": view.nbytes}).encode()
     for part in (memoryview(len(text).to_bytes(LENGTH, "big") + text), view):
         left = part.cast("B") if part.nbytes else None
         while left:
@@ -201,12 +203,13 @@ def send(pipe: Any, told: dict[str, Any], content: Any = b"") -> None:
 
 
 def receive(pipe: Any, most: int) -> Message:
-    """Read a message from an unbuffered pipe; raise EOFError at its end, ValueError where it is none of ours."""
-    told = json.loads(bytes(_read(pipe, int.from_bytes(_read(pipe, LENGTH, LENGTH), "big"), LONGEST)))
-    return told, _read(pipe, int(told.pop("bytes")), most)
+    """Read a message from an unbuffered pipe; raise EOFError at its end, ValueError where it is malformed."""
+    document = json.loads(bytes(_read(pipe, int.from_bytes(_read(pipe, LENGTH, LENGTH), "big"), LONGEST)))
+    return document, _read(pipe, int(document.pop("bytes")), most)
 
 
 def _read(pipe: Any, count: int, most: int) -> memoryview:
+    """Read exactly `count` bytes; raise ValueError where that is more than `most`."""
     if not 0 <= count <= most:
         raise ValueError(count)
     content = memoryview(bytearray(count))

@@ -1,7 +1,7 @@
 """Opening what a case names (netCDF, GRIB, globs, Zarr stores, OPeNDAP addresses) as xarray datasets.
 
-Nothing is read but headers. Every way in which a path can be wrong ends here in one line with the path and the
-key of the case that names it.
+Only headers are read. Every way in which a path can be wrong ends here in one line with the path and the key of the
+case that names it.
 """
 
 import glob
@@ -17,56 +17,56 @@ import xarray as xr
 from geo.errors import UserError
 from geo.files import address, digest, grib, messages
 
-WHOLE = 2**28  # [bytes] of a file up to which all of it is hashed; of a larger one, its ends and 256 samples
-SAMPLE = 2**16  # [bytes]
-FAULTS = (OSError, RuntimeError, EOFError, MemoryError, UnicodeError)  # of a damaged file, whoever raises them
+WHOLE = 2**28  # [bytes] a file up to this size is hashed whole, a larger one in 256 samples from its start to its end
+SAMPLE = 2**16  # [bytes] size of a sample
+FAULTS = (OSError, RuntimeError, EOFError, MemoryError, UnicodeError)  # what damaged files cause in any library
 LIBRARIES = {"cftime", "dask", "fsspec", "netCDF4", "numcodecs", "xarray", "zarr"}
 
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
 def remote(path: str) -> bool:
-    """Whether a path is an address (OPeNDAP) and no file."""
+    """Whether a path is an address (OPeNDAP) and not a file."""
     return path.startswith(("http://", "https://", "dods://", "s3://", "gs://"))
 
 
 def expand(paths: Paths, quantity: str) -> list[str]:
     """Return every path that a case's list of paths and globs stands for; an empty glob is an error."""
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-    found: list[str] = []
+    expanded: list[str] = []
     for path in (os.path.expanduser(os.fspath(p)) for p in listed):
         if remote(path) or os.path.exists(path):
-            found.append(path)
+            expanded.append(path)
         elif glob.has_magic(path):
             matches = sorted(glob.glob(path, recursive=True))
             if not matches:
                 raise UserError(f'no file matches "{path}"; set [[{quantity}]] files')
-            found += matches
+            expanded += matches
         else:
             raise UserError(f'no such file: "{path}"; set [[{quantity}]] files')
-    if not found:
+    if not expanded:
         raise UserError(f"[[{quantity}]] files is empty; name at least one file")
-    repeated = sorted({p for p in found if found.count(p) > 1})
+    repeated = sorted({p for p in expanded if expanded.count(p) > 1})
     if repeated:
         raise UserError(f'"{repeated[0]}" is named twice in [[{quantity}]] files')
-    return found
+    return expanded
 
 
 def key(path: str, quantity: str) -> str:
-    """Return the key of a case by which what is wrong with a path can be mended."""
+    """Return the key of a case with which a user can mend a wrong path."""
     if remote(path):
         return f"[[{quantity}]] files or timeout"
     return f"[[{quantity}]] {'dataset' if path.startswith('dataset ') else 'files'}"
 
 
 def title(paths: Sequence[str | os.PathLike[str]]) -> str:
-    """Return what messages call files: the name of the first, and how many more there are."""
+    """Return the name of files in messages: that of the first, and how many more there are."""
     first = os.path.basename(os.fspath(paths[0]).rstrip("/")) if paths else ""
     return first if len(paths) <= 1 else f"{first} and {len(paths) - 1} more"
 
 
 def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.Dataset:
-    """Return one file's dataset with fill values and packing resolved but times as they are stored.
+    """Return one file's dataset, with fill values and packing resolved but times as they are stored.
 
     timeout: how long the server of an address may leave a question unanswered [s].
     """
@@ -78,7 +78,7 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
         raise UserError(f'"{path}" is a folder, not a netCDF file or a Zarr store; {where}')
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # xarray's on several fill values and Zarr's on consolidation: all are met
+            warnings.simplefilter("ignore")  # harmless: xarray's on several fill values, Zarr's on consolidation
             if remote(path):
                 return address.open_dataset(path, timeout)
             if not is_zarr:
@@ -87,7 +87,7 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
                 _refuse_truncated(path)
             data = xr.open_dataset(
                 path,
-                # named, for xarray offers a file that it does not know to every backend that happens to be installed
+                # without a name, xarray offers an unknown file to every backend that happens to be installed
                 engine="zarr" if is_zarr else "netcdf4",
                 decode_times=False,
                 decode_coords=False,
@@ -108,10 +108,10 @@ def _refuse_truncated(path: str) -> None:
     with open(path, "rb") as file:
         magic = file.read(4)
     if magic in (b"CDF\x01", b"CDF\x02"):
-        from scipy.io import netcdf_file  # here, not above: a sixth of a second that newer files do not need
+        from scipy.io import netcdf_file  # imported here because it takes a sixth of a second, for old files only
 
         class Header(netcdf_file):  # type: ignore[misc]
-            """A file whose reading may fail in the middle: what is half made then has nothing to close."""
+            """A header whose reading may fail; an object that is only half made then has nothing to close."""
 
             def __del__(self) -> None:
                 pass
@@ -121,7 +121,7 @@ def _refuse_truncated(path: str) -> None:
                 pass
         except Exception as error:
             raise UserError(f'"{path}" is a truncated or damaged netCDF file') from error
-    if magic == b"CDF\x05":  # scipy does not know it; its values alone must fit into the file
+    if magic == b"CDF\x05":  # scipy does not know this format, so test that the file has room for the values
         import netCDF4
 
         with netCDF4.Dataset(path) as data:
@@ -131,6 +131,7 @@ def _refuse_truncated(path: str) -> None:
 
 
 def _why(path: str, error: Exception) -> str:
+    """Return in words why a file cannot be opened."""
     try:
         with open(path, "rb") as file:
             magic = file.read(8)
@@ -147,9 +148,9 @@ def _why(path: str, error: Exception) -> str:
 
 @contextmanager
 def readable(paths: Paths, quantity: str) -> Iterator[None]:
-    """Turn what the libraries raise over a damaged file, at its opening or later, into one line with its path.
+    """Turn what libraries raise over a damaged file, when it is opened or later, into one line with its path.
 
-    Headers are read at the opening, attributes and coordinates when they are asked for: each may be what is damaged.
+    Headers are read when a file is opened, attributes and coordinates when they are asked for; either may be damaged.
     """
     try:
         yield
@@ -159,10 +160,10 @@ def readable(paths: Paths, quantity: str) -> Iterator[None]:
         if not isinstance(error, FAULTS) and _raised_in(error) not in LIBRARIES:
             raise
         listed = [paths] if isinstance(paths, str | os.PathLike) else paths
-        told = ", ".join(f'"{os.fspath(path)}"' for path in listed)
+        named = ", ".join(f'"{os.fspath(path)}"' for path in listed)
         reason = f"{type(error).__name__}: {_one_line(error)}"
         raise UserError(
-            f"{told[:500]}: cannot be read, truncated or damaged ({reason}); set [[{quantity}]] files"
+            f"{named[:500]}: cannot be read, truncated or damaged ({reason}); set [[{quantity}]] files"
         ) from error
 
 
@@ -180,7 +181,10 @@ def _one_line(error: Exception) -> str:
 
 
 def fingerprint(paths: Sequence[str], datasets: Sequence[xr.Dataset], extra: str = "") -> str:
-    """Return a short hash of what the paths hold; of files above 256 MiB 16 MiB in samples, of addresses the header."""
+    """Return a short hash of what the paths hold.
+
+    Of files above 256 MiB, samples of 16 MiB in all are hashed; of addresses, the header and the short axes.
+    """
     total = hashlib.sha256(extra.encode())
     for path, data in zip(paths, datasets, strict=True):
         if remote(path):
@@ -191,11 +195,12 @@ def fingerprint(paths: Sequence[str], datasets: Sequence[xr.Dataset], extra: str
         elif os.path.isdir(path) or os.path.getsize(path) <= WHOLE:
             total.update(digest.of(path).encode())
         else:
-            _sampled(total, path)
+            _add_samples(total, path)
     return total.hexdigest()[:16]
 
 
-def _sampled(total: "hashlib._Hash", path: str) -> None:
+def _add_samples(total: "hashlib._Hash", path: str) -> None:
+    """Add a file's size and 256 samples of it to a hash."""
     size = os.path.getsize(path)
     total.update(str(size).encode())
     with open(path, "rb") as file:

@@ -1,8 +1,8 @@
-"""ECMWF's eccodes in a process of its own: messages in, keys, points and values out.
+"""ECMWF's eccodes in a process of its own: messages go in; keys, points and values come out.
 
 On damaged bytes the library may write past its memory, call abort or never return: of 150 damaged files 7 ended the
-process. Here that ends another process (see `geo.files.child`), and the file is refused in one line. It starts with the first
-message, serves all files, and never touches one.
+process. Here that ends a child process (see `geo.files.child`), and the file is refused in one line. The child starts
+with the first message, serves all files, and never opens one itself.
 """
 
 import os
@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from geo import waiting
 from geo.files.child import Child, limit, listen, send
 
-LIMIT = 60.0  # [s] for one answer; a field of a million points takes 0.1
-MOST = 100_000_000  # points of a field; more is damage
-MISSING = -1.0e100  # no value of any field
+LIMIT = 60.0  # [s] for one answer; a field of a million points takes 0.1 s
+MOST = 100_000_000  # most points of a field; a message with more is damaged
+MISSING = -1.0e100  # stands for a missing value; no field has this value
 MEMORY = 8 * 2**30  # [bytes] that the process may take
 START = "from geo.files import decoder; decoder.serve()"
 
-NAMES = ("shortName", "name", "units")  # dear: each is looked up among thousands of definitions
+NAMES = ("shortName", "name", "units")  # slow: each is looked up among thousands of definitions
 KEYS = (
-    "stepType", "dataType", "gridType", "resolutionAndComponentFlags", "typeOfLevel", "level:d", "typeOfFirstFixedSurface:i", "scaleFactorOfFirstFixedSurface:i",
+    "stepType", "dataType", "gridType", "resolutionAndComponentFlags", "typeOfLevel", "level:d",
+    "typeOfFirstFixedSurface:i", "scaleFactorOfFirstFixedSurface:i",
     "scaledValueOfFirstFixedSurface:i", "discipline", "parameterCategory", "parameterNumber", "table2Version",
     "indicatorOfParameter", "validityDate", "validityTime", "dataDate", "dataTime", "number", "perturbationNumber",
     "derivedForecast",
@@ -40,27 +41,27 @@ Array = NDArray[np.float64]
 
 
 class DecodeError(Exception):
-    """What a message did to the library, in a few words."""
+    """A message that the library cannot decode; the text says why in a few words."""
 
 
 def keys(message: bytes) -> dict[str, Any]:
-    """Return the keys of a message (its header is enough) that say what it holds; those it lacks are absent."""
+    """Return the keys that say what a message holds, without those it lacks; its header is enough."""
     return _ask("keys", message)[0]
 
 
 def names(message: bytes) -> dict[str, Any]:
-    """Return how the field of a message is called, and its units: "unknown" where nobody has named it."""
+    """Return names and units of a message's field: "unknown" where eccodes has none for it."""
     return _ask("names", message)[0]
 
 
 def points(message: bytes) -> tuple[dict[str, Any], Array, Array]:
     """Return the keys of a message's grid, and latitudes and longitudes [deg] in the order of its values.
 
-    A reduced grid's keys have "pl", the number of points of every row.
+    The keys of a reduced grid include "pl", the number of points of every row.
     """
-    told, data = _ask("points", message)
-    both = np.frombuffer(data, np.float64)
-    return told, both[: both.size // 2], both[both.size // 2 :]
+    grid_keys, data = _ask("points", message)
+    coordinates = np.frombuffer(data, np.float64)
+    return grid_keys, coordinates[: coordinates.size // 2], coordinates[coordinates.size // 2 :]
 
 
 def values(message: bytes) -> Array:
@@ -73,19 +74,20 @@ _child: Child | None = None
 
 
 def _ask(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Return what the process tells of a message."""
+    """Return the reply of the process about a message, and the bytes that go with it."""
     with waiting.turn(_lock):
         try:
-            told, data = _answered(what, message)
-        except BaseException:  # Ctrl-C too: an answer that is still under way must not meet the next question
+            reply, data = _ask_child(what, message)
+        except BaseException:  # Ctrl-C too, because an answer still under way must not reach the next question
             _end()
             raise
-    if "error" in told:
-        raise DecodeError(str(told["error"]))
-    return told, data
+    if "error" in reply:
+        raise DecodeError(str(reply["error"]))
+    return reply, data
 
 
-def _answered(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
+def _ask_child(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
+    """Put a question to the process; raise DecodeError where it does not answer."""
     child = _running()
     try:
         return child.ask({"ask": what}, LIMIT, message)
@@ -96,6 +98,7 @@ def _answered(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
 
 
 def _running() -> Child:
+    """Return the process, started where it does not run."""
     global _child
     if _child is None or not _child.running():
         _end()
@@ -114,41 +117,42 @@ def _end() -> None:
 
 
 def serve() -> None:
-    """Answer questions until the input ends: what the process runs."""
+    """Answer questions until the input ends; this is what the process runs."""
     questions, answers = listen()
     limit(RLIMIT_AS=MEMORY)
     for question, message in questions:
         data: Any = b""
         try:
-            told, data = _answer(question["ask"], bytes(message))
+            reply, data = _answer(question["ask"], bytes(message))
         except MemoryError:
-            told = {"error": "it asks for more memory than a field can take"}
+            reply = {"error": "it asks for more memory than a field can take"}
         except ImportError as error:
-            told = {"error": f"GRIB needs ECMWF's eccodes ({error}): pip install eccodes"}
+            reply = {"error": f"GRIB needs ECMWF's eccodes ({error}): pip install eccodes"}
         except Exception as error:  # eccodes raises a class for each of its hundred codes
-            told = {"error": " ".join(str(error).split())[:120] or type(error).__name__}
-        send(answers, told, data)
+            reply = {"error": " ".join(str(error).split())[:120] or type(error).__name__}
+        send(answers, reply, data)
     os._exit(0)
 
 
 def _answer(what: str, message: bytes) -> tuple[dict[str, Any], bytes]:
+    """Return, in the process, what eccodes finds in a message."""
     import eccodes
 
     handle = eccodes.codes_new_from_message(message)
     try:
         if what == "keys":
-            return _held(eccodes, handle, KEYS), b""
+            return _present_keys(eccodes, handle, KEYS), b""
         if what == "names":
-            return _held(eccodes, handle, NAMES), b""
-        told = _held(eccodes, handle, GRID_KEYS)
+            return _present_keys(eccodes, handle, NAMES), b""
+        grid_keys = _present_keys(eccodes, handle, GRID_KEYS)
         count = int(eccodes.codes_get(handle, "numberOfDataPoints"))
         if not 0 < count <= MOST:
             raise ValueError(f"a field of {count} points")
         if what == "points":
-            if eccodes.codes_is_defined(handle, "pl") and str(told.get("gridType", "")).startswith("reduced"):
-                told["pl"] = [int(n) for n in eccodes.codes_get_array(handle, "pl")]
+            if eccodes.codes_is_defined(handle, "pl") and str(grid_keys.get("gridType", "")).startswith("reduced"):
+                grid_keys["pl"] = [int(n) for n in eccodes.codes_get_array(handle, "pl")]
             pair = [eccodes.codes_get_array(handle, name) for name in ("latitudes", "longitudes")]
-            return told, b"".join(np.asarray(p, np.float64).tobytes() for p in pair)
+            return grid_keys, b"".join(np.asarray(p, np.float64).tobytes() for p in pair)
         eccodes.codes_set(handle, "missingValue", MISSING)
         data = np.asarray(eccodes.codes_get_values(handle), np.float64)
         return {}, np.where(data == MISSING, np.nan, data).tobytes()
@@ -156,12 +160,13 @@ def _answer(what: str, message: bytes) -> tuple[dict[str, Any], bytes]:
         eccodes.codes_release(handle)
 
 
-def _held(eccodes: Any, handle: Any, names: tuple[str, ...]) -> dict[str, Any]:
-    told = {}
+def _present_keys(eccodes: Any, handle: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return those keys that a message has; a name ends in :d or :i where the key is read as float or integer."""
+    present = {}
     for name in names:
         bare, _, kind = name.partition(":")
         try:
-            told[bare] = eccodes.codes_get(handle, bare, {"d": float, "i": int, "": None}[kind])
+            present[bare] = eccodes.codes_get(handle, bare, {"d": float, "i": int, "": None}[kind])
         except eccodes.CodesInternalError:
             continue
-    return told
+    return present

@@ -1,6 +1,6 @@
-"""Digests of input files: what exactly went into a run, whatever the files were called.
+"""Digests of input files: they say what exactly went into a run, whatever the files were called.
 
-They are made by a thread of their own while the run goes on, each file once in a process as long as it does not change.
+A thread of their own makes them while the run goes on, once for each file in a process as long as it does not change.
 """
 
 import hashlib
@@ -14,7 +14,7 @@ CHUNK = 2**22  # [bytes]
 
 Key = tuple[tuple[str, int, int], ...]  # path, size and time of change of each file
 
-_known: dict[Key, "Future[str]"] = {}
+_digests: dict[Key, "Future[str]"] = {}
 _guard = threading.Lock()
 
 
@@ -24,37 +24,39 @@ def start(paths: Iterable[str]) -> None:
     with _guard:
         for path in paths:
             key = _key(path)
-            if key is not None and key not in _known:
-                _known[key] = Future()
-                new.append((path, _known[key]))
-    if new:  # a daemon: nobody waits for it at the end of the process
-        threading.Thread(target=_work, args=(new,), name="digest", daemon=True).start()
+            if key is not None and key not in _digests:
+                _digests[key] = Future()
+                new.append((path, _digests[key]))
+    if new:  # a daemon, so that nobody waits for it at the end of the process
+        threading.Thread(target=_fulfil, args=(new,), name="digest", daemon=True).start()
 
 
 def of(path: str) -> str:
-    """Return "sha256:..." of all that a file, or a folder of files, holds; raise OSError where it can't be read."""
+    """Return "sha256:..." of the bytes of a file or a folder of files; raise OSError where it cannot be read."""
     start([path])
     key = _key(path)
     if key is None:
         raise FileNotFoundError(path)
-    return _known[key].result()
+    return _digests[key].result()
 
 
 def size(path: str) -> int:
-    """Return how many bytes a file, or a folder of files, holds."""
+    """Return how many bytes a file or a folder of files holds."""
     return sum(os.path.getsize(file) for file in _files(path))
 
 
 def _key(path: str) -> Key | None:
+    """Return what identifies the present state of a file or folder; None where it cannot be read."""
     try:
-        seen = [(file, os.stat(file)) for file in _files(path)]
+        stats = [(file, os.stat(file)) for file in _files(path)]
     except (OSError, ValueError):
         return None
-    return tuple((os.path.abspath(file), one.st_size, one.st_mtime_ns) for file, one in seen)
+    return tuple((os.path.abspath(file), status.st_size, status.st_mtime_ns) for file, status in stats)
 
 
-def _work(wanted: list[tuple[str, "Future[str]"]]) -> None:
-    for path, answer in wanted:
+def _fulfil(promised: list[tuple[str, "Future[str]"]]) -> None:
+    """Digest each path and hand its digest, or the error that it met, to its future."""
+    for path, answer in promised:
         try:
             answer.set_result(_digest(path))
         except BaseException as error:
@@ -62,6 +64,7 @@ def _work(wanted: list[tuple[str, "Future[str]"]]) -> None:
 
 
 def _files(path: str) -> Iterator[str]:
+    """Give the path itself where it is a file, and all files below it where it is a folder."""
     if not os.path.isdir(path):
         yield path
         return

@@ -1,8 +1,9 @@
 """GRIB 1 and 2 as datasets like any other: variables over time, level and a grid, decoded slice by slice.
 
-Fields of one name, type of level and grid become a variable; of a level that has other times than the rest, one of
-its own, so that nothing is missing inside a variable. Winds, currents and Stokes drift get CF's standard names: those of
-east and north, or, where the message says that they count along the grid, of x and y. Nothing is written anywhere.
+Fields of one name, type of level and grid become a variable. A level that has other times than the others becomes a
+variable of its own, so that nothing is missing inside a variable. Winds, currents and Stokes drift get CF's standard
+names: those of east and north or, where the message says that they count along the grid, those of x and y. Nothing is
+written to disk.
 """
 
 from collections.abc import Mapping
@@ -24,19 +25,20 @@ from geo.files.messages import Message
 
 Array = NDArray[np.float64]
 
-# what a component is called: (quantity, side) by short name, and by number where eccodes knows no name
+# which component a field is: (quantity, side) by short name, and by number where eccodes knows no name
 NAMED = {
-    **{n: ("wind", k) for k in (0, 1) for n in ("uv"[k], f"10{'uv'[k]}", f"100{'uv'[k]}", f"200{'uv'[k]}", f"{'uv'[k]}10n")},
+    **{f"{height}{'uv'[k]}": ("wind", k) for k in (0, 1) for height in ("", "10", "100", "200")},
+    "u10n": ("wind", 0), "v10n": ("wind", 1),
     **{n: ("current", k) for k in (0, 1) for n in (("ocu", "ocv")[k], ("uoe", "von")[k], ("ucurr", "vcurr")[k])},
     "ust": ("stokes", 0), "vst": ("stokes", 1),
 }  # fmt: skip
-NUMBERED = {  # GRIB 2: discipline, category, number; GRIB 1: 1, number in WMO's own tables
+NUMBERED = {  # by (discipline, category, number) in GRIB 2, by (1, number in WMO's own tables) in GRIB 1
     (0, 2, 2): ("wind", 0), (0, 2, 3): ("wind", 1), (10, 1, 2): ("current", 0), (10, 1, 3): ("current", 1),
     (10, 0, 21): ("stokes", 0), (10, 0, 22): ("stokes", 1),
     (1, 33): ("wind", 0), (1, 34): ("wind", 1), (1, 49): ("current", 0), (1, 50): ("current", 1),
 }  # fmt: skip
 CALLED = {"wind": ("u", "v"), "current": ("uogrd", "vogrd"), "stokes": ("ust", "vst")}
-STANDARD = {  # along east and north, along x and y
+STANDARD = {  # CF's standard names along east and north, and along x and y
     "wind": (("eastward_wind", "northward_wind"), ("x_wind", "y_wind")),
     "current": (
         ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
@@ -49,20 +51,22 @@ STANDARD = {  # along east and north, along x and y
 }
 HEIGHT_IN_NAME = {"10": 10.0, "100": 100.0, "200": 200.0}  # 10u is at 10 m, whatever type of level GRIB 1 writes
 UNVALUED = {"surface", "meanSea", "oceanSurface"}
-UNITS = {"isobaricInhPa": "hPa", "isobaricInPa": "Pa", "heightAboveGround": "m", "heightAboveSea": "m", "depthBelowSea": "m",
-         "pressureFromGroundLayer": "hPa", "depthBelowLand": "m"}  # fmt: skip
+UNITS = {
+    "isobaricInhPa": "hPa", "isobaricInPa": "Pa", "heightAboveGround": "m", "heightAboveSea": "m",
+    "depthBelowSea": "m", "pressureFromGroundLayer": "hPa", "depthBelowLand": "m",
+}  # fmt: skip
 UNROWED = ("sh", "unstructured_grid", "healpix", "triangular_grid")  # types of grid without rows and columns
-COUNTED = ("sigma", "hybrid", "oceanModel", "oceanModelLayer")  # types of level whose value is no length or pressure
+COUNTED = ("sigma", "hybrid", "oceanModel", "oceanModelLayer")  # types of level whose value has no unit
 POSITIVE_UP = ("height", "altitude")
 
 
 @dataclass(frozen=True)
 class Field:
-    """A message and what tells it from others of its file.
+    """A message and what distinguishes it from the others of its file.
 
-    name: of its variable, as far as its parameter and kind tell it; role: (quantity, 0 | 1), None of another parameter;
-    kind, level: type of level and the value there, in the units of UNITS; time: seconds since 1970; run: the same;
-    grid: its type.
+    name: name of its variable, as far as parameter and type of level decide it; role: (quantity, 0 | 1), None for
+    what does not drift anything; kind, level: type of level and its value in the units of UNITS; time, run: valid time
+    and start of the model's run [s since 1970]; grid: type of grid.
     """
 
     message: Message
@@ -83,8 +87,9 @@ class Field:
 class Points:
     """Where a grid's points lie and how a message's values are brought to them.
 
-    dims: names without suffix; coordinates: {name: (dims, values, attributes)}; mapping: of a projection, or None;
-    shape (ny, nx); rows: of a reduced grid, the number of points of every row; flags: how the values are ordered.
+    dims: names without suffix; coordinates: {name: (dims, values, attributes)}; mapping: attributes of a projection, or
+    None; shape: (ny, nx); rows: number of points of every row of a reduced grid, empty for others; flags: whether rows
+    alternate in direction, columns come first, and rows run leftwards.
     """
 
     dims: tuple[str, str]
@@ -96,28 +101,28 @@ class Points:
 
 
 def open_file(path: str) -> xr.Dataset:
-    """Return the fields of a GRIB file as a dataset whose values are read when they are wanted."""
-    called: dict[bytes, dict[str, Any]] = {}
-    fields = [_field(message, called) for message in messages.cut(path)]
+    """Return the fields of a GRIB file as a dataset whose values are read on demand."""
+    names: dict[bytes, dict[str, Any]] = {}
+    fields = [_field(message, names) for message in messages.cut(path)]
     if not fields:
         raise UserError(f'"{path}" holds no GRIB message')
-    wanted = [f for f in fields if f.role is not None]
-    placed = [f for f in wanted if f.grid not in UNROWED]
-    if wanted and not placed:
+    drifting = [f for f in fields if f.role is not None]
+    placed = [f for f in drifting if f.grid not in UNROWED]
+    if drifting and not placed:
         raise UserError(
-            f'"{path}" holds {wanted[0].name} on a grid of type "{wanted[0].grid}", which has no rows and columns: '
+            f'"{path}" holds {drifting[0].name} on a grid of type "{drifting[0].grid}", which has no rows and columns: '
             f"convert it to a regular one (cdo remapbil, or grid = 0.25/0.25 where it was retrieved)"
         )
     orders: dict[bytes, Points] = {}  # by the bytes that define a grid
     grids: list[Points] = []
-    which: dict[bytes, int] = {}  # the grid that these bytes stand for: the two editions write one in two ways
+    grid_of: dict[bytes, int] = {}  # number of the grid by these bytes, which differ between the two editions
     for field in placed:
         shape = field.message.shape
         if shape not in orders:
             orders[shape] = _points(field.message)
-            known = [k for k, grid in enumerate(grids) if _alike(grid, orders[shape])]
-            which[shape] = known[0] if known else len(grids)
-            grids += [] if known else [orders[shape]]
+            equal = [k for k, grid in enumerate(grids) if _alike(grid, orders[shape])]
+            grid_of[shape] = equal[0] if equal else len(grids)
+            grids += [] if equal else [orders[shape]]
     variables: dict[str, xr.Variable] = {}
     for k, grid in enumerate(grids):
         for name, (dims, values, attributes) in grid.coordinates.items():
@@ -126,19 +131,22 @@ def open_file(path: str) -> xr.Dataset:
             variables["projection" + _suffix(k)] = xr.Variable((), 0, grid.mapping)
     groups: dict[tuple[str, int | None], list[Field]] = {}
     for field in fields:
-        groups.setdefault((field.name, which.get(field.message.shape)), []).append(field)
-    for (name, at), group in groups.items():
-        if at is None:  # nothing that drifts: its name is enough, to say what the file holds
+        groups.setdefault((field.name, grid_of.get(field.message.shape)), []).append(field)
+    for (name, number), group in groups.items():
+        if number is None:  # no quantity of forcing: only its name is needed, to say what the file holds
             variables.setdefault(name, xr.Variable(("message",), np.zeros(1), {"long_name": group[0].long_name}))
             continue
         several = len([1 for other, k in groups if other == name and k is not None]) > 1
-        # where both are the same, one name, lest another grid's be preferred for it
-        if grids[at].dims[0] == "latitude":
+        # Along latitudes and longitudes both directions are the same: one name keeps another grid from being preferred.
+        if grids[number].dims[0] == "latitude":
             along = any(f.along_grid for f in placed if f.name == name)
             group = [replace(f, along_grid=along) for f in group]
         if group[0].role is not None and len({f.along_grid for f in group}) > 1:
             raise UserError(f'"{path}" gives {name} along the grid in some messages and along east and north in others')
-        _add(variables, path, f"{name}_grid{at + 1}" if several else name, group, orders, grids[at], _suffix(at))
+        own_name = f"{name}_grid{number + 1}" if several else name
+        fields_at = _fields_at(path, own_name, group)
+        for full_name, block in _blocks(own_name, fields_at).items():
+            variables[full_name] = _variable(variables, group[0], block, orders, grids[number], _suffix(number))
     return xr.Dataset(variables)
 
 
@@ -147,7 +155,10 @@ def _suffix(grid: int) -> str:
 
 
 def _alike(one: Points, other: Points) -> bool:
-    """Whether two grids have the same points, to a hundredth of a cell: edition 1 rounds to a thousandth of a degree."""
+    """Whether two grids have the same points to a hundredth of a cell.
+
+    They are not compared exactly because edition 1 rounds to a thousandth of a degree.
+    """
     if one.dims != other.dims or one.shape != other.shape or (one.mapping is None) != (other.mapping is None):
         return False
     if one.mapping is not None and other.mapping is not None:
@@ -158,50 +169,56 @@ def _alike(one: Points, other: Points) -> bool:
         if not all(np.allclose(numbers[0][k], numbers[1][k], rtol=1e-6, atol=1e-6) for k in numbers[0]):
             return False
     for name, (_, values, _) in one.coordinates.items():
-        apart = other.coordinates[name][1] - values
-        if not np.abs(apart).max() <= 0.01 * np.abs(np.diff(values, axis=-1)).max(initial=0.0):
+        difference = other.coordinates[name][1] - values
+        if not np.abs(difference).max() <= 0.01 * np.abs(np.diff(values, axis=-1)).max(initial=0.0):
             return False
     return True
 
 
-def _field(message: Message, called: dict[bytes, dict[str, Any]]) -> Field:
+def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
+    """Return a message with what its header says; names: keys already looked up, by product, to which it adds."""
     try:
         keys = decoder.keys(message.header)
-        if message.product not in called:
-            called[message.product] = decoder.names(message.header)
+        if message.product not in names:
+            names[message.product] = decoder.names(message.header)
     except decoder.DecodeError as error:
         raise _damaged(message, error) from error
-    keys = keys | called[message.product]
+    keys = keys | names[message.product]
     short = str(keys.get("shortName", "unknown"))
     role = NAMED.get(short) or (NUMBERED.get(_number(message, keys)) if short in ("unknown", "~") else None)
     if role is not None and short not in NAMED:
         short = CALLED[role[0]][role[1]]
     kind, level = _level(message, keys)
-    high = role is not None and role[0] == "wind" and short not in ("u", "v")
-    if high:
+    above_ground = role is not None and role[0] == "wind" and short not in ("u", "v")
+    if above_ground:
         height = next((h for n, h in HEIGHT_IN_NAME.items() if short in (f"{n}u", f"{n}v")), 10.0)
         kind, level = "heightAboveGround", height
-    name = short if kind in UNVALUED or high else f"{short}_{kind}"
+    name = short if kind in UNVALUED or above_ground else f"{short}_{kind}"
     step = str(keys.get("stepType", "instant"))
     derived = keys.get("derivedForecast")
-    kept = role
+    drift_role = role
     if step != "instant":
-        name, kept = f"{name}_{step}", role if step == "avg" else None
+        name, drift_role = f"{name}_{step}", role if step == "avg" else None
     if derived is not None or str(keys.get("dataType", "")) in ("em", "es"):
         mean = derived in (0, 1) or keys.get("dataType") == "em"
-        name, kept = f"{name}_{'mean' if mean else 'spread'}", kept if mean else None
+        name, drift_role = f"{name}_{'mean' if mean else 'spread'}", drift_role if mean else None
     run = _seconds(keys.get("dataDate"), keys.get("dataTime"), message)
     long_name = str(keys.get("name", short))
     return Field(
-        message, name, kept, kind, level, _seconds(keys.get("validityDate"), keys.get("validityTime"), message), run,
-        int(keys.get("perturbationNumber", keys.get("number", 0)) or 0), _along(message, keys), str(keys.get("gridType", "unknown")),
+        message, name, drift_role, kind, level,
+        _seconds(keys.get("validityDate"), keys.get("validityTime"), message), run,
+        int(keys.get("perturbationNumber", keys.get("number", 0)) or 0),
+        _along(message, keys), str(keys.get("gridType", "unknown")),
         long_name if long_name != "unknown" or role is None else f"{'uv'[role[1]]} of {role[0]}",
         str(keys.get("units", "unknown")),
     )  # fmt: skip
 
 
 def _along(message: Message, keys: Mapping[str, Any]) -> bool:
-    """Whether vectors count along the grid: bit 5 of the flags (eccodes' uvRelativeToGrid is not there for every grid)."""
+    """Whether vectors count along the grid, by bit 5 of the flags.
+
+    The key uvRelativeToGrid of eccodes would say the same but does not exist for every grid.
+    """
     if "resolutionAndComponentFlags" not in keys and str(keys.get("gridType")) not in (
         "sh",
         "unstructured_grid",
@@ -212,9 +229,10 @@ def _along(message: Message, keys: Mapping[str, Any]) -> bool:
 
 
 def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
+    """Return the parameter's key in NUMBERED; an empty one where a centre's own table defines it."""
     if message.edition == 2:
         return tuple(int(keys.get(k, -1)) for k in ("discipline", "parameterCategory", "parameterNumber"))
-    standard = int(keys.get("table2Version", 255)) < 128  # WMO's tables; those above are a centre's own
+    standard = int(keys.get("table2Version", 255)) < 128  # WMO's tables; higher numbers are a centre's own
     return (1, int(keys.get("indicatorOfParameter", -1))) if standard else ()
 
 
@@ -233,6 +251,7 @@ def _level(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
 
 
 def _seconds(date: Any, time: Any, message: Message) -> int:
+    """Return a date (20261121) and a time (1830) of a message as seconds since 1970."""
     try:
         day = np.datetime64(f"{int(date) // 10000:04d}-{int(date) // 100 % 100:02d}-{int(date) % 100:02d}", "s")
         return int(day.astype(np.int64)) + int(time) // 100 * 3600 + int(time) % 100 * 60
@@ -264,7 +283,8 @@ def _points(message: Message) -> Points:
         raise _damaged(message, f"{lat.size} points on a grid of {nx} x {ny}")
     flags = tuple(bool(keys.get(k, 0)) for k in ("alternativeRowScanning", "jPointsAreConsecutive", "iScansNegatively"))
     ordered = Points(("y", "x"), {}, None, (ny, nx), (), (flags[0], flags[1], flags[2]))
-    placed = replace(ordered, flags=(False, flags[1], flags[2]))  # eccodes turns no row of points, only of values
+    # The points come from eccodes in rows of one direction, also where rows of values alternate.
+    placed = replace(ordered, flags=(False, flags[1], flags[2]))
     lon, lat = _arranged(lon, placed), _arranged(lat, placed)
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()):
         raise _damaged(message, "points without a longitude and latitude")
@@ -288,13 +308,13 @@ def _points(message: Message) -> Points:
 
 
 def _plane(keys: Mapping[str, Any], lon: Array, lat: Array) -> tuple[dict[str, Any], Array, Array] | None:
-    """Return a projection and its axes where they put the points where the message does, to a thousandth of a cell."""
+    """Return a projection's attributes and axes; None where they miss the points by over a thousandth of a cell."""
     mapping = _mapping(keys)
     if mapping is None or min(lon.shape) < 2:
         return None
     crs = pyproj.CRS.from_cf(mapping)
-    base = crs.source_crs if crs.is_derived and crs.is_geographic else crs.geodetic_crs
-    x, y = (np.asarray(v) for v in pyproj.Transformer.from_crs(base, crs, always_xy=True).transform(lon, lat))
+    geographic = crs.source_crs if crs.is_derived and crs.is_geographic else crs.geodetic_crs
+    x, y = (np.asarray(v) for v in pyproj.Transformer.from_crs(geographic, crs, always_xy=True).transform(lon, lat))
     if mapping["grid_mapping_name"] == "rotated_latitude_longitude":
         middle = x[0, x.shape[1] // 2]
         x = sphere.near_degrees(x, middle)
@@ -309,6 +329,7 @@ def _plane(keys: Mapping[str, Any], lon: Array, lat: Array) -> tuple[dict[str, A
 
 
 def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return CF's attributes of a grid's projection; None where the grid has none, or keys are missing."""
     kind, number = str(keys.get("gridType", "")), {k: float(v) for k, v in keys.items() if isinstance(v, int | float)}
     if number.get("earthIsOblate"):
         earth = {
@@ -318,7 +339,7 @@ def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
     else:
         earth = {"earth_radius": number.get("radius")}
     if kind == "lambert":
-        own = {
+        projection = {
             "grid_mapping_name": "lambert_conformal_conic",
             "longitude_of_central_meridian": number.get("LoVInDegrees"),
             "latitude_of_projection_origin": number.get("LaDInDegrees", number.get("Latin1InDegrees")),
@@ -326,35 +347,35 @@ def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
         }
     elif kind == "polar_stereographic":
         pole = -90.0 if int(number.get("projectionCentreFlag", 0)) & 0x80 else 90.0
-        own = {
+        projection = {
             "grid_mapping_name": "polar_stereographic",
             "straight_vertical_longitude_from_pole": number.get("orientationOfTheGridInDegrees"),
             "latitude_of_projection_origin": pole,
             "standard_parallel": np.copysign(number.get("LaDInDegrees", 60.0), pole),
         }
     elif kind == "rotated_ll" and not number.get("angleOfRotationInDegrees"):
-        own = {
+        projection = {
             "grid_mapping_name": "rotated_latitude_longitude",
             "grid_north_pole_latitude": -number.get("latitudeOfSouthernPoleInDegrees", -90.0),
             "grid_north_pole_longitude": (number.get("longitudeOfSouthernPoleInDegrees", 0.0) + 180.0) % 360.0,
         }
     else:
         return None
-    flat = [v for value in (own | earth).values() for v in (value if isinstance(value, list) else [value])]
-    return None if any(v is None for v in flat) else own | earth
+    flat = [v for value in (projection | earth).values() for v in (value if isinstance(value, list) else [value])]
+    return None if any(v is None for v in flat) else projection | earth
 
 
 def _reduced(
     message: Message, rows: tuple[int, ...], lon: Array, lat: Array, east: dict[str, str], north: dict[str, str]
 ) -> Points:
-    """Return the points of a reduced grid filled up: every row has as many as the longest, all from longitude 0."""
+    """Return the points of a reduced grid filled up: every row starts at longitude 0 and is as long as the longest."""
     starts = np.concatenate(([0], np.cumsum(rows)))
-    whole = min(rows, default=0) > 1 and starts[-1] == lat.size
-    for row in range(len(rows) if whole else 0):
-        held = lon[starts[row] : starts[row + 1]]
-        whole &= bool(abs(held[0]) < 1e-6 and abs(held[-1] + held[1] - 360.0) < 1e-3)
-        whole &= bool(np.ptp(lat[starts[row] : starts[row + 1]]) < 1e-6)
-    if not whole:
+    complete = min(rows, default=0) > 1 and starts[-1] == lat.size
+    for row in range(len(rows) if complete else 0):
+        longitudes = lon[starts[row] : starts[row + 1]]
+        complete &= bool(abs(longitudes[0]) < 1e-6 and abs(longitudes[-1] + longitudes[1] - 360.0) < 1e-3)
+        complete &= bool(np.ptp(lat[starts[row] : starts[row + 1]]) < 1e-6)
+    if not complete:
         raise UserError(
             f'"{message.path}" holds fields on part of a reduced grid: convert it to a regular one '
             f"(cdo setgridtype,regular, or grid = 0.25/0.25 where it was retrieved)"
@@ -368,17 +389,17 @@ def _reduced(
 
 
 def _arranged(values: Array, grid: Points) -> Array:
-    """Return values in a message's order as rows (ny, nx), columns growing along the grid's own i."""
+    """Return values in a message's order as rows (ny, nx), in which columns grow along the grid's own i."""
     ny, nx = grid.shape
     if grid.rows:
         result, start = np.empty(grid.shape), 0
         for row, count in enumerate(grid.rows):
-            place = np.arange(nx) * (count / nx)
-            held, i = values[start : start + count], np.floor(place + 1e-9).astype(int)
-            share = np.clip(place - i, 0.0, 1.0)
-            # a missing neighbour of no weight takes nothing away
-            right = np.where(share > 0, held[(i + 1) % count], 0.0)
-            result[row] = held[i % count] * (1 - share) + right * share
+            position = np.arange(nx) * (count / nx)
+            ordered, i = values[start : start + count], np.floor(position + 1e-9).astype(int)
+            share = np.clip(position - i, 0.0, 1.0)
+            # a missing neighbour whose weight is 0 must not make the value missing
+            right = np.where(share > 0, ordered[(i + 1) % count], 0.0)
+            result[row] = ordered[i % count] * (1 - share) + right * share
             start += count
         return result
     alternating, down_first, leftwards = grid.flags
@@ -389,13 +410,13 @@ def _arranged(values: Array, grid: Points) -> Array:
     return np.ascontiguousarray(result[:, ::-1] if leftwards else result)
 
 
-class Values(BackendArray):  # xarray asks for its own class
+class Values(BackendArray):  # xarray demands a subclass of its own
     """The values of a variable: each message is decoded when a part of it is asked for."""
 
-    def __init__(self, held: "NDArray[np.object_]", orders: Mapping[bytes, Points], points: tuple[int, int]) -> None:
-        """held: messages over the dimensions before the horizontal ones; orders: of each message's values."""
-        self.held, self.orders, self.points = held, orders, points
-        self.shape = held.shape + points
+    def __init__(self, fields: "NDArray[np.object_]", orders: Mapping[bytes, Points], points: tuple[int, int]) -> None:
+        """fields: messages over the dimensions before the horizontal ones; orders: points by each message's shape."""
+        self.fields, self.orders, self.points = fields, orders, points
+        self.shape = fields.shape + points
         self.dtype = np.dtype(np.float64)
 
     def __getitem__(self, key: Any) -> Any:
@@ -403,126 +424,144 @@ class Values(BackendArray):  # xarray asks for its own class
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._part)
 
     def _part(self, key: tuple[Any, ...]) -> Array:
-        before, across = key[: self.held.ndim], key[self.held.ndim :]
-        chosen = self.held[before]
+        before, across = key[: self.fields.ndim], key[self.fields.ndim :]
+        chosen = self.fields[before]
         if isinstance(chosen, Message):
             return np.asarray(_read(chosen, self.orders)[across])
         result = np.empty(chosen.shape + np.empty(self.points, bool)[across].shape)
-        for at in np.ndindex(chosen.shape):
-            result[at] = _read(chosen[at], self.orders)[across]
+        for index in np.ndindex(chosen.shape):
+            result[index] = _read(chosen[index], self.orders)[across]
         return result
 
 
 def _read(message: Message, orders: Mapping[bytes, Points]) -> Array:
-    grid = orders[message.shape]
+    """Return the values of a message on its grid, shape (ny, nx)."""
+    points = orders[message.shape]
     try:
         values = _decoded(messages.whole(message))
     except decoder.DecodeError as error:
         raise _damaged(message, error) from error
-    expected = sum(grid.rows) if grid.rows else grid.shape[0] * grid.shape[1]
+    expected = sum(points.rows) if points.rows else points.shape[0] * points.shape[1]
     if values.size != expected:
         raise _damaged(message, f"{values.size} values for {expected} points")
-    return _arranged(values, grid)
+    return _arranged(values, points)
 
 
-@lru_cache(maxsize=4)  # two components, each cut in two at the seam
+@lru_cache(maxsize=4)  # a window across the seam is read in two parts, for each of two components
 def _decoded(message: bytes) -> Array:
     return decoder.values(message)
 
 
-def _add(
-    variables: dict[str, xr.Variable],
-    path: str,
-    name: str,
-    group: list[Field],
-    orders: Mapping[bytes, Points],
-    grid: Points,
-    suffix: str,
-) -> None:
-    """Add the variables of one name, type of level and grid."""
-    held: dict[tuple[int, float, int], Field] = {}
+@dataclass(frozen=True)
+class Block:
+    """Messages of one variable over members, times [s since 1970] and levels, shape (members, times, levels)."""
+
+    members: list[int]
+    times: list[int]
+    levels: list[float]
+    messages: "NDArray[np.object_]"
+
+
+def _fields_at(path: str, name: str, group: list[Field]) -> dict[tuple[int, float, int], Field]:
+    """Return fields of one name by (member, level, time); raise UserError where two with other values share a place."""
+    fields_at: dict[tuple[int, float, int], Field] = {}
     for field in group:
         key = field.member, field.level, field.time
-        if key not in held:
-            held[key] = field
-        elif field.role is not None and messages.whole(field.message) != messages.whole(held[key].message):
-            raise UserError(
-                f'"{path}" gives {name} at {field.level:g} {UNITS.get(field.kind, "")} ({field.kind}) twice for '
-                f"{_time(field.time)} (messages {held[key].message.number} and {field.message.number}, of the runs of "
-                f"{_time(held[key].run)} and {_time(field.run)}): take one out (grib_copy -w dataDate=...,dataTime=...)"
-            )
-    by_level: dict[float, set[tuple[int, int]]] = {}
-    for member, level, time in held:
-        by_level.setdefault(level, set()).add((member, time))
-    alike: dict[frozenset[tuple[int, int]], list[float]] = {}
-    for level, places in by_level.items():
-        alike.setdefault(frozenset(places), []).append(level)
-    for stands, levels in alike.items():
-        members = sorted({m for m, _ in stands})
-        full = len(stands) == len(members) * len({t for _, t in stands})
-        called = name if len(alike) == 1 else f"{name}_{levels[0]:g}"
-        for some in [members] if full else [[m] for m in members]:
-            times = sorted({t for m, t in stands if m in some})
-            lone = len(some) == 1 and some[0] > 0
-            block = np.empty((len(some), len(times), len(levels)), object)
-            for at in np.ndindex(block.shape):
-                block[at] = held[some[at[0]], levels[at[2]], times[at[1]]].message
-            own = f"{called}_member{some[0]}" if lone else called
-            _variable(variables, own, group[0], some, times, levels, block, orders, grid, suffix)
+        first = fields_at.setdefault(key, field)
+        if first is field or field.role is None or messages.whole(field.message) == messages.whole(first.message):
+            continue
+        raise UserError(
+            f'"{path}" gives {name} at {field.level:g} {UNITS.get(field.kind, "")} ({field.kind}) twice for '
+            f"{_time(field.time)} (messages {first.message.number} and {field.message.number}, of the runs of "
+            f"{_time(first.run)} and {_time(field.run)}): take one out (grib_copy -w dataDate=...,dataTime=...)"
+        )
+    return fields_at
 
 
 def _time(seconds: int) -> str:
     return str(np.datetime64(seconds, "s").astype("datetime64[m]")).replace("T", " ")
 
 
+def _blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dict[str, Block]:
+    """Return the blocks, without gaps, into which fields of one name, type of level and grid divide, by own name."""
+    places_of: dict[float, set[tuple[int, int]]] = {}  # (member, time) by level
+    for member, level, time in fields_at:
+        places_of.setdefault(level, set()).add((member, time))
+    levels_at: dict[frozenset[tuple[int, int]], list[float]] = {}
+    for level, places in places_of.items():
+        levels_at.setdefault(frozenset(places), []).append(level)
+    blocks: dict[str, Block] = {}
+    for shared, levels in levels_at.items():
+        members = sorted({m for m, _ in shared})
+        full = len(shared) == len(members) * len({t for _, t in shared})
+        base = name if len(levels_at) == 1 else f"{name}_{levels[0]:g}"
+        for together in [members] if full else [[m] for m in members]:
+            times = sorted({t for m, t in shared if m in together})
+            alone = len(together) == 1 and together[0] > 0
+            block = np.empty((len(together), len(times), len(levels)), object)
+            for index in np.ndindex(block.shape):
+                block[index] = fields_at[together[index[0]], levels[index[2]], times[index[1]]].message
+            blocks[f"{base}_member{together[0]}" if alone else base] = Block(together, times, levels, block)
+    return blocks
+
+
 def _variable(
-    variables: dict[str, xr.Variable], name: str, field: Field, members: list[int], times: list[int], levels: list[float],
-    block: "NDArray[np.object_]", orders: Mapping[bytes, Points], grid: Points, suffix: str,
-) -> None:  # fmt: skip
+    variables: dict[str, xr.Variable],
+    field: Field,
+    block: Block,
+    orders: Mapping[bytes, Points],
+    grid: Points,
+    suffix: str,
+) -> xr.Variable:
+    """Return a block of messages as a variable; coordinates that it needs are added to `variables`.
+
+    field: any of the block's, for what they have in common; suffix: of the grid's names.
+    """
     attributes: dict[str, Any] = {"long_name": field.long_name, "GRIB_typeOfLevel": field.kind}
     if field.units not in ("unknown", "~"):
         attributes["units"] = field.units
     if field.role is not None:
         quantity, side = field.role
         attributes |= {"standard_name": STANDARD[quantity][int(field.along_grid)][side], "units": "m s-1"}
-    time = _coordinate(
-        variables, "time", np.array(times, np.int64), {"standard_name": "time", "units": "seconds since 1970-01-01"}
-    )
-    dims, lone = [time], len(levels) == 1
-    beside: list[str] = []
-    if field.kind in UNITS or field.kind in COUNTED or not lone:
+    about_time = {"standard_name": "time", "units": "seconds since 1970-01-01"}
+    dims = [_coordinate(variables, "time", np.array(block.times, np.int64), about_time)]
+    scalars: list[str] = []
+    single_level = len(block.levels) == 1
+    if field.kind in UNITS or field.kind in COUNTED or not single_level:
         positive = "up" if field.kind.startswith(POSITIVE_UP) else "down"
-        about = {"units": UNITS.get(field.kind, "1"), "positive": positive, "long_name": f"GRIB level {field.kind}"}
+        about_level = {"units": UNITS.get(field.kind, "1"), "positive": positive}
+        about_level["long_name"] = f"GRIB level {field.kind}"
         if field.kind == "sigma":
-            about["standard_name"] = "atmosphere_sigma_coordinate"
-        level = _coordinate(variables, field.kind, np.array(levels), about, lone)
-        (beside if lone else dims).append(level)
-        if lone:
-            attributes["GRIB_level"] = levels[0]
-    if len(members) > 1:
-        dims.insert(0, _coordinate(variables, "member", np.array(members), {"long_name": "member of an ensemble"}))
-    held = block[:, :, 0] if lone else block
-    held = held if len(members) > 1 else held[0]
-    attributes["coordinates"] = " ".join(beside)
+            about_level["standard_name"] = "atmosphere_sigma_coordinate"
+        level = _coordinate(variables, field.kind, np.array(block.levels), about_level, single_level)
+        (scalars if single_level else dims).append(level)
+        if single_level:
+            attributes["GRIB_level"] = block.levels[0]
+    if len(block.members) > 1:
+        about_member = {"long_name": "member of an ensemble"}
+        dims.insert(0, _coordinate(variables, "member", np.array(block.members), about_member))
+    fields = block.messages[:, :, 0] if single_level else block.messages
+    fields = fields if len(block.members) > 1 else fields[0]
+    attributes["coordinates"] = " ".join(scalars)
     if grid.mapping is not None:
         attributes["grid_mapping"] = "projection" + suffix
     dims += [d + suffix for d in grid.dims]
-    values = indexing.LazilyIndexedArray(Values(held, orders, grid.shape))
-    variables[name] = xr.Variable(dims, values, attributes)
+    values = indexing.LazilyIndexedArray(Values(fields, orders, grid.shape))
+    return xr.Variable(dims, values, attributes)
 
 
 def _coordinate(
-    variables: dict[str, xr.Variable], name: str, values: NDArray[Any], attributes: dict[str, str], lone: bool = False
+    variables: dict[str, xr.Variable], name: str, values: NDArray[Any], attributes: dict[str, str], scalar: bool = False
 ) -> str:
-    """Return the name of a coordinate with these values, added where there is none yet."""
+    """Return the name of a coordinate with these values; it is added where there is none yet."""
     number = 1
     while True:
-        own = name if number == 1 else f"{name}_{number}"
-        if own not in variables:
-            variables[own] = xr.Variable(() if lone else (own,), values[0] if lone else values, attributes)
-            return own
-        if variables[own].dims == (() if lone else (own,)) and np.array_equal(
-            np.atleast_1d(variables[own].values), values
-        ):
-            return own
+        own_name = name if number == 1 else f"{name}_{number}"
+        dims = () if scalar else (own_name,)
+        present = variables.get(own_name)
+        if present is None:
+            variables[own_name] = xr.Variable(dims, values[0] if scalar else values, attributes)
+            return own_name
+        if present.dims == dims and np.array_equal(np.atleast_1d(present.values), values):
+            return own_name
         number += 1

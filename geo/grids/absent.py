@@ -1,7 +1,7 @@
 """Points of a grid whose coordinates a file does not give: fill values, and blocks of land that a model leaves out.
 
 NEMO writes lon = lat = 0 (or -1) where it runs no process because all is land; other files leave coordinates out
-wherever there is land. Such points are no places: they make no cells and count in no extent.
+wherever there is land. Such points have no position: no cell has them as a corner, and no extent includes them.
 """
 
 from dataclasses import replace
@@ -11,63 +11,63 @@ from numpy.typing import NDArray
 
 from geo.grids.layout import Array, Curved
 
-FARTHEST = (720.0, 90.001)  # [deg] of a longitude and a latitude
-POLE = 89.9  # [deg] beyond which many points may share one longitude and latitude
+FARTHEST = (720.0, 90.001)  # [deg] largest longitude and latitude without their signs
+POLE = 89.9  # [deg] beyond this latitude many points may share one longitude and latitude
 AROUND = [(dj, di) for dj in (-1, 0, 1) for di in (-1, 0, 1) if (dj, di) != (0, 0)]
 
 
 def without(lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
     """Return coordinates [deg] with NaN where they are a fill value: one number beyond all degrees, or a block.
 
-    A block is one pair of numbers that two rows and two columns of a grid share; apart from it the same pair may be
-    a point like any other.
+    A block is one pair of numbers that the points of two neighbouring rows and columns share; outside a block the same
+    pair may be a point like any other.
     """
-    pair = [np.array(lon), np.array(lat)]
+    coordinates = [np.array(lon), np.array(lat)]
     with np.errstate(invalid="ignore"):
-        for values, most in zip(pair, FARTHEST, strict=True):
-            wrong = np.abs(values) > most
-            if wrong.any() and not wrong.all() and len(np.unique(values[wrong])) == 1:
-                values[wrong] = np.nan
+        for values, most in zip(coordinates, FARTHEST, strict=True):
+            fill_value = np.abs(values) > most
+            if fill_value.any() and not fill_value.all() and len(np.unique(values[fill_value])) == 1:
+                values[fill_value] = np.nan
         if lon.ndim == 2 and lon.shape == lat.shape:
-            block = _blocks(*pair)
+            block = _blocks(*coordinates)
             if block.any():
                 first = np.argmax(block)
                 where = f"{np.ravel(lon)[first]:g} E, {np.ravel(lat)[first]:g} N"
                 notes.append(f"{block.mean():.1%} of the points have no place of their own ({where}): left out as land")
-                pair = [np.where(block, np.nan, values) for values in pair]
-    return pair[0], pair[1]
+                coordinates = [np.where(block, np.nan, values) for values in coordinates]
+    return coordinates[0], coordinates[1]
 
 
 def _blocks(lon: Array, lat: Array) -> NDArray[np.bool_]:
-    """Return which points lie in a block of points at one place."""
+    """Return which points lie in a block of points that share one position."""
     same = np.abs(lat[:-1, :-1]) < POLE
     for values in (lon, lat):
         for other in (values[:-1, 1:], values[1:, :-1], values[1:, 1:]):
             same &= values[:-1, :-1] == other
-    found = np.zeros(lon.shape, bool)
+    in_block = np.zeros(lon.shape, bool)
     for place in np.unique(np.stack((lon[:-1, :-1][same], lat[:-1, :-1][same])), axis=1).T:
         equal = (lon == place[0]) & (lat == place[1])
         padded = np.pad(equal, 1)
         shape = equal.shape
         beside = [padded[1 + dj : 1 + dj + shape[0], 1 + di : 1 + di + shape[1]] for dj, di in AROUND]
-        found |= equal & np.any(beside, axis=0)
-    return found
+        in_block |= equal & np.any(beside, axis=0)
+    return in_block
 
 
 def extended(curved: Curved) -> Curved:
-    """Return a grid with coordinates for points without them that stand beside points that have them.
+    """Return a grid in which points next to points with coordinates have coordinates too.
 
-    A wet point next to land needs all four corners of its cells. The means of all straight lines and parallelograms
-    through three known neighbours are exact to second order in the cell.
+    A wet point next to land needs all four corners of its cells. A missing point becomes the mean of what all straight
+    lines and parallelograms through its known neighbours say, which is exact to second order in the cell.
     """
-    known = np.isfinite(curved.lon) & np.isfinite(curved.lat)
-    if known.all() or not known.any():
+    present = np.isfinite(curved.lon) & np.isfinite(curved.lat)
+    if present.all() or not present.any():
         return curved
-    ny, nx = known.shape
+    ny, nx = present.shape
     goes_round = curved.joined is not None and bool(curved.joined[-1])
     phi, lam = np.radians(curved.lat), np.radians(curved.lon)
     place = np.stack((np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)), -1)
-    row, column = np.nonzero(~known)
+    row, column = np.nonzero(~present)
 
     def at(dj: int, di: int) -> Array:
         j, i = row + dj, column + di
@@ -76,11 +76,11 @@ def extended(curved: Curved) -> Curved:
 
     guesses = [2 * at(dj, di) - at(2 * dj, 2 * di) for dj, di in AROUND]
     guesses += [at(dj, 0) + at(0, di) - at(dj, di) for dj in (-1, 1) for di in (-1, 1)]
-    there = [np.asarray(np.isfinite(guess).all(axis=1), bool) for guess in guesses]
-    total = sum((np.where(ok[:, None], guess, 0.0) for ok, guess in zip(there, guesses, strict=True)), np.zeros(3))
-    near = np.asarray(np.any(np.stack(there), axis=0), bool)
-    x, y, z = total[near].T
+    usable = [np.asarray(np.isfinite(guess).all(axis=1), bool) for guess in guesses]
+    total = sum((np.where(ok[:, None], guess, 0.0) for ok, guess in zip(usable, guesses, strict=True)), np.zeros(3))
+    reached = np.asarray(np.any(np.stack(usable), axis=0), bool)
+    x, y, z = total[reached].T
     lon, lat = curved.lon.copy(), curved.lat.copy()
-    lon[row[near], column[near]] = np.degrees(np.arctan2(y, x))
-    lat[row[near], column[near]] = np.degrees(np.arctan2(z, np.hypot(x, y)))
+    lon[row[reached], column[reached]] = np.degrees(np.arctan2(y, x))
+    lat[row[reached], column[reached]] = np.degrees(np.arctan2(z, np.hypot(x, y)))
     return replace(curved, lon=lon, lat=lat)

@@ -1,6 +1,6 @@
-"""Weights of a point in its cell of a curved grid or a mesh, found by running over cells, not by searching for points.
+"""Weights of nodes in the cells of a curved grid or a mesh, found by running over cells, not by searching for nodes.
 
-A tile is finer than its source, so every cell holds a few of its nodes: those in the cell's own box are tried.
+A tile is finer than its source, so every cell holds a few of the tile's nodes: those in the cell's own box are tried.
 """
 
 from collections.abc import Iterator
@@ -14,18 +14,18 @@ from geo.grids.grid import Grid
 from geo.grids.layout import Array, Curved, Index, Triangles
 
 CHUNK = 2_000_000  # candidate pairs of cell and node handled at a time
-NEAR = 0.5  # cosine of how far a corner may be from its cell's middle: 60 degrees; what is wider is no cell
-RIM = 0.01  # of a cell: so far outside a grid a node counts as on its rim; an edge along a parallel bulges less
-SLACK = 1e-6  # of a cell: rounding
+NEAR = 0.5  # cosine of the largest angle, 60 degrees, from a cell's middle to its corners; wider cells are left out
+RIM = 0.01  # of a cell: a node at most so far outside a grid counts as on its rim; edges along parallels bulge less
+SLACK = 1e-6  # of a cell: error of rounding
 
-Part = tuple[Index, Index, Array, Array]  # (node, points, weights of points, how far outside the cell)
+Part = tuple[Index, Index, Array, Array]  # (node, points, weights of points, how far outside the cell the node is)
 
 
 def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
-    """Bilinear inside cells, those across the seam and the fold of a grid that goes round the Earth among them.
+    """Return bilinear weights in the cells of a curved grid, shape (nodes, points).
 
-    mirrored: sign of weights on points beyond the fold: -1 for components along the grid's own axes, which turn
-    round there.
+    The cells include those across the seam and the fold of a grid that goes round the Earth. mirrored: sign of weights
+    on points beyond the fold: -1 for components along the grid's own axes, which reverse there.
     """
     ny, nx = curved.lon.shape
     lon, lat = np.ravel(curved.lon), np.ravel(curved.lat)
@@ -39,11 +39,12 @@ def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matri
 
 
 def _bilinear(lon: Array, lat: Array, corners: Index, grid: Grid, sign: Array) -> list[Part]:
+    """Return weights in cells whose corners are points (m, 4) in turn; sign: of the weight on each corner, (4,)."""
     parts: list[Part] = []
     for cell, node, x, y, px, py in _candidates(lon[corners], lat[corners], grid):
         s, t = _inverse_bilinear(px, py, x, y)
         outside = np.maximum(np.maximum(-s, s - 1), np.maximum(-t, t - 1))
-        hit = outside <= RIM  # never where the inversion failed
+        hit = outside <= RIM  # false where the inversion failed
         s, t = np.clip(s[hit], 0, 1), np.clip(t[hit], 0, 1)
         share = np.stack(((1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t), 1) * sign
         parts.append((node[hit], corners[cell[hit]], share, np.maximum(outside[hit], SLACK)))
@@ -51,10 +52,11 @@ def _bilinear(lon: Array, lat: Array, corners: Index, grid: Grid, sign: Array) -
 
 
 def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
-    """Linear in triangles of nodes; of centred values, in the three triangles of a centre and two of its nodes.
+    """Return linear weights in triangles, shape (nodes of the grid, values).
 
-    Values at nodes are then weighted means of the elements round them, with Holmes and Connell's (1989,
-    doi:10.2514/6.1989-1932) pseudo-Laplacian weights, which are exact for linear fields.
+    Values at nodes of the mesh are interpolated inside its triangles. Values at centres are interpolated inside the
+    triangles of a centre and two neighbouring nodes, where a node's value is the weighted mean of the elements round
+    it, with Holmes and Connell's (1989, doi:10.2514/6.1989-1932) pseudo-Laplacian weights (exact for linear fields).
     """
     if mesh.lonc is None or mesh.latc is None:
         return _linear(mesh.lon, mesh.lat, mesh.cells, grid)
@@ -89,11 +91,12 @@ def _pseudo_laplacian(mesh: Triangles) -> sp.csr_matrix:
         lx, ly = (xy * ry - yy * rx) / det, (xy * rx - xx * ry) / det
         usable = np.isfinite(lx) & np.isfinite(ly) & (det > 1e-6 * xx * yy)
     lx, ly = np.where(usable, lx, 0.0), np.where(usable, ly, 0.0)
-    weight = np.clip(1 + lx[node] * dx + ly[node] * dy, 1e-3, 2.0)  # clipped where a node has them on one side
+    weight = np.clip(1 + lx[node] * dx + ly[node] * dy, 1e-3, 2.0)  # out of range where all elements are on one side
     return sp.csr_matrix((weight / total(weight)[node], (node, element)), shape=(n, len(mesh.cells)))
 
 
 def _linear(lon: Array, lat: Array, cells: Index, grid: Grid) -> sp.csr_matrix:
+    """Return linear weights in triangles (m, 3) of points [deg], shape (nodes, points)."""
     parts: list[Part] = []
     for cell, node, x, y, px, py in _candidates(lon[cells], lat[cells], grid):
         det = (y[:, 1] - y[:, 2]) * (x[:, 0] - x[:, 2]) + (x[:, 2] - x[:, 1]) * (y[:, 0] - y[:, 2])
@@ -112,25 +115,25 @@ Candidates = tuple[Index, Index, Array, Array, Array, Array]
 def _candidates(lon: Array, lat: Array, grid: Grid) -> Iterator[Candidates]:
     """Yield every pair of a cell and a node inside the cell's own box, in chunks.
 
-    lon, lat: corners (m, k) [deg]. Yields (cell, node, corner x, corner y, node x, node y), x and y in the plane
-    that touches the sphere at the cell's middle, seen from the centre of the Earth: great circles are straight
-    there, so that cells meet without gaps everywhere, at the poles as well. Cells with missing corners are passed
-    over, as are those with corners further than 60 degrees from their middle.
+    lon, lat: corners (m, k) [deg]. Yields (cell, node, corner x, corner y, node x, node y). x and y are gnomonic: they
+    lie in the plane that touches the sphere at the cell's middle, seen from the centre of the Earth. Great circles are
+    straight there, so that cells meet without gaps everywhere, also at the poles. Cells with missing corners are left
+    out, and so are those with corners farther than 60 degrees from their middle.
     """
     west, width, south, north = layout.extents(lon, lat)
     corner = _unit(np.radians(lon), np.radians(lat))
     middle = corner.mean(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         middle /= np.sqrt((middle**2).sum(axis=1))[:, None]
-        ahead = (corner * middle[:, None]).sum(axis=2)
-        fine = (ahead.min(axis=1) > NEAR) & (north >= grid.lat0) & (south <= grid.lat[-1])
-    chosen = np.nonzero(fine)[0]
-    corner, middle, ahead = corner[chosen], middle[chosen], ahead[chosen]
+        cosines = (corner * middle[:, None]).sum(axis=2)
+        usable = (cosines.min(axis=1) > NEAR) & (north >= grid.lat0) & (south <= grid.lat[-1])
+    chosen = np.nonzero(usable)[0]
+    corner, middle, cosines = corner[chosen], middle[chosen], cosines[chosen]
     east = np.stack((-middle[:, 1], middle[:, 0], np.zeros(len(chosen))), -1)
     level = np.hypot(middle[:, 0], middle[:, 1])[:, None]
     east = np.where(level > 0, east / np.where(level > 0, level, 1), (0.0, 1.0, 0.0))
     up = np.cross(middle, east)
-    x, y = (corner * east[:, None]).sum(axis=2) / ahead, (corner * up[:, None]).sum(axis=2) / ahead
+    x, y = (corner * east[:, None]).sum(axis=2) / cosines, (corner * up[:, None]).sum(axis=2) / cosines
     first, last = (west[chosen] - grid.lon0) % 360.0 / grid.dlon, width[chosen] / grid.dlon
     low_y = np.maximum(np.ceil((south[chosen] - grid.lat0) / grid.dlat - 1e-6), 0)
     high_y = np.minimum(np.floor((north[chosen] - grid.lat0) / grid.dlat + 1e-6), grid.nlat - 1)
@@ -146,16 +149,16 @@ def _candidates(lon: Array, lat: Array, grid: Grid) -> Iterator[Candidates]:
             part = np.arange(a, b)[count[a:b] > 0]
             if len(part) == 0:
                 continue
-            which = np.repeat(part, count[part])
-            rank = np.arange(len(which)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
-            column = (low_x[which] + rank % wide[which]).astype(np.int64) % grid.columns
-            row = (low_y[which] + rank // wide[which]).astype(np.int64)
+            cell = np.repeat(part, count[part])
+            rank = np.arange(len(cell)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
+            column = (low_x[cell] + rank % wide[cell]).astype(np.int64) % grid.columns
+            row = (low_y[cell] + rank // wide[cell]).astype(np.int64)
             node = _unit(lam[column], phi[row])
-            away = (node * middle[which]).sum(axis=1)
+            cosine = (node * middle[cell]).sum(axis=1)
             with np.errstate(invalid="ignore", divide="ignore"):
-                px, py = (node * east[which]).sum(axis=1) / away, (node * up[which]).sum(axis=1) / away
-            px[away <= 0] = np.nan  # the far side of the Earth
-            yield chosen[which], row * grid.columns + column, x[which], y[which], px, py
+                px, py = (node * east[cell]).sum(axis=1) / cosine, (node * up[cell]).sum(axis=1) / cosine
+            px[cosine <= 0] = np.nan  # nodes on the far side of the Earth
+            yield chosen[cell], row * grid.columns + column, x[cell], y[cell], px, py
 
 
 def _unit(lam: Array, phi: Array) -> Array:
@@ -185,7 +188,10 @@ def _inverse_bilinear(px: Array, py: Array, x: Array, y: Array) -> tuple[Array, 
 
 
 def _assemble(parts: list[Part], grid: Grid, count: int) -> sp.csr_matrix:
-    """Build the matrix, keeping for a node on a shared edge or a rim the cell that it is least outside of, the first."""
+    """Return the matrix (nodes, count) of all parts.
+
+    A node on an edge or a rim may be in several cells: the one that it is least outside of counts, the first of equals.
+    """
     size = grid.nlat * grid.columns
     if not parts:
         return sp.csr_matrix((size, count))

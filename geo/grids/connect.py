@@ -1,4 +1,4 @@
-"""Triangles of unstructured grids: who is connected with whom, in FVCOM's, SCHISM's and UGRID's words."""
+"""Triangles of unstructured grids: which nodes are connected, by the conventions of FVCOM, SCHISM and UGRID."""
 
 import numpy as np
 import xarray as xr
@@ -9,7 +9,7 @@ from geo.grids import naming
 from geo.grids.layout import Array, Index, Triangles
 from geo.grids.ugrid import Mesh
 
-LONGEST = 4.0  # edges over this many times the local median bridge land when no connectivity is given
+LONGEST = 4.0  # times the local shortest edge; without connectivity, longer edges are taken to bridge land
 
 
 def triangles(
@@ -18,7 +18,7 @@ def triangles(
 ) -> Triangles:  # fmt: skip
     """Return the triangles on which a variable of one horizontal dimension stands, at nodes or at centres.
 
-    lon, lat: of its points; None at faces whose centres the file does not give: the means of their nodes are taken.
+    lon, lat: its points [deg]; None at faces whose centres the file does not give: the means of their nodes are taken.
     """
     size = int(data.sizes[dim])
     node_lon, node_lat = (None, None) if mesh is None or not mesh.nodes else (_values(data, n) for n in mesh.nodes)
@@ -56,7 +56,7 @@ def _values(data: xr.Dataset, name: str) -> Array:
 
 
 def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
-    """Return the mean places [deg] of the nodes of cells (m, k), short ones ending in -1."""
+    """Return the mean positions [deg] of the nodes of cells (m, k); those with fewer nodes end in -1."""
     phi, lam, there = np.radians(lat)[cells], np.radians(lon)[cells], cells >= 0
     x, y, z = (
         np.where(there, v, 0.0).sum(axis=1) for v in (np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi))
@@ -65,9 +65,10 @@ def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
 
 
 def _connectivity(data: xr.Dataset, dim: str, mesh: Mesh | None, nodes: int | None) -> tuple[Index, bool] | None:
-    """Return cells (m, k) of node indices from 0, short ones ending in -1, and whether `dim` counts them.
+    """Return cells (m, k) of node indices from 0, and whether `dim` counts the cells; None without connectivity.
 
-    nodes: how many there are, where that is known: larger numbers are fill values that nothing declares.
+    Cells with fewer nodes end in -1. nodes: how many nodes there are, where that is known: larger indices are fill
+    values that the file does not declare.
     """
     names = [mesh.connectivity] if mesh is not None and mesh.connectivity else []
     names += [str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "face_node_connectivity"]
@@ -80,50 +81,50 @@ def _connectivity(data: xr.Dataset, dim: str, mesh: Mesh | None, nodes: int | No
         values, dims = np.asarray(variable.values, np.float64), tuple(map(str, variable.dims))
         if values.ndim != 2 or not 3 <= min(values.shape) <= 8:
             continue
-        counted = next((d for d in (mesh.dims.get("face") if mesh else None, dim) if d in dims), None)
-        across = dims.index(counted) == 1 if counted else values.shape[0] < values.shape[1]
+        cell_dim = next((d for d in (mesh.dims.get("face") if mesh else None, dim) if d in dims), None)
+        across = dims.index(cell_dim) == 1 if cell_dim else values.shape[0] < values.shape[1]
         values = values.T if across else values
         valid = values[np.isfinite(values) & (values >= 0)]
         start = int(variable.attrs.get("start_index", 0 if (valid == 0).any() else 1))
         with np.errstate(invalid="ignore"):
-            there = np.isfinite(values) & (values >= start) & (values < start + (nodes or np.inf))
-        return np.where(there, values - start, -1).astype(np.int64), counted == dim
+            named = np.isfinite(values) & (values >= start) & (values < start + (nodes or np.inf))
+        return np.where(named, values - start, -1).astype(np.int64), cell_dim == dim
     return None
 
 
 def _split(cells: Index) -> Index:
-    """Cut polygons into triangles."""
+    """Return polygons (m, k), whose short ones end in -1, cut into triangles."""
     parts = [cells[:, :3]]
     for k in range(3, cells.shape[1]):
-        more = cells[:, k] >= 0
-        parts.append(cells[more][:, [0, k - 1, k]])
+        longer = cells[:, k] >= 0
+        parts.append(cells[longer][:, [0, k - 1, k]])
     return np.concatenate(parts)
 
 
 def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Array | None]:
-    """Return longitudes and latitudes of nodes: at least as many as the connectivity names, not one a cell."""
-    found: list[Array | None] = []
+    """Return longitudes and latitudes of nodes: at least as many as the connectivity names, not one for each cell."""
+    coordinates: list[Array | None] = []
     for pattern, standard, most in ((naming.LON, "longitude", 720.0), (naming.LAT, "latitude", 90.0)):
         values = None
         for name, variable in data.variables.items():
-            named = pattern.match(str(name)) or str(variable.attrs.get("standard_name", "")) == standard
-            if named and variable.ndim == 1 and variable.size >= least and variable.size != cells:
+            suits = pattern.match(str(name)) or str(variable.attrs.get("standard_name", "")) == standard
+            if suits and variable.ndim == 1 and variable.size >= least and variable.size != cells:
                 candidate = np.asarray(variable.values, np.float64)
                 candidate = np.where(np.isfinite(candidate), candidate, np.nan)
-                known = candidate[np.isfinite(candidate)]
-                if known.size and np.abs(known).max() <= most and known.min() < known.max():
+                finite = candidate[np.isfinite(candidate)]
+                if finite.size and np.abs(finite).max() <= most and finite.min() < finite.max():
                     values = candidate
                     break
-        found.append(values)
-    return found[0], found[1]
+        coordinates.append(values)
+    return coordinates[0], coordinates[1]
 
 
 def _delaunay(lon: Array, lat: Array) -> Index:
-    """Triangulate in a tangent plane and drop triangles with an edge far longer than its points' others."""
-    from scipy.spatial import Delaunay, QhullError  # here, not above: a quarter of a second that few files need
+    """Return a triangulation in a plane, without triangles that have an edge far longer than others at its points."""
+    from scipy.spatial import Delaunay, QhullError  # imported here because it takes 0.25 s and few files need it
 
-    placed = np.flatnonzero(np.isfinite(lon) & np.isfinite(lat))
-    lon, lat = lon[placed], lat[placed]
+    present = np.flatnonzero(np.isfinite(lon) & np.isfinite(lat))
+    lon, lat = lon[present], lat[present]
     middle = float(np.degrees(np.angle(np.exp(1j * np.radians(lon)).mean())))
     x = sphere.wrap_degrees(lon - middle)
     plane = np.stack((x * np.cos(np.radians(np.mean(lat))), lat), axis=1)
@@ -131,11 +132,11 @@ def _delaunay(lon: Array, lat: Array) -> Index:
         cells = np.asarray(Delaunay(plane).simplices, np.int64)
     except (QhullError, ValueError) as error:
         raise UserError(
-            f"{len(placed)} points with a longitude and a latitude span no triangle: there is no grid"
+            f"{len(present)} points with a longitude and a latitude span no triangle: there is no grid"
         ) from error
     edges = np.stack([np.hypot(*(plane[cells[:, a]] - plane[cells[:, b]]).T) for a, b in ((0, 1), (1, 2), (2, 0))], 1)
     shortest = np.full(len(lon), np.inf)
     for k in range(3):
         np.minimum.at(shortest, cells[:, k], edges.min(axis=1))
     local = shortest[cells].max(axis=1)
-    return np.asarray(placed[cells[edges.max(axis=1) <= LONGEST * local]])
+    return np.asarray(present[cells[edges.max(axis=1) <= LONGEST * local]])

@@ -1,7 +1,7 @@
-"""What carrying a field to a regular grid cost, measured by sampling the result as particles will.
+"""How much accuracy it costs to carry a field to a regular grid, measured by sampling the result as particles will.
 
-Two errors: at the source's points, where interpolating twice is worst, and at one scattered place in every
-cell, where the source's own interpolation is the truth: what a particle meets on the average.
+There are two errors: at the source's points, where interpolating twice is worst, and at one scattered place in every
+cell, where the source's own interpolation is the truth, which is what a particle meets on average.
 """
 
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ from geo.grids import layout
 from geo.grids.grid import Grid
 from geo.grids.layout import Array, Curved, Layout, Triangles
 
-Probe = tuple[tuple[Array, Array], Array]
+Probe = tuple[tuple[Array, Array], Array]  # ((lon, lat) [deg], value there)
 
 
 def of(grid: Grid, layouts: tuple[Layout, Layout], carried: tuple[Array, Array], source: tuple[Array, Array]) -> str:
-    """Say what regridding cost: the tile sampled as particles do, against the points and what lies between them."""
+    """Return in words what regridding cost: errors of the tile at the source's points and between them."""
     source = _off_the_fold(layouts[0], source[0]), _off_the_fold(layouts[1], source[1])
     at_points = _error(grid, carried, [(layout.points(i), v) for i, v in zip(layouts, source, strict=True)])
     between = _error(grid, carried, [_between(i, v) for i, v in zip(layouts, source, strict=True)])
@@ -29,14 +29,14 @@ def of(grid: Grid, layouts: tuple[Layout, Layout], carried: tuple[Array, Array],
 
 
 def _off_the_fold(item: Layout, values: Array) -> Array:
-    """Return values without those in cells where a tripolar grid's axes, which they count along, turn round."""
+    """Return values without those at the fold of a tripolar grid, where the axes along which they count reverse."""
     if not isinstance(item, Curved) or item.mirror is None:
         return values
     return np.where(np.arange(len(values))[:, None] < len(values) - 2, values, np.nan)
 
 
 def _between(item: Layout, values: Array) -> Probe:
-    """Return one place in every cell, scattered evenly over the cells' insides, and the source's own value there."""
+    """Return one place in every cell, scattered evenly, and the source's own value there."""
     if isinstance(item, Triangles):
         if item.lonc is not None:
             return layout.points(item), values
@@ -48,18 +48,18 @@ def _between(item: Layout, values: Array) -> Probe:
     lon, lat = layout.points(item)
     shape = (lon.shape[0] - 1, lon.shape[1] - 1)
     a, b = (_scatter(shape[0] * shape[1], k).reshape(shape) for k in (0, 1))
-    turned = [sphere.near_degrees(v, lon[:-1, :-1]) for v in _corners(lon)]
+    unwrapped = [sphere.near_degrees(v, lon[:-1, :-1]) for v in _corners(lon)]
     weight = ((1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b)
 
     def blend(corners: Sequence[Array]) -> Array:
         return sum((w * v for w, v in zip(weight, corners, strict=True)), np.zeros(shape))
 
     if not isinstance(item, Curved):
-        return (blend(turned), blend(_corners(lat))), blend(_corners(values))
-    phi, lam = np.radians(lat), np.radians(lon)  # in space: a cell may hold the pole
+        return (blend(unwrapped), blend(_corners(lat))), blend(_corners(values))
+    phi, lam = np.radians(lat), np.radians(lon)  # blended as vectors in space, because a cell may hold the pole
     x, y = (blend(_corners(np.cos(phi) * f(lam))) for f in (np.cos, np.sin))
     truth = blend(_corners(values))
-    truth[:, ~layout.joins(item)[:-1]] = np.nan  # columns that are no neighbours
+    truth[:, ~layout.joins(item)[:-1]] = np.nan  # between columns that are not neighbours
     return (np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(blend(_corners(np.sin(phi))), np.hypot(x, y)))), truth
 
 
@@ -68,7 +68,7 @@ def _corners(values: Array) -> list[Array]:
 
 
 def _scatter(count: int, axis: int) -> Array:
-    """Return Roberts's (2018) R2 sequence, an even cover of the unit square: no generator, no seed."""
+    """Return one coordinate of Roberts's (2018) R2 sequence, which covers the unit square evenly without a seed."""
     return np.asarray((0.5 + np.arange(1, count + 1) * (0.7548776662466927, 0.5698402909980532)[axis]) % 1.0)
 
 
@@ -81,9 +81,9 @@ def _error(grid: Grid, carried: tuple[Array, Array], probes: list[Probe]) -> tup
         with np.errstate(invalid="ignore"):
             inside = (lat >= box.south - 1e-6) & (lat <= box.north + 1e-6) & np.isfinite(truth)
             inside &= (lon - box.west + 1e-6) % 360.0 <= box.east - box.west + 2e-6
-        back = grids.sample(grid, grids.widen(np.asarray(values, np.float32), grid), lon[inside], lat[inside])
-        there = np.isfinite(back)
-        square += float((truth[inside][there] ** 2).sum())
-        error += float(((back - truth[inside])[there] ** 2).sum())
-        wet, kept = wet + len(there), kept + int(there.sum())
+        sampled = grids.sample(grid, grids.widen(np.asarray(values, np.float32), grid), lon[inside], lat[inside])
+        present = np.isfinite(sampled)
+        square += float((truth[inside][present] ** 2).sum())
+        error += float(((sampled - truth[inside])[present] ** 2).sum())
+        wet, kept = wet + len(present), kept + int(present.sum())
     return (float(np.sqrt(error / square)) if square > 0 else 0.0), (1 - kept / wet if wet else 0.0)

@@ -1,7 +1,8 @@
 """Missing values next to the coast, filled from their wet neighbours for sampling only.
 
-Rings smooth the outermost few cells; farther in, bays and channels narrower than the grid take the nearest wet node's
-value, up to a stated distance: one look-up however far, where each ring costs a pass over the grid.
+The few cells next to wet ones are filled ring by ring, which smooths them. Farther in, bays and channels narrower than
+the grid take the value of the nearest wet node, up to a stated distance: this costs one look-up at any distance, where
+each ring costs a pass over the grid.
 """
 
 import functools
@@ -13,11 +14,11 @@ from scipy import ndimage
 from geo import sphere
 from geo.grids.grid import Grid
 
-# [deg] Of latitude, within which a degree of longitude counts as one length: 4 % off at its edges at 60 degrees.
+# [deg of latitude] In a band of this height a degree of longitude counts as one length, 4 % off at its edges at 60 deg.
 BAND = 5.0
-# [m] From its nearest wet node, as far as a bay or channel that the source does not resolve still gets a value.
+# [m] A bay or channel that the source does not resolve gets a value as far as this from the nearest wet node.
 REACH = 30_000.0
-MASKS = 16  # kept plans: a source's mask is the same for all its slices, unless it dries and floods
+MASKS = 16  # masks whose fillings are kept; a source has one mask for all its slices unless it dries and floods
 
 Mask = NDArray[np.bool_]
 Bands = tuple[tuple[int, int, tuple[float, float]], ...]  # (first row, row after the last, spacing of rows and columns)
@@ -32,21 +33,21 @@ def fill(
     bands: Bands | None = None,
     within: Mask | None = None,
 ) -> NDArray[np.float32]:
-    """Return values (nlat, nlon, k) with missing nodes up to `cells` deep filled, ring by ring, then up to `reach`.
+    """Return values (nlat, nlon, k) with missing nodes filled: `cells` rings, then all up to `reach`.
 
-    A ring's node is the mean of those of its eight neighbours that are valid or were filled before; what was
-    valid keeps every bit. seamless: the last column is the first one, so that rings go on across the seam.
-    reach: a node no farther than this from a wet one, and in no ring, takes the nearest wet node's value; in the
-    unit of the bands' spacing: [m] with those of `bands`, else cells. within: (nlat, nlon)
-    nodes that may be filled so, such as those inside a model's own domain: beyond it water is not land, but unknown.
+    A ring's node is the mean of those of its eight neighbours that are valid or were filled before; what was valid
+    keeps every bit. seamless: the last column is the first one, so that rings go on across the seam. reach: a node no
+    farther than this from a wet one, and in no ring, takes the nearest wet node's value; in the unit of the bands'
+    spacing: [m] with those of `bands`, else cells. within: (nlat, nlon) nodes that the reach may fill, such as those
+    inside a model's own domain: outside it a missing value means that the water is unknown, not that there is land.
     """
     result = np.array(values, np.float32, order="C")
     wet = np.asarray(np.isfinite(result).all(axis=2)) if reach > 0 else None
     _rings(result, cells, seamless)
     if wet is not None and wet.any() and not wet.all():
         allowed = None if within is None else np.packbits(within).tobytes()
-        whole = bands or ((0, wet.shape[0], (1.0, 1.0)),)
-        node, source = _nearest(np.packbits(wet).tobytes(), wet.shape, seamless, float(reach), whole, allowed)
+        all_bands = bands or ((0, wet.shape[0], (1.0, 1.0)),)
+        node, source = _nearest(np.packbits(wet).tobytes(), wet.shape, seamless, float(reach), all_bands, allowed)
         flat = result.reshape(-1, result.shape[2])
         missing = ~np.isfinite(flat[node]).all(axis=1)
         flat[node[missing]] = flat[source[missing]]
@@ -54,9 +55,9 @@ def fill(
 
 
 def bands(grid: Grid) -> Bands:
-    """Return a grid's rows in bands of latitude, with the distances [m] from row to row and from column to column there.
+    """Return a grid's rows in bands of latitude, with the spacing [m] of rows and columns there.
 
-    Bands are the same wherever a grid begins: what a node is filled with does not depend on the part that a case needs.
+    Bands do not depend on where a grid begins, so that a node's filling does not depend on which part a case needs.
     """
     metres = np.deg2rad(1.0) * sphere.RADIUS
     number = np.floor(grid.lat / BAND).astype(int)
@@ -77,7 +78,7 @@ def _rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
         wet = np.asarray(np.isfinite(body).all(axis=2))
         if wet.all() or not wet.any():
             break
-        # one frame of land round everything, or the far side of the seam
+        # a frame of one cell round everything: land, or the values across the seam
         padded = np.zeros((ny + 2, nx + 2, body.shape[2]), np.float32)
         count = np.zeros((ny + 2, nx + 2), np.float32)
         padded[1:-1, 1:-1], count[1:-1, 1:-1] = np.where(wet[..., None], body, 0), wet
@@ -101,14 +102,14 @@ def _nearest(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return (node, source): the flat indices of missing nodes within reach, and of the wet node nearest to each."""
     wet = _mask(bits, shape)
-    may = np.ones(shape, bool) if allowed is None else _mask(allowed, shape)
+    fillable = np.ones(shape, bool) if allowed is None else _mask(allowed, shape)
     nodes, sources = [], []
     for first, last, spacing in bands:
-        aside = int(min(shape[0], np.ceil(reach / spacing[0])))  # rows of other bands that can be nearest
-        low, high = max(first - aside, 0), min(last + aside, shape[0])
-        away, row, column = _distances(wet[low:high], seamless, reach, spacing)
+        margin = int(min(shape[0], np.ceil(reach / spacing[0])))  # rows of other bands that may hold the nearest node
+        low, high = max(first - margin, 0), min(last + margin, shape[0])
+        distance, row, column = _distances(wet[low:high], seamless, reach, spacing)
         own = slice(first - low, last - low)
-        chosen = (away[own] > 0) & (away[own] <= reach) & may[first:last]
+        chosen = (distance[own] > 0) & (distance[own] <= reach) & fillable[first:last]
         nodes.append(np.flatnonzero(chosen) + first * shape[1])
         sources.append(((row[own] + low) * shape[1] + column[own])[chosen])
     return np.concatenate(nodes).astype(np.int32), np.concatenate(sources).astype(np.int32)
@@ -117,19 +118,20 @@ def _nearest(
 def _distances(
     wet: Mask, seamless: bool, reach: float, spacing: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
-    """Return how far each node is from the nearest wet one, and that one's row and column; inf where there is none."""
+    """Return each node's distance from the nearest wet one, inf where there is none, and that one's row and column."""
     if not wet.any():
         return np.full(wet.shape, np.inf), np.zeros(wet.shape, np.int32), np.zeros(wet.shape, np.int64)
     own = wet.shape[1] - seamless
     turns = np.arange(wet.shape[1])
-    aside = 0
-    if seamless:  # on both sides as much of the other end as can be reached
-        aside = int(min(own // 2, np.ceil(reach / spacing[1])))
-        turns = np.arange(-aside, own + 1 + aside) % own
-    away, (row, column) = ndimage.distance_transform_edt(~wet[:, turns], spacing, return_indices=True)
-    middle = slice(aside, aside + own + 1) if seamless else slice(None)
-    return away[:, middle], row[:, middle], turns[column[:, middle]]
+    margin = 0
+    if seamless:  # add to each side as much of the other end as is within reach
+        margin = int(min(own // 2, np.ceil(reach / spacing[1])))
+        turns = np.arange(-margin, own + 1 + margin) % own
+    distance, (row, column) = ndimage.distance_transform_edt(~wet[:, turns], spacing, return_indices=True)
+    middle = slice(margin, margin + own + 1) if seamless else slice(None)
+    return distance[:, middle], row[:, middle], turns[column[:, middle]]
 
 
 def _mask(bits: bytes, shape: tuple[int, int]) -> Mask:
+    """Return a mask from its packed bits, which are bytes because a cache needs a key that can be hashed."""
     return np.unpackbits(np.frombuffer(bits, np.uint8), count=shape[0] * shape[1]).view(bool).reshape(shape)

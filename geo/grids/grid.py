@@ -1,7 +1,7 @@
 """Regular longitude-latitude grids: the only kind that kernels sample, and the target of every regridding.
 
-Nodes ascend in both directions. A grid that goes round the Earth repeats its first column at its end, so
-that no sampler needs to know about the seam.
+Nodes ascend in both directions. A grid that goes round the Earth repeats its first column at its end, so that no
+sampler needs to know about the seam.
 """
 
 from dataclasses import dataclass
@@ -29,17 +29,17 @@ class Grid:
 
     @property
     def seamless(self) -> bool:
-        """Whether the grid goes round the Earth, its last column being its first."""
+        """Whether the grid goes round the Earth, so that its last column is its first."""
         return bool(abs((self.nlon - 1) * self.dlon - 360.0) < 1e-9)
 
     @property
     def columns(self) -> int:
-        """How many columns are a grid's own: all but the one that a seamless grid repeats."""
+        """Number of different columns: all but the one that a seamless grid repeats."""
         return self.nlon - 1 if self.seamless else self.nlon
 
     @property
     def lon(self) -> Array:
-        """Longitudes of the columns [deg], ascending from lon0, may exceed 180; shape (nlon,)."""
+        """Longitudes of the columns [deg], ascending from lon0; they may exceed 180; shape (nlon,)."""
         return np.asarray(self.lon0 + self.dlon * np.arange(self.nlon))
 
     @property
@@ -49,13 +49,13 @@ class Grid:
 
     @property
     def box(self) -> Box:
-        """The box that the nodes span, west edge brought into [-180, 180)."""
+        """The box that the nodes span, with its west edge in [-180, 180)."""
         west = sphere.wrap_degrees(self.lon0)
         return Box(west, self.lat0, west + (self.nlon - 1) * self.dlon, self.lat0 + (self.nlat - 1) * self.dlat)
 
 
 def nodes(grid: Grid) -> tuple[Array, Array]:
-    """Return (lon, lat) [deg] of a grid's own nodes, shape (nlat, columns)."""
+    """Return (lon, lat) [deg] of a grid's different nodes, shape (nlat, columns)."""
     lon, lat = np.meshgrid(grid.lon[: grid.columns], grid.lat)
     return lon, lat
 
@@ -72,7 +72,7 @@ def sample(grid: Grid, values: NDArray[np.floating], lon: ArrayLike, lat: ArrayL
     particle sees before missing values are filled; it serves measurements of error and tests.
     """
     x = (np.asarray(lon, float) - grid.lon0) % 360.0 / grid.dlon
-    x = np.where(x > 360.0 / grid.dlon - 1e-6, 0.0, x)  # a hair west of the first node is on it
+    x = np.where(x > 360.0 / grid.dlon - 1e-6, 0.0, x)  # a rounding error west of the first node counts as on it
     y = (np.asarray(lat, float) - grid.lat0) / grid.dlat
     inside = (x <= grid.nlon - 1 + 1e-6) & (y >= -1e-6) & (y <= grid.nlat - 1 + 1e-6)
     x, y = np.clip(x, 0, grid.nlon - 1), np.clip(y, 0, grid.nlat - 1)

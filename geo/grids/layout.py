@@ -1,5 +1,5 @@
-"""Where the points of a variable lie: along longitude and latitude axes, in a projection's plane, on a curved
-grid, or on triangles. Records only; `locate.py` finds them in a file and `regrid.py` makes weights of them.
+"""Where the points of a variable lie: on longitude and latitude axes, in a projection's plane, on a curved grid, or on
+triangles. These are records and their geometry; `locate.py` finds them in a file and `regrid.py` makes weights of them.
 
 Angles are degrees. Longitudes are unwrapped where neighbours matter, so they may leave [-180, 180).
 """
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pyproj import Transformer
 
 from geo import sphere
 from geo.box import Box
@@ -20,9 +21,9 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Axes:
-    """Rectilinear: lon (nx,) and lat (ny,) [deg], both ascending; columns, rows: their indices in the file.
+    """A rectilinear grid: lon (nx,) and lat (ny,) [deg], both ascending; columns, rows: their indices in the file.
 
-    round: the columns go round the Earth, each longitude held once.
+    round: whether the columns go round the Earth; each longitude then stands once.
     """
 
     lon: Array
@@ -36,14 +37,15 @@ class Axes:
 class Plane:
     """A projection's plane: x (nx,), y (ny,) in the projection's unit (m or deg), monotonic, in the file's order.
 
-    turn: period of x (360 for a rotated pole, whose x is an angle), 0 for none.
+    columns, rows: their indices in the file; turn: period of x (360 for a rotated pole, whose x is an angle), 0 for
+    none.
     """
 
     x: Array
     y: Array
     columns: Index
     rows: Index
-    projection: Any  # pyproj.Transformer from (x, y) to (lon, lat)
+    projection: Transformer  # from (x, y) to (lon, lat)
     turn: float = 0.0
 
     def to_lonlat(self, x: Array, y: Array) -> tuple[Array, Array]:
@@ -62,10 +64,11 @@ class Plane:
 
 @dataclass(frozen=True)
 class Curved:
-    """A curved grid: lon, lat (ny, nx) [deg]; angle (ny, nx) [rad] of the grid's x axis from east, if the file has it.
+    """A curved grid: lon, lat (ny, nx) [deg]; columns, rows: their indices in the file.
 
-    joined: (nx,) whether the next column (after the last: the first) is a column's neighbour, None: all but the
-    last are. mirror: (nx,) columns that the last row's points face across the fold of a tripolar grid, -1 for none.
+    angle: (ny, nx) [rad] of the grid's x axis from east, if the file has it. joined: (nx,) whether each column's next
+    one is its neighbour (that of the last is the first); None: this holds for all but the last. mirror: (nx,) columns
+    that the last row's points face across the fold of a tripolar grid, -1 for none.
     """
 
     lon: Array
@@ -81,8 +84,8 @@ class Curved:
 class Triangles:
     """Triangles: lon, lat (n,) [deg] of nodes, cells (m, 3) indices of nodes; first: index in the file of point 0.
 
-    With lonc, latc (m,) the values stand at the cells' centres, and cells may have more corners, (m, k), short
-    ones ending in -1.
+    With lonc, latc (m,) the values stand at the cells' centres, and cells may have more corners, (m, k); those with
+    fewer end in -1.
     """
 
     lon: Array
@@ -95,13 +98,13 @@ class Triangles:
 
 Layout = Axes | Plane | Curved | Triangles
 
-FEW = 16  # columns: shorter gaps between those that are needed are read as well
-WIDE = 20.0  # [deg of longitude] of a cell, beyond which its edges are followed in full
-UNIFORM = 0.01  # of a cell: jitter of coordinates up to which an axis counts as uniform
+FEW = 16  # columns; shorter gaps between needed columns are read as well
+WIDE = 20.0  # [deg of longitude] the extents of wider cells are computed in full
+UNIFORM = 0.01  # of a cell: an axis whose coordinates jitter by no more than this counts as uniform
 
 
 def uniform(values: Array) -> bool:
-    """Whether an axis's steps are equal but for the jitter of its storage."""
+    """Whether an axis's steps are equal except for errors of rounding in its storage."""
     line = np.linspace(values[0], values[-1], len(values))
     return bool(np.abs(values - line).max() <= UNIFORM * (values[-1] - values[0]) / (len(values) - 1))
 
@@ -119,7 +122,7 @@ def points(layout: Layout) -> tuple[Array, Array]:
 
 
 def spacing(layout: Layout) -> float:
-    """Return how far apart neighbouring points are [deg of a great circle]: the finer direction's median.
+    """Return how far apart neighbouring points are [deg of a great circle]: the median in the finer direction.
 
     Raises UserError where no two neighbours have coordinates.
     """
@@ -129,34 +132,36 @@ def spacing(layout: Layout) -> float:
         edges = _apart(layout.lon[a], layout.lat[a], layout.lon[b], layout.lat[b])
         return _quantile(10, edges)  # the fine elements near the coast matter, the slivers do not
     lon, lat = points(layout)
-    step = max(1, lon.shape[0] // 500), max(1, lon.shape[1] // 500)  # 250,000 points tell a median
+    step = max(1, lon.shape[0] // 500), max(1, lon.shape[1] // 500)  # 250,000 points are enough for a median
     across = _apart(lon[:: step[0], :-1], lat[:: step[0], :-1], lon[:: step[0], 1:], lat[:: step[0], 1:])
     along = _apart(lon[:-1, :: step[1]], lat[:-1, :: step[1]], lon[1:, :: step[1]], lat[1:, :: step[1]])
     return min(_quantile(50, across), _quantile(50, along))
 
 
 def _quantile(percent: float, distances: Array) -> float:
-    known = distances[np.isfinite(distances)]
-    if not known.size:
+    """Return a quantile of finite distances; raise UserError where there is none."""
+    finite = distances[np.isfinite(distances)]
+    if not finite.size:
         raise UserError("no two neighbouring points have a longitude and a latitude: there is no grid")
-    return float(np.percentile(known, percent))
+    return float(np.percentile(finite, percent))
 
 
 def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
+    """Return distances between points [deg] in degrees of a great circle; NaN between equal points."""
     metres = sphere.distance(*(np.radians(v) for v in (lon1, lat1, lon2, lat2)))
     metres = np.where(metres > 0, metres, np.nan)
     return np.asarray(np.degrees(metres / sphere.RADIUS))
 
 
 def joins(curved: Curved) -> NDArray[np.bool_]:
-    """Return which columns of a curved grid have the next one (the last: the first) as their neighbour, (nx,)."""
+    """Return which columns of a curved grid are neighbours of the next one (of the first for the last), (nx,)."""
     if curved.joined is not None:
         return curved.joined
     return np.asarray(np.arange(curved.lon.shape[1]) < curved.lon.shape[1] - 1)
 
 
 def cells(curved: Curved, rows: Index) -> Index:
-    """Return the raveled points at the corners of the cells between rows and the next ones, (rows, cells, 4)."""
+    """Return the corners, as raveled points, of the cells between rows and the next ones, (rows, cells, 4)."""
     nx = curved.lon.shape[1]
     left = np.nonzero(joins(curved))[0]
     right, row = (left + 1) % nx, np.asarray(rows)[:, None] * nx
@@ -164,7 +169,7 @@ def cells(curved: Curved, rows: Index) -> Index:
 
 
 def across(curved: Curved) -> Index:
-    """Return the raveled points at the corners of the cells across the fold of a tripolar grid, (cells, 4)."""
+    """Return the corners, as raveled points, of the cells across the fold of a tripolar grid, (cells, 4)."""
     if curved.mirror is None:
         return np.empty((0, 4), np.int64)
     ny, nx = curved.lon.shape
@@ -177,23 +182,23 @@ def across(curved: Curved) -> Index:
 def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
     """Return (west, width, south, north) [deg] of cells whose edges are great circles, NaN where a corner is missing.
 
-    lon, lat: corners in turn (m, k) [deg]. A cell that holds a pole is 360 wide. Edges bulge poleward, at most as
-    one at the cell's highest latitude that is as wide as the cell.
+    lon, lat: corners in turn (m, k) [deg]. A cell that holds a pole is 360 wide. Edges bulge poleward, and at most as
+    much as an edge at the cell's highest latitude that is as wide as the cell.
     """
     phi, lam = np.radians(lat), np.radians(lon)
     middle = np.degrees(np.arctan2((np.cos(phi) * np.sin(lam)).sum(1), (np.cos(phi) * np.cos(lam)).sum(1)))[:, None]
-    turned = sphere.wrap_degrees(lon - middle)
-    turned = np.where(np.abs(lat) > 90.0 - 1e-6, 0.0 * turned, turned)  # a pole has no longitude
+    unwrapped = sphere.wrap_degrees(lon - middle)
+    unwrapped = np.where(np.abs(lat) > 90.0 - 1e-6, 0.0 * unwrapped, unwrapped)  # a pole has no longitude
     with np.errstate(invalid="ignore"):
-        around = np.abs(sphere.wrap_degrees(np.roll(turned, -1, axis=1) - turned).sum(axis=1)) > 180.0
-        width = np.where(around, 360.0, np.ptp(turned, axis=1))
+        around = np.abs(sphere.wrap_degrees(np.roll(unwrapped, -1, axis=1) - unwrapped).sum(axis=1)) > 180.0
+        width = np.where(around, 360.0, np.ptp(unwrapped, axis=1))
         half = np.cos(np.radians(np.minimum(width, 180.0) / 2))
         south, north = lat.min(axis=1), lat.max(axis=1)
         upper = np.degrees(np.arctan2(np.sin(np.radians(north)), np.cos(np.radians(north)) * half))
         lower = np.degrees(np.arctan2(np.sin(np.radians(south)), np.cos(np.radians(south)) * half))
         upper = np.where(around & (north + south > 0), 90.0, np.where(north > 0, upper, north))
         lower = np.where(around & (north + south < 0), -90.0, np.where(south < 0, lower, south))
-    return middle[:, 0] + turned.min(axis=1), width, lower, upper
+    return middle[:, 0] + unwrapped.min(axis=1), width, lower, upper
 
 
 def within(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]:
@@ -207,7 +212,7 @@ def within(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]
 
 
 def crop(layout: Layout, box: Box | None) -> Layout | None:
-    """Return the part of a layout that covers a box and two nodes more; None where they do not meet."""
+    """Return the part of a layout that covers a box and two more nodes around it; None where they do not meet."""
     if box is None:
         return layout
     if isinstance(layout, Axes):
@@ -244,30 +249,38 @@ def _crop_axes(axes: Axes, box: Box) -> Axes | None:
         k = np.arange(n) if last - first + 1 >= n else np.arange(first, last + 1)
     else:
         near = (axes.lon - box.west + 2 * dlon) % 360.0 <= box.east - box.west + 4 * dlon
-        hit = np.nonzero(near)[0]
-        if len(hit) == 0:
+        columns = np.nonzero(near)[0]
+        if len(columns) == 0:
             return None
-        k = np.arange(hit[0], hit[-1] + 1)
+        k = np.arange(columns[0], columns[-1] + 1)
         k = np.arange(max(0, min(k[0], n - 2)), k[-1] + 1) if len(k) > 1 else np.arange(max(k[0] - 1, 0), k[0] + 1)
         if len(k) < 2:
             k = np.arange(0, 2)
-    whole = axes.round and len(k) == n
-    return Axes(axes.lon[k % n] + 360.0 * (k // n), axes.lat[rows], axes.columns[k % n], axes.rows[rows], whole)
+    goes_round = axes.round and len(k) == n
+    return Axes(axes.lon[k % n] + 360.0 * (k // n), axes.lat[rows], axes.columns[k % n], axes.rows[rows], goes_round)
 
 
 def _crop_curved(curved: Curved, box: Box) -> Curved | None:
-    """Keep the cells that meet a box, and a row and a column more: of a grid round the Earth, in up to three pieces."""
+    """Return the cells that meet a box, and one more row and column on each side; None where no cell does.
+
+    Of a grid that goes round the Earth the columns may be in up to three pieces.
+    """
     margin = 3 * spacing(curved)
     grown = box.grown(margin / np.cos(np.radians(min(89.0, max(abs(box.south), abs(box.north)) + margin))), margin)
     ny, nx = curved.lon.shape
-    low, high = np.fmin.reduce(curved.lat, axis=1), np.fmax.reduce(curved.lat, axis=1)
-    low, high = np.where(low < -75.0, -90.0, low), np.where(high > 75.0, 90.0, high)  # edges bulge there
+    lowest, highest = np.fmin.reduce(curved.lat, axis=1), np.fmax.reduce(curved.lat, axis=1)
+    lowest, highest = (
+        np.where(lowest < -75.0, -90.0, lowest),
+        np.where(highest > 75.0, 90.0, highest),
+    )  # edges bulge much there
     with np.errstate(invalid="ignore"):
-        near = (np.fmin(low[:-1], low[1:]) <= grown.north) & (np.fmax(high[:-1], high[1:]) >= grown.south)
+        near_rows = (np.fmin(lowest[:-1], lowest[1:]) <= grown.north) & (
+            np.fmax(highest[:-1], highest[1:]) >= grown.south
+        )
     row_needed, column_needed = np.zeros(ny, bool), np.zeros(nx, bool)
     lon, lat = np.ravel(curved.lon), np.ravel(curved.lat)
-    band = np.nonzero(near)[0]
-    for rows in [band[k : k + 64] for k in range(0, len(band), 64)]:  # some at a time: memory
+    band = np.nonzero(near_rows)[0]
+    for rows in [band[k : k + 64] for k in range(0, len(band), 64)]:  # 64 rows at a time, to save memory
         corners = cells(curved, rows).reshape(-1, 4)
         met = corners[_meet(lon[corners], lat[corners], grown)]
         row_needed[met // nx] = column_needed[met % nx] = True
@@ -295,12 +308,12 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
 def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
     """Return which cells with corners (m, k) [deg] meet a box.
 
-    Edges of cells up to WIDE bulge poleward by at most width^2 / 16, a tenth more for the next order; others are
-    looked at one by one.
+    Edges of cells up to WIDE bulge poleward by at most width^2 / 16; a tenth is added for the next order. The extents
+    of wider cells are computed in full.
     """
-    turned = sphere.wrap_degrees(lon - lon[:, :1])
-    low = turned.min(axis=1)
-    west, width, south, north = lon[:, 0] + low, turned.max(axis=1) - low, lat.min(axis=1), lat.max(axis=1)
+    unwrapped = sphere.wrap_degrees(lon - lon[:, :1])
+    low = unwrapped.min(axis=1)
+    west, width, south, north = lon[:, 0] + low, unwrapped.max(axis=1) - low, lat.min(axis=1), lat.max(axis=1)
     with np.errstate(invalid="ignore"):
         bulge = np.degrees(1.1 * np.radians(width) ** 2 / 16)
         south, north = south - bulge, north + bulge
@@ -312,38 +325,38 @@ def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
 
 
 def _pieces(needed: NDArray[np.bool_], around: bool) -> Index:
-    """Return the columns that are needed and one more on both sides, in turn, gaps but the three widest filled up.
+    """Return the needed columns and one more on both sides, in turn, with all gaps filled but the three widest.
 
     The first column follows the widest gap, so that what is needed on both sides of the seam stays together.
     """
     n = len(needed)
-    more = np.roll(needed, 1) | np.roll(needed, -1)
+    beside = np.roll(needed, 1) | np.roll(needed, -1)
     if not around:
-        more[0], more[-1] = needed[1], needed[-2]
-    at = np.nonzero(needed | more)[0]
-    gap = (np.roll(at, -1) - at - 1) % n  # columns left out after each that is needed
-    kept = np.argsort(gap, kind="stable")[::-1][:3]
-    kept = kept[gap[kept] >= FEW]
-    if len(kept) == 0:
+        beside[0], beside[-1] = needed[1], needed[-2]
+    chosen = np.nonzero(needed | beside)[0]
+    gap = (np.roll(chosen, -1) - chosen - 1) % n  # number of columns left out after each chosen one
+    widest = np.argsort(gap, kind="stable")[::-1][:3]
+    widest = widest[gap[widest] >= FEW]
+    if len(widest) == 0:
         return np.arange(n)
-    start = int(at[kept[0]] + gap[kept[0]] + 1)
-    out = np.zeros(n, bool)
-    for k in kept:
-        out[(at[k] + 1 + np.arange(gap[k])) % n] = True
+    start = int(chosen[widest[0]] + gap[widest[0]] + 1)
+    left_out = np.zeros(n, bool)
+    for k in widest:
+        left_out[(chosen[k] + 1 + np.arange(gap[k])) % n] = True
     order = (start + np.arange(n)) % n
-    return np.asarray(order[~out[order]], np.int64)
+    return np.asarray(order[~left_out[order]], np.int64)
 
 
 def _crop_triangles(mesh: Triangles, box: Box) -> Triangles | None:
     margin = 3 * spacing(mesh)
     corners = np.where(mesh.cells < 0, mesh.cells[:, :1], mesh.cells)
-    # a cell counts where its own box meets the wanted one: elements may be larger than the whole case
+    # The cell's own box is tested, not its corners, because elements may be larger than the whole case.
     grown = box.grown(margin / max(0.02, np.cos(np.radians(max(abs(box.south), abs(box.north))))), margin)
-    inside = _meet(mesh.lon[corners], mesh.lat[corners], grown)
-    kept = np.nonzero(inside)[0]
+    meets = _meet(mesh.lon[corners], mesh.lat[corners], grown)
+    kept = np.nonzero(meets)[0]
     if len(kept) == 0:
         return None
-    if mesh.lonc is not None and mesh.latc is not None:  # values at centres: nodes need no index in the file
+    if mesh.lonc is not None and mesh.latc is not None:  # values stand at centres, so nodes are kept as they are
         part = slice(int(kept[0]), int(kept[-1]) + 1)
         return replace(
             mesh, cells=mesh.cells[part], first=mesh.first + part.start, lonc=mesh.lonc[part], latc=mesh.latc[part]

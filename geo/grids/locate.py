@@ -1,6 +1,7 @@
 """Finding where a variable's points lie, from what a file says: coordinates, grid mapping, connectivity."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,17 +12,35 @@ from geo.errors import UserError
 from geo.grids import absent, connect, naming, projection, rotation, seam, stagger, ugrid
 from geo.grids.layout import Array, Axes, Curved, Layout
 
-FINEST = 1e-5  # [deg] a metre: no grid is smaller as a whole
+FINEST = 1e-5  # [deg] a metre; every grid as a whole is larger
+
+
+@dataclass(frozen=True)
+class Component:
+    """A variable whose points are sought.
+
+    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of coordinates, by key.
+    """
+
+    data: xr.Dataset
+    name: str
+    dims: tuple[str, ...]
+    side: int
+    chosen: Mapping[str, Any]
 
 
 def locate(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int = 0
 ) -> tuple[Layout, list[str]]:
-    """Return the layout of a variable with these horizontal dimensions, and remarks; side: 0 for u, 1 for v."""
+    """Return the layout of a variable, and remarks for the user.
+
+    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of coordinates, by key.
+    """
     notes: list[str] = []
+    component = Component(data, name, dims, side, chosen)
     plane = projection.plane(data, name, dims, chosen, notes)
     mesh = ugrid.mesh_of(data, name, dims[0]) if len(dims) == 1 else None
-    lon_name, lat_name = _names(data, name, dims, chosen, side, mesh)
+    lon_name, lat_name = _names(component, mesh)
     if len(dims) == 1 and (mesh.place == "edge" if mesh else "edge" in dims[0].lower()):
         raise UserError(
             f'"{name}" stands on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes or '
@@ -31,7 +50,8 @@ def locate(
         return connect.triangles(data, name, dims[0], None, None, notes, mesh), notes
     if plane is not None:
         if lon_name and lat_name:
-            trouble = projection.disagreement(plane, _still(data, lon_name, dims), _still(data, lat_name, dims))
+            own_lon, own_lat = (_at_first(data, n, dims) for n in (lon_name, lat_name))
+            trouble = projection.disagreement(plane, own_lon, own_lat)
             if trouble and not chosen.get("crs"):
                 notes.append(
                     f"the grid mapping disagrees with {lon_name}, {lat_name} by {trouble}: the latter are used"
@@ -44,29 +64,28 @@ def locate(
             f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
-    lon, lat = absent.without(_still(data, lon_name, dims), _still(data, lat_name, dims), notes)
+    lon, lat = absent.without(_at_first(data, lon_name, dims), _at_first(data, lat_name, dims), notes)
     if not np.isfinite(lon).any() or np.nanmax(np.abs(lat)) > 90.001 or np.nanmax(np.abs(lon)) > 720:
         raise UserError(f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}')
     if len(dims) == 1:
         return connect.triangles(data, name, dims[0], lon, lat, notes, mesh), notes
     if lon.ndim == 1 and lat.ndim == 1:
         return axes(lon, lat, lon_name, lat_name), notes
-    lon, lat = _at_points(lon, lat, data, name, lon_name, dims, chosen, side, notes)
+    lon, lat = _at_points(component, lon_name, lon, lat, notes)
     if _separable(lon, lat):
         return axes(lon[0], lat[:, 0], lon_name, lat_name), notes
     angle = _angle(data, chosen, lon, lat, notes)
-    whole = Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle)
-    return absent.extended(seam.close(whole, notes)), notes
+    grid = Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle)
+    return absent.extended(seam.close(grid, notes)), notes
 
 
-def _names(
-    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int, mesh: ugrid.Mesh | None
-) -> tuple[str | None, str | None]:
-    """Return the names of the longitudes and latitudes that go with a variable: over the same dimensions."""
-    held = None if mesh is None else {"node": mesh.nodes, "face": mesh.faces}.get(mesh.place)
-    if held and not {"lon", "lat"} & set(chosen):
-        return held
-    found: list[dict[str, float]] = []
+def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, str | None]:
+    """Return the names of the longitudes and latitudes that go with a variable; None where it has none."""
+    data, chosen = component.data, component.chosen
+    mesh_names = None if mesh is None else {"node": mesh.nodes, "face": mesh.faces}.get(mesh.place)
+    if mesh_names and not {"lon", "lat"} & set(chosen):
+        return mesh_names
+    scores_of: list[dict[str, float]] = []
     for key, pattern, units, standard in (
         ("lon", naming.LON, naming.EAST_UNITS, "longitude"),
         ("lat", naming.LAT, naming.NORTH_UNITS, "latitude"),
@@ -74,7 +93,7 @@ def _names(
         if key in chosen:
             if chosen[key] not in data.variables:
                 raise UserError(f'no variable "{chosen[key]}" (variables.{key})')
-            found.append({str(chosen[key]): 0.0})
+            scores_of.append({str(chosen[key]): 0.0})
             continue
         scores = {}
         for other in map(str, data.variables):
@@ -84,29 +103,30 @@ def _names(
                 + 4 * bool(units.match(str(attributes.get("units", "")).strip()))
                 + 2 * bool(pattern.match(other))
             )
-            fit = _fit(data, name, other, dims, side) if score else None
+            fit = _fit(component, other) if score else None
             if fit is not None:
                 scores[other] = score + fit
-        found.append(scores)
+        scores_of.append(scores)
     pairs = [
         (x + y, lon, lat)
-        for lon, x in found[0].items()
-        for lat, y in found[1].items()
+        for lon, x in scores_of[0].items()
+        for lat, y in scores_of[1].items()
         if data[lon].dims == data[lat].dims or max(data[lon].ndim, data[lat].ndim) == 1 or {"lon", "lat"} <= set(chosen)
     ]
     if pairs:
         return max(pairs)[1:]
-    for key, others, words in (("lon", found[1], "latitudes"), ("lat", found[0], "longitudes")):
+    for key, others, other_axis in (("lon", scores_of[1], "latitudes"), ("lat", scores_of[0], "longitudes")):
         if key in chosen and others:
             raise UserError(
-                f'variables.{key} = "{chosen[key]}" does not go with the {words} of "{name}" ({", ".join(others)}): they have '
-                f"other dimensions; set variables.lon and variables.lat"
+                f'variables.{key} = "{chosen[key]}" does not go with the {other_axis} of "{component.name}" '
+                f"({', '.join(others)}): they have other dimensions; set variables.lon and variables.lat"
             )
-    return (max(found[0], default=None), None) if found[0] else (None, max(found[1], default=None))
+    return (max(scores_of[0], default=None), None) if scores_of[0] else (None, max(scores_of[1], default=None))
 
 
-def _fit(data: xr.Dataset, name: str, other: str, dims: tuple[str, ...], side: int) -> float | None:
-    """Return how well coordinates of this name suit a component's points, None where they cannot be its own."""
+def _fit(component: Component, other: str) -> float | None:
+    """Return a score of how well coordinates of this name suit a component's points; None where they do not."""
+    data, dims = component.data, component.dims
     variable = data[other]
     if not variable.ndim or not np.issubdtype(variable.dtype, np.number):
         return None
@@ -116,17 +136,17 @@ def _fit(data: xr.Dataset, name: str, other: str, dims: tuple[str, ...], side: i
     if not own and not beside:
         return None
     values = np.asarray(variable.isel({variable.dims[0]: 0}).values if variable.ndim > 2 else variable.values, float)
-    there = values[np.isfinite(values)]
-    if values.size > 1 and (there.size == 0 or there.min() == there.max()):
-        return None  # no places: FVCOM in metres writes lon = lat = 0 everywhere, ROMS zeros or fill values at u and v
-    listed = other in str(data[name].attrs.get("coordinates", "")).split()
-    return 20 * own + 10 * listed + (variable.ndim == len(dims)) + 3 * (place == "uv"[side])
+    finite = values[np.isfinite(values)]
+    if values.size > 1 and (finite.size == 0 or finite.min() == finite.max()):
+        return None  # FVCOM in metres writes lon = lat = 0 everywhere, ROMS zeros or fill values at u and v
+    listed = other in str(data[component.name].attrs.get("coordinates", "")).split()
+    return 20 * own + 10 * listed + (variable.ndim == len(dims)) + 3 * (place == "uv"[component.side])
 
 
 def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> bool:
-    """Whether points lie half a cell beside those of a component over these dimensions, by sizes and dimensions."""
+    """Whether sizes and dimensions say that points lie half a cell beside those of a component over `dims`."""
     wanted = tuple(int(data.sizes[d]) for d in dims)
-    repeated = variable.ndim == 3 and "time" in str(variable.dims[0]).lower()  # WRF's, for every time
+    repeated = variable.ndim == 3 and "time" in str(variable.dims[0]).lower()  # WRF repeats them for every time
     if variable.ndim != 2 + repeated or len(dims) != 2 or (not repeated and "time" in str(variable.dims[0]).lower()):
         return False
     shape = variable.shape[-2:]
@@ -135,8 +155,8 @@ def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> 
     return same or (max(more) <= 1 and min(more) >= 0 and any(more)) or sorted(more) == [-1, 0]
 
 
-def _still(data: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
-    """Return coordinates, of the first time where they have one (WRF repeats them for every time)."""
+def _at_first(data: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
+    """Return coordinates at the first of the times for which a file may repeat them, as WRF does."""
     variable = data[name]
     while variable.ndim > len(dims):
         variable = variable.isel({variable.dims[0]: 0})
@@ -152,8 +172,8 @@ def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
     return more in ((0, 1), (1, 0), (1, 1))
 
 
-def _halved(values: Array, wanted: tuple[int, ...]) -> Array:
-    """Average neighbours along every axis that has one point more than wanted."""
+def _averaged(values: Array, wanted: tuple[int, ...]) -> Array:
+    """Return the means of neighbours along every axis that has one point more than wanted."""
     for axis in (0, 1):
         if values.shape[axis] == wanted[axis] + 1:
             low, high = (values[:-1], values[1:]) if axis == 0 else (values[:, :-1], values[:, 1:])
@@ -161,11 +181,9 @@ def _halved(values: Array, wanted: tuple[int, ...]) -> Array:
     return values
 
 
-def _at_points(
-    lon: Array, lat: Array, data: xr.Dataset, name: str, lon_name: str, dims: tuple[str, ...], chosen: Mapping[str, Any],
-    side: int, notes: list[str],
-) -> tuple[Array, Array]:  # fmt: skip
-    """Return two-dimensional places of a component's own points, given those of points that may lie beside them."""
+def _at_points(component: Component, lon_name: str, lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
+    """Return (lon, lat) [deg] of a component's own points, (ny, nx), given those of points that may lie beside them."""
+    data, name, dims, side, chosen = component.data, component.name, component.dims, component.side, component.chosen
     wanted = tuple(int(data.sizes[d]) for d in dims)
     own = tuple(map(str, data[lon_name].dims))[-2:]
     if set(own) == set(dims) and own != dims:
@@ -175,27 +193,27 @@ def _at_points(
     along = stagger.offsets(data, name, dims, side, lon_name, chosen, lon.shape)
     if along == (0.0, 0.0):
         return lon, lat
-    notes.append(f"{name} has no places of its own: taken midway between the points of {lon_name}{_told(along)}")
+    notes.append(f"{name} has no places of its own: taken midway between the points of {lon_name}{_direction(along)}")
     if _separable(lon, lat):
         line = stagger.moved_line(np.unwrap(lon[0], period=360.0), wanted[1], along[1])
         x, y = np.meshgrid(line, stagger.moved_line(lat[:, 0], wanted[0], along[0]))
         return x, y
-    whole = absent.extended(Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0])))
-    return stagger.moved(whole.lon, whole.lat, wanted, along, seam.follower(whole))
+    extended = absent.extended(Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0])))
+    return stagger.moved(extended.lon, extended.lat, wanted, along, seam.follower(extended))
 
 
-def _told(along: tuple[float | None, float | None]) -> str:
-    """Say which way points lie from those that they are taken from, where sizes do not tell."""
-    words = [
+def _direction(along: tuple[float | None, float | None]) -> str:
+    """Return in words on which side of the given points a component's points lie, where sizes do not tell it."""
+    phrases = [
         f", half a cell {'after' if offset > 0 else 'before'} them along the {axis}"
         for offset, axis in zip(along, ("columns", "rows"), strict=True)
         if offset
     ]
-    return "".join(words)
+    return "".join(phrases)
 
 
 def _separable(lon: Array, lat: Array) -> bool:
-    """Whether a two-dimensional lon, lat is a rectilinear grid written out."""
+    """Whether two-dimensional lon and lat are those of a rectilinear grid."""
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()) or min(lon.shape) < 2:
         return False
     turn = sphere.wrap_degrees(lon - lon[0])
@@ -206,7 +224,7 @@ def _separable(lon: Array, lat: Array) -> bool:
 
 
 def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
-    """Return rectilinear axes brought into ascending order, longitudes unwrapped, repeated columns dropped."""
+    """Return rectilinear axes in ascending order, with longitudes unwrapped and without repeated columns."""
     for values, axis in ((lon, lon_name), (lat, lat_name)):
         if len(values) < 2:
             raise UserError(f'"{axis}" has one value: at least two columns and two rows are needed to interpolate')
@@ -222,7 +240,9 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
     ordered = turned[columns]
     step = float(np.median(np.diff(ordered)))
     kept = np.concatenate(([True], np.diff(ordered) > 0.01 * step))
-    kept[-1] &= bool(ordered[0] + 360.0 - ordered[-1] > 0.01 * step)  # 0..360 with both ends, in single precision
+    kept[-1] &= bool(
+        ordered[0] + 360.0 - ordered[-1] > 0.01 * step
+    )  # an axis 0..360 may hold both ends, in single precision
     columns, ordered = columns[kept], ordered[kept]
     if len(ordered) < 2:
         raise UserError(f'"{lon_name}" holds one longitude only')
@@ -239,7 +259,7 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
 
 
 def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, notes: list[str]) -> Array | None:
-    """Return the file's own angle of the x axis from east [rad] where it has one that fits the points."""
+    """Return the file's own angle of the x axis from east [rad], (ny, nx); None where none fits the points."""
     name = str(chosen.get("angle", "angle"))
     if name not in data.variables:
         if "angle" in chosen:
@@ -253,18 +273,18 @@ def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, 
     if "degree" in str(data[name].attrs.get("units", "")).lower():
         angle = np.radians(angle)
     angle = np.where(np.isfinite(angle), angle, np.nan)
-    seen = rotation.curved_angle(lon, lat)
+    computed = rotation.curved_angle(lon, lat)
 
     def at_points(turn: Array) -> Array:
-        return np.asarray(np.arctan2(_halved(np.sin(turn), lon.shape), _halved(np.cos(turn), lon.shape)))
+        return np.asarray(np.arctan2(_averaged(np.sin(turn), lon.shape), _averaged(np.cos(turn), lon.shape)))
 
     for factor, remark in ((1.0, f'"{name}" gives'), (np.pi / 180.0, f'"{name}", in degrees, gives')):
         turn = at_points(angle * factor)
-        apart = np.abs(sphere.wrap(turn - seen))
-        known = apart[np.isfinite(apart)]
-        if known.size and np.median(known) < np.radians(3.0):
+        difference = np.abs(sphere.wrap(turn - computed))
+        finite = difference[np.isfinite(difference)]
+        if finite.size and np.median(finite) < np.radians(3.0):
             notes.append(f"{remark} the direction of the grid's x axis")
-            return np.asarray(np.where(np.isfinite(turn), turn, seen))
+            return np.asarray(np.where(np.isfinite(turn), turn, computed))
     if "angle" in chosen:
         notes.append(f'"{name}" does not fit the points, but the case asks for it')
         return at_points(angle)

@@ -1,4 +1,4 @@
-"""How longitudes, latitudes and the parts of a grid are called."""
+"""Names and units by which longitudes, latitudes and the parts of a grid are recognised."""
 
 import re
 from collections.abc import Mapping
@@ -17,12 +17,12 @@ CONNECTIVITY = re.compile(
 )
 GRID = re.compile(
     r"^(angle|mask_[a-z]+|[utv]mask|x|y|x_rho|y_rho|crs|projection.*)$", re.I
-)  # what else a grid file is for
+)  # other variables for which a grid file is read
 
 
 def of_grid(name: str, attributes: Mapping[str, Any] | None = None) -> bool:
-    """Whether a variable of this name, or with these attributes, describes a grid: what one file may lend another."""
-    said = attributes or {}
-    if "cf_role" in said or str(said.get("standard_name", "")) in ("longitude", "latitude"):
+    """Whether a variable of this name or with these attributes describes a grid, so that another file may use it."""
+    stated = attributes or {}
+    if "cf_role" in stated or str(stated.get("standard_name", "")) in ("longitude", "latitude"):
         return True
     return any(p.match(name) for p in (LON, LAT, CONNECTIVITY, GRID))

@@ -1,4 +1,4 @@
-"""Grids in a projection's plane: x and y axes, and the grid mapping (CF, PROJ or WKT text) that says which."""
+"""Grids in a projection's plane: x and y axes, and the grid mapping (CF, PROJ or WKT text) that defines it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,15 +18,15 @@ MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "eps
 def plane(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
 ) -> Plane | None:
-    """Return the plane of a projection where the variable has x and y axes and something that names the projection."""
+    """Return the plane of a variable that has x and y axes and a projection; None for other variables."""
     if len(dims) != 2:
         return None
     axis: list[Array] = []
     for key, dim in (("y", dims[0]), ("x", dims[1])):
-        named = str(chosen.get(key, dim))
-        if named not in data.variables or data[named].ndim != 1:
+        axis_name = str(chosen.get(key, dim))
+        if axis_name not in data.variables or data[axis_name].ndim != 1:
             return None
-        variable = data[named]
+        variable = data[axis_name]
         standard, units = (str(variable.attrs.get(k, "")).strip() for k in ("standard_name", "units"))
         rotated = standard in ("grid_longitude", "grid_latitude")
         planar = standard in (f"projection_{key}_coordinate", "projection_x_coordinate", "projection_y_coordinate")
@@ -44,14 +44,14 @@ def plane(
         if not ((steps > 0).all() or (steps < 0).all()):
             raise UserError(f'the axis "{dim}" does not increase')
     transform = pyproj.Transformer.from_crs(crs, geographic or "EPSG:4326", always_xy=True)
-    notes.append(
-        f"grid in a projection's plane ({crs.coordinate_operation.method_name if crs.coordinate_operation else crs.name})"
-    )
+    method = crs.coordinate_operation.method_name if crs.coordinate_operation else crs.name
+    notes.append(f"grid in a projection's plane ({method})")
     turn = 360.0 if crs.is_geographic else 0.0
     return Plane(axis[1], axis[0], np.arange(len(axis[1])), np.arange(len(axis[0])), transform, turn)
 
 
 def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]) -> pyproj.CRS | None:
+    """Return the reference system that the case chooses or the file describes; None where neither does."""
     if chosen.get("crs"):
         try:
             return pyproj.CRS.from_user_input(chosen["crs"])
@@ -59,11 +59,11 @@ def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str
             raise UserError(f'variables.crs = "{chosen["crs"]}" is no coordinate reference system') from error
     mapping = str(data[name].attrs.get("grid_mapping", "")).split(":")[0].strip()
     if mapping not in data.variables:
-        held = [str(n) for n in data.variables if "grid_mapping_name" in data[n].attrs]
-        if len(held) != 1:
+        described = [str(n) for n in data.variables if "grid_mapping_name" in data[n].attrs]
+        if len(described) != 1:
             return None
-        notes.append(f'grid mapping "{held[0]}" taken, the only one in the file')
-        mapping = held[0]
+        notes.append(f'grid mapping "{described[0]}" taken, the only one in the file')
+        mapping = described[0]
     attributes = dict(data[mapping].attrs)
     try:
         return pyproj.CRS.from_cf(attributes)
@@ -79,7 +79,7 @@ def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str
 
 
 def disagreement(plane: Plane, lon: NDArray[Any], lat: NDArray[Any]) -> str:
-    """Return how far a file's own lon, lat lie from its projection where that is over half a cell, else ''."""
+    """Return how far a file's own lon, lat lie from its projection, in words; '' up to half a cell."""
     shape = (len(plane.y), len(plane.x))
     if lon.shape != shape or lat.shape != shape:
         return ""
@@ -88,6 +88,6 @@ def disagreement(plane: Plane, lon: NDArray[Any], lat: NDArray[Any]) -> str:
     cell = max(abs(np.diff(lat[:2, 0])[0]), abs(np.diff(lat[0, :2])[0]), 1e-9)
     with np.errstate(invalid="ignore"):
         east = sphere.wrap_degrees((lon - plane_lon)[j, i])
-        apart = np.hypot(east * np.cos(np.radians(lat[j, i])), (lat - plane_lat)[j, i])
-    worst = float(np.nanmax(apart)) if np.isfinite(apart).any() else 0.0
+        distance = np.hypot(east * np.cos(np.radians(lat[j, i])), (lat - plane_lat)[j, i])
+    worst = float(np.nanmax(distance)) if np.isfinite(distance).any() else 0.0
     return f"{worst * 60:.2f} nmi" if worst > 0.5 * cell else ""

@@ -1,8 +1,8 @@
-"""Sparse weights that carry values from any layout to a regular grid: a slice then costs one product.
+"""Sparse weights that carry values from any layout to a regular grid.
 
-Bilinear inside cells of structured grids, linear inside triangles. Weights are made once. A node whose weight on
-present values is at least one half takes their weighted mean; else it is missing: land keeps its outline within
-half a source cell.
+Interpolation is bilinear inside cells of structured grids and linear inside triangles. The weights are made once; each
+slice then costs one product with their matrix. A node whose weight on present values is at least one half takes their
+weighted mean and is missing otherwise, so that land keeps its outline to within half a source cell.
 """
 
 import numpy as np
@@ -14,14 +14,14 @@ from geo.grids import grid as grids
 from geo.grids.grid import Grid
 from geo.grids.layout import Array, Axes, Curved, Index, Layout, Plane
 
-WET = 0.5  # weight on present values from which a node is present
+WET = 0.5  # least weight on present values with which a node has a value
 
 
 def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
     """Return the matrix (nodes, points) that interpolates raveled values at points to raveled nodes of a grid.
 
-    A seamless grid's last column is left out of the nodes: it repeats the first. Rows of nodes outside the
-    layout are empty; other rows add up to 1, but for weights beyond the fold of a tripolar grid, whose sign is
+    The last column of a seamless grid, which repeats the first, is not among the nodes. Rows of nodes outside the
+    layout are empty; other rows add up to 1, except that weights beyond the fold of a tripolar grid have the sign
     `mirrored`.
     """
     if isinstance(layout, Axes):
@@ -36,7 +36,7 @@ def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
 
 
 def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return values at a layout's points carried to a grid's own nodes, missing where too little is present."""
+    """Return values at a layout's points carried to a grid's nodes; missing where too few of them are present."""
     source = np.ravel(values).astype(np.float32)
     present = np.isfinite(source)
     total = matrix @ np.where(present, source, np.float32(0))
@@ -47,7 +47,7 @@ def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.flo
 
 
 def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
-    """Return (i, fraction, inside) of points along monotonic nodes, i being the lower index in the nodes' order."""
+    """Return (i, fraction, inside) of points along monotonic nodes, where i is the lower index of two nodes."""
     falling = nodes[0] > nodes[-1]
     up = nodes[::-1] if falling else nodes
     slack = 1e-5 * (up[-1] - up[0]) / (len(up) - 1)
@@ -72,6 +72,7 @@ def _band(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
 
 
 def _of_axes(axes: Axes, grid: Grid) -> sp.csr_matrix:
+    """Return bilinear weights in a rectilinear grid, shape (nodes, points)."""
     lon = np.concatenate((axes.lon, axes.lon[:1] + 360.0)) if axes.round else axes.lon
     east = lon[0] + (grid.lon[: grid.columns] - lon[0] + 1e-7) % 360.0 - 1e-7
     matrix = sp.kron(_band(axes.lat, grid.lat, len(axes.lat)), _band(lon, east, len(axes.lon)), format="csr")
@@ -80,6 +81,7 @@ def _of_axes(axes: Axes, grid: Grid) -> sp.csr_matrix:
 
 
 def _of_plane(plane: Plane, grid: Grid) -> sp.csr_matrix:
+    """Return bilinear weights in a projection's plane, shape (nodes, points)."""
     x, y = (np.ravel(v) for v in plane.to_plane(*grids.nodes(grid)))
     i, fx, inside_x = _line(plane.x, x)
     j, fy, inside_y = _line(plane.y, y)

@@ -7,16 +7,15 @@ from numpy.typing import NDArray
 from geo import sphere
 from geo.grids.layout import Array, Plane
 
-LEAST = 0.1  # of the area that two axes of a cell span: less is where axes meet, as at a pole of the grid
-STEP = 1e-4  # [rad] of a finite difference on the Earth: 640 m, error of the direction below 1e-8
+LEAST = 0.1  # smallest area that two carried unit axes may span; it is smaller where axes meet, at a pole of the grid
+STEP = 1e-4  # [rad] of a finite difference on the Earth: 640 m; the direction's error is below 1e-8
 
 
 def curved_angle(lon: Array, lat: Array, joined: NDArray[np.bool_] | None = None) -> Array:
     """Return the angle [rad] of the x axis (growing column index) from east at points (ny, nx) [deg].
 
-    The mean of the great-circle directions to the next column and from the last one: second order in the cell.
-    joined: (nx,) whether the next column (after the last: the first) is a neighbour; None: all but the last are.
-    Where neither neighbour is present the angle is NaN.
+    It is the mean of the great-circle directions to the next column and from the one before: second order in the cell.
+    joined: as in `layout.Curved`. The angle is NaN where neither neighbour is present.
     """
     nx = lon.shape[1]
     lon, lat = np.radians(lon), np.radians(lat)
@@ -36,8 +35,8 @@ def carried_axis(
 ) -> NDArray[np.float32]:
     """Return (east, north) at nodes [deg] of unit vectors that lie at an angle [rad] from east at points [deg].
 
-    They are carried as vectors in space, so that neither the pole nor the antimeridian is a special place: a little
-    shorter than 1 where they turn, 0 where there is no weight. shape (..., 2)
+    They are carried as vectors in space, so that neither the pole nor the antimeridian is a special place. The result,
+    shape (..., 2), is a little shorter than 1 where the vectors turn, and 0 where there is no weight.
     """
     phi, lam = np.radians(np.ravel(lat)), np.radians(np.ravel(lon))
     c, s = (np.nan_to_num(np.ravel(f(angle))) for f in (np.cos, np.sin))
@@ -53,8 +52,9 @@ def carried_axis(
 def undone(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the four numbers that `turn` takes for components along carried axes x and y, each (east, north).
 
-    A component is carried as its axis is, so a vector that is the same at all corners of a cell comes back as it was,
-    however the axes turn inside: what is left is the error of interpolating the vector. (..., 4), NaN without axes.
+    A component is carried like its axis, so that a vector that is the same at all corners of a cell comes back
+    unchanged, however the axes turn inside: only the error of interpolating the vector is left. Shape (..., 4), NaN
+    where there are no axes.
     """
     det = x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -65,9 +65,9 @@ def undone(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32
 def plane_axes(plane: Plane, lon: Array, lat: Array) -> NDArray[np.float32]:
     """Return the unit vectors of a projection's axes at points [deg]: (x's east, x's north, y's east, y's north).
 
-    Found by stepping on the Earth, where a metre east and north mean the same everywhere, and inverting the
-    2 x 2 matrix that maps the step to the plane: no convention about a meridian's convergence is needed.
-    shape (..., 4), NaN where the projection has no image.
+    They are found by steps on the Earth, where a metre east and a metre north are equal everywhere: the inverse of the
+    2 x 2 matrix that maps a step to the plane needs no convention about the convergence of meridians. Shape (..., 4),
+    NaN where the projection has no image.
     """
     phi, lam = np.radians(lat), np.radians(lon)
     columns = []
@@ -86,7 +86,7 @@ def plane_axes(plane: Plane, lon: Array, lat: Array) -> NDArray[np.float32]:
 
 
 def turn(x: Array, y: Array, directions: NDArray[np.float32] | None) -> tuple[Array, Array]:
-    """Return (east, north) of vectors with components along the axes; None: they are east and north already."""
+    """Return (east, north) of vectors from components along axes; directions None: those are east and north."""
     if directions is None:
         return x, y
     d = directions

@@ -1,8 +1,8 @@
 """Curved grids that go round the Earth: columns and rows stored twice, the seam, the fold of a tripolar grid.
 
 Models store halos: the first columns again after the last ones, and beyond the fold of a tripolar grid (a line between
-its two northern poles, on land) rows that lie on others in reverse. Both are dropped, and the grid is joined with
-itself by `Curved.joined` and `Curved.mirror`: whether a file's halos hold values then does not matter.
+its two northern poles, on land) rows that lie on others in reverse. Both are left out, and the grid is joined with
+itself by `Curved.joined` and `Curved.mirror`, so that it does not matter whether a file's halos hold values.
 """
 
 from dataclasses import replace
@@ -11,14 +11,14 @@ import numpy as np
 
 from geo.grids.layout import Array, Curved, Index
 
-HALO = 6  # columns or rows stored twice are looked for up to this many
-SAME = 0.02  # of the step between points: nearer ones are the same point
-NEXT = 1.5  # steps: the last column is the first one's neighbour up to this distance
-FEWEST = 16  # columns of a grid that goes round the Earth
+HALO = 6  # most columns or rows that a file stores twice
+SAME = 0.02  # of the step between points: points at most so far apart are the same point
+NEXT = 1.5  # steps: the last column is a neighbour of the first up to this distance
+FEWEST = 16  # fewest columns of a grid that goes round the Earth
 
 
 def close(curved: Curved, notes: list[str]) -> Curved:
-    """Return a grid without what it holds twice, joined with itself at its seam and its fold."""
+    """Return a grid without repeated columns and rows, joined with itself at its seam and its fold."""
     ny, nx = curved.lon.shape
     repeated = follower(curved)
     if repeated is None:
@@ -32,7 +32,7 @@ def close(curved: Curved, notes: list[str]) -> Curved:
 
 
 def follower(curved: Curved) -> int | None:
-    """Return the column that follows the last one of a grid that goes round the Earth, None of any other."""
+    """Return which column follows the last one of a grid that goes round the Earth; None for other grids."""
     if min(curved.lon.shape) < 2 or curved.lon.shape[1] < FEWEST:
         return None
     repeated = next((k for k in range(HALO, 0, -1) if _repeats(curved, k)), 0)
@@ -46,16 +46,16 @@ def _part(curved: Curved, rows: Index, columns: Index) -> Curved:
 
 
 def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
-    """Return the chord between points [deg], in radii of the Earth."""
+    """Return the length of the chord between points [deg] in radii of the Earth."""
     phi1, phi2 = np.radians(lat1), np.radians(lat2)
     across = np.sin(np.radians(lon2 - lon1) / 2) ** 2 * np.cos(phi1) * np.cos(phi2)
     return np.asarray(2 * np.sqrt(np.sin((phi2 - phi1) / 2) ** 2 + across))
 
 
 def _mostly(near: Array, limit: Array) -> bool:
-    """Whether nine tenths of distances that are present are under their limits."""
-    there = np.isfinite(near) & np.isfinite(limit)
-    return bool(there.sum() >= 2 and np.mean(near[there] <= limit[there]) >= 0.9)
+    """Whether at least nine tenths of the distances that are present are within their limits."""
+    present = np.isfinite(near) & np.isfinite(limit)
+    return bool(present.sum() >= 2 and np.mean(near[present] <= limit[present]) >= 0.9)
 
 
 def _repeats(curved: Curved, k: int) -> bool:
@@ -73,9 +73,11 @@ def _touches(curved: Curved) -> bool:
 
 
 def _folded(curved: Curved, notes: list[str]) -> Curved:
-    """Return a round grid whose last row ends at its fold, if it has one, joined with itself across it."""
+    """Return a grid round the Earth, joined with itself across its fold where it has one; its last row ends there."""
     ny, nx = curved.lon.shape
-    if np.nanmean(np.abs(curved.lat[0])) > np.nanmean(np.abs(curved.lat[-1])):  # the fold stands last
+    if np.nanmean(np.abs(curved.lat[0])) > np.nanmean(
+        np.abs(curved.lat[-1])
+    ):  # so that the fold, near a pole, is at the last row
         curved = _part(curved, np.arange(ny)[::-1], np.arange(nx))
     facing, dropped = _facing(curved), 0
     if facing is None:
@@ -94,21 +96,21 @@ def _folded(curved: Curved, notes: list[str]) -> Curved:
 def _facing(curved: Curved) -> Index | None:
     """Return the columns that the last row's points face across a fold, (nx,); None where there is none.
 
-    They run backwards, so column i faces column s - i for one s: that of most points' nearest one of the same row that
-    is no neighbour along the row.
+    They run backwards, so that column i faces column s - i for one s. Each point's nearest one of the same row that is
+    no neighbour along the row gives an s; the most frequent counts.
     """
     lon, lat = curved.lon[-1], curved.lat[-1]
-    n, here = len(lon), np.arange(len(lon))
+    n, column = len(lon), np.arange(len(lon))
     sums = []
     for i in np.linspace(0, n, 32, endpoint=False).astype(int):
-        away = _apart(lon[i], lat[i], lon, lat)
-        away[np.minimum((here - i) % n, (i - here) % n) < n // 16] = np.nan
-        if np.isfinite(away).any():
-            sums.append((i + int(np.nanargmin(away))) % n)
+        distance = _apart(lon[i], lat[i], lon, lat)
+        distance[np.minimum((column - i) % n, (i - column) % n) < n // 16] = np.nan
+        if np.isfinite(distance).any():
+            sums.append((i + int(np.nanargmin(distance))) % n)
     if not sums:
         return None
     values, counts = np.unique(sums, return_counts=True)
-    return np.asarray((values[np.argmax(counts)] - here) % n, np.int64) if counts.max() > len(sums) / 2 else None
+    return np.asarray((values[np.argmax(counts)] - column) % n, np.int64) if counts.max() > len(sums) / 2 else None
 
 
 def _lies_on(curved: Curved, back: int, facing: Index) -> bool:

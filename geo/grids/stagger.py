@@ -1,8 +1,8 @@
-"""Where u and v stand on a staggered (Arakawa C) grid whose file gives only the places of the points between them.
+"""Where u and v stand on a staggered (Arakawa C) grid whose file gives only the positions of the points between them.
 
-u stands midway between two neighbouring rho (or T) points of a row, v between two of a column: on the great circle
-through them. Which two follows from the sizes where they differ (ROMS, WRF), else from the model's convention: NEMO's u
-lies after its T point, MITgcm's before. Where nothing says which, the case must.
+u stands midway between two neighbouring rho (or T) points of a row, v between two of a column, on the great circle
+through them. Which two they are follows from the sizes where they differ (ROMS, WRF), otherwise from the model's
+convention: u lies after its T point in NEMO and before it in MITgcm. Where nothing tells, the case must say it.
 """
 
 import re
@@ -15,23 +15,23 @@ import xarray as xr
 from geo.errors import UserError
 from geo.grids.layout import Array
 
-STATED = {"after": 0.5, "before": -0.5, "none": 0.0}  # what a case may say: u and v, seen from their rho points
+STATED = {"after": 0.5, "before": -0.5, "none": 0.0}  # [cells] from rho points to u and v, by what a case may say
 PLACE = re.compile(r"(?:^(?:glam|gphi)|_)(rho|psi|[tuvfw])(?:_?grid)?$|^(?:ulon|ulat)()$|_grid_([tuvfw])(?:_|$)", re.I)
 AT_U = re.compile(r"_at_([uv])_location$")
 NEMO = ({"vozocrtx", "sozocrtx"}, {"vomecrty", "somecrty"})
 
 
 def place_of(name: str) -> str | None:
-    """Return which points a coordinate of this name belongs to: "t" (rho), "u", "v", "f" (psi); None if it is silent."""
+    """Return the points to which a name says that it belongs: "t" (rho), "u", "v", "f" (psi) or None."""
     if name in ("XC", "YC"):
         return "t"
-    found = PLACE.search(name)
-    letter = next((g for g in found.groups() if g), "").lower() if found else ""
+    match = PLACE.search(name)
+    letter = next((g for g in match.groups() if g), "").lower() if match else ""
     return {"rho": "t", "psi": "f"}.get(letter, letter) or None
 
 
-def _stands(data: xr.Dataset, name: str, dims: tuple[str, ...], side: int) -> bool:
-    """Whether something says that a component stands at u or v points."""
+def _at_own_points(data: xr.Dataset, name: str, dims: tuple[str, ...], side: int) -> bool:
+    """Whether the file says that a component stands at u or v points."""
     letter = "uv"[side]
     listed = str(data[name].attrs.get("coordinates", "")).split()
     return (
@@ -43,33 +43,40 @@ def _stands(data: xr.Dataset, name: str, dims: tuple[str, ...], side: int) -> bo
 
 
 def _nemo(data: xr.Dataset, dims: tuple[str, ...], side: int) -> bool:
-    """Whether NEMO's masks lie in a file beside a component."""
+    """Whether a file holds NEMO's mask of a component over the same dimensions."""
     mask = ("umask", "vmask")[side]
     return mask in data.variables and tuple(map(str, data[mask].dims[-2:])) == dims
 
 
 def offsets(
-    data: xr.Dataset, name: str, dims: tuple[str, ...], side: int, lon_name: str, chosen: Mapping[str, Any], shape: tuple[int, ...]
-) -> tuple[float | None, float | None]:  # fmt: skip
+    data: xr.Dataset,
+    name: str,
+    dims: tuple[str, ...],
+    side: int,
+    lon_name: str,
+    chosen: Mapping[str, Any],
+    shape: tuple[int, ...],
+) -> tuple[float | None, float | None]:
     """Return how far [cells] along (rows, columns) a component lies from points of the given shape.
 
-    None: midway between all neighbours along that axis, or beyond both ends where the component has one point more.
+    None means midway between all neighbours along that axis, and beyond both ends where the component has one point
+    more.
     """
     wanted = tuple(int(data.sizes[d]) for d in dims)
     if shape != wanted:
-        none = [None if have != want else 0.0 for have, want in zip(shape, wanted, strict=True)]
-        return none[0], none[1]
+        steps = [None if have != want else 0.0 for have, want in zip(shape, wanted, strict=True)]
+        return steps[0], steps[1]
     own = tuple(map(str, data[lon_name].dims))[-2:]
     along = [0.0, 0.0]
-    if "stagger" in chosen:  # whatever the names say
+    if "stagger" in chosen:  # it counts more than any name
         along[1 - side] = stated(name, lon_name, chosen)
         return along[0], along[1]
     if own != dims and set(own) != set(dims):
         shifts = [_shift(data, d, o) for d, o in zip(dims, own, strict=True)]
         if all(shift is not None for shift in shifts):
             return shifts[0], shifts[1]
-    elif place_of(lon_name) != "t" or not _stands(data, name, dims, side):
-        return 0.0, 0.0  # the coordinates are its own
+    elif place_of(lon_name) != "t" or not _at_own_points(data, name, dims, side):
+        return 0.0, 0.0  # the coordinates are the component's own
     elif name in NEMO[side] or _nemo(data, dims, side):
         along[1 - side] = STATED["after"]
         return along[0], along[1]
@@ -78,7 +85,7 @@ def offsets(
 
 
 def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
-    """Return the offset that the case states; a UserError that says what to state where it does not."""
+    """Return the offset [cells] that the case states; raise UserError with the choices where it states none."""
     if "stagger" not in chosen:
         raise UserError(
             f'"{name}" stands half a cell beside the points of "{lon_name}", and nothing says on which side; set '
@@ -91,22 +98,22 @@ def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
 
 
 def _shift(data: xr.Dataset, dim: str, other: str) -> float | None:
-    """Return how far [cells] a dimension's points lie after another's, by their c_grid_axis_shift; None if untold."""
+    """Return how far [cells] a dimension's points lie after another's; None where no c_grid_axis_shift tells it."""
     if dim == other:
         return 0.0
-    told = [data[d].attrs.get("c_grid_axis_shift") if d in data.variables else None for d in (dim, other)]
-    if told[0] is None and told[1] is None:
+    shifts = [data[d].attrs.get("c_grid_axis_shift") if d in data.variables else None for d in (dim, other)]
+    if shifts[0] is None and shifts[1] is None:
         return None
-    return float(told[0] or 0.0) - float(told[1] or 0.0)
+    return float(shifts[0] or 0.0) - float(shifts[1] or 0.0)
 
 
 def moved(
     lon: Array, lat: Array, wanted: tuple[int, ...], along: tuple[float | None, float | None], follower: int | None
 ) -> tuple[Array, Array]:
-    """Return places (wanted shape) half a cell beside points (ny, nx) [deg], exactly midway on the great circle.
+    """Return (lon, lat) [deg], of the wanted shape, midway on great circles between points (ny, nx) [deg].
 
-    follower: the column that follows the last one on a grid that goes round the Earth. At other ends the row is
-    drawn out by half a cell, straight on.
+    along: as `offsets` returns it. follower: the column that follows the last one on a grid that goes round the Earth.
+    At other ends a row is extrapolated in a straight line by half a cell.
     """
     phi, lam = np.radians(lat), np.radians(lon)
     place = np.stack((np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)))
@@ -130,7 +137,7 @@ def moved(
 
 
 def moved_line(values: Array, wanted: int, offset: float | None) -> Array:
-    """Return the same along one axis of a rectilinear grid [deg, unwrapped], where rows are parallels."""
+    """Return coordinates midway along one axis of a rectilinear grid [deg, unwrapped], whose rows are parallels."""
     if offset == 0.0:
         return values
     middle = (values[:-1] + values[1:]) / 2

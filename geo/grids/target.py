@@ -1,4 +1,4 @@
-"""The regular grid that other grids are carried to: how fine, from where to where."""
+"""The regular grid to which other grids are carried: its spacing and its extent."""
 
 from collections.abc import Sequence
 
@@ -10,10 +10,10 @@ from geo.grids import layout as lay
 from geo.grids.grid import Grid
 from geo.grids.layout import Array, Axes, Curved, Layout, Triangles, uniform
 
-FINER = 2.0  # times the source's resolution (NorKyst-800: 0.7 % rms error a component; 1.9 % at its own)
-MOST_NODES = 4_000_000  # of a tile: 32 MB a slice
-POLAR = 75.0  # [deg] beyond which cells are looked at for the pole
-POLEWARD = 89.0  # [deg] beyond which east and north lose their meaning
+FINER = 2.0  # times the source's resolution (NorKyst-800: rms error of a component 0.7 %, at its own resolution 1.9 %)
+MOST_NODES = 4_000_000  # of a tile, which is 32 MB a slice
+POLAR = 75.0  # [deg] beyond this latitude cells may hold a pole
+POLEWARD = 89.0  # [deg] beyond this latitude east and north lose their meaning
 
 
 def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
@@ -29,14 +29,14 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
                 first.lon[np.unique(first.cells[first.cells >= 0])],
                 first.lat[np.unique(first.cells[first.cells >= 0])],
             )
-        present = np.isfinite(lon) & np.isfinite(lat)
-        lon, lat = lon[present], lat[present]
-        low, high = _reach(first, lat)
+        finite = np.isfinite(lon) & np.isfinite(lat)
+        lon, lat = lon[finite], lat[finite]
+        low, high = _latitudes(first, lat)
         south, north = max(low, -POLEWARD), min(high, POLEWARD)
         if box is not None:
             south, north = max(south, box.south - 2 * step), min(north, box.north + 2 * step)
-        least = 0.0 if south < 0 < north else min(abs(south), abs(north))
-        dlon = step / max(0.02, np.cos(np.radians(least)))  # fine enough at the widest parallel
+        nearest_equator = 0.0 if south < 0 < north else min(abs(south), abs(north))
+        dlon = step / max(0.02, np.cos(np.radians(nearest_equator)))  # fine enough at the widest parallel
         west, width = _hull(lon, 4 * FINER * dlon)
         if box is not None and box.east - box.west < 350.0:
             west, width = _shared(west, width, box.west - 2 * dlon, box.east - box.west + 4 * dlon)
@@ -48,8 +48,8 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
     return grid, bool(coarser > 1)
 
 
-def _reach(item: Layout, lat: Array) -> tuple[float, float]:
-    """Return how far a layout reaches (south, north) [deg], given its points' latitudes: a cell may hold a pole."""
+def _latitudes(item: Layout, lat: Array) -> tuple[float, float]:
+    """Return a layout's (south, north) [deg], given its points' latitudes; where a cell holds a pole, it counts."""
     south, north = float(lat.min()), float(lat.max())
     if not isinstance(item, Curved) or max(-south, north) < POLAR:
         return south, north
@@ -60,7 +60,10 @@ def _reach(item: Layout, lat: Array) -> tuple[float, float]:
 
 
 def _shared(west: float, width: float, start: float, span: float) -> tuple[float, float]:
-    """Return (west, width) [deg] of what an arc of the circle and a wanted one share: both ends where it is in two."""
+    """Return (west, width) [deg] of the part that an arc of longitudes and a wanted one share.
+
+    Where that part is in two pieces, the whole wanted arc is returned.
+    """
     if width >= 360.0:
         return start, span
     offset = (start - west) % 360.0
@@ -71,6 +74,7 @@ def _shared(west: float, width: float, start: float, span: float) -> tuple[float
 
 
 def _grid(west: float, south: float, width: float, height: float, dlon: float, dlat: float) -> Grid:
+    """Return the grid of this extent [deg] whose spacing is at most (dlon, dlat) [deg]."""
     nlat = max(2, int(np.ceil(height / dlat - 1e-6)) + 1)
     if width >= 360.0 - 1e-9:
         n = int(np.ceil(360.0 / dlon - 1e-6))
@@ -81,7 +85,7 @@ def _grid(west: float, south: float, width: float, height: float, dlon: float, d
 
 
 def _hull(lon: Array, gap: float) -> tuple[float, float]:
-    """Return (west, width) of the shortest arc of the circle that holds all longitudes; 360 where no gap is left."""
+    """Return (west, width) [deg] of the shortest arc with all longitudes; 360 wide where no gap is wider than `gap`."""
     turned = np.unique(np.round(lon % 360.0, 9))
     gaps = np.diff(np.concatenate((turned, turned[:1] + 360.0)))
     widest = int(np.argmax(gaps))
@@ -92,7 +96,7 @@ def _hull(lon: Array, gap: float) -> tuple[float, float]:
 
 
 def _target_of_axes(several: Sequence[Axes]) -> Grid:
-    """Keep an axis that is uniform and shared; make half the median step of one that is not."""
+    """Return a grid with the axes that are uniform and shared; others get half of their lower-quartile step."""
     first = several[0]
 
     def line(key: str) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ import pytest
 import shapely
 from shapely.ops import substring
 
-from geo import sphere
+from geo import notation, sphere
 from geo.box import Box
 from geo.coast import edges, segments, shore
 from geo.coast.shore import Shore
@@ -106,8 +106,8 @@ def test_names_are_positions(island):
     cut = segments.cut(island, 200_000)
     # The only midpoint: opposite the south-west corner, where the ring begins, so at the north-east one.
     assert cut.name == ("00-06.0N 010-24.0E",)
-    assert segments.position(-87.5, -28.7) == "28-42.0S 087-30.0W"
-    assert segments.position(190.0, 59.99999) == "60-00.0N 170-00.0W"
+    assert notation.position(-87.5, -28.7) == "28-42.0S 087-30.0W"
+    assert notation.position(190.0, 59.99999) == "60-00.0N 170-00.0W"
 
 
 @pytest.mark.parametrize("turn", [1, 17, 60])
