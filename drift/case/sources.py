@@ -20,7 +20,7 @@ from drift.case import fields, units
 from drift.motion.forcing_spec import ForcingSpec, Quantity, Report, Slices
 from geo import notation
 from geo.errors import UserError
-from geo.forcing.quantities import FASTEST, SPOKEN
+from geo.forcing.quantity import QUANTITIES
 
 SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
 
@@ -153,15 +153,15 @@ class SourceTable(fields.Table):
         number: its place among the sources of its quantity, from 1. folder: what relative paths start from. Raises
         ValueError where a stated speed is more than any such quantity has.
         """
-        if quantity == "wind" and self.depth is not None:
+        if QUANTITIES[quantity].in_air and self.depth is not None:
             raise ValueError(
                 "depth belongs to [[current]] and [[stokes]]; name a wind's level by its index, in variables"
             )
-        ceiling = FASTEST[quantity]
+        ceiling = QUANTITIES[quantity].fastest
         for place, speed in self._speeds():
             if speed > ceiling:
                 raise ValueError(
-                    f"{place}: {speed:.4g} m/s is too fast for a {SPOKEN[quantity]}; at most {ceiling:g} m/s"
+                    f"{place}: {speed:.4g} m/s is too fast for a {QUANTITIES[quantity].spoken}; at most {ceiling:g} m/s"
                 )
         return ForcingSpec(
             name=self.name or f"{quantity} {number}",

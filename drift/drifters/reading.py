@@ -23,6 +23,7 @@ from drift.drifters.records import Array, Track, taken
 from geo import notation
 from geo.errors import UserError
 from geo.files import small
+from geo.forcing.quantity import QUANTITIES
 
 LARGEST = 1024 * 2**20  # [bytes] of a CSV file
 NAMES = {  # how columns are called, in lower case without blanks, underscores and hyphens
@@ -304,14 +305,14 @@ def _seconds(column: xr.DataArray) -> Array:
 
 def mapped(text: str) -> Mapping[str, str]:
     """Return which column holds what, from "current_east=u, wind_east=wu"; raise UserError for what it cannot be."""
-    allowed = [f"{quantity}_{side}" for quantity in ("current", "wind", "stokes") for side in ("east", "north")]
+    allowed = [f"{quantity}_{side}" for quantity in QUANTITIES for side in ("east", "north")]
     found: dict[str, str] = {}
     for part in filter(None, (p.strip() for p in text.split(","))):
         key, equals, column = (piece.strip() for piece in part.partition("="))
         if not equals or not column or key not in allowed:
             raise UserError(f'--columns "{part}": must be one of {", ".join(allowed)}, each followed by =COLUMN')
         found[key] = column
-    for quantity in ("current", "wind", "stokes"):
+    for quantity in QUANTITIES:
         given = [side for side in ("east", "north") if f"{quantity}_{side}" in found]
         if len(given) == 1:
             raise UserError(f"--columns: {quantity}_{given[0]} is given without its other component")

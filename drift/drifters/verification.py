@@ -27,6 +27,7 @@ from drift.motion.status import Status
 from drift.output import publication
 from geo import sphere
 from geo.errors import UserError
+from geo.forcing.quantity import QUANTITIES
 from kernels import noise
 from kernels.noise import Purpose
 
@@ -234,7 +235,7 @@ def _case(
         "max_lost": 1.0,  # the share lost is told, and the areas are shares of the rest
         "output": {"times": [f"+{hour:g} h" for hour in after]},
     }
-    for quantity in ("current", "wind", "stokes"):
+    for quantity in QUANTITIES:
         if f"{quantity}_east" in columns:
             rows = _reported(track, start, after[-1] * 3600, quantity, columns)
             if len(rows) < 2:

@@ -13,11 +13,12 @@ from threading import Event
 from typing import Any
 
 from geo import waiting
+from geo.forcing.quantity import QUANTITIES as KNOWN
 from geo.forcing.sources import Source
 from geo.forcing.stream import Bracket, Key, Slices
 from kernels.sample import Tiles
 
-QUANTITIES = ("current", "wind", "stokes")
+QUANTITIES = tuple(KNOWN)
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eigh_tridiagonal
 
+from drift.search import laws
 from drift.search.records import Unit
 
 Array = npt.NDArray[Any]
@@ -40,11 +40,10 @@ def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
     factor, weight = np.ones((len(units), 1)), np.ones(1)
     for group in groups:
         shape = next(unit.shape for n, unit in zip(names, units, strict=True) if n == group)
-        k = np.arange(count)  # Gauss-Laguerre, as drift.search.laws.factors with fewer nodes
-        at, vectors = eigh_tridiagonal(2 * k + shape, np.sqrt(k[1:] * (k[1:] + shape - 1)))
+        at, chance = laws.factors(shape, count)
         own = np.array([n == group for n in names])[:, None, None]
-        factor = (factor[:, :, None] * np.where(own, at / shape, 1.0)).reshape(len(units), -1)
-        weight = np.outer(weight, vectors[0] ** 2).ravel()
+        factor = (factor[:, :, None] * np.where(own, at, 1.0)).reshape(len(units), -1)
+        weight = np.outer(weight, chance).ravel()
     return factor, weight
 
 

@@ -184,15 +184,16 @@ LAWS = {
 }
 
 
-def factors(shape: float) -> tuple[Array, Array]:
+def factors(shape: float, count: int = NODES) -> tuple[Array, Array]:
     """Return nodes and weights of the unknown factor of a sweep width: gamma of a shape, mean 1; one node where W is known.
 
-    Gauss-Laguerre by the eigenvalues of its Jacobi matrix (Golub and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1).
+    Gauss-Laguerre by the eigenvalues of its Jacobi matrix (Golub and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1); SciPy's
+    roots_genlaguerre gives weights that are not numbers for shapes above 171, a sweep width known to 7.6 % or better.
     """
     if math.isinf(shape):
         return np.ones(1), np.ones(1)
     from scipy.linalg import eigh_tridiagonal  # here, as above
 
-    k = np.arange(NODES)
+    k = np.arange(count)
     nodes, vectors = eigh_tridiagonal(2 * k + shape, np.sqrt(k[1:] * (k[1:] + shape - 1)))
     return nodes / shape, vectors[0] ** 2

@@ -10,6 +10,7 @@ from geo.box import Box
 from geo.errors import UserError
 from geo.files import address, dataset
 from geo.forcing import quantities, sources
+from geo.forcing.quantity import QUANTITIES
 from geo.forcing.sources import Source
 
 ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise, 45 degrees each
@@ -36,7 +37,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
             f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are a current, a wind or a Stokes drift; "
             "say which: --as"
         )
-    for quantity in quantities.QUANTITIES:
+    for quantity in QUANTITIES:
         if held and quantity not in held:
             continue
         try:
@@ -60,7 +61,7 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
         variables[path] = {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
     everything = {name: attributes for held in variables.values() for name, attributes in held.items()}
     names: dict[str, set[str]] = {}
-    for quantity in quantities.QUANTITIES:
+    for quantity in QUANTITIES:
         try:
             pair = quantities.search(quantity, everything)
         except UserError:
@@ -80,7 +81,7 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
 def describe(source: Source) -> list[str]:
     """Return lines on a source: what, where, when, how much is missing, how fast, and how it was understood."""
     grid, box = source.grid, source.grid.box
-    lines = [f"{quantities.SPOKEN[source.quantity]}: {source.name}"]
+    lines = [f"{QUANTITIES[source.quantity].spoken}: {source.name}"]
     around = " round the Earth" if grid.seamless else ""
     lines.append(
         f"  where    {_degrees(box)}{around}; {grid.nlon} x {grid.nlat} nodes of {grid.dlon:.4g} x {grid.dlat:.4g} degrees"

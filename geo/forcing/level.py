@@ -15,6 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from geo.errors import UserError
+from geo.forcing.quantity import QUANTITIES
 
 NAMES = re.compile(
     r"^(depth.*|deptht|depthu|depthv|lev|level|levels|z|z_.*|zc|s_rho|s_w|siglay|siglev|sigma|layer|layers|height.*"
@@ -38,15 +39,8 @@ DECIBAR = 1e4  # [Pa]; of sea water it is a metre of depth to 1 %
 WIND_HEIGHT = 10.0  # [m] the height that leeway is measured against
 HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] from which a wind passes: the logarithmic profile changes by 15 % from 10 to these
 DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
-SIGMA = {"wind": 0.005, "current": 0.1, "stokes": 0.1}  # from the surface; of the atmosphere's, 0.005 is 40 m
 # types of level that have no value
 SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean sea level"}
-WANTED = {
-    "wind": "the wind 2 to 20 m above the sea",
-    "current": "the current at most 5 m deep, or within 0.1 of the surface in sigma",
-    "stokes": "the Stokes drift at most 5 m deep, or within 0.1 of the surface in sigma",
-}
-
 Array = NDArray[np.float64]
 
 
@@ -200,26 +194,26 @@ def _read(name: str, attributes: Mapping[str, Any], values: Array, quantity: str
             upwards = True if FROM_BOTTOM.match(name) else False if FROM_TOP.match(name) else None
     elif re.search(r"(sea ?floor|bottom|above (the )?bed|mixed layer)", text):
         kind = "unknown"
-    elif pressure is not None and quantity != "wind":
+    elif pressure is not None and not QUANTITIES[quantity].in_air:
         kind, away = "depth", np.abs(values) * pressure / DECIBAR
     elif pressure is not None or (none and PRESSURES.match(name)):
         kind = "pressure"
-    elif length is not None and quantity == "wind":
+    elif length is not None and QUANTITIES[quantity].in_air:
         kind, away = "height", values * length * (-1.0 if down else 1.0)
     elif length is not None:
         kind, away = "depth", np.abs(values) * length
     elif share:
         kind, away = "sigma", _from_surface(values, quantity, upwards)
     elif none and (DEPTHS.match(name) or standard == "depth") and not (upwards and (values > 0).all()):
-        kind, away = ("height", -values) if quantity == "wind" else ("depth", np.abs(values))
+        kind, away = ("height", -values) if QUANTITIES[quantity].in_air else ("depth", np.abs(values))
     elif none and (
         HEIGHTS.match(name)
         or standard in ("height", "altitude")
         or (values == 0).all()
-        or (quantity != "wind" and np.abs(values).max(initial=0.0) > 1.0)
+        or (not QUANTITIES[quantity].in_air and np.abs(values).max(initial=0.0) > 1.0)
     ):
-        kind, away = ("height", values) if quantity == "wind" else ("depth", np.abs(values))
-    elif none and (values <= 0).all() and values.size > 1 and quantity != "wind":
+        kind, away = ("height", values) if QUANTITIES[quantity].in_air else ("depth", np.abs(values))
+    elif none and (values <= 0).all() and values.size > 1 and not QUANTITIES[quantity].in_air:
         kind, away = "sigma", np.abs(values)
     return Levels(name, kind, values, units, away, upwards, lone)
 
@@ -240,7 +234,7 @@ def _sigma(name: str, standard: str, units: str) -> bool:
 
 def _from_surface(values: Array, quantity: str, upwards: bool | None) -> Array:
     """Return how far sigma lies from the surface, where the atmosphere's is 1 and an ocean's is 0 (-1 at the bottom)."""
-    if quantity == "wind" or (upwards and (values >= 0).all() and values.max() > 0):
+    if QUANTITIES[quantity].in_air or (upwards and (values >= 0).all() and values.max() > 0):
         return 1.0 - values
     if upwards is None and (values > 0).any():
         return np.full(values.shape, np.nan)  # 0 to 1, and nothing says at which end the surface is
@@ -267,7 +261,7 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
         text = str(attributes.get(key, "")).lower().replace("_", " ")
         at = r"(?:\bat|@|\bon)\s+(?:the\s+)?" if key == "long_name" else r"^\s*"
         number, metre = r"(\d+(?:\.\d+)?)", r"[\s-]*m(?:et(?:er|re)s?)?\b(?!\s*(?:/|s\b|s-|s\*|s\^|per))"
-        if quantity == "wind":
+        if QUANTITIES[quantity].in_air:
             hit = re.search(number + r"[\s-]*(hpa|mb|mbar|millibars?)\b", text)
             if hit:
                 return _read("level", {"units": hit[2]}, np.array([float(hit[1])]), quantity, True)
@@ -285,7 +279,7 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
 def _surface(levels: Levels, quantity: str) -> int | None:
     """Return the index of the level that passes for the surface; for winds the one nearest 10 m; None without one."""
     values, away = levels.values, levels.away
-    if levels.kind == "number" and quantity != "wind" and levels.upwards is not None:
+    if levels.kind == "number" and not QUANTITIES[quantity].in_air and levels.upwards is not None:
         if levels.upwards:  # the greatest number is at the surface, if this is not a single one of them
             return int(np.argmax(values)) if len(values) > 1 else None
         return int(np.argmin(values)) if values.min() <= 1 else None
@@ -296,7 +290,7 @@ def _surface(levels: Levels, quantity: str) -> int | None:
         fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)  # 0: at the surface, as some files put it
         distance = np.where(fits, np.abs(away - WIND_HEIGHT), np.inf)
     elif levels.kind in ("depth", "sigma"):
-        most = DEEPEST + 1e-3 if levels.kind == "depth" else SIGMA[quantity] + 1e-6
+        most = DEEPEST + 1e-3 if levels.kind == "depth" else QUANTITIES[quantity].sigma + 1e-6
         distance = np.where((away <= most) & (away >= -1e-6), away, np.inf)
     else:
         return None
@@ -306,7 +300,7 @@ def _surface(levels: Levels, quantity: str) -> int | None:
 
 def _judge(levels: Levels, name: str, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
     count = len(levels.values)
-    if depth is not None and quantity != "wind":
+    if depth is not None and not QUANTITIES[quantity].in_air:
         if levels.kind != "depth":
             raise UserError(
                 f'{where}: [[{quantity}]] depth = {depth:g} m, but "{levels.name}" of {name} has levels that are not in '
@@ -327,7 +321,7 @@ def _judge(levels: Levels, name: str, quantity: str, depth: float | None, where:
     if count == 1 and depth is None and (levels.away[0] == 0 or (levels.kind == "height" and not levels.lone)):
         return 0, ""
     value = _number(levels.values[chosen])
-    if quantity == "wind" and levels.kind == "height":
+    if QUANTITIES[quantity].in_air and levels.kind == "height":
         return chosen, f"height {value} {levels.units or 'm'}" + (f" of {count} levels" if count > 1 else "")
     unit = f" {levels.units}" if levels.units.lower() in METRES or levels.units.lower() in PASCALS else ""
     guess = ", taken as metres" if levels.kind == "depth" and not unit else ""
@@ -342,7 +336,7 @@ def _refusal(levels: Levels, name: str, quantity: str, where: str) -> str:
         given = f'is given at {_spoken(levels)} ("{levels.name}", {only} of it)'
     else:
         given = f'has "{levels.name}" = {_spoken(levels)}, and nothing says how far from the surface that is'
-    return f"{where}: {name} {given}; needed is {WANTED[quantity]}: {_key(levels, quantity, levels.kind == 'depth')}"
+    return f"{where}: {name} {given}; needed is {QUANTITIES[quantity].wanted}: {_key(levels, quantity, levels.kind == 'depth')}"
 
 
 def _key(levels: Levels, quantity: str, by_depth: bool) -> str:
@@ -374,16 +368,16 @@ def _number(value: float) -> str:
 
 def _uncounted(dim: str, count: int, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
     """Return the surface's index along a dimension without a coordinate, where its name alone says which end that is."""
-    if depth is not None and quantity != "wind":
+    if depth is not None and not QUANTITIES[quantity].in_air:
         raise UserError(
             f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; where you know '
             f"them, name one by its index, counted from 0, in [[{quantity}]] variables.{dim}"
         )
     upwards = bool(FROM_BOTTOM.match(dim))
-    if quantity != "wind" and (upwards or FROM_TOP.match(dim)):
+    if not QUANTITIES[quantity].in_air and (upwards or FROM_TOP.match(dim)):
         chosen = count - 1 if upwards else 0
         return chosen, f'{"last" if upwards else "first"} of {count} levels along "{dim}", taken as the surface'
     raise UserError(
-        f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is {WANTED[quantity]}: where you know '
+        f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is {QUANTITIES[quantity].wanted}: where you know '
         f"which that is, name it by its index, counted from 0, in [[{quantity}]] variables.{dim}"
     )

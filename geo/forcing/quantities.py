@@ -11,16 +11,11 @@ from typing import Any
 
 from geo.errors import UserError
 from geo.forcing import level
+from geo.forcing.quantity import QUANTITIES
 from geo.grids import naming
 
 Attributes = Mapping[str, Any]
 
-QUANTITIES = ("current", "wind", "stokes")
-SPOKEN = {"current": "current", "wind": "wind", "stokes": "Stokes drift"}
-
-# [m/s] The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the strongest sustained wind was
-# 96 (Patricia, 2015), which no model's grid resolves.
-FASTEST = {"current": 8.0, "wind": 90.0, "stokes": 3.0}
 NINES = tuple(
     k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1
 )  # 9.9 to 99999: fill values
@@ -127,7 +122,7 @@ def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str,
     """Narrow several variables of one standard name: those at the surface first, winds at 10 m, a name in common use."""
     if len(names) > 1:
         names = [n for n in names if level.passes(attributes[n], quantity)] or names
-    if len(names) > 1 and quantity == "wind":
+    if len(names) > 1 and QUANTITIES[quantity].in_air:
         ten = [n for n in names if re.search(r"(?<!\d)10(?!\d)", f"{n} {attributes[n].get('long_name', '')}")]
         names = ten or names
     if len(names) > 1:
@@ -149,7 +144,7 @@ def _by_standard_name(quantity: str, variables: Mapping[str, Attributes], key: s
         for names in held:
             if len(names) > 1:
                 raise UserError(
-                    f"several variables are the {SPOKEN[quantity]}: {', '.join(sorted(names))}; "
+                    f"several variables are the {QUANTITIES[quantity].spoken}: {', '.join(sorted(names))}; "
                     f"choose with [[{quantity}]] variables = {{ east = ..., north = ... }}"
                 )
         return Pair(held[0][0], held[1][0], axes, f"{key} {east_name}")
@@ -239,13 +234,15 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         ]
         if one and not any(n in components[lacking] for n in variables):
             return (
-                f"{name}: {one[0]} is one component of the {SPOKEN[quantity]}, but the {side} one is missing; "
+                f"{name}: {one[0]} is one component of the {QUANTITIES[quantity].spoken}, but the {side} one is missing; "
                 f"name the files of both in [[{quantity}]] files, or set [[{quantity}]] variables"
             )
     held_instead = []
     for other in QUANTITIES:
         pair = search(other, variables) if other != quantity else None
         if pair is not None:
-            held_instead.append(f"{SPOKEN[other]} ({pair.east}, {pair.north})")
+            held_instead.append(f"{QUANTITIES[other].spoken} ({pair.east}, {pair.north})")
     what = " and ".join(held_instead) if held_instead else _list(variables)
-    return f"no {SPOKEN[quantity]} in the {SPOKEN[quantity]} file {name}: it holds {what}; {where}"
+    return (
+        f"no {QUANTITIES[quantity].spoken} in the {QUANTITIES[quantity].spoken} file {name}: it holds {what}; {where}"
+    )

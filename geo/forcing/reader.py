@@ -16,6 +16,7 @@ from geo.files import dataset
 from geo.forcing import clock, component, memory, quantities, slices, survey, tile
 from geo.forcing.component import Component
 from geo.forcing.kept import Kept
+from geo.forcing.quantity import QUANTITIES
 from geo.grids import fill, layout, naming
 from geo.grids.grid import Grid
 from geo.grids.layout import Array, Layout
@@ -95,7 +96,7 @@ def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
     found = {k: a for k, a in attributes.items() if _is_field(k, files)}
     _check_chosen(request, files)
     pair = quantities.find(q, found, request.variables, request.name)
-    notes.append(f"{quantities.SPOKEN[q]} from {pair.east}, {pair.north} (found by {pair.how})")
+    notes.append(f"{QUANTITIES[q].spoken} from {pair.east}, {pair.north} (found by {pair.how})")
     _check_sizes(request, pair, files)
     first, second = _components(request, pair, files, notes)
     first, second, times = _join(request, first, second, notes)

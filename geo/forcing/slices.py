@@ -11,10 +11,10 @@ from geo.errors import UserError
 from geo.files import dataset
 from geo.forcing import quantities
 from geo.forcing.component import Component
+from geo.forcing.quantity import QUANTITIES
 from geo.grids.layout import Array, Index, Layout, Triangles
 
 SENTINELS = (*quantities.NINES, 32767.0, 32768.0)  # fill values that files forget to declare
-IMPOSSIBLE = {"current": 20.0, "wind": 120.0, "stokes": 10.0}  # [m/s] a component; the strongest gust on record is 113
 ROUNDING = 1e-9  # [m/s] what rounding leaves of a zero
 
 
@@ -112,8 +112,8 @@ def _clean(values: Array, component: Component) -> tuple[Array, int]:
         size = np.abs(values)
         wrong = np.isinf(values)
         if not component.vouched:
-            wrong |= size * component.factor > IMPOSSIBLE[component.quantity]
-            fast = np.array([x for x in SENTINELS if x * component.factor > quantities.FASTEST[component.quantity]])
+            wrong |= size * component.factor > QUANTITIES[component.quantity].impossible
+            fast = np.array([x for x in SENTINELS if x * component.factor > QUANTITIES[component.quantity].fastest])
             wrong |= np.isin(size, fast) | np.isin(size, fast.astype(np.float32))
     count = int(wrong.sum())
     values = np.where(wrong, np.nan, values) * component.factor

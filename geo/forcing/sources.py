@@ -17,8 +17,9 @@ from geo.box import Box
 from geo.errors import UserError
 from geo.files import address, dataset
 from geo.forcing import analytic as flows
-from geo.forcing import memory, quantities, reader
+from geo.forcing import memory, reader
 from geo.forcing.kept import Shelf
+from geo.forcing.quantity import QUANTITIES
 from geo.grids.grid import Grid
 
 EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for what does not vary in space
@@ -114,8 +115,8 @@ def _request(
     quantity: str, paths: dataset.Paths | memory.Held, variables: Mapping[str, Any] | None, *how: Any
 ) -> tuple[reader.Request, Any]:
     """Return a request, and what it is made of."""
-    if quantity not in quantities.QUANTITIES:
-        raise UserError(f'quantity "{quantity}": allowed are {", ".join(quantities.QUANTITIES)}')
+    if quantity not in QUANTITIES:
+        raise UserError(f'quantity "{quantity}": allowed are {", ".join(QUANTITIES)}')
     if isinstance(paths, memory.Held):
         return reader.Request(quantity, paths.name, variables or {}, *how), paths
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
@@ -169,8 +170,9 @@ def _uniform(
 def _spoken(quantity: str, east: float, north: float) -> str:
     """Return a vector as mariners say it: winds from, currents toward, knots."""
     toward = np.degrees(np.arctan2(east, north))
-    angle = (toward + 180 if quantity == "wind" else toward) % 360
-    return f"{np.hypot(east, north) * 3600 / 1852:.1f} kn {'from' if quantity == 'wind' else 'toward'} {angle:03.0f}"
+    from_ = QUANTITIES[quantity].in_air
+    angle = (toward + 180 if from_ else toward) % 360
+    return f"{np.hypot(east, north) * 3600 / 1852:.1f} kn {'from' if from_ else 'toward'} {angle:03.0f}"
 
 
 def analytic(

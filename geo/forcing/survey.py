@@ -14,6 +14,7 @@ from geo.errors import UserError
 from geo.files.dataset import remote
 from geo.forcing import quantities, slices
 from geo.forcing.component import Component
+from geo.forcing.quantity import QUANTITIES
 from geo.grids.layout import Array
 
 READ = 64 * 2**20  # [bytes] of values at most, both components and all slices together
@@ -63,7 +64,7 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
                 "fill value that the file does not declare (plausible = true to take it as a value)"
             )
         with np.errstate(invalid="ignore", over="ignore"):
-            values[np.abs(values) * component.factor > slices.IMPOSSIBLE[component.quantity]] = np.nan
+            values[np.abs(values) * component.factor > QUANTITIES[component.quantity].impossible] = np.nan
     slow = () if plausible else _shared(samples)
     for fill in slow:
         share = float(np.mean(samples[0] == fill))
@@ -116,7 +117,7 @@ def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float,
     saturate. One apart by a gap must also be faster than anything real, or what a packed number is by default.
     """
     known = values[np.isfinite(values)]
-    fastest = quantities.FASTEST[quantity]
+    fastest = QUANTITIES[quantity].fastest
     found: list[float] = []
     for _ in range(4):  # a file may hold two of them, and both signs
         for largest in (True, False):
@@ -182,7 +183,7 @@ def _may_be_dry(components: tuple[Component, Component], samples: list[Array]) -
     Stokes drift really is zero in the lee, once packed: there only a file that has no missing value can mean land.
     """
     first = components[0]
-    if first.quantity == "wind" or first.unmasked or any(c.mask is not None for c in components):
+    if QUANTITIES[first.quantity].in_air or first.unmasked or any(c.mask is not None for c in components):
         return False
     return first.quantity == "current" or not any(np.isnan(values).any() for values in samples)
 
@@ -201,7 +202,7 @@ def _judged(
         return []
     mean, high, largest = float(speed.mean()), float(np.percentile(speed, PERCENTILE)), float(speed.max())
     told = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
-    spoken, fastest = quantities.SPOKEN[quantity], quantities.FASTEST[quantity]
+    spoken, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
     if quantity == "current":
         good = mean <= STRONG_MEAN and high <= fastest
         allowed = (
@@ -216,7 +217,7 @@ def _judged(
             f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {told}; {allowed}. "
             f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set plausible = true"
         )
-    if quantity == "wind" and largest <= SLOW_WIND:
+    if QUANTITIES[quantity].in_air and largest <= SLOW_WIND:
         return [
             f"WARNING: this wind is nowhere over {largest:.2g} m/s at the {len(looked_at)} times looked at: is it a current?"
         ]
