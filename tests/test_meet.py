@@ -243,7 +243,7 @@ def _meet(
 
 @pytest.mark.parametrize("slides", [False, True])
 def test_a_straight_step_ends_where_it_meets_the_land_or_slides_along_it(slides: bool) -> None:
-    """Shapely says which steps meet the land, where, and that all end in the water; what slides ends OFF the shore or farther."""
+    """Shapely says which steps meet the land, where, and that all end in the water."""
     coast = built(wavy())
     land = shapely.transform(
         shapely.polygonize(shapely.linestrings(shoreline.edges(coast).reshape(-1, 2, 2))), lambda p: p
@@ -272,3 +272,19 @@ def test_a_straight_step_ends_where_it_meets_the_land_or_slides_along_it(slides:
     np.testing.assert_allclose(part[hit], touch / shapely.length(ways[hit]), atol=4 * EPS)
     struck = shapely.linestrings(shoreline.edges(coast)[number[hit]].reshape(-1, 2, 2).astype(float))
     assert shapely.distance(struck, shapely.points(x[hit].astype(float), y[hit].astype(float))).max() < 3  # units
+
+
+def test_a_step_slides_along_a_straight_shore_as_far_as_it_would_have_gone_along_it() -> None:
+    """Its end is the projection of the step's onto the shore, but for OFF, two roundings and the first way's stop before it."""
+    n = 500
+    off, run = -np.array([np.cos(ANGLE), -np.sin(ANGLE)]), np.array([np.sin(ANGLE), np.cos(ANGLE)])
+    away, start, inward, way = RNG.uniform([10, -3000, 50, -2000], [600, 3000, 900, 2000], (n, 4)).T
+    lon, lat = binary(*(away[:, None] * off + start[:, None] * run).T)
+    to_lon, to_lat = binary(*(-inward[:, None] * off + (start + way)[:, None] * run).T)
+    met, x, y, number = (np.zeros(n, np.int32) for _ in range(4))
+    part = np.zeros(n, np.float32)
+    device = device_coast.upload(built(straight()))
+    _meet(True, lon, lat, to_lon - lon, to_lat - lat, COS, device.pack, met, x, y, part, number)
+    end = np.stack([x * METRE * COS, (y - int(sphere.to_binary(LAT))) * METRE], axis=-1)
+    assert np.abs(end @ off - shore.OFF).max() < 0.1
+    assert np.abs(end @ run - start - way).max() < 0.1
