@@ -290,6 +290,7 @@ def mover(
     its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can be measured on an analytic flow.
     A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the forcing or the domain.
     """
+    seed0, seed1 = noise.key(ensemble.seed)
     args = (
         features(ranges, physics, place),
         velocity,
@@ -299,13 +300,15 @@ def mover(
         tiles.sea(ranges),
         physics._asdict(),
         (place.coast or open_sea()).pack,
-        dict(
-            zip(
-                Terms.members,
-                (direction, *noise.key(ensemble.seed), *place.beach[:2], place.debris, *place.domain),
-                strict=True,
-            )
-        ),
+        {
+            "direction": direction,
+            "seed0": seed0,
+            "seed1": seed1,
+            "stay": place.beach.stay,
+            "offing": place.beach.offing,
+            "debris": place.debris,
+            **place.domain._asdict(),
+        },
         *(0, 1, 0),
     )
     move = launch.bind(_advance, args, ("elapsed", "duration", "step"))
