@@ -71,11 +71,11 @@ class Physics(NamedTuple):
     jibe_rate: float = 0.0  # [1/s]
 
 
-# The arguments of the kernel in groups.
+# The arguments of the kernel in groups: arrays in packs, numbers in structures.
 CoreColumns = ti.types.argpack(**CORE)
 OwnColumns = ti.types.argpack(**OWN)
-PhysicsTerms = ti.types.argpack(**dict.fromkeys(Physics._fields, ti.f32))
-Terms = ti.types.argpack(
+PhysicsTerms = ti.types.struct(**dict.fromkeys(Physics._fields, ti.f32))
+Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
     seed0=ti.u32,
     seed1=ti.u32,
@@ -290,6 +290,7 @@ def mover(
     its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can be measured on an analytic flow.
     A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the forcing or the domain.
     """
+    seed0, seed1 = noise.key(ensemble.seed)
     args = (
         features(ranges, physics, place),
         velocity,
@@ -297,9 +298,17 @@ def mover(
         launch.pack(CoreColumns, *(getattr(ensemble, name) for name in CORE)),
         launch.pack(OwnColumns, *(getattr(ensemble, name) for name in OWN)),
         tiles.sea(ranges),
-        launch.pack(PhysicsTerms, *physics),
+        physics._asdict(),
         (place.coast or open_sea()).pack,
-        launch.pack(Terms, direction, *noise.key(ensemble.seed), *place.beach[:2], place.debris, *place.domain),
+        {
+            "direction": direction,
+            "seed0": seed0,
+            "seed1": seed1,
+            "stay": place.beach.stay,
+            "offing": place.beach.offing,
+            "debris": place.debris,
+            **place.domain._asdict(),
+        },
         *(0, 1, 0),
     )
     move = launch.bind(_advance, args, ("elapsed", "duration", "step"))

@@ -122,6 +122,7 @@ class Tiles:
             self._where[row] = begin, sphere.to_binary(grid.lon0), sphere.to_binary(grid.lat0), grid.nlon, end
             self._scale[row] = 360 / sphere.TURN / grid.dlon, 360 / sphere.TURN / grid.dlat, -1, -1, 0, 0
         self.where, self.scale = runtime.upload(self._where), runtime.upload(self._scale)
+        self._seas: dict[tuple[int, ...], ti.ArgPack] = {}
 
     def place(self, tile: int, values: np.ndarray, *, later: bool, shift: bool = False) -> None:
         """Put a slice (nlat, nlon, 2) [m/s] in as the later or earlier one; shift: the later becomes the earlier."""
@@ -152,4 +153,6 @@ class Tiles:
 
     def sea(self, ranges: tuple[int, ...]) -> ti.ArgPack:
         """Return the tiles as a `Sea` for kernels; ranges: first and last tile of currents, winds and Stokes drift."""
-        return launch.pack(Sea, self.nodes, self.where, self.scale, ranges)
+        if ranges not in self._seas:
+            self._seas[ranges] = launch.pack(Sea, self.nodes, self.where, self.scale, ranges)
+        return self._seas[ranges]

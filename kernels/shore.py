@@ -157,6 +157,33 @@ def leave(lon, lat, c, offing, number, coast: ti.template()):
 
 
 @ti.func
+def piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step):
+    """(dlon, dlat, chance): piece j of the pieces of a walk, of variance v [m2] each, and the `chance` of its touch.
+
+    rest_lon, rest_lat: what is left to walk, which the last piece does: a Brownian bridge. Noise of a slot and a step.
+    """
+    w = noise.philox(
+        ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST), ti.cast(2 * j, ti.u32), seed0, seed1
+    )
+    left = ti.cast(pieces - j, ti.f32)
+    dlon, dlat = rest_lon, rest_lat
+    if j < pieces - 1:
+        n = noise.normals(w[0], w[1]) * ti.sqrt(v * (left - 1.0) / left)
+        dlon = ti.cast(ti.round(ti.cast(rest_lon, ti.f32) / left + n[0] / (c * ti.f32(METRES))), ti.i32)
+        dlat = ti.cast(ti.round(ti.cast(rest_lat, ti.f32) / left + n[1] / ti.f32(METRES)), ti.i32)
+    chance = -0.5 * v * ti.log(noise.uniform(w[2]))
+    return dlon, dlat, chance
+
+
+@ti.func
+def mirrored(dlon, dlat, after, nx, ny, c):
+    """(dlon, dlat): a step that ends at a distance `after` [m] from the shore's line, normal (nx, ny), ended as far behind it."""
+    away_lon = ti.cast(ti.round(2.0 * after * nx / (c * ti.f32(METRES))), ti.i32)
+    away_lat = ti.cast(ti.round(2.0 * after * ny / ti.f32(METRES)), ti.i32)
+    return dlon - away_lon, dlat - away_lat
+
+
+@ti.func
 def meet(
     walks: ti.template(),
     slides: ti.template(),
@@ -197,17 +224,8 @@ def meet(
         if met == 0:
             move_lon, move_lat, chance = rest_lon, rest_lat, ti.cast(0.0, ti.f32)
             if ti.static(walks):
-                w = noise.philox(
-                    ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST), ti.cast(2 * j, ti.u32),
-                    seed0, seed1,
-                )  # fmt: skip
-                left = ti.cast(pieces - j, ti.f32)
-                if j < pieces - 1:
-                    n = noise.normals(w[0], w[1]) * ti.sqrt(v * (left - 1.0) / left)
-                    move_lon = ti.cast(ti.round(ti.cast(rest_lon, ti.f32) / left + n[0] / (c * k)), ti.i32)
-                    move_lat = ti.cast(ti.round(ti.cast(rest_lat, ti.f32) / left + n[1] / k), ti.i32)
+                move_lon, move_lat, chance = piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step)
                 rest_lon, rest_lat = rest_lon - move_lon, rest_lat - move_lat
-                chance = -0.5 * v * ti.log(noise.uniform(w[2]))
 
             # The first try is the piece itself; after it, what the shore makes of a piece that has met it.
             x_from, y_from, way_lon, way_lat, going = x, y, move_lon, move_lat, 1
@@ -228,8 +246,7 @@ def meet(
                             met, before, after, nx, ny = touch(x, y, move_lon, move_lat, chance, c, coast)
                             if ti.static(not slides):
                                 if met == 1:  # the bridge's mirror image goes ashore where it touched
-                                    way_lon = move_lon - ti.cast(ti.round(2.0 * after * nx / (c * k)), ti.i32)
-                                    way_lat = move_lat - ti.cast(ti.round(2.0 * after * ny / k), ti.i32)
+                                    way_lon, way_lat = mirrored(move_lon, move_lat, after, nx, ny, c)
                                     going = 1
                         if ti.static(slides):
                             if met == 1:

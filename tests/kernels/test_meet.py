@@ -243,7 +243,7 @@ def _meet(
 
 @pytest.mark.parametrize("slides", [False, True])
 def test_a_straight_step_ends_where_it_meets_the_land_or_slides_along_it(slides: bool) -> None:
-    """Shapely says which steps meet the land, where, and that all end in the water; what slides ends OFF the shore or farther."""
+    """Shapely says which steps meet the land, where, and that all end in the water."""
     coast = built(wavy())
     land = shapely.transform(
         shapely.polygonize(shapely.linestrings(shoreline.edges(coast).reshape(-1, 2, 2))), lambda p: p
@@ -272,3 +272,80 @@ def test_a_straight_step_ends_where_it_meets_the_land_or_slides_along_it(slides:
     np.testing.assert_allclose(part[hit], touch / shapely.length(ways[hit]), atol=4 * EPS)
     struck = shapely.linestrings(shoreline.edges(coast)[number[hit]].reshape(-1, 2, 2).astype(float))
     assert shapely.distance(struck, shapely.points(x[hit].astype(float), y[hit].astype(float))).max() < 3  # units
+
+
+def test_a_step_slides_along_a_straight_shore_as_far_as_it_would_have_gone_along_it() -> None:
+    """Its end is the projection of the step's onto the shore, but for OFF, two roundings and the first way's stop before it."""
+    n = 500
+    off, run = -np.array([np.cos(ANGLE), -np.sin(ANGLE)]), np.array([np.sin(ANGLE), np.cos(ANGLE)])
+    away, start, inward, way = RNG.uniform([10, -3000, 50, -2000], [600, 3000, 900, 2000], (n, 4)).T
+    lon, lat = binary(*(away[:, None] * off + start[:, None] * run).T)
+    to_lon, to_lat = binary(*(-inward[:, None] * off + (start + way)[:, None] * run).T)
+    met, x, y, number = (np.zeros(n, np.int32) for _ in range(4))
+    part = np.zeros(n, np.float32)
+    device = device_coast.upload(built(straight()))
+    _meet(True, lon, lat, to_lon - lon, to_lat - lat, COS, device.pack, met, x, y, part, number)
+    end = np.stack([x * METRE * COS, (y - int(sphere.to_binary(LAT))) * METRE], axis=-1)
+    assert np.abs(end @ off - shore.OFF).max() < 0.1
+    assert np.abs(end @ run - start - way).max() < 0.1
+
+
+@ti.kernel
+def _pieces(
+    pieces: ti.i32, v: ti.f32, dlon: ti.i32, dlat: ti.i32, seed: ti.u32, east: Ints, north: Ints, chance: Reals
+):
+    for i in range(east.shape[0] // pieces):
+        rest_lon, rest_lat = dlon, dlat
+        for j in range(pieces):
+            k = i * pieces + j
+            east[k], north[k], chance[k] = shore.piece(
+                j,
+                pieces,
+                rest_lon,
+                rest_lat,
+                v,
+                COS,
+                seed,
+                ti.u32(3),
+                i,
+                5,
+            )
+            rest_lon, rest_lat = rest_lon - east[k], rest_lat - north[k]
+
+
+def test_the_pieces_of_a_walk_are_a_brownian_bridge() -> None:
+    """They add up to the step; each has the mean of an equal share and the covariance v (1 - 1/m), -v/m; within 4.5 standard errors."""
+    n, pieces, v, step = 40_000, 4, 130.0**2, (90_000, -50_000)
+    east, north, chance = (
+        np.zeros(n * pieces, np.int32),
+        np.zeros(n * pieces, np.int32),
+        np.zeros(n * pieces, np.float32),
+    )
+    _pieces(pieces, v, *step, 11, east, north, chance)
+    for moves, whole, unit in ((east, step[0], METRE * COS), (north, step[1], METRE)):
+        each = moves.reshape(n, pieces)
+        assert (each.sum(axis=1) == whole).all()
+        apart = (each - whole / pieces) * unit
+        expected = v * (np.eye(pieces) - 1 / pieces)
+        found = apart.T @ apart / n
+        spread = np.sqrt((np.outer(np.diag(expected), np.diag(expected)) + expected**2) / n)  # of a product of normals
+        assert (np.abs(found - expected) < 4.5 * spread).all()
+        assert (np.abs(apart.mean(axis=0)) < 4.5 * np.sqrt(np.diag(expected) / n)).all()
+    assert stats.kstest(chance, stats.expon(scale=v / 2).cdf).statistic < 1.95 / np.sqrt(chance.size)
+
+
+@ti.kernel
+def _mirrored(dlon: Ints, dlat: Ints, after: Reals, nx: ti.f32, ny: ti.f32, x: Ints, y: Ints):
+    for i in range(dlon.shape[0]):
+        x[i], y[i] = shore.mirrored(dlon[i], dlat[i], after[i], nx, ny, COS)
+
+
+def test_a_mirrored_step_ends_as_far_behind_the_line() -> None:
+    """The line half-way between both ends is the shore's: they differ along its normal alone, by twice the distance, to two units."""
+    dlon, dlat = RNG.integers(-200_000, 200_000, (2, 2000)).astype(np.int32)
+    after, angle = RNG.uniform(1, 900, 2000).astype(np.float32), 2.2
+    x, y = np.zeros(2000, np.int32), np.zeros(2000, np.int32)
+    _mirrored(dlon, dlat, after, np.cos(angle), np.sin(angle), x, y)
+    way = np.stack([(x - dlon) * METRE * COS, (y - dlat) * METRE])
+    assert np.abs(np.array([np.cos(angle), np.sin(angle)]) @ way + 2 * after).max() < 2 * METRE
+    assert np.abs(np.array([-np.sin(angle), np.cos(angle)]) @ way).max() < 2 * METRE
