@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 import drift
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.search.records import Unit
 
 NMI = 1852.0

@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 from drift import flow
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion.scenario import Survival
 from drift.planner import availability as reaches
 from drift.planner import bound, follow, joint, optimiser, planner, rectangle

@@ -20,7 +20,7 @@ from typing import Any
 # Public names and where they live; found on first use, so that `drift --help` does not wait for Taichi.
 _HOMES = {
     "Brief": "drift.many",
-    "Case": "drift.case.file",
+    "Case": "drift.case.record",
     "Result": "drift.flow",
     "UserError": "geo.errors",
     "fit_errors": "drift.drifters.fitting",

@@ -11,7 +11,7 @@ import numpy as np
 
 from drift import summary
 from drift.backtrack.backward import Origin
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.forecast.build import Forecast
 from drift.motion import forcing_error
 from drift.motion.environment import Environment

@@ -13,7 +13,7 @@ import numpy as np
 
 from drift import figures, summary, turns
 from drift.backtrack import backward
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast import effective, off_grid
 from drift.forecast.build import Forecast

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift import flow
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast.build import Forecast
 from drift.motion import prior, simulate, snapshot, start

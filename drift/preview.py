@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from drift import summary, turns
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion import environment, outlook, start
 from drift.spill import renewal
 from drift.spill.records import Spill

@@ -3,7 +3,7 @@
 from importlib import metadata
 from typing import Any
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion import forcing_error
 from drift.motion.ensemble import Account
 from drift.motion.environment import Environment

@@ -16,6 +16,9 @@ from geo import sphere
 
 Array = npt.NDArray[Any]
 
+# [binary angle unit] 0.15 m, of which the cells of a stated grid are a whole number: maps are made on cells of half, down to 1/16, the
+# size.
+QUANTUM = 16
 ONE = 2**50  # probability 1 in fixed point: sums stay below 2^53, so float64 adds them exactly
 
 

@@ -30,7 +30,7 @@ import xarray as xr
 
 from drift.backtrack import tracks
 from drift.backtrack.tracks import Group
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.forecast import effective
 from drift.forecast.effective import Count
 from drift.motion import simulate, start

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import prior
 from drift.motion.ensemble import Ensemble

@@ -1,189 +1,214 @@
-"""What a case is about: scenarios of one object, or the classes of a spill; built from its tables, checked against the run."""
+"""The tables of a case file, each in order, -> the record of the case, after what only all of them together can tell."""
 
-import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drift.case import sources
+from drift.case import contact as contact_table
+from drift.case import plan as plan_table
+from drift.case import sortie as sortie_table
+from drift.case import sources, subject, uncertainty, units
+from drift.case.context import Run
 from drift.case.mistakes import Mistakes
-from drift.case.scenario import ScenarioTable
-from drift.case.schema import CaseTable
-from drift.case.spill import build as build_spill
-from drift.motion.forcing_spec import ForcingSpec
-from drift.motion.leeway import Drifter
+from drift.case.record import Case, Coast, Depth
+from drift.case.schema import CaseTable, OutputTable
+from drift.case.sources import SourceTable
+from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
+from drift.motion.forcing_spec import ForcingSpec, Quantity
 from drift.motion.scenario import Scenario
-from drift.spill.records import Find, Patrol, Spill
+from drift.search.records import Contact, PlanSpec, Sortie, Unit
+from drift.spill.records import Spill
 from geo import notation
 from geo.errors import UserError
 
+MOST_OUTPUTS = 1000
+QUANTITIES: tuple[Quantity, ...] = ("current", "wind", "stokes")
 
-def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Spill:
-    """Return the spill of a case; raise UserError where it does not fit the run."""
-    assert table.spill is not None
-    wrong = Mistakes()
-    if end < start:
-        wrong.lines.append("a [spill] runs forward; where it came from follows from its finds: see drift origin")
-    if table.coast.source == "none":
-        wrong.lines.append(
-            'coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file'
-        )
-    if table.coast.behaviour == "slide":
-        wrong.lines.append(
-            'coast.behaviour: "slide": nothing of a [spill] would come ashore; give "strand" or "refloat"'
-        )
-    named, file, made = table.spill.stretches.file, None, None
+
+def build(table: CaseTable, path: Path, text: str) -> Case:
+    """Return the record of a case; raise one UserError for all that does not fit together."""
+    start, end = table.begin(), table.finish()
+    folder, wrong = path.absolute().parent, Mistakes()
+    known = tuple(
+        _sources(quantity, tables, start, folder, wrong)
+        for quantity, tables in zip(QUANTITIES, (table.current, table.wind, table.stokes), strict=True)
+    )
+    spill: Spill | None = None
+    scenarios: tuple[Scenario, ...] = ()
     with wrong.gathered():
-        file = sources.one_file(named, folder, "spill.stretches.file") if named else None
+        if table.spill:
+            spill = subject.spill(table, start, end, folder)
+            scenarios = subject.classes(spill, start, end, known)
+        else:
+            scenarios = subject.scenarios(table.scenario, start, end, known)
+    run = Run(start, end, scenarios, folder)
+    sorties, contacts, fleet, plan = _search(table, run, wrong)
+    more = [find.time for find in spill.finds if find.at_sea] if spill else plan_table.times(sorties, contacts)
+    outputs = np.empty(0, "datetime64[s]")
     with wrong.gathered():
-        made = build_spill(table.spill, table.find, table.patrol, table.patrol_unit, start, file)
-    if made is None or end < start:
-        wrong.refuse()
-    assert made is not None
-    known: list[Find | Patrol] = [*made.finds, *made.patrols]
-    for thing in known:
-        if thing.time > end:
-            wrong.lines.append(
-                f"{thing.name}: at {notation.group(thing.time)}, after the run's end, {notation.group(end)}; run for longer"
-            )
-    last = max((thing.time for thing in known), default=start)
-    for team in made.teams:
-        if team.times[0] < last:
-            wrong.lines.append(
-                f'patrol_unit "{team.name}": first {notation.group(team.times[0])} is before the last find or patrol, '
-                f"{notation.group(last)}: a plan begins when all is known; give a later first"
-            )
-        if team.times[-1] > end:
-            wrong.lines.append(
-                f'patrol_unit "{team.name}": its last patrol, at {notation.group(team.times[-1])}, is after the run\'s end, '
-                f"{notation.group(end)}; give fewer days, or run for longer"
-            )
-    until = made.reporting.until
-    if until is not None and until > end:
+        outputs = _outputs(table.output, start, end, more)
+    current_error, wind_error = uncertainty.CURRENT, uncertainty.WIND
+    with wrong.gathered():
+        if scenarios:  # those at fault say nothing of what they drift in
+            current_error, wind_error = _errors(table, known, scenarios, contacts)
+        spill = replace(spill, current_bias=current_error.bias) if spill else None
+    if table.depth is None and any(unit.draught > 0 for unit in fleet):
         wrong.lines.append(
-            f"spill.reporting.until {notation.group(until)} is after the run's end, {notation.group(end)}; run for longer"
+            'draught: without depths it says nothing; give [depth] file = "depths.nc", or leave draught out'
         )
-    wrong.refuse()
-    return made
-
-
-def classes(
-    spill: Spill, start: np.datetime64, end: np.datetime64, known: tuple[tuple[ForcingSpec, ...], ...]
-) -> tuple[Scenario, ...]:
-    """Return a spill's classes of objects as scenarios: what the engine moves."""
-    currents, winds, stokes = (tuple(spec.name for spec in specs) for specs in known)
-    made = []
-    for kind in spill.kinds:
-        _check_release(f'class "{kind.name}"', spill.prior, start, end)
-        _check_sources(f'class "{kind.name}"', kind.object, currents, winds)
-        made.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, currents, winds, stokes))
-    return tuple(made)
-
-
-def scenarios(
-    tables: list[ScenarioTable],
-    start: np.datetime64,
-    end: np.datetime64,
-    known: tuple[tuple[ForcingSpec, ...], ...],
-) -> tuple[Scenario, ...]:
-    """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit the run."""
-    wrong = Mistakes()
-    total = math.fsum(table.weight for table in tables)
-    if total <= 0:
-        wrong.lines.append("scenario weights add up to 0; at least one must be above 0")
-    names = [table.name for table in tables]
-    for name in sorted({name for name in names if names.count(name) > 1}):
-        wrong.lines.append(f'scenario "{name}": two scenarios have this name; give each its own')
+    depths = None
+    with wrong.gathered():
+        if table.depth:
+            file = sources.one_file(table.depth.file, folder, "depth.file")
+            depths = Depth(file, table.depth.variable, table.depth.positive)
+    shore, lakes = table.coast.source, table.coast.lakes
+    with wrong.gathered():
+        shore = _shore(shore, folder)
+    with wrong.gathered():
+        lakes = sources.one_file(lakes, folder, "coast.lakes") if isinstance(lakes, str) else lakes
+    made = ", ".join(f"{one:g}" for one in table.output.areas)
     wrong.lines += [
-        f'scenario "{name}": tables call all scenarios together by this word; give it another name'
-        for name in names
-        if name.strip().casefold() == "all"
+        f"expect: no {percent:g} % area is made, only {made} %; add {percent:g} to output.areas"
+        for percent in table.expect.by_percent()
+        if percent not in table.output.areas
     ]
-    made = []
-    for table in tables:
-        with wrong.gathered():
-            made.append(_scenario(table, table.weight / (total or 1.0), start, end, known))
     wrong.refuse()
-    return tuple(made)
-
-
-def _scenario(
-    table: ScenarioTable,
-    weight: float,
-    start: np.datetime64,
-    end: np.datetime64,
-    known: tuple[tuple[ForcingSpec, ...], ...],
-) -> Scenario:
-    place, wrong = f'scenario "{table.name}"', Mistakes()
-    drifter = table.object.drifter()
-    prior: Any = None
-    with wrong.gathered(place):
-        prior = table.prior(start)
-    with wrong.gathered():
-        if prior is not None:
-            _check_release(place, prior, start, end)
-    chosen: list[tuple[str, ...]] = []
-    asked = (table.currents, table.winds, table.stokes)
-    for key, wanted, specs in zip(("currents", "winds", "stokes"), asked, known, strict=True):
-        with wrong.gathered():
-            chosen.append(_chosen(wanted, specs, f"{place}.{key}"))
-    if len(chosen) == len(asked):
-        with wrong.gathered():
-            _check_sources(place, drifter, chosen[0], chosen[1])
-    wrong.refuse()
-    currents, winds, stokes = chosen
-    alive = table.survival.survival() if table.survival else None
-    return Scenario(
-        table.name,
-        weight,
-        drifter,
-        table.jibe_rate(drifter),
-        prior,
-        currents,
-        winds,
-        stokes,
-        search_object=table.search_object,
-        survival=alive,
+    assert plan is not None
+    currents, winds, stokes = known
+    diffusivity = table.uncertainty.diffusivity
+    return Case(
+        title=table.title or path.stem,
+        path=path,
+        text=text,
+        start=start,
+        end=end,
+        direction=-1 if table.direction == "backward" else 1,
+        particles=spill.particles if spill else table.particles,
+        seed=table.seed,
+        max_lost=table.max_lost,
+        outputs=outputs,
+        trajectories=table.output.trajectories,
+        areas=table.output.fractions(),
+        grid=table.output.grid.cells() if table.output.grid else None,
+        step=table.clock.step,
+        scheme=table.clock.scheme,
+        tolerance=table.clock.tolerance,
+        domain=table.domain.box() if table.domain else None,
+        coast=Coast(shore, table.coast.behaviour, table.coast.half_life or 0.0, table.coast.offing, lakes),
+        currents=currents,
+        winds=winds,
+        stokes=stokes,
+        current_error=current_error,
+        wind_error=wind_error,
+        diffusivity=uncertainty.DIFFUSIVITY if diffusivity is None else diffusivity,
+        diffusivity_by=DEFAULT if diffusivity is None else CASE,
+        scenarios=scenarios,
+        spill=spill,
+        sorties=sorties,
+        contacts=contacts,
+        units=fleet,
+        plan=plan,
+        resampling=table.resampling.resampling(),
+        expect=table.expect,
+        depth=depths,
     )
 
 
-def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetime64) -> None:
-    for time in (prior.release_start, prior.release_end):
-        if not min(start, end) <= time <= max(start, end):
-            raise UserError(
-                f"{place}: it may go adrift at {notation.group(time)}, outside the run, {notation.group(start)} to "
-                f"{notation.group(end)}; change its times or the case's start and end"
-            )
+def _errors(
+    table: CaseTable,
+    known: tuple[tuple[ForcingSpec, ...], ...],
+    scenarios: tuple[Scenario, ...],
+    contacts: tuple[Contact, ...],
+) -> tuple[ForcingError, ForcingError]:
+    """Return the errors of current and wind: as the case says, else by default where they come from gridded files."""
+    currents, winds, _ = known
+    said = table.uncertainty
+    drifters = [s.object for s in scenarios] + [c.drifter for c in contacts if c.drifter is not None]
+    reason = uncertainty.silent(currents, [s.currents for s in scenarios])
+    current = uncertainty.error(said.current, uncertainty.CURRENT, reason, "current")
+    if table.spill:
+        current = uncertainty.in_spill(current, said.current, table.spill.current_bias)
+    reason = uncertainty.silent(winds, [s.winds for s in scenarios])
+    if not any(drifter.uses_wind for drifter in drifters):
+        reason = UNFELT
+    return current, uncertainty.error(said.wind, uncertainty.WIND, reason, "wind")
 
 
-def _check_sources(place: str, drifter: Drifter, currents: tuple[str, ...], winds: tuple[str, ...]) -> None:
-    wrong = Mistakes()
-    if not currents:
+def _search(
+    table: CaseTable, run: Run, wrong: Mistakes
+) -> tuple[tuple[Sortie, ...], tuple[Contact, ...], tuple[Unit, ...], PlanSpec | None]:
+    """Return what was searched, seen, and can be sent; what is wrong with it is added to the mistakes.
+
+    Where the scenarios are at fault nothing is looked at: they say what is searched for, and how well it is seen.
+    """
+    sorties: tuple[Sortie, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    fleet: tuple[Unit, ...] = ()
+    plan = None
+    if not run.scenarios:
+        return sorties, contacts, fleet, plan
+    before = len(wrong.lines)
+    with wrong.gathered():
+        sorties = sortie_table.build(table.sortie, run)
+    with wrong.gathered():
+        contacts = contact_table.build(table.contact, run)
+    with wrong.gathered():
+        plan = table.plan.spec(run, sorties, contacts, asked=bool(table.unit) or "plan" in table.model_fields_set)
+    # Units that fit no plan of the case may fit the longest that there can be.
+    longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_table.LEAST)
+    with wrong.gathered():
+        fleet = plan_table.build(table.unit, run, plan or longest)
+    if len(wrong.lines) == before:
+        with wrong.gathered():
+            plan_table.check_groups(sorties, fleet)
+    return sorties, contacts, fleet, plan
+
+
+def _outputs(
+    table: OutputTable, start: np.datetime64, end: np.datetime64, more: list[np.datetime64]
+) -> NDArray[np.datetime64]:
+    sign = 1 if end > start else -1
+    if table.times is not None:
+        times = [units.resolve(time, start) for time in table.times]
+        for time in times:
+            if not min(start, end) <= time <= max(start, end):
+                raise UserError(
+                    f"output.times: {notation.group(time)} is outside the run, {notation.group(start)} to {notation.group(end)}"
+                )
+    else:
+        span = abs((end - start).astype(int))
+        every = max(round(table.every or 21_600.0), 1)
+        if span // every > MOST_OUTPUTS:
+            raise UserError(f"output.every gives {span // every:,} output times; at most {MOST_OUTPUTS}")
+        times = [start + np.timedelta64(sign * k * every, "s") for k in range(span // every + 1)]
+    every_time = np.unique(np.array([start, *times, *more, end], dtype="datetime64[s]"))
+    return every_time[::sign]
+
+
+def _shore(source: str, folder: Path) -> str:
+    if source in {"gshhg", "none"}:
+        return source
+    return sources.one_file(source, folder, "coast.source", '; allowed are "gshhg", "none" and a shoreline file')
+
+
+def _sources(
+    quantity: Quantity, tables: list[SourceTable], start: np.datetime64, folder: Path, wrong: Mistakes
+) -> tuple[ForcingSpec, ...]:
+    """Return the sources of a quantity; one that is at fault is added to the mistakes, and stands in by its name."""
+    specs: list[ForcingSpec] = []
+    for number, table in enumerate(tables, 1):
+        place = sources.place(quantity, number, table.name)
+        spec = ForcingSpec(table.name or f"{quantity} {number}", quantity)
+        with wrong.gathered(place):
+            spec = table.spec(quantity, number, start, folder)
+        if spec.name in {other.name for other in specs}:
+            wrong.lines.append(f"{place}: two sources have this name; give each its own")
+        specs.append(spec)
+    if specs and all(spec.add for spec in specs):
         wrong.lines.append(
-            f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
-            "to say that there is none"
+            f'{quantity} "{specs[0].name}": add = true, and there is no [[{quantity}]] to add it to: leave add out of the '
+            "source that the others are added to"
         )
-    if drifter.uses_wind and not winds:
-        wrong.lines.append(
-            f'{place}: object "{drifter.name}" drifts with the wind and there is none: add [[wind]] with files, or '
-            'constant = { speed = "12 kn", from = 240 }'
-        )
-    wrong.refuse()
-
-
-def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str) -> tuple[str, ...]:
-    names = tuple(spec.name for spec in specs)
-    for name in wanted or ():
-        if name not in names:
-            raise UserError(f'{place}: no source "{name}"; there are: {", ".join(names) or "none"}')
-    if wanted is None:
-        return names
-    added = {spec.name for spec in specs if spec.add}
-    if wanted and added.issuperset(wanted):
-        rest = ", ".join(f'"{name}"' for name in names if name not in added)
-        raise UserError(f"{place}: all of these have add = true; name what they are added to as well: {rest}")
-    for name in wanted:
-        if name in added and wanted.count(name) > 1:
-            raise UserError(f'{place}: "{name}" has add = true and is named twice; name it once')
-    return tuple(wanted)
+    return tuple(specs)

@@ -8,11 +8,10 @@ from pydantic import BeforeValidator, model_validator
 
 from drift.case import fields, units
 from geo import sphere
-from geo.cells import Cells
+from geo.cells import QUANTUM, Cells
 
 MOST_CELLS = 1_000_000
 FEWEST = 8  # cells each way
-QUANTUM = 16  # [binary angle unit] 0.15 m, of which cells are a whole number: maps are made on cells of half, down to 1/16, the size
 POLEWARD = 89.0  # [deg]
 DEGREES = re.compile(r"\s*([0-9.]+)\s*(deg|degrees?|°)\s*")
 

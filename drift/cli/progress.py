@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from drift.case.file import Case
+from drift.case.record import Case
 
 Report = Callable[[str, float], None]  # (what is being done, share of it that is done)
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from drift.case import file as case_file
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.drifters import error_law
 from drift.drifters.error_law import Tracks
 from drift.drifters.records import Array, Track, breaks

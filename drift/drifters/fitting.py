@@ -18,7 +18,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from drift import turns
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.drifters import along, error_law, hold_out, reading
 from drift.drifters import records as drifter_records
 from drift.drifters.along import Ways

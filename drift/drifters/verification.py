@@ -17,7 +17,7 @@ import numpy as np
 from drift import many, turns
 from drift.case import file as case_file
 from drift.case import uncertainty
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.drifters import along, clusters, fitting, scores
 from drift.drifters import records as drifter_records
 from drift.drifters.clusters import Estimate

@@ -16,13 +16,12 @@ import shapely
 import xarray as xr
 from scipy import ndimage
 
-from drift.case.grid import QUANTUM
 from drift.forecast import areas, containment, dataset, density
 from drift.forecast.shares import SHARES
 from drift.motion.snapshot import Snapshot, mapped
 from drift.motion.status import Status
 from geo import cells, sphere
-from geo.cells import Array, Cells, Deposit, IsLand
+from geo.cells import QUANTUM, Array, Cells, Deposit, IsLand
 from geo.errors import UserError
 
 __all__ = ["Contour", "Forecast", "Snapshot", "build"]

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion.forcing import QUANTITIES, Sources
 from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.forcing_spec import options as source_options

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.case.schema import BYTES_PER_PARTICLE
 from drift.motion import ensemble as record
 from drift.motion import start

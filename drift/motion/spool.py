@@ -10,7 +10,7 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion.ensemble import Ensemble
 from drift.motion.simulate import Moment

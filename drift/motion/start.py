@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import prior, silence, simulate
 from drift.motion.ensemble import Ensemble

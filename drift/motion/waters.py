@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion import environment
 from drift.motion.environment import Environment
 from drift.motion.forcing_spec import ForcingSpec

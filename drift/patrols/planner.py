@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion.prior import elapsed
 from drift.spill import estimate, evidence, exposure, finds
 from drift.spill.exposure import Exposure

@@ -5,13 +5,13 @@ value: never deeper than the grid says. Beyond the grid nothing is known, and no
 the datum of the grid.
 """
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
+from drift.case.record import Depth
 from geo.box import Box
 from geo.errors import UserError
 
@@ -19,15 +19,6 @@ Array = npt.NDArray[Any]
 
 UP = ("height", "altitude", "elevation", "topography")
 DOWN = ("depth", "bathymetry")
-
-
-@dataclass(frozen=True)
-class Depth:
-    """Where depths come from."""
-
-    file: str  # absolute path
-    variable: str | None = None  # None: the only one on latitude and longitude
-    positive: Literal["up", "down"] | None = None  # None: as the file says
 
 
 def shoals(source: Depth, box: Box, draught: float) -> Array:

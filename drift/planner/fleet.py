@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.file import Case
+from drift.case.record import Case, Depth
 from drift.motion.environment import Environment
 from drift.planner import availability, courses, depth, planning_tracks
 from drift.planner.courses import Course
-from drift.planner.depth import Depth
 from drift.planner.planning_tracks import Tracks
 from drift.planner.records import Tasking
 from drift.search.records import PlanSpec, Unit

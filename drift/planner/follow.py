@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import simulate, start
 from drift.motion.environment import Environment

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from drift import figures, flow, turns
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.flow import Report, Result, Stopwatch
 from drift.forecast import effective
 from drift.forecast.effective import Count

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion import prior
 from drift.motion.ensemble import Ensemble
 from drift.motion.leeway import Drifter

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.case.spill import NUMBERS
 from drift.motion.prior import elapsed
 from drift.spill import exposure, finds

@@ -5,7 +5,7 @@ Every class of objects has a range of slots, world after world; a slot's world s
 
 import numpy as np
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.case.spill import FEWEST_PARTICLES
 from drift.motion import ensemble as record
 from drift.motion import prior

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import xarray as xr
 from scipy import special  # stats would take a second to import
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.forecast import effective
 from drift.motion.environment import Environment
 from drift.motion.prior import elapsed

@@ -10,6 +10,7 @@ from scipy import stats
 
 from drift.backtrack import backward, tracks
 from drift.case import file as case_file
+from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import simulate
 from drift.motion.environment import Environment
@@ -119,7 +120,7 @@ def at_sea(seconds: int, x: float, y: float) -> str:
     )
 
 
-def case_of(tmp_path: Path, text: str) -> case_file.Case:
+def case_of(tmp_path: Path, text: str) -> Case:
     file = tmp_path / "spill.toml"
     file.write_text(text, encoding="utf-8")
     return case_file.load(file)
@@ -175,7 +176,7 @@ def told(found: backward.Origin) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return mean, np.array(found.error), np.array(found.std)
 
 
-def forward(case: case_file.Case, source: Source, worlds: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (x, y, release) and its standard error by worlds from the prior, weighted by the finds."""
     assert case.spill is not None
     drawn = drawn_worlds.draw(case.spill, 9, lambda lon, lat: np.zeros(lon.shape, bool), count=worlds)

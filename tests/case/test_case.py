@@ -10,6 +10,7 @@ import pytest
 from places import DATA, ROOT
 
 from drift.case import file as case_file
+from drift.case.record import Case
 from drift.motion import leeway
 from drift.motion.forcing_spec import Slices
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
@@ -40,7 +41,7 @@ std = "5 nmi"
 """
 
 
-def load(tmp_path: Path, text: str = CASE, **changes: str) -> case_file.Case:
+def load(tmp_path: Path, text: str = CASE, **changes: str) -> Case:
     path = tmp_path / "test.toml"
     path.write_text(text, encoding="utf-8")
     return case_file.load(path, {key.replace("__", "."): value for key, value in changes.items()})

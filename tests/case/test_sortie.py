@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drift.case import file as case_file
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.search import patterns
 from drift.search.records import Contact, Law, Sortie, Unit
 from geo import polyline

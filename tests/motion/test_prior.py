@@ -5,7 +5,7 @@ import pytest
 import shapely
 from scipy import stats
 
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import prior
 from drift.motion.forcing_error import ForcingError

@@ -11,7 +11,7 @@ import pytest
 import shapely
 
 import drift
-from drift.case.file import Case
+from drift.case.record import Case
 from drift.planner import courses, planner, subareas, unit_sheet
 from drift.planner.records import Plan
 from geo.box import Box

@@ -14,8 +14,9 @@ import xarray as xr
 from scipy.sparse import csgraph
 from shapely.ops import substring
 
+from drift.case.record import Depth
 from drift.planner import courses, seas
-from drift.planner.depth import Depth, shoals
+from drift.planner.depth import shoals
 from drift.planner.planning_tracks import Plane
 from geo import sphere
 from geo.box import Box

@@ -1,0 +1,80 @@
+"""The case as the rest of the program knows it: a frozen record, validated, in SI and UTC."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drift.case.expect import Expect
+from drift.motion.forcing_error import ForcingError
+from drift.motion.forcing_spec import ForcingSpec
+from drift.motion.scenario import Scenario
+from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit
+from drift.spill.records import Spill
+from geo.box import Box
+from geo.cells import Cells
+
+
+@dataclass(frozen=True)
+class Coast:
+    """Where the shoreline comes from ("gshhg", "none" or an absolute path) and what it does to a particle."""
+
+    source: str
+    behaviour: Literal["strand", "refloat", "slide"]
+    half_life: float = 0.0  # [s] of lying ashore before it is afloat again; 0: it lies there for good
+    offing: float = 0.0  # [m] off the beach where it is afloat again
+    lakes: bool | str = False  # water; or the absolute path of a file of lakes
+
+
+@dataclass(frozen=True)
+class Depth:
+    """Where the depths come from that tell where boats have too little water."""
+
+    file: str  # absolute path
+    variable: str | None = None  # None: the only one on latitude and longitude
+    positive: Literal["up", "down"] | None = None  # None: as the file says
+
+
+@dataclass(frozen=True)
+class Case:
+    """A validated case. Times are datetime64[s] UTC; start is where the run begins, end where it stops."""
+
+    title: str
+    path: Path
+    text: str  # the file as read, with the overrides as comments
+    start: np.datetime64
+    end: np.datetime64
+    direction: int  # +1, or -1 for a backward run, whose end is before its start
+    particles: int
+    seed: int
+    max_lost: float
+    outputs: NDArray[np.datetime64]  # in order of the run, start and end included
+    trajectories: int
+    areas: tuple[float, ...]  # shares of the probability whose areas are told, ascending
+    grid: Cells | None  # of all outputs; None: cells follow the particles
+    step: int | None  # [s], positive also in a backward run; None: choose it
+    scheme: Literal["rk2", "rk4"]
+    tolerance: float  # [m] a day
+    domain: Box | None
+    coast: Coast
+    currents: tuple[ForcingSpec, ...]
+    winds: tuple[ForcingSpec, ...]
+    stokes: tuple[ForcingSpec, ...]
+    current_error: ForcingError
+    wind_error: ForcingError
+    diffusivity: float  # [m2/s]
+    diffusivity_by: str  # who says so: drift.case.uncertainty
+    scenarios: tuple[Scenario, ...]  # of a spill: one a class of objects, all with its prior
+    spill: Spill | None
+    sorties: tuple[Sortie, ...]  # by start
+    contacts: tuple[Contact, ...]  # by time
+    units: tuple[Unit, ...]
+    plan: PlanSpec
+    resampling: Resampling
+    expect: Expect
+    depth: Depth | None = None  # where boats have too little water
+    inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
+    tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included

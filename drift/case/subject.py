@@ -1,0 +1,189 @@
+"""What a case is about: scenarios of one object, or the classes of a spill; built from its tables, checked against the run."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drift.case import sources
+from drift.case.mistakes import Mistakes
+from drift.case.scenario import ScenarioTable
+from drift.case.schema import CaseTable
+from drift.case.spill import build as build_spill
+from drift.motion.forcing_spec import ForcingSpec
+from drift.motion.leeway import Drifter
+from drift.motion.scenario import Scenario
+from drift.spill.records import Find, Patrol, Spill
+from geo import notation
+from geo.errors import UserError
+
+
+def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Spill:
+    """Return the spill of a case; raise UserError where it does not fit the run."""
+    assert table.spill is not None
+    wrong = Mistakes()
+    if end < start:
+        wrong.lines.append("a [spill] runs forward; where it came from follows from its finds: see drift origin")
+    if table.coast.source == "none":
+        wrong.lines.append(
+            'coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file'
+        )
+    if table.coast.behaviour == "slide":
+        wrong.lines.append(
+            'coast.behaviour: "slide": nothing of a [spill] would come ashore; give "strand" or "refloat"'
+        )
+    named, file, made = table.spill.stretches.file, None, None
+    with wrong.gathered():
+        file = sources.one_file(named, folder, "spill.stretches.file") if named else None
+    with wrong.gathered():
+        made = build_spill(table.spill, table.find, table.patrol, table.patrol_unit, start, file)
+    if made is None or end < start:
+        wrong.refuse()
+    assert made is not None
+    known: list[Find | Patrol] = [*made.finds, *made.patrols]
+    for thing in known:
+        if thing.time > end:
+            wrong.lines.append(
+                f"{thing.name}: at {notation.group(thing.time)}, after the run's end, {notation.group(end)}; run for longer"
+            )
+    last = max((thing.time for thing in known), default=start)
+    for team in made.teams:
+        if team.times[0] < last:
+            wrong.lines.append(
+                f'patrol_unit "{team.name}": first {notation.group(team.times[0])} is before the last find or patrol, '
+                f"{notation.group(last)}: a plan begins when all is known; give a later first"
+            )
+        if team.times[-1] > end:
+            wrong.lines.append(
+                f'patrol_unit "{team.name}": its last patrol, at {notation.group(team.times[-1])}, is after the run\'s end, '
+                f"{notation.group(end)}; give fewer days, or run for longer"
+            )
+    until = made.reporting.until
+    if until is not None and until > end:
+        wrong.lines.append(
+            f"spill.reporting.until {notation.group(until)} is after the run's end, {notation.group(end)}; run for longer"
+        )
+    wrong.refuse()
+    return made
+
+
+def classes(
+    spill: Spill, start: np.datetime64, end: np.datetime64, known: tuple[tuple[ForcingSpec, ...], ...]
+) -> tuple[Scenario, ...]:
+    """Return a spill's classes of objects as scenarios: what the engine moves."""
+    currents, winds, stokes = (tuple(spec.name for spec in specs) for specs in known)
+    made = []
+    for kind in spill.kinds:
+        _check_release(f'class "{kind.name}"', spill.prior, start, end)
+        _check_sources(f'class "{kind.name}"', kind.object, currents, winds)
+        made.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, currents, winds, stokes))
+    return tuple(made)
+
+
+def scenarios(
+    tables: list[ScenarioTable],
+    start: np.datetime64,
+    end: np.datetime64,
+    known: tuple[tuple[ForcingSpec, ...], ...],
+) -> tuple[Scenario, ...]:
+    """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit the run."""
+    wrong = Mistakes()
+    total = math.fsum(table.weight for table in tables)
+    if total <= 0:
+        wrong.lines.append("scenario weights add up to 0; at least one must be above 0")
+    names = [table.name for table in tables]
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        wrong.lines.append(f'scenario "{name}": two scenarios have this name; give each its own')
+    wrong.lines += [
+        f'scenario "{name}": tables call all scenarios together by this word; give it another name'
+        for name in names
+        if name.strip().casefold() == "all"
+    ]
+    made = []
+    for table in tables:
+        with wrong.gathered():
+            made.append(_scenario(table, table.weight / (total or 1.0), start, end, known))
+    wrong.refuse()
+    return tuple(made)
+
+
+def _scenario(
+    table: ScenarioTable,
+    weight: float,
+    start: np.datetime64,
+    end: np.datetime64,
+    known: tuple[tuple[ForcingSpec, ...], ...],
+) -> Scenario:
+    place, wrong = f'scenario "{table.name}"', Mistakes()
+    drifter = table.object.drifter()
+    prior: Any = None
+    with wrong.gathered(place):
+        prior = table.prior(start)
+    with wrong.gathered():
+        if prior is not None:
+            _check_release(place, prior, start, end)
+    chosen: list[tuple[str, ...]] = []
+    asked = (table.currents, table.winds, table.stokes)
+    for key, wanted, specs in zip(("currents", "winds", "stokes"), asked, known, strict=True):
+        with wrong.gathered():
+            chosen.append(_chosen(wanted, specs, f"{place}.{key}"))
+    if len(chosen) == len(asked):
+        with wrong.gathered():
+            _check_sources(place, drifter, chosen[0], chosen[1])
+    wrong.refuse()
+    currents, winds, stokes = chosen
+    alive = table.survival.survival() if table.survival else None
+    return Scenario(
+        table.name,
+        weight,
+        drifter,
+        table.jibe_rate(drifter),
+        prior,
+        currents,
+        winds,
+        stokes,
+        search_object=table.search_object,
+        survival=alive,
+    )
+
+
+def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetime64) -> None:
+    for time in (prior.release_start, prior.release_end):
+        if not min(start, end) <= time <= max(start, end):
+            raise UserError(
+                f"{place}: it may go adrift at {notation.group(time)}, outside the run, {notation.group(start)} to "
+                f"{notation.group(end)}; change its times or the case's start and end"
+            )
+
+
+def _check_sources(place: str, drifter: Drifter, currents: tuple[str, ...], winds: tuple[str, ...]) -> None:
+    wrong = Mistakes()
+    if not currents:
+        wrong.lines.append(
+            f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
+            "to say that there is none"
+        )
+    if drifter.uses_wind and not winds:
+        wrong.lines.append(
+            f'{place}: object "{drifter.name}" drifts with the wind and there is none: add [[wind]] with files, or '
+            'constant = { speed = "12 kn", from = 240 }'
+        )
+    wrong.refuse()
+
+
+def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str) -> tuple[str, ...]:
+    names = tuple(spec.name for spec in specs)
+    for name in wanted or ():
+        if name not in names:
+            raise UserError(f'{place}: no source "{name}"; there are: {", ".join(names) or "none"}')
+    if wanted is None:
+        return names
+    added = {spec.name for spec in specs if spec.add}
+    if wanted and added.issuperset(wanted):
+        rest = ", ".join(f'"{name}"' for name in names if name not in added)
+        raise UserError(f"{place}: all of these have add = true; name what they are added to as well: {rest}")
+    for name in wanted:
+        if name in added and wanted.count(name) > 1:
+            raise UserError(f'{place}: "{name}" has add = true and is named twice; name it once')
+    return tuple(wanted)
