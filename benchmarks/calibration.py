@@ -19,8 +19,8 @@ import numpy as np
 from scipy import stats
 
 import drift
-from drift.motion import environment, simulate, start
-from drift.motion.prior import elapsed
+from drift import start
+from drift.motion import simulate
 from drift.motion.spool import Spool
 from drift.spill import evidence, finds, renewal, strandings
 from drift.spill.realisations import realise
@@ -50,14 +50,14 @@ class Bank:
 def bank(seed: int, worlds: int) -> Bank:
     """Draw and drift worlds."""
     case = drift.load("gulf_containers", {**CASE, "spill.worlds": str(worlds), "seed": str(seed)})
-    where = environment.open_for(case)
+    where = start.open_for(case)
     begin = start.prepare(case, where)
     book = strandings.Landings(begin.ensemble, False)
-    outputs = np.array([elapsed(case, t) for t in case.outputs])
+    outputs = case.period.seconds(case.outputs)
     moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, watch=book.watch)
     segments = evidence.cut(case.spill, where.coast)
-    with Spool(case, begin.ensemble, moments) as snapshots:
-        fates = renewal._fates(case.spill, renewal.Drifted(begin, snapshots, book), segments)
+    with Spool(case.period, begin.ensemble, moments, len(outputs), worlds=True) as snapshots:
+        fates = renewal._fates(case.spill, renewal.Drifted(begin.ensemble, snapshots, book, begin.worlds), segments)
     begin.scene.forcing.close()
     return Bank(case, fates, begin.worlds, segments, where.coast)
 
@@ -149,10 +149,10 @@ def main() -> None:
     runtime.start()
     begin = time.perf_counter()
     made, true = bank(1, given.worlds), bank(2, given.truths)
-    end = elapsed(made.case, made.case.end)
+    end = made.case.period.duration
     rng = np.random.default_rng(5)
     spills = truths(true, rng, end)
-    known = evidence.build(made.case, made.case.spill, made.segments, made.coast, made.worlds)
+    known = evidence.build(made.case.period, made.case.spill, made.segments, made.coast, made.worlds)
     known = replace(known, reporting=replace(known.reporting, rate=known.reporting.rate * given.wrong))
     print(f"drifted in {time.perf_counter() - begin:.0f} s", flush=True)
     shown: dict[str, list[float]] = {}

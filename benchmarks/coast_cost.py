@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 import drift
-from drift.motion import environment, start
+from drift import start
 from kernels import advance as kernel
 from kernels import runtime
 
@@ -59,7 +59,7 @@ def measure(area: str, coast: str, particles: int) -> tuple[float, float, float,
         file.write(CASE.format(particles=particles, area=area, coast=coast))
         file.flush()
         case = drift.load(file.name)
-    where = environment.open_for(case)
+    where = start.open_for(case)
     run = start.prepare(case, where)
     place = run.scene.place
     columns = ("lon", "lat", "status", "release", "ended", "edge", "side")

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 import drift
-from drift.motion.prior import elapsed
 from drift.spill import finds, washup
 from drift.spill.realisations import realise
 
@@ -19,7 +18,7 @@ def main() -> None:
     """Drift once, then add the finds one by one."""
     after = drift.run(drift.load("gulf_containers")).aftermath
     assert after is not None
-    known, worlds, end = after.posterior.known, after.worlds, elapsed(after.case, after.case.end)
+    known, worlds, end = after.posterior.known, after.worlds, after.period.duration
     surprises = {one.find.name: one for one in after.surprises}
     fates = [str(f) for f in after.washup["fate"].values]
     print(
@@ -36,7 +35,7 @@ def main() -> None:
         )
         drawn = realise(after.fates, told, 1, 1)
         kinds = [kind.name for kind in after.spill.kinds]
-        data = washup.build(after.fates, after.segments, drawn, told.weight, np.array([end]), after.case.start, kinds)
+        data = washup.build(after.fates, after.segments, drawn, told.weight, np.array([end]), after.period.start, kinds)
         k = fates.index("ashore")
         low, _, high = data["total_number"].values[:, k, -1]
         worst = washup.worst(data, 1)[0]

@@ -9,11 +9,10 @@ import sys
 import tempfile
 import time
 
-import numpy as np
-
 import drift
+from drift import start
 from drift.motion import ensemble as record
-from drift.motion import environment, prior, simulate, start
+from drift.motion import simulate
 from geo import sphere
 from geo.coast import edges as shoreline
 from kernels import runtime
@@ -49,11 +48,11 @@ def main(particles: int = 1_000_000, hours: int = 60) -> None:
         file.flush()
         case = drift.load(file.name)
     runtime.start()
-    where = environment.open_for(case)
+    where = start.open_for(case)
     coast = where.coast
     assert coast is not None
     run = start.prepare(case, where)
-    outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
+    outputs = case.period.seconds(case.outputs)
     begin, inland, tested = time.perf_counter(), 0, 0
     for moment in simulate.run(run.ensemble, run.scene, run.clock, outputs):
         land = shoreline.is_land(coast, moment.lon, moment.lat)

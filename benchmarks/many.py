@@ -19,8 +19,9 @@ import numpy as np
 import xarray as xr
 
 import drift
+from drift import start
 from drift.forecast import build as forecast_build
-from drift.motion import environment, prior, simulate, start
+from drift.motion import prior, simulate
 
 CASE = """
 start = "2026-11-21T00:00Z"
@@ -40,7 +41,7 @@ position = {{ at = [{lon}, {lat}], error = "1 nmi" }}
 """
 PLACES = {"open sea, no coast": (1.0, 61.0, "none"), "Norwegian coast": (4.55, 60.9, "gshhg")}
 PHASES = (
-    (environment, "open_for"),
+    (start, "open_for"),
     (start, "prepare"),
     (simulate, "choose_step"),
     (prior, "draw"),

@@ -18,7 +18,8 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 import drift
-from drift.motion import environment, simulate, start
+from drift import start
+from drift.motion import simulate
 from geo import sphere
 from kernels import runtime
 
@@ -57,7 +58,7 @@ def ours(folder: str, each: int, seed: int = 1) -> dict[str, np.ndarray]:
         file.write(text)
         file.flush()
         case = drift.load(file.name)
-    run = start.prepare(case, environment.open_for(case))
+    run = start.prepare(case, start.open_for(case))
     (end,) = simulate.run(run.ensemble, run.scene, run.clock, np.array([86_400]))
     xy = plane(end.lon * sphere.UNIT, end.lat * sphere.UNIT)
     return {name: xy[a:b] for name, (a, b) in zip(CLASSES, run.ensemble.scenarios, strict=True)}

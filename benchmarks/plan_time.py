@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.table import Table
 
 from drift.case import file as case_file
-from drift.motion import environment
 from drift.planner import bound, follow, optimiser
+from drift.start import open_for
 from kernels import runtime
 
 TEXT = """
@@ -101,7 +101,7 @@ def main() -> None:
         if given.minutes <= 0:
             return
         runtime.start("cpu", given.threads)
-        tracks = follow.follow(told, environment.open_for(told))
+        tracks = follow.follow(told, open_for(told))
         survival = [scenario.survival for scenario in told.scenarios]
         most = bound.bound(tracks, told.units, told.plan, survival)
         found, begin = [], time.perf_counter()

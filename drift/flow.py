@@ -4,25 +4,23 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from drift import figures, summary, turns
+from drift import figures, start, summary, turns
 from drift.backtrack import backward
 from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast import effective, off_grid
 from drift.forecast.build import Forecast
 from drift.motion import ensemble as record
-from drift.motion import environment, prior, silence, simulate, start, weights
+from drift.motion import scene, simulate, weights
 from drift.motion.environment import Environment
-from drift.motion.snapshot import Snapshot
 from drift.motion.spool import Spool
-from drift.motion.start import Start
 from drift.motion.status import Status
 from drift.output import formats, writer
 from drift.patrols import files as patrol_files
@@ -31,11 +29,12 @@ from drift.patrols.planner import PatrolPlan
 from drift.planner import text as plan_text
 from drift.planner.records import Plan
 from drift.search import tables as search_tables
-from drift.search.filter import Search
 from drift.search.updates import Updates
 from drift.spill import evidence, renewal
 from drift.spill.renewal import Aftermath, Drifted
 from drift.spill.strandings import Landings
+from drift.spill.worlds import Proposal
+from drift.start import Start
 from drift.suspend import decision
 from drift.suspend import text as suspend_text
 from drift.suspend.standing import Standing, standing
@@ -44,7 +43,6 @@ from geo.files import digest
 from kernels import deposit, runtime
 
 Report = Callable[[str, float], None]
-LOST = (Status.OUTSIDE, Status.LEFT)
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ def opened(
         runtime.start(backend, threads)
     tell("read", 0.0)
     with clock.phase("read"):
-        where = environment.open_for(case, datasets)
+        where = start.open_for(case, datasets)
     return where, clock
 
 
@@ -140,8 +138,10 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
     """Return the forecast of a case in an environment that has been opened; Taichi has been started."""
     with clock.phase("start"):
         begin = start.prepare(case, where)
-        stretches = renewal.stretches(case, case.spill, where, begin) if case.spill else None
-    outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
+        stretches = None
+        if case.spill and where.coast and begin.worlds:
+            stretches = renewal.stretches(case.period, case.spill, where.coast, begin.worlds)
+    outputs = case.period.seconds(case.outputs)
     begun = None
     if not case.spill and (case.sorties or any(scenario.survival for scenario in case.scenarios)):
         one, log_weight = begin.ensemble, begin.ensemble.log_weight.to_numpy()
@@ -154,28 +154,35 @@ def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -
             stack.callback(begin.scene.forcing.close)
             with clock.phase("drift"):
                 landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
-                search = Search(case, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
+                search = start.search(case, begin)
                 moments = simulate.run(
                     begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch, search
                 )
-                snapshots = stack.enter_context(Spool(case, begin.ensemble, moments))
-            check_lost(case, where, begin, snapshots[-1], search)
-            return Drifted(begin, snapshots, landings, search.updates if search else None)
+                spool = Spool(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
+                snapshots = stack.enter_context(spool)
+            start.check_end(case, where, begin, snapshots[-1], search)
+            return Drifted(begin.ensemble, snapshots, landings, begin.worlds, search.updates if search else None)
+
+        def renewed(proposal: Proposal, number: int) -> Drifted:
+            """Draw a spill's worlds anew, and move their objects through the run."""
+            nonlocal begin
+            begin = start.renew(case, where, begin, proposal, number)
+            return drifted(begin)
 
         done, after = drifted(begin), None
-        if case.spill and stretches:
+        if case.spill and stretches and where.coast:
             with clock.phase("finds"):
-                done, after = renewal.settle(case, case.spill, where, stretches, done, drifted)
-        begin, snapshots = done.start, done.snapshots
-        account = record.account(begin.ensemble, snapshots[-1].status)
+                done, after = renewal.settle(case.period, case.spill, where.coast, stretches, done, renewed)
+        snapshots = done.snapshots
+        account = record.account(done.ensemble, snapshots[-1].status)
         tell("map", 0.0)
         with clock.phase("products"):
             names = [scenario.name for scenario in case.scenarios]
-            is_land = start.land_of(begin.scene)
+            is_land = scene.land_of(begin.scene)
             made = forecast_build.build(
                 snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
             )
-            tracks = _trajectories(case, begin.ensemble, snapshots)
+            tracks = _trajectories(case, done.ensemble, snapshots)
     numbers = summary.numbers(case, where, account, begin, clock.seconds)
     numbers["warnings"] = effective.of_run(made.data, case.particles, done.updates) + off_grid.warnings(made.data)
     if after is not None:
@@ -268,7 +275,7 @@ def patrol(
     where, clock = opened(case, datasets, out, threads, backend, overwrite, tell)
     assert where.coast is not None
     patrol_planner.patrols(
-        case, case.spill, evidence.cut(case.spill, where.coast)
+        case.period, case.spill, evidence.cut(case.spill, where.coast)
     )  # before the drift: it may be refused
     result = forecasted(case, where, clock, tell)
     after = result.aftermath
@@ -280,7 +287,7 @@ def patrol(
         tell("write", 0.0)
         synthetic = figures.synthetic(case)
         more = [
-            writer.Product("patrols.txt", lambda s: patrol_files.text(made, after, s["run_id"], synthetic)),
+            writer.Product("patrols.txt", lambda s: patrol_files.text(made, after, case.title, s["run_id"], synthetic)),
             writer.Product("patrols.csv", lambda s: patrol_files.csv(made, after, s["run_id"])),
             writer.Product("patrols.toml", lambda s: patrol_files.toml(made, after)),
         ]
@@ -313,7 +320,8 @@ def trace(
         segments = evidence.cut(case.spill, where.coast)
         places = [evidence.place(find, segments, where.coast) for find in case.spill.finds]
     with clock.phase("drift"):
-        found = backward.backward(case, where, segments, places, progress=partial(tell, "drift"))
+        spec, cut = start.ensemble_spec(case), start.clock_spec(case)
+        found = backward.backward(case.spill, spec, cut, where, segments, places, progress=partial(tell, "drift"))
     if out is not None:
         attributes, facts = summary.attributes(case, where), backward.summary(found)
         if warnings := backward.warnings(found):
@@ -339,27 +347,6 @@ def _footer(attributes: Mapping[str, str], *more: str) -> str:
     """Return the foot of every picture: first the errors, which an area means nothing without."""
     return ", ".join(
         [f"Errors: {attributes['uncertainty']}. {attributes['source']}", f"seed {attributes['seed']}", *more]
-    )
-
-
-def check_lost(case: Case, where: Environment, begin: Start, end: Snapshot, search: Search | None) -> None:
-    """Refuse a run that lost more than the case allows, by weights as if no sortie had been flown.
-
-    What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not to be refused
-    for that.
-    """
-    if search is not None:
-        end = replace(end, probability=record.shares(search.unsearched))
-    by_status = np.bincount(end.status, end.probability, len(Status))
-    lost = {status: float(by_status[status]) for status in LOST}
-    if sum(lost.values()) <= case.max_lost:
-        return
-    box, silent = where.box, silence.told(silence.lost(begin.scene.forcing, begin.clock, begin.ensemble, end))
-    raise UserError(
-        f"{sum(lost.values()):.0%} of the probability was lost by the end: {lost[Status.OUTSIDE]:.0%} ran out of "
-        f"forcing{f' (no value: {silent})' if silent else ''}, {lost[Status.LEFT]:.0%} left the domain ({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
-        f"{box.north:.2f} N); at most {case.max_lost:.0%} may be (max_lost). Shorten the run, add a source, or widen "
-        "[domain]"
     )
 
 

@@ -14,14 +14,13 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from drift import flow
+from drift import start
 from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast.build import Forecast
-from drift.motion import prior, simulate, snapshot, start
+from drift.motion import scene, simulate, snapshot
 from drift.motion.spool import Spool
-from drift.motion.waters import Waters, divide
-from drift.search.filter import Search
+from drift.waters import Waters, divide
 from geo import sphere
 from geo.errors import UserError
 from kernels import deposit, runtime
@@ -123,17 +122,16 @@ def _forecast(
     where = waters.open_for(case, datasets)
     begin = start.prepare(case, where, waters.shore(where.coast))
     try:
-        search = Search(case, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
-        outputs = np.array([prior.elapsed(case, t) for t in case.outputs])
+        search, outputs = start.search(case, begin), case.period.seconds(case.outputs)
         moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
-        with Spool(case, begin.ensemble, moments) as snapshots:
-            flow.check_lost(case, where, begin, snapshots[-1], search)
+        with Spool(case.period, begin.ensemble, moments, len(outputs)) as snapshots:
+            start.check_end(case, where, begin, snapshots[-1], search)
             seen = list(snapshots)
     finally:
         begin.scene.forcing.close()
     rest = None
     if maps:
-        is_land = start.land_of(begin.scene)
+        is_land = scene.land_of(begin.scene)
         names = [scenario.name for scenario in case.scenarios]
         wanted = seen if maps is True else seen[-1:]
         rest = forecast_build.begin(

@@ -7,8 +7,8 @@ from drift.case.record import Case
 from drift.motion import forcing_error
 from drift.motion.ensemble import Account
 from drift.motion.environment import Environment
-from drift.motion.start import Start
 from drift.motion.status import Status
+from drift.start import Start
 from geo.files import digest
 from kernels import runtime
 

@@ -9,10 +9,12 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 
 import drift
+from drift import start
 from drift.motion import ensemble as record
-from drift.motion import environment, simulate
+from drift.motion import simulate
+from drift.motion.clock import Clock
 from drift.motion.forcing import Forcing, Sources
-from drift.motion.simulate import Clock, Scene
+from drift.motion.scene import Scene
 from drift.motion.status import Status
 from geo import sphere
 from geo.box import Box
@@ -249,7 +251,7 @@ def test_an_onshore_drift_strands_whatever_the_step(tmp_path: Path) -> None:
 def test_a_wind_of_the_same_name_leaves_the_fill_of_a_current_alone(tmp_path: Path) -> None:
     same = 'name = "model"\nconstant = { speed = "0.5 m/s", toward = 90 }\n'
     case = case_of(tmp_path, current=f"fill = 5\n{same}[[wind]]\nfill = 0\n{same}")
-    assert environment.open_for(case).scenarios[0].cells["current", "model"] == 5
+    assert start.open_for(case).scenarios[0].cells["current", "model"] == 5
 
 
 def test_the_reach_holds_the_great_circle_between_waypoints(tmp_path: Path) -> None:

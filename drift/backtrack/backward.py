@@ -30,15 +30,17 @@ import xarray as xr
 
 from drift.backtrack import tracks
 from drift.backtrack.tracks import Group
-from drift.case.record import Case
 from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.motion import simulate, start
+from drift.motion import domain, simulate, step_size
 from drift.motion.ensemble import Ensemble
+from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing
+from drift.motion.period import ClockSpec, Period
 from drift.motion.scenario import TracklinePrior
-from drift.motion.simulate import Progress, Scene
+from drift.motion.scene import Scene, physics
+from drift.motion.simulate import Progress
 from drift.motion.status import Status
 from drift.spill import worlds as drawn_worlds
 from drift.spill.records import Spill
@@ -103,46 +105,51 @@ class _Grid:
         return east, np.radians(lat - lat0) * sphere.RADIUS
 
 
+@dataclass(frozen=True)
+class Resolution:
+    """How finely an origin is told: worlds x per_find particles go back from each find."""
+
+    worlds: int = 500
+    per_find: int = 200
+    cells: int = 64  # along the longer side of the grid
+    times: int = 24  # parts of the release window
+
+
 def backward(
-    case: Case,
+    spill: Spill,
+    spec: EnsembleSpec,
+    cut: ClockSpec,
     where: Environment,
     segments: Segments | None,
     stretch: Sequence[int],
-    *,
-    worlds: int = 500,
-    per_find: int = 200,
-    cells: int = 64,
-    times: int = 24,
+    resolution: Resolution = Resolution(),
     progress: Progress | None = None,
 ) -> Origin:
     """Return where and when the objects found may have been released.
 
-    stretch: the segment of each of the spill's finds (drift.spill.evidence.place), -1 at sea; segments: None if all are.
-    worlds x per_find particles go back from each find; cells: along the longer side of the grid; times: parts of
-    the release window. Raises UserError without finds, and where no release that is allowed leads to them.
+    spec: of the forward run. stretch: the segment of each of the spill's finds (drift.spill.evidence.place), -1 at sea;
+    segments: None if all are. Raises UserError without finds, and where no release that is allowed leads to them.
     """
-    spill = case.spill
-    assert spill is not None
+    worlds = resolution.worlds
     if not spill.finds:
         raise UserError("no finds: nothing says where the spill came from; add a [[find]]")
-    rng = np.random.Generator(np.random.Philox(key=case.seed))
+    rng = np.random.Generator(np.random.Philox(key=spec.seed))
     is_land = partial(shoreline.is_land, where.coast) if where.coast else _nowhere
-    grid = _cells(spill, case.seed, is_land, cells, times)
-    shared = drawn_worlds.draw(spill, case.seed + 1, is_land, count=worlds)
+    grid = _cells(spill, spec.seed, is_land, resolution.cells, resolution.times)
+    shared = drawn_worlds.draw(spill, spec.seed + 1, is_land, count=worlds)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
     elapsed = latest.astype(np.int64) - (grid.time + round(spill.lasting / 2))  # backward run: [s] to each release
     if elapsed.max() <= 0:
         raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
-    back = replace(case, start=latest, end=latest - elapsed.max() * SECOND, direction=-1)
-    ensemble, groups = tracks.begin(back, spill, shared, where.coast, segments, stretch, per_find, rng)
+    back = replace(spec, period=Period(latest, latest - elapsed.max() * SECOND, -1))
+    ensemble, groups = tracks.begin(back, spill, shared, where.coast, segments, stretch, resolution.per_find, rng)
     forcing = Forcing(list(where.scenarios), -1)
     try:
         shore = device_coast.upload(where.coast) if where.coast else None
-        place = advance.Place(
-            start.domain(where), shore, bias=spill.current_bias > 0, divergence=True, scheme=case.scheme
-        )
-        scene = Scene(forcing, tuple(start.physics(case, s) for s in case.scenarios), place)
-        clock, _ = start.clock_of(back, where, ensemble, scene)
+        bias, box = spill.current_bias > 0, domain.binary(where.box)
+        place = advance.Place(box, shore, bias=bias, divergence=True, scheme=cut.scheme)
+        scene = Scene(forcing, tuple(physics(spec.errors, s) for s in spec.scenarios), place)
+        clock, _ = step_size.clock_of(back.period, cut, spec.errors, where.sources, ensemble, scene)
         order = np.flatnonzero(elapsed > 0)[::-1]  # the latest release comes first
         moments = simulate.run(ensemble, scene, clock, elapsed[order], progress)
         slices = _slices(spill, grid, shared, groups, ensemble, zip(order, moments, strict=True))

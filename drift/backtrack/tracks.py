@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import prior
 from drift.motion.ensemble import Ensemble
+from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import AIR_IN_WATER
+from drift.motion.period import Period
 from drift.spill import evidence, release
 from drift.spill.records import Find, Kind, Spill
 from drift.spill.worlds import Worlds
@@ -49,7 +50,7 @@ class Group:
 
 
 def begin(
-    case: Case,
+    spec: EnsembleSpec,
     spill: Spill,
     shared: Worlds,
     coast: Coast | None,
@@ -60,12 +61,12 @@ def begin(
 ) -> tuple[Ensemble, list[Group]]:
     """Return the particles of a run backward, all pending, and how they belong to finds and classes.
 
-    case: starts at the last find and runs backward. stretch: the segment of each find, -1 at sea. per_find: particles
+    spec: its period starts at the last find and runs backward. stretch: the segment of each find, -1 at sea. per_find: particles
     of a find in a world, at least FEWEST of each class that it may be of.
     """
     groups, bounds = _groups(spill, shared.size, per_find)
-    ensemble = _equip(case, spill, shared, groups, bounds)
-    _place(ensemble, case, spill, coast, segments, stretch, shared, groups, rng)
+    ensemble = _equip(spec, spill, shared, groups, bounds)
+    _place(ensemble, spec.period, spill, coast, segments, stretch, shared, groups, rng)
     return ensemble, groups
 
 
@@ -84,9 +85,9 @@ def _groups(spill: Spill, worlds: int, per_find: int) -> tuple[list[Group], tupl
     return groups, tuple(bounds)
 
 
-def _equip(case: Case, spill: Spill, shared: Worlds, groups: list[Group], bounds: tuple[int, ...]) -> Ensemble:
+def _equip(spec: EnsembleSpec, spill: Spill, shared: Worlds, groups: list[Group], bounds: tuple[int, ...]) -> Ensemble:
     """Return objects of every class with the worlds they belong to, each with its own leeway and errors."""
-    seed = (case.seed + 1) % 2**63  # not the noise of the forward run
+    seed = (spec.seed + 1) % 2**63  # not the noise of the forward run
     ensemble, key = record.empty(seed, bounds), noise.key(seed)
     world = np.concatenate([np.repeat(np.arange(shared.size, dtype=np.int32), group.count) for group in groups])
     ensemble.world.from_numpy(world)
@@ -99,14 +100,14 @@ def _equip(case: Case, spill: Spill, shared: Worlds, groups: list[Group], bounds
             kernel.draw_immersion(*slots, ensemble.down_slope, *key, *kind.object.immersion, AIR_IN_WATER)
         for name in record.LEEWAY:
             kernel.scale_windage(*slots, getattr(ensemble, name), ensemble.world, factor)
-        prior.draw_errors(case, ensemble, slots, key)
+        prior.draw_errors(spec.errors.unbiased(), ensemble, slots, key)
     release.share(ensemble, shared.current_east, shared.current_north)
     return ensemble
 
 
 def _place(
     ensemble: Ensemble,
-    case: Case,
+    period: Period,
     spill: Spill,
     coast: Coast | None,
     segments: Segments | None,
@@ -123,7 +124,7 @@ def _place(
         find, on = spill.finds[group.find], stretch[group.find]
         shape = (shared.size, group.count)
         slots = slice(group.first, group.first + shape[0] * shape[1])
-        late = np.full(shape, (case.start - find.time) / SECOND)
+        late = np.full(shape, (period.start - find.time) / SECOND)
         if on < 0:
             x, y, wet = _at_sea(find, coast, shape[0] * shape[1], rng)
         else:

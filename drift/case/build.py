@@ -12,9 +12,10 @@ from drift.case import sortie as sortie_table
 from drift.case import sources, subject, uncertainty, units
 from drift.case.context import Run
 from drift.case.mistakes import Mistakes
-from drift.case.record import Case, Coast, Depth
+from drift.case.record import Case, Depth
 from drift.case.schema import CaseTable, OutputTable
 from drift.case.sources import SourceTable
+from drift.motion.environment_spec import Coast
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.motion.forcing_spec import ForcingSpec, Quantity
 from drift.motion.scenario import Scenario

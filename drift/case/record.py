@@ -9,24 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drift.case.expect import Expect
-from drift.motion.forcing_error import ForcingError
+from drift.motion.environment_spec import Coast
+from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.forcing_spec import ForcingSpec
+from drift.motion.period import Period
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit
 from drift.spill.records import Spill
 from geo.box import Box
 from geo.cells import Cells
-
-
-@dataclass(frozen=True)
-class Coast:
-    """Where the shoreline comes from ("gshhg", "none" or an absolute path) and what it does to a particle."""
-
-    source: str
-    behaviour: Literal["strand", "refloat", "slide"]
-    half_life: float = 0.0  # [s] of lying ashore before it is afloat again; 0: it lies there for good
-    offing: float = 0.0  # [m] off the beach where it is afloat again
-    lakes: bool | str = False  # water; or the absolute path of a file of lakes
 
 
 @dataclass(frozen=True)
@@ -78,3 +69,13 @@ class Case:
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included
+
+    @property
+    def period(self) -> Period:
+        """When the run begins and ends."""
+        return Period(self.start, self.end, self.direction)
+
+    @property
+    def errors(self) -> Errors:
+        """How wrong the forcing may be."""
+        return Errors(self.current_error, self.wind_error, self.diffusivity)

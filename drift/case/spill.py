@@ -17,14 +17,12 @@ from drift.case.mistakes import Mistakes
 from drift.case.objects import ObjectTable
 from drift.case.scenario import AreaTable, PositionTable, TracklineTable
 from drift.motion.scenario import JIBE_RATE, AreaPrior, PositionPrior, TracklinePrior
-from drift.spill.records import DAY, Find, Kind, Patrol, Reporting, Sinking, Spill, Team
+from drift.spill.records import DAY, FEWEST_PARTICLES, Find, Kind, Patrol, Reporting, Sinking, Spill, Team
 from geo import notation
 
-NUMBERS = 25  # values at most that an uncertain number of objects is summed over
 MOST_CLASSES = 4
 MOST_DAYS = 60  # of a patrol_unit
 FEWEST_WORLDS = 50
-FEWEST_PARTICLES = 10  # of a class in a world
 LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
 
 

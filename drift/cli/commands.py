@@ -209,7 +209,7 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
             raise UserError(f"--threads {given.threads} must be at least 1")
         from drift import flow  # noqa: F401 - flow: what is slow to import is imported here
         from drift.cli import progress
-        from drift.motion import outlook
+        from drift.preview import outlook
         from kernels import runtime
 
         cores = runtime.cores()
@@ -231,9 +231,9 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
 def _check(given: argparse.Namespace) -> None:
     with interrupt.leaving_at_once():  # nothing is written
         case = _load(given)
-        from drift import preview
+        from drift.preview import check
 
-        told = preview.understood(case)
+        told = check.understood(case)
     terminal.facts(f"{case.title}: ready to run", told)
 
 

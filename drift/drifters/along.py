@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from drift import start
 from drift.case import file as case_file
 from drift.case.record import Case
 from drift.drifters import error_law
 from drift.drifters.error_law import Tracks
 from drift.drifters.records import Array, Track, breaks
-from drift.motion import environment
 from drift.motion.forcing import QUANTITIES, Forcing
 from geo import sphere
 from geo.errors import UserError
@@ -175,7 +175,7 @@ def _said(
     time = np.concatenate([point[0] for point in points])
     place = [track.at(point[0]) for track, point in zip(tracks, points, strict=True)]
     lon, lat = (sphere.to_binary(np.concatenate([one[k] for one in place])) for k in (0, 1))
-    sources = environment.open_for(over(case, tracks), datasets).scenarios[0]
+    sources = start.open_for(over(case, tracks), datasets).scenarios[0]
     forcing = Forcing([sources], 1)
     said = {quantity: np.full((time.size, 2), np.nan) for quantity in asked}
     try:

@@ -1,18 +1,20 @@
-"""What a case drifts in: the box it can reach, the winds and currents there, the coast; opened once, checked once."""
+"""What a run drifts in: the winds and currents of its domain, and the coast; opened once, checked once."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from drift.case.record import Case
+from drift.motion import domain
+from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.environment_spec import EnvironmentSpec
 from drift.motion.forcing import QUANTITIES, Sources
 from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.forcing_spec import options as source_options
-from drift.motion.leeway import Drifter
-from drift.motion.scenario import AreaPrior, PositionPrior, Scenario
+from drift.motion.period import Period
+from drift.motion.scenario import PositionPrior, Scenario
 from geo import notation, sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
@@ -22,19 +24,11 @@ from geo.errors import UserError
 from geo.forcing import memory, sources, stream
 from geo.forcing.sources import Source
 
-FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
-STRONGEST_WIND = 25.0  # [m/s]
 COAST_MARGIN = 0.25  # [deg] more than a step
 # Of a box's width or height: the lattice on which the part of a source that is read for it ends is no coarser.
 FINEST_SHARE = 1 / 8
 COARSEST = 4.0  # [deg] of that lattice
-PIECE = 50_000.0  # [m] how finely a voyage is followed for its box
 NEAR_REPORT = 1.0  # [deg] about a reported position that its place on land or water is told from
-POLEWARD = 89.0  # [deg] beyond, east and north lose their meaning: a particle there has left
-VAST = 4_000.0  # [deg2] a box in which it is worth asking what of it can be reached at all
-UTMOST_CURRENT, UTMOST_STOKES, UTMOST_WIND = 5.0, 1.0, 50.0  # [m/s] that nothing meets on average over a whole run
-FARTHEST = 7.0  # standard deviations beyond which nothing is drawn
-SPREADS = 5.0  # standard deviations of a prior that lie in its box
 
 
 @dataclass(frozen=True)
@@ -49,70 +43,69 @@ class Environment:
 
 
 class Common(Protocol):
-    """What a case has in common with others, opened and built for all of them: see drift.motion.waters.Waters."""
+    """What a run has in common with others, opened and built for all of them: see drift.waters.Waters."""
 
     def source(self, spec: ForcingSpec, box: Box) -> Source:
         """Return the part of a source of files, or of a dataset in memory, that `geo.forcing.sources.open_source` gives for a box."""
 
-    def coast(self, case: Case, box: Box) -> tuple[Shore, shoreline.Coast | None] | None:
+    def coast(
+        self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
+    ) -> tuple[Shore, shoreline.Coast | None] | None:
         """Return the land and a coast that is the same within a box as one built for it; None where there is none to share."""
 
 
 def open_for(
-    case: Case,
-    datasets: Mapping[str, Any] | None = None,
+    spec: EnsembleSpec,
+    asked: EnvironmentSpec,
+    held: Mapping[str, memory.Held],
     seen: Callable[[Shore], Shore] | None = None,
     common: Common | None = None,
 ) -> Environment:
-    """Return the environment of a case.
+    """Return the environment of a run.
 
-    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a function says;
-    common: what is shared with other cases.
+    held: datasets in memory that its sources name; seen: what of the land's detail is wanted, all unless a function says;
+    common: what is shared with other runs.
 
     Raises UserError when a file can't be understood, when sources leave part of the run without forcing, or when a
     reported position lies on land.
     """
-    held, box = hold(case, datasets), bounds(case)
-    opened = {
-        spec.name + spec.quantity: _open(spec, box, case, held, common)
-        for spec in (*case.currents, *case.winds, *case.stokes)
-    }
-    cells: dict[tuple[str, str], int] = {
-        (spec.quantity, spec.name): spec.fill for spec in (*case.currents, *case.winds, *case.stokes)
-    }
-    added = frozenset((spec.quantity, spec.name) for spec in (*case.currents, *case.winds, *case.stokes) if spec.add)
+    box = domain.bounds(spec, asked)
+    opened = {one.name + one.quantity: _open(one, box, spec.period, held, common) for one in asked.forcing}
+    cells: dict[tuple[str, str], int] = {(one.quantity, one.name): one.fill for one in asked.forcing}
+    added = frozenset((one.quantity, one.name) for one in asked.forcing if one.add)
     opened = {key: _told(source, added) for key, source in opened.items()}
     scenarios = []
-    for scenario in case.scenarios:
+    for scenario in spec.scenarios:
         current, wind, stokes = (
             tuple(opened[name + quantity] for name in names)
-            for quantity, names in zip(QUANTITIES, _names(case, scenario), strict=True)
+            for quantity, names in zip(QUANTITIES, _names(spec, scenario), strict=True)
         )
         scenarios.append(Sources(current, wind, stokes, cells, added))
-    for scenario, named in zip(case.scenarios, scenarios, strict=True):
+    for scenario, named in zip(spec.scenarios, scenarios, strict=True):
+        place = f'{spec.story} "{scenario.name}"'
         for quantity in QUANTITIES:
             for k, term in enumerate(named.terms(quantity)):
-                _check_times(case, scenario, quantity, term, added=k > 0)
+                _check_times(spec.period, asked.max_lost, place, quantity, term, added=k > 0)
     shown = tuple(opened.values())
     # A last step may lead out of the box: the coast reaches a little further.
     base = tuple(source for source in shown if (source.quantity, source.name) not in added)
     coastal = _shrunk(box, base).grown(COAST_MARGIN / np.cos(np.radians(min(abs(box.north), 80))), COAST_MARGIN)
-    shared = common.coast(case, coastal) if common else None
+    shared = common.coast(spec, asked, coastal) if common else None
     if shared:
         whole, coast = shared
         land = whole
     else:
-        whole = shore.land(case.coast.source, coastal, case.coast.lakes)
-        land = seen(whole) if seen and not case.spill else whole
+        whole = shore.land(asked.coast.source, coastal, asked.coast.lakes)
+        land = seen(whole) if seen and not spec.release else whole
         coast = shoreline.build(land, coastal) if land.polygons.size else None
-    if coast is None and case.spill:
+    if coast is None and spec.release:
         raise UserError(
             f"[spill]: there is no coast in its domain, {box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
             f"{box.north:.2f} N ({land.source}): nothing can come ashore; widen [domain], or check [coast] source"
         )
     if coast is not None:
-        for scenario in case.scenarios:
-            story = "[spill]" if case.spill else f'scenario "{scenario.name}"'
+        for scenario in spec.scenarios:
+            story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
             _check_water(story, scenario, coast if land is whole else _about(scenario, whole, coast))
     return Environment(box, tuple(scenarios), shown, coast, land.notes)
 
@@ -120,7 +113,7 @@ def open_for(
 def part(box: Box) -> Box:
     """Return what is read of a source for a box: all of it, out to the next lines of a lattice at most an eighth as wide as the box.
 
-    So cases that begin near each other see the same part of a source, on the same grid: for many forecasts it is made ready once.
+    So runs that begin near each other see the same part of a source, on the same grid: for many forecasts it is made ready once.
     """
 
     def outward(low: float, high: float) -> tuple[float, float]:
@@ -133,103 +126,19 @@ def part(box: Box) -> Box:
     return Box(west, max(south, -90.0), east, min(north, 90.0))
 
 
-def bounds(case: Case) -> Box:
-    """Return the box outside which a particle of a case has left."""
-    box = case.domain or reach(case)
-    box = replace(box, south=max(box.south, -POLEWARD), north=min(box.north, POLEWARD))
-    if (box.east - box.west) * (box.north - box.south) > VAST:
-        box = _common(box, utmost(case))
-    return box
-
-
-def _objects(case: Case) -> list[Drifter]:
-    """Return all that drifts in a case: its objects, and the debris that contacts tell of."""
-    return [s.object for s in case.scenarios] + [c.drifter for c in case.contacts if c.drifter is not None]
-
-
-def _names(case: Case, scenario: Scenario) -> tuple[tuple[str, ...], ...]:
-    blown = scenario.object.uses_wind or any(drifter.uses_wind for drifter in _objects(case)[len(case.scenarios) :])
+def _names(spec: EnsembleSpec, scenario: Scenario) -> tuple[tuple[str, ...], ...]:
+    """Return the names of the sources that a scenario drifts in, by quantity; no winds where nothing feels them."""
+    blown = scenario.object.uses_wind or any(drifter.uses_wind for drifter in spec.debris)
     return scenario.currents, scenario.winds if blown else (), scenario.stokes
 
 
-def reach(case: Case) -> Box:
-    """Return the box that holds every prior and all that it can reach by the end of the run."""
-    slope = max(
-        (max(abs(line.slope) for line in (one.down, one.right, one.left)) for one in _objects(case)),
-        default=0.0,
-    )
-    fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * (case.current_error.std + case.current_error.bias)
-    if case.spill:
-        fastest += slope * STRONGEST_WIND * (math.exp(2 * case.spill.windage_bias) - 1)
-    return around(case, fastest, SPREADS)
+def hold(asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str) -> dict[str, memory.Held]:
+    """Return the datasets in memory by name; refuse one that is named and not given, or given and not named.
 
-
-def utmost(case: Case) -> Box:
-    """Return a box that nothing of a case leaves: speeds that nowhere last, or as fast as the case says, and errors beyond chance.
-
-    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs. What
-    should leave it all the same has left the domain, and is told so.
+    place: what a refusal calls the case, the name of its file.
     """
-    wind = _fastest(case.winds, UTMOST_WIND) + FARTHEST * case.wind_error.std
-    leeway = max(
-        (
-            (abs(line.slope) + FARTHEST * line.slope_std) * wind + abs(line.offset) + FARTHEST * line.offset_std
-            for one in _objects(case)
-            for line in (one.down, one.right, one.left)
-        ),
-        default=0.0,
-    )
-    leeway *= math.sqrt(2)  # down and across the wind
-    fastest = _fastest(case.currents, UTMOST_CURRENT) + _fastest(case.stokes, UTMOST_STOKES) + leeway
-    fastest += FARTHEST * (case.current_error.std + case.current_error.bias)
-    if case.spill:
-        fastest += leeway * math.exp(FARTHEST * case.spill.windage_bias)
-    span = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
-    fastest += FARTHEST * math.sqrt(2 * case.diffusivity / span)
-    return around(case, fastest, FARTHEST)
-
-
-def _fastest(specs: Sequence[ForcingSpec], least: float) -> float:
-    """Return the fastest that is typed in a case [m/s], or what is thought of as fastest if that is more."""
-    typed = [spec.constant for spec in specs if spec.constant is not None]
-    typed += [row for spec in specs if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
-    return max([least, *(math.hypot(east, north) for east, north in typed)])
-
-
-def around(case: Case, fastest: float, spreads: float) -> Box:
-    """Return the box of all priors, so many standard deviations wide, and of what drifts from them at a speed [m/s]."""
-    lon: list[np.ndarray] = []
-    lat: list[np.ndarray] = []
-    spread = 0.0
-    for scenario in case.scenarios:
-        prior = scenario.prior
-        x, y = np.atleast_1d(prior.lon), np.atleast_1d(prior.lat)
-        if isinstance(prior, PositionPrior):
-            far = prior.displacement.distance[1] if prior.displacement else 0.0
-            spread = max(spread, spreads * prior.major + far)
-        elif not isinstance(prior, AreaPrior):
-            x, y = sphere.track(x, y, PIECE)
-            x = np.unwrap(x)
-            spread = max(spread, spreads * prior.cross_track)
-        # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to the first prior's.
-        about = lon[0].mean() if lon else x.mean()
-        lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
-        lat.append(y)
-    if case.spill:
-        spread += spreads * case.spill.scatter
-    duration = abs(float((case.end - case.start) / np.timedelta64(1, "s")))
-    grown = np.degrees((spread + fastest * duration) / sphere.RADIUS)
-    x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
-    highest = min(float(np.abs(y).max() + grown), POLEWARD)
-    west = float((x.min() + 180) % 360 - 180)
-    tight = Box(west, float(y.min()), west + max(float(np.ptp(x)), 1e-6), float(y.max()))
-    return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))
-
-
-def hold(case: Case, datasets: Mapping[str, Any] | None) -> dict[str, memory.Held]:
-    """Return the datasets in memory by name; refuse one that is named and not given, or given and not named."""
-    given, place = memory.hold(datasets), case.path.name
-    named = {spec.dataset: spec for spec in (*case.currents, *case.winds, *case.stokes) if spec.dataset is not None}
+    given = memory.hold(datasets)
+    named = {spec.dataset: spec for spec in asked.forcing if spec.dataset is not None}
     for name, spec in named.items():
         if name not in given:
             raise UserError(
@@ -245,7 +154,9 @@ def hold(case: Case, datasets: Mapping[str, Any] | None) -> dict[str, memory.Hel
     return given
 
 
-def _open(spec: ForcingSpec, box: Box, case: Case, held: Mapping[str, memory.Held], common: Common | None) -> Source:
+def _open(
+    spec: ForcingSpec, box: Box, period: Period, held: Mapping[str, memory.Held], common: Common | None
+) -> Source:
     """Return one source, cropped to the box."""
     if spec.constant is not None:
         return sources.constant(spec.quantity, *spec.constant, name=spec.name)
@@ -253,7 +164,7 @@ def _open(spec: ForcingSpec, box: Box, case: Case, held: Mapping[str, memory.Hel
         table = spec.table
         return sources.table(spec.quantity, np.array(table.times), table.east, table.north, name=spec.name)
     if spec.analytic is not None:
-        first, last = sorted((case.start, case.end))
+        first, last = period.span
         flow = sources.analytic(spec.quantity, spec.analytic, box, first, last, **spec.parameters)
         return replace(flow, name=spec.name)
     try:
@@ -288,11 +199,16 @@ def _told(source: Source, added: frozenset[tuple[str, str]]) -> Source:
     return replace(source, notes=tuple(notes))
 
 
-def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[Source, ...], *, added: bool) -> None:
-    """Refuse a run of which a part, longer than may be lost, has no source of a quantity; sources: a term of its sum."""
+def _check_times(
+    period: Period, max_lost: float, place: str, quantity: str, sources: tuple[Source, ...], *, added: bool
+) -> None:
+    """Refuse a run of which a part, longer than may be lost, has no source of a quantity; sources: a term of its sum.
+
+    place: the scenario that drifts in them, as a refusal calls it.
+    """
     if any(not source.times.size for source in sources):
         return
-    first, last = sorted((case.start, case.end))
+    first, last = period.span
     spans = sorted(span for source in sources for span in stream.spans(source.times))
     without, reached = [], first
     for begin, end in (*spans, (last, last)):
@@ -300,7 +216,7 @@ def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[S
             without.append((reached, min(begin, last)))
         reached = min(max(reached, end), last)
     without = [hole for hole in without if hole[1] > hole[0]]
-    if not without or (case.max_lost == 1 and without != [(first, last)]):
+    if not without or (max_lost == 1 and without != [(first, last)]):
         return
     share = 1 - float(sum((end - begin for begin, end in without), np.timedelta64(0, "s")) / (last - first))
     names = ", ".join(f'"{source.name}"' for source in sources)
@@ -308,7 +224,7 @@ def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[S
     lacking = " and ".join(f"from {notation.group(begin)} to {notation.group(end)}" for begin, end in without[:3])
     more = f" and {len(without) - 3} times more" if len(without) > 3 else ""
     raise UserError(
-        f'{"class" if case.spill else "scenario"} "{scenario.name}": {quantity} {names} lasts from {whole}, the run from '
+        f"{place}: {quantity} {names} lasts from {whole}, the run from "
         f"{notation.group(first)} to {notation.group(last)}: {math.floor(100 * share)}% of it is covered, nothing {lacking}{more}, and "
         f"without forcing all that is adrift is lost. Change "
         + (
@@ -317,23 +233,6 @@ def _check_times(case: Case, scenario: Scenario, quantity: str, sources: tuple[S
             else f"start, duration or end, or add another [[{quantity}]]"
         )
     )
-
-
-def _common(box: Box, other: Box) -> Box:
-    """Return the part of a box that lies in another too; the whole of it where they have no part, or two, in common."""
-    south, north = max(box.south, other.south), min(box.north, other.north)
-    if other.east - other.west >= 360:
-        found = [(box.west, box.east)]
-    elif box.east - box.west >= 360:
-        found = [(other.west, other.east)]
-    else:
-        sides = ((max(box.west, other.west + k), min(box.east, other.east + k)) for k in (-360, 0, 360))
-        found = [(west, east) for west, east in sides if west < east]
-    if south >= north or len(found) != 1:
-        return box
-    ((west, east),) = found
-    start = (west + 180) % 360 - 180
-    return Box(start, south, start + east - west, north)
 
 
 def _shrunk(box: Box, sources: tuple[Source, ...]) -> Box:

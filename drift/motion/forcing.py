@@ -100,7 +100,7 @@ class Forcing:
             self.ranges.append(tuple(ranges))
         self.tiles = Tiles([s.source.grid for s in self._slices], ends)
         self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
-        self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see forecast.Scene
+        self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see scene.Scene
 
     def set(self, low: int, high: int) -> None:
         """Make the tiles say what the forcing is over the step [low, high] [s since 1970]."""

@@ -1,6 +1,6 @@
 """How wrong winds and currents may be: the error of a quantity of forcing, who says so, and how that is told."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 CASE, DEFAULT, NOWHERE, RIVALS, UNFELT = (
@@ -17,6 +17,19 @@ class ForcingError:
     time: float  # [s] decorrelation
     bias: float = 0.0  # [m/s] standard deviation of what a particle, or in a spill a world, draws once and keeps
     by: tuple[str, str, str] = (CASE, CASE, CASE)  # who says std, time and bias; or why there is none
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How wrong the forcing of a run may be: its currents, its winds, and the diffusion of what neither resolves."""
+
+    current: ForcingError
+    wind: ForcingError
+    diffusivity: float  # [m2/s]
+
+    def unbiased(self) -> "Errors":
+        """Return the same errors without the bias of the current, which in a spill a world draws, not a particle."""
+        return replace(self, current=replace(self.current, bias=0.0))
 
 
 def switched_off(current: ForcingError, wind: ForcingError | None) -> str:

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import resample
 from drift.motion.ensemble import Ensemble
+from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.forcing_error import Errors
 from drift.motion.leeway import Drifter
+from drift.motion.period import Period
 from drift.motion.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
 from drift.motion.status import Status
 from geo import sphere
@@ -37,22 +39,22 @@ class Prior:
     dry: tuple[float, ...]
 
 
-def draw(case: Case, coast: DeviceCoast | None) -> Prior:
-    """Return the initial ensemble of a case, conditioned on water.
+def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
+    """Return the initial ensemble of scenarios, conditioned on water.
 
     Raises UserError when a scenario's prior holds next to no water.
     """
-    if case.particles < len(case.scenarios):
+    if spec.particles < len(spec.scenarios):
         raise UserError(
-            f"particles: {case.particles} cannot tell {len(case.scenarios)} scenarios; give at least one each"
+            f"particles: {spec.particles} cannot tell {len(spec.scenarios)} scenarios; give at least one each"
         )
-    counts = _counts(case)
-    ensemble = record.empty(case.seed, _bounds(case, counts))
-    key = noise.key(case.seed)
+    counts = _counts(spec)
+    ensemble = record.empty(spec.seed, _bounds(spec, counts))
+    key = noise.key(spec.seed)
     dry = []
-    for scenario, slots in zip(case.scenarios, ensemble.scenarios, strict=True):
+    for scenario, slots in zip(spec.scenarios, ensemble.scenarios, strict=True):
         tries = runtime.upload(np.zeros(2, np.int64))
-        _place(case, scenario, ensemble, slots, key, tries, coast)
+        _place(spec.period, scenario, ensemble, slots, key, tries, coast)
         drawn, failed = (int(x) for x in tries.to_numpy())
         if failed:
             fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
@@ -62,31 +64,30 @@ def draw(case: Case, coast: DeviceCoast | None) -> Prior:
             )
         dry.append(1.0 - (slots[1] - slots[0]) / drawn)
         equip(ensemble, slots, key, scenario.object)
-        draw_errors(case, ensemble, slots, key)
-    ensemble.log_weight.from_numpy(_log_weights(case, ensemble, counts))
+        draw_errors(spec.errors, ensemble, slots, key)
+    ensemble.log_weight.from_numpy(_log_weights(spec, ensemble, counts))
     if ensemble.n > sum(counts):
         spare = np.concatenate([np.arange(b - a) >= c for (a, b), c in zip(ensemble.scenarios, counts, strict=True)])
         ensemble.status.from_numpy(np.where(spare, int(Status.LEFT), ensemble.status.to_numpy()).astype(np.int32))
     return Prior(ensemble, tuple(dry))
 
 
-def _counts(case: Case) -> list[int]:
+def _counts(spec: EnsembleSpec) -> list[int]:
     """Return how many particles each scenario gets."""
-    weights = np.array([scenario.weight for scenario in case.scenarios])
+    weights = np.array([scenario.weight for scenario in spec.scenarios])
     share = np.maximum(weights, LEAST_SHARE / weights.size)
-    inner = np.rint(np.cumsum(share / share.sum()) * case.particles).astype(int)
+    inner = np.rint(np.cumsum(share / share.sum()) * spec.particles).astype(int)
     return [int(x) for x in np.diff(inner, prepend=0)]
 
 
-def _bounds(case: Case, counts: list[int]) -> tuple[int, ...]:
-    """Return the first slot of each scenario and, last, their number; with slots to spare where particles' number floats."""
-    floats = case.resampling.below > 0 and case.resampling.method == "kahn"
-    return (0, *(int(x) for x in np.cumsum([resample.capacity(n) if floats else n for n in counts])))
+def _bounds(spec: EnsembleSpec, counts: list[int]) -> tuple[int, ...]:
+    """Return the first slot of each scenario and, last, their number; with slots to spare where that is asked."""
+    return (0, *(int(x) for x in np.cumsum([resample.capacity(n) if spec.spare else n for n in counts])))
 
 
-def _log_weights(case: Case, ensemble: Ensemble, counts: list[int]) -> Array:
+def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int]) -> Array:
     log_weight = np.full(ensemble.n, -np.inf, np.float32)
-    for scenario, (first, _), count in zip(case.scenarios, ensemble.scenarios, counts, strict=True):
+    for scenario, (first, _), count in zip(spec.scenarios, ensemble.scenarios, counts, strict=True):
         last = first + count
         if count == 0 and scenario.weight > 0:
             raise UserError(
@@ -98,13 +99,8 @@ def _log_weights(case: Case, ensemble: Ensemble, counts: list[int]) -> Array:
     return log_weight
 
 
-def elapsed(case: Case, time: np.datetime64) -> int:
-    """Return the run's seconds from its start to a time, positive in the direction of the run."""
-    return int((time - case.start) / np.timedelta64(1, "s")) * case.direction
-
-
 def _place(
-    case: Case,
+    period: Period,
     scenario: Scenario,
     ensemble: Ensemble,
     slots: tuple[int, int],
@@ -120,13 +116,13 @@ def _place(
     if isinstance(prior, TracklinePrior):
         points, courses, lengths, ends = _pieces(prior)
         mode = -1.0 if prior.mode is None else prior.mode
-        voyage = case.direction * float((prior.arrival - prior.departure) / np.timedelta64(1, "s"))
+        voyage = period.direction * float((prior.arrival - prior.departure) / np.timedelta64(1, "s"))
         kernel.draw_trackline(
             *common, ensemble.release, tries, *key, *(runtime.upload(x) for x in (points, courses, lengths, ends)),
-            prior.cross_track, prior.low, prior.high, mode, elapsed(case, prior.departure), voyage, *water,
+            prior.cross_track, prior.low, prior.high, mode, period.elapsed(prior.departure), voyage, *water,
         )  # fmt: skip
         return
-    window = sorted((elapsed(case, prior.release_start), elapsed(case, prior.release_end)))
+    window = sorted((period.elapsed(prior.release_start), period.elapsed(prior.release_end)))
     kernel.draw_release(*slots, ensemble.release, *key, *window)
     if isinstance(prior, PositionPrior):
         lon, lat = (int(sphere.to_binary(np.degrees(x))) for x in (prior.lon, prior.lat))
@@ -166,12 +162,12 @@ def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
     return points, course, length.astype(np.float32), (np.cumsum(length) / length.sum()).astype(np.float32)
 
 
-def draw_errors(case: Case, ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int]) -> None:
-    """Draw the errors of current and wind that each particle starts with, and its bias; that of a spill is its world's."""
-    e, bias = ensemble, 0.0 if case.spill else case.current_error.bias
-    kernel.draw_error(*slots, e.current_error_east, e.current_error_north, 0, *key, case.current_error.std)
-    kernel.draw_error(*slots, e.wind_error_east, e.wind_error_north, 1, *key, case.wind_error.std)
-    kernel.draw_error(*slots, e.current_bias_east, e.current_bias_north, 2, *key, bias)
+def draw_errors(errors: Errors, ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int]) -> None:
+    """Draw the errors of current and wind that each particle starts with, and its bias."""
+    e, current, wind = ensemble, errors.current, errors.wind
+    kernel.draw_error(*slots, e.current_error_east, e.current_error_north, 0, *key, current.std)
+    kernel.draw_error(*slots, e.wind_error_east, e.wind_error_north, 1, *key, wind.std)
+    kernel.draw_error(*slots, e.current_bias_east, e.current_bias_north, 2, *key, current.bias)
 
 
 def equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drift.motion.clock import Clock
 from drift.motion.ensemble import Ensemble
 from drift.motion.forcing import QUANTITIES, Forcing, Term
-from drift.motion.simulate import Clock
 from drift.motion.snapshot import Snapshot
 from drift.motion.status import Status
 from geo import sphere

@@ -1,93 +1,26 @@
-"""The clock: moves an ensemble through the forcing, step by step on a fixed lattice, from one output to the next.
+"""A run: moves an ensemble through its scene, step by step on the clock's lattice, from one output to the next.
 
-Lattice steps are whole seconds long and counted from 1970, so that noise, keyed by the number of the step, does not
-depend on where a run begins, on its outputs or on how it is cut up. Releases and outputs fall where they may: a particle
-moves from its release on, an output inside a step is interpolated along it.
+Releases and outputs fall where they may: a particle moves from its release on, an output inside a step is interpolated
+along it.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from drift.motion import ensemble as record
+from drift.motion.clock import Clock
 from drift.motion.ensemble import Ensemble
-from drift.motion.forcing import Forcing
+from drift.motion.scene import Scene
 from drift.motion.status import Status
-from geo import sphere
 from kernels import advance as kernel
 from kernels import bridge
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], None]
 Watch = Callable[[int], None]
-
-LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
-RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # of the ladder that are tried together: often the first one will do
-FEWEST = 100  # particles on which a percentile is worth something
-TRIAL_SIZE = 1000  # particles whose error decides on the step: the rank of their percentile errs by 0.7 %
-TRIAL_SPAN = 86_400  # [s] over which it is measured
-DAY = 86_400
-
-
-@dataclass(frozen=True)
-class Clock:
-    """The time of a run: from start, `duration` seconds forward (direction +1) or backward (-1), in lattice steps."""
-
-    start: int  # [s since 1970]
-    duration: int  # [s]
-    direction: int
-    step: int  # [s]
-    phase: int = 0  # [s] lattice points lie at phase + k step
-
-    def steps(self) -> Iterator[tuple[int, int, kernel.Step]]:
-        """Return (low, high) [s since 1970] and the step, in the order of the run, covering start to end."""
-        inside = (self.start - self.phase) % self.step  # how far the start lies above its lattice point
-        if self.direction > 0:
-            low, elapsed = self.start - inside, -inside
-        else:
-            low = self.start - inside - (self.step if inside == 0 else 0)
-            elapsed = -(low + self.step - self.start)
-        while elapsed < self.duration:
-            number = (low - self.phase) // self.step
-            yield low, low + self.step, kernel.Step(number, elapsed, self.step, self.direction)
-            low += self.direction * self.step
-            elapsed += self.step
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What does not change in a run and every scenario needs to move: forcing, physics, and the place."""
-
-    forcing: Forcing
-    physics: tuple[kernel.Physics, ...]  # one a scenario
-    place: kernel.Place
-
-    def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step) -> None:
-        """Move all slots over one step, in place."""
-        self.forcing.set(low, high)
-        for move in self._movers(ensemble, step.direction):
-            move(step)
-
-    def _movers(self, ensemble: Ensemble, direction: int) -> tuple[kernel.Move, ...]:
-        """Return what moves each scenario of an ensemble; made once, and kept with the forcing as long as that is open."""
-        key = id(self), id(ensemble), direction
-        if key not in self.forcing.movers:
-            each = zip(ensemble.scenarios, self.forcing.ranges, self.physics, strict=True)
-            made = tuple(
-                kernel.mover(ensemble, slots, self.forcing.tiles, ranges, physics, self.place, direction)
-                for slots, ranges, physics in each
-            )
-            self.forcing.movers[key] = (self, ensemble), made  # a name of what is no more could be given again
-        moves: tuple[kernel.Move, ...] = self.forcing.movers[key][1]
-        return moves
-
-    def without_noise(self) -> "Scene":
-        """Return the same scene in which nothing is left to chance, and what comes ashore stays there."""
-        still = self.place._replace(beach=kernel.Beach(), sinks=False, divergence=False)
-        return replace(self, physics=tuple(kernel.Physics() for _ in self.physics), place=still)
 
 
 @dataclass(frozen=True)
@@ -249,77 +182,3 @@ def _moment(ensemble: Ensemble, lon: Array, lat: Array, time: int, search: Filte
     status = np.where(release > time, int(Status.PENDING), status)
     weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)
     return Moment(time, lon, lat, status.astype(np.int32), weight, ancestors)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Why "auto" chose a step: the 95th percentile of the error [m a day] of each step tried."""
-
-    step: int
-    errors: dict[int, float]
-
-
-def choose_step(
-    ensemble: Ensemble, scene: Scene, clock: Clock, divisor: int, origin: int, longest: float, tolerance: float
-) -> Trial:
-    """Return the largest step of the ladder whose error stays under a tolerance [m a day].
-
-    The ladder's steps divide `divisor` [s], the forcing's interval, and are at most `longest` [s]; lattices pass through
-    `origin` [s since 1970], one of its times. The error of a step is the distance between tracks of a sample with that
-    step and with half of it, noise off, over at most a day: its 95th percentile among those adrift to the end with both
-    (step halving; Hairer, Norsett and Wanner 1993, II.4), or ashore if hardly any is.
-    """
-    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [_largest_divisor(divisor, longest)]
-    chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))
-    release = ensemble.release.to_numpy()[chosen]
-    span = min(clock.duration, TRIAL_SPAN + int(release.max()))
-    errors: dict[int, float] = {}
-    for first, last in RUNGS:
-        rungs = ladder[first:last]
-        steps = sorted({*rungs, *(_half(s) for s in rungs)})
-        ends, elapsed = _march(
-            ensemble, scene.without_noise(), chosen, steps, Clock(clock.start, span, clock.direction, 1, origin)
-        )
-        days = np.maximum(elapsed - np.maximum(release, 0), 3600) / DAY
-        for step in rungs:
-            coarse, fine = ends[step], ends[_half(step)]
-            adrift = (coarse[2] == Status.ADRIFT) & (fine[2] == Status.ADRIFT)
-            if adrift.sum() < FEWEST:  # most went ashore: where they did so counts
-                adrift = (coarse[2] <= Status.ASHORE) & (fine[2] <= Status.ASHORE)
-            apart = sphere.distance(*(x[adrift] * sphere.UNIT for x in (*coarse[:2], *fine[:2])))
-            errors[step] = float(np.percentile(apart / days[adrift], 95)) if adrift.any() else 0.0
-            if errors[step] <= tolerance:
-                return Trial(step, errors)
-    return Trial(ladder[-1], errors)
-
-
-def _march(
-    ensemble: Ensemble, scene: Scene, chosen: Array, steps: list[int], clock: Clock
-) -> tuple[dict[int, tuple[Array, Array, Array]], int]:
-    """Return where a sample ends (lon, lat, status) with each step, and after how long [s].
-
-    All go through the forcing side by side, in stretches that every step divides, so that it is read once.
-    """
-    if not steps:
-        return {}, 0
-    stretch = int(np.lcm.reduce(steps))
-    trials = {step: record.sample(ensemble, chosen) for step in steps}
-    elapsed = 0
-    for low, high, whole in Clock(clock.start, clock.duration, clock.direction, stretch, clock.phase % stretch).steps():
-        for step, trial in trials.items():
-            for k in range(stretch // step):
-                begin = low + k * step if clock.direction > 0 else high - (k + 1) * step
-                part = kernel.Step(0, whole.elapsed + k * step, step, clock.direction)
-                scene.advance(trial, begin, begin + step, part)
-        elapsed = whole.elapsed + stretch
-    return {s: (t.lon.to_numpy(), t.lat.to_numpy(), t.status.to_numpy()) for s, t in trials.items()}, elapsed
-
-
-def _half(step: int) -> int:
-    """Return half a step, or the largest other share of it in whole seconds."""
-    return step // 2 if step % 2 == 0 else step // 3 if step % 3 == 0 else 1
-
-
-def _largest_divisor(number: int, most: float) -> int:
-    """Return the largest whole number of seconds, at most a quarter of an hour, that divides `number`."""
-    return next(s for s in range(int(max(min(most, 900, number), 1)), 0, -1) if number % s == 0)

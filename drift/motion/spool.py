@@ -10,9 +10,9 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion.ensemble import Ensemble
+from drift.motion.period import Period
 from drift.motion.simulate import Moment
 from drift.motion.snapshot import Snapshot
 from geo.errors import UserError
@@ -47,9 +47,14 @@ def _size(count: int) -> str:
 class Spool(Sequence[Snapshot]):
     """Snapshots of a run, read back one at a time; a context, which removes the file at its end."""
 
-    def __init__(self, case: Case, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
-        """Take up the moments of a run as they come. Weights are theirs, or those that the ensemble has afterwards."""
-        self._need = ensemble.n * BYTES * len(case.outputs)
+    def __init__(
+        self, period: Period, ensemble: Ensemble, moments: Iterable[Moment], outputs: int, *, worlds: bool = False
+    ) -> None:
+        """Take up the moments of a run as they come. Weights are theirs, or those that the ensemble has afterwards.
+
+        outputs: the number of moments; worlds: whether particles share unknowns with others of their world.
+        """
+        self._need = ensemble.n * BYTES * outputs
         _check_room(self._need)
         try:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
@@ -68,15 +73,15 @@ class Spool(Sequence[Snapshot]):
                 (weight, np.float32),
             ):
                 self._keep(np.ascontiguousarray(column, kind))
-            self._times.append(case.start + np.timedelta64(case.direction * moment.elapsed, "s"))
+            self._times.append(period.time(moment.elapsed))
             self._weighted.append(moment.log_weight is not None)
             self.ancestors.append(moment.ancestors)
             self._families.append(_descent(self._families[-1] if self._families else None, moment.ancestors))
         self._n = ensemble.n
         self._probability = record.probability(ensemble)
-        kinds = np.arange(len(case.scenarios), dtype=np.int32)
+        kinds = np.arange(len(ensemble.scenarios), dtype=np.int32)
         self._scenario = np.repeat(kinds, np.diff(ensemble.bounds))
-        self._world = ensemble.world.to_numpy() if case.spill else None
+        self._world = ensemble.world.to_numpy() if worlds else None
 
     def __enter__(self) -> "Spool":
         return self

@@ -20,9 +20,9 @@ HEADER = (
 )  # fmt: skip
 
 
-def text(made: PatrolPlan, after: Aftermath, run: str, synthetic: bool) -> str:
+def text(made: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bool) -> str:
     """Return the schedule as plain ASCII but for names."""
-    lines = ["PATROL PLAN", *_fill(after.case.title), f"Run {run}. Times are UTC.", ""]
+    lines = ["PATROL PLAN", *_fill(title), f"Run {run}. Times are UTC.", ""]
     for warning in warnings(made, after, synthetic):
         lines += [*_fill(f"WARNING: {warning}"), ""]
     lines += ["1  WORTH", *_fill(f"Objective: the most objects found on average. {worth(made)}.", 3)]

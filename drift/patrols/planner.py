@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.record import Case
-from drift.motion.prior import elapsed
+from drift.motion.period import Period
 from drift.spill import estimate, evidence, exposure, finds
 from drift.spill.exposure import Exposure
 from drift.spill.records import Spill, Team
@@ -71,7 +70,7 @@ class PatrolPlan:
 
 def plan(after: Aftermath) -> PatrolPlan:
     """Return the plan of a spill's teams."""
-    slots = patrols(after.case, after.spill, after.segments)
+    slots = patrols(after.period, after.spill, after.segments)
     here = exposure.expose(after.fates, after.posterior.known.reporting, after.posterior.known.patrols)
     worth = value(after)
     tables = {s: table(here, s, worth, slots) for s in sorted({s for slot in slots for s in slot.reachable})}
@@ -219,7 +218,7 @@ def _solve(
     return chosen, float(-found.mip_dual_bound * scale)
 
 
-def patrols(case: Case, spill: Spill, segments: Segments) -> tuple[Slot, ...]:
+def patrols(period: Period, spill: Spill, segments: Segments) -> tuple[Slot, ...]:
     """Return the patrols that a spill's teams can make, by time; raise UserError for a team that can go nowhere."""
     found = []
     for team in spill.teams:
@@ -239,7 +238,7 @@ def patrols(case: Case, spill: Spill, segments: Segments) -> tuple[Slot, ...]:
                 f"{place}: no stretch that it can reach is at most {team.length / 1000:.1f} km long, its length a day: {what}; give a "
                 "greater length or reach, or make stretches shorter ([spill.stretches] length)"
             )
-        found += [Slot(team, when, elapsed(case, when), short) for when in team.times]
+        found += [Slot(team, when, period.elapsed(when), short) for when in team.times]
     return tuple(sorted(found, key=lambda slot: slot.time))
 
 

@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from drift import start
 from drift.case.record import Case
 from drift.motion import ensemble as record
-from drift.motion import simulate, start
+from drift.motion import simulate
 from drift.motion.environment import Environment
-from drift.motion.prior import elapsed
 from drift.motion.status import Status
 from drift.planner.planning_tracks import Tracks
-from drift.search.filter import Search
 from drift.search.records import Resampling
 
 PLANNING = 2**41  # between the seed of the particles that a plan is made on and that of those it is scored on
@@ -33,8 +32,8 @@ def follow(case: Case, where: Environment) -> Tracks:
     )
     begin = start.prepare(few, where)
     try:
-        search = Search(few, begin.ensemble, begin.scene) if case.sorties or case.contacts else None
-        first = elapsed(case, spec.begin)
+        search = start.search(few, begin)
+        first = case.period.elapsed(spec.begin)
         moments = list(simulate.run(begin.ensemble, begin.scene, begin.clock, first + edges, search=search))
     finally:
         begin.scene.forcing.close()

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy.typing as npt
 
-from drift.case.record import Case
 from drift.motion import prior
 from drift.motion.ensemble import Ensemble
+from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import Drifter
-from drift.motion.simulate import Scene
-from drift.motion.start import physics
+from drift.motion.scene import Scene, physics
 from drift.search.records import Contact
 from kernels import noise
 
@@ -32,8 +31,8 @@ class Debris:
     before: tuple[Array, Array] | None = None
 
 
-def of_contacts(case: Case, contacts: list[tuple[int, Contact]], scene: Scene) -> dict[Drifter, Debris]:
-    """Return the debris that contacts tell of, by class."""
+def of_contacts(spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: Scene) -> dict[Drifter, Debris]:
+    """Return the debris that contacts tell of, by class; spec: what the objects beside it are drawn from."""
     found: dict[Drifter, Debris] = {}
     for time, contact in contacts:
         drifter = contact.drifter
@@ -43,11 +42,11 @@ def of_contacts(case: Case, contacts: list[tuple[int, Contact]], scene: Scene) -
             found[drifter].last = max(found[drifter].last, time)
             continue
         number = len(found) + 1
-        told = replace(case, scenarios=tuple(replace(s, object=drifter) for s in case.scenarios))
+        told = replace(spec, scenarios=tuple(replace(s, object=drifter) for s in spec.scenarios))
         ensemble = prior.draw(told, scene.place.coast).ensemble
         for slots in ensemble.scenarios:  # coefficients of its own
-            prior.equip(ensemble, slots, noise.key((case.seed + number * APART) % 2**64), drifter)
+            prior.equip(ensemble, slots, noise.key((spec.seed + number * APART) % 2**64), drifter)
         place = scene.place._replace(debris=number)
-        moved = replace(scene, physics=tuple(physics(told, s) for s in told.scenarios), place=place)
+        moved = replace(scene, physics=tuple(physics(told.errors, s) for s in told.scenarios), place=place)
         found[drifter] = Debris(ensemble, moved, time)
     return found

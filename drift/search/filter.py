@@ -5,22 +5,24 @@ an output in between sees what it has done so far. Evidence is the mean weight a
 nothing changes no bit.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from drift.case.record import Case
 from drift.motion import ensemble as record
-from drift.motion import prior, resample, weights
+from drift.motion import resample, weights
 from drift.motion.ensemble import Ensemble
-from drift.motion.simulate import Place, Scene
+from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.scene import Scene
+from drift.motion.simulate import Place
 from drift.motion.status import Status
 from drift.search import contacts as contact_laws
 from drift.search import debris
 from drift.search.exposure import Flown
-from drift.search.records import Contact
+from drift.search.records import Contact, Resampling, Sortie
 from drift.search.updates import Update, Updates
 from drift.suspend.standing import Standing, standing
 from geo.errors import UserError
@@ -36,24 +38,32 @@ FARTHEST = 20.0  # that the log of the sum of weights may be off before they are
 class Search:
     """Sorties and contacts of one run; `updates` tells afterwards what each did."""
 
-    def __init__(self, case: Case, ensemble: Ensemble, scene: Scene) -> None:
-        """Make ready for a run of an ensemble through a scene."""
-        self.case, self.ensemble, self._scene = case, ensemble, scene
-        self._start = int(case.start.astype("datetime64[s]").astype(np.int64))
-        self._all = [Flown(sortie, self._start, len(case.scenarios)) for sortie in case.sorties]
+    def __init__(
+        self,
+        spec: EnsembleSpec,
+        sorties: Sequence[Sortie],
+        contacts: Sequence[Contact],
+        resampling: Resampling,
+        ensemble: Ensemble,
+        scene: Scene,
+    ) -> None:
+        """Make ready for a run through a scene of an ensemble that has been drawn from `spec`."""
+        self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
+        self._start = spec.period.epoch
+        self._all = [Flown(sortie, self._start, len(spec.scenarios)) for sortie in sorties]
         self._waiting = list(self._all)
-        self._contacts = [(prior.elapsed(case, contact.time), contact) for contact in case.contacts]
+        self._contacts = [(spec.period.elapsed(contact.time), contact) for contact in contacts]
         self._shared: dict[tuple[str, float], Device] = {}
         self._step = (0, 0)
         self._before: tuple[Device, Device] | None = None
-        self._debris = debris.of_contacts(case, self._contacts, scene)
+        self._debris = debris.of_contacts(spec, self._contacts, scene)
         self._updates: list[Update] = []
         first = self.ensemble.log_weight.to_numpy()
         self._prior = self._stories(first)
         self.unsearched = first.astype(
             np.float64
         )  # log weights (n,) by all that was seen, as if no sortie had been flown
-        self._missed = np.ones(len(case.scenarios) + 1)  # product of 1 - POS so far
+        self._missed = np.ones(len(spec.scenarios) + 1)  # product of 1 - POS so far
         self._lineage = np.arange(ensemble.n, dtype=np.int32)
         self._ancestors: Array | None = None
         self._events = 0
@@ -67,7 +77,7 @@ class Search:
         last = self._updates[-1].posterior if self._updates else self._prior
         likeliest = int(np.argmax(last))
         flown = tuple(one.as_flown(likeliest, self._start) for one in self._all)
-        return Updates(tuple(s.name for s in self.case.scenarios), self._prior, tuple(self._updates), flown)
+        return Updates(tuple(s.name for s in self._spec.scenarios), self._prior, tuple(self._updates), flown)
 
     def stops(self, after: int, until: int) -> list[int]:
         """Return the times in (after, until] at which something takes effect [s after start]."""
@@ -120,7 +130,7 @@ class Search:
         pos = np.nan_to_num(-np.expm1(evidence))  # of a story that had no weight: nothing
         self._missed = self._missed * (1 - pos)
         lost, alive = weight - weights.relative(after, before), None
-        if any(s.survival for s in self.case.scenarios):
+        if any(s.survival for s in self._spec.scenarios):
             alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
         searched = flown.searched()
         self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
@@ -198,7 +208,7 @@ class Search:
 
     def after(self, until: int) -> None:
         """Resample at the end of a step, if the effective particles are fewer than asked for."""
-        rule = self.case.resampling
+        rule = self._resampling
         changed = self._updates and self._events < len(self._updates)
         if rule.below <= 0 or not changed:
             return
@@ -216,7 +226,7 @@ class Search:
     def _draw(self, method: str, until: int) -> Array:
         """Replace all particles by offspring, in place; return their ancestors (n,)."""
         e = self.ensemble
-        seeds = self.case.seed, self._events
+        seeds = self._spec.seed, self._events
         before = e.log_weight.to_numpy()
         ancestors, log_weight, spare = resample.offspring(before, e.scenarios, self._target, method, seeds)
         with np.errstate(invalid="ignore"):  # what is to spare has no weight before or after
@@ -262,7 +272,7 @@ class Search:
             ]
         whole = weights.log_sum(after) - weights.log_sum(before)
         if not np.isfinite(whole):
-            names = ", ".join(f'"{s.name}"' for s in self.case.scenarios)
+            names = ", ".join(f'"{s.name}"' for s in self._spec.scenarios)
             raise UserError(
                 f"{what} contradicts every scenario ({names}): after it no particle has any weight, and nothing can be said. Check its "
                 "place, time and error, or allow for doubt: a POD below 1, a belief below 1, or a wider prior"
@@ -284,7 +294,7 @@ class Search:
         """Return each particle's chance of being alive at a time [s after start]; 1 where no survival is told."""
         release = self.ensemble.release.to_numpy()
         alive = np.ones(self.ensemble.n)
-        for scenario, (a, b) in zip(self.case.scenarios, self.ensemble.scenarios, strict=True):
+        for scenario, (a, b) in zip(self._spec.scenarios, self.ensemble.scenarios, strict=True):
             if scenario.survival:
                 alive[a:b] = scenario.survival.alive(time - release[a:b])
         return alive

@@ -8,9 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from drift.case.record import Case
-from drift.case.spill import NUMBERS
-from drift.motion.prior import elapsed
+from drift.motion.period import Period
 from drift.spill import exposure, finds
 from drift.spill.records import Find, Patrol, Reporting, Spill
 from drift.spill.worlds import Worlds
@@ -21,6 +19,7 @@ from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 from geo.errors import UserError
 
+NUMBERS = 25  # values at most that an uncertain number of objects is summed over
 FARTHEST = 3000.0  # [m] off the shoreline that a find may be stated to lie
 SHARES = 41  # values of the share destroyed that are summed over
 ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a stretch's middle may lie
@@ -35,14 +34,14 @@ def cut(spill: Spill, coast: Coast) -> Segments:
     return replace(found, access=tuple(kind or spill.reporting.coast for kind in found.access))
 
 
-def build(case: Case, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
+def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
     """Return what is known of a spill; where particles are at the time of finds at sea is still to be added.
 
     Raises UserError for finds and patrols that are not where they can be.
     """
     walks, places = _placed(spill, segments, coast)
     patrols = tuple(
-        exposure.Patrol(walk, elapsed(case, patrol.time), patrol.detection)
+        exposure.Patrol(walk, period.elapsed(patrol.time), patrol.detection)
         for walk, patrol in zip(walks, spill.patrols, strict=True)
     )
     kinds, names = [kind.name for kind in spill.kinds], [patrol.name for patrol in spill.patrols]
@@ -51,7 +50,7 @@ def build(case: Case, spill: Spill, segments: Segments, coast: Coast, worlds: Wo
             one.name,
             kinds.index(one.kind) if one.kind is not None else None,
             finds.AtSea(one.lon, one.lat, one.radius, 1.0) if where < 0 else where,
-            elapsed(case, one.time),
+            period.elapsed(one.time),
             one.latest,
             names.index(one.by) if one.by is not None else None,
             one.false,
@@ -66,7 +65,7 @@ def build(case: Case, spill: Spill, segments: Segments, coast: Coast, worlds: Wo
         patrols,
         exposure.Reporting(rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting),
         segments.length,
-        float(last if until is None else elapsed(case, until)),
+        float(last if until is None else period.elapsed(until)),
         {},
     )
 

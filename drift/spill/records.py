@@ -14,6 +14,7 @@ from drift.motion.leeway import Drifter
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 
 DAY = 86_400.0  # [s]
+FEWEST_PARTICLES = 10  # of a class in a world
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ Every class of objects has a range of slots, world after world; a slot's world s
 
 import numpy as np
 
-from drift.case.record import Case
-from drift.case.spill import FEWEST_PARTICLES
 from drift.motion import ensemble as record
 from drift.motion import prior
 from drift.motion.ensemble import Ensemble
+from drift.motion.forcing_error import Errors
 from drift.motion.leeway import AIR_IN_WATER
-from drift.spill.records import Spill
+from drift.motion.period import Period
+from drift.spill.records import FEWEST_PARTICLES, Spill
 from drift.spill.worlds import Real, Worlds
 from geo.errors import UserError
 from kernels import noise, runtime
@@ -26,7 +26,7 @@ def per_world(spill: Spill) -> tuple[int, ...]:
     return tuple(int(n) for n in np.diff(ends, prepend=0))
 
 
-def draw(case: Case, spill: Spill, worlds: Worlds, coast: DeviceCoast, seed: int) -> Ensemble:
+def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: DeviceCoast, seed: int) -> Ensemble:
     """Return the ensemble of a spill's worlds, each class of equal weight within.
 
     Raises UserError when objects scattered about a release find no water.
@@ -34,8 +34,7 @@ def draw(case: Case, spill: Spill, worlds: Worlds, coast: DeviceCoast, seed: int
     counts = per_world(spill)
     bounds = tuple(int(n) for n in np.concatenate([[0], np.cumsum(counts) * worlds.size]))
     ensemble, key = record.empty(seed, bounds), noise.key(seed)
-    start = int(case.start.astype("datetime64[s]").astype(np.int64))
-    where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - start)]
+    where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)]
     factor = runtime.upload(worlds.windage.astype(np.float32))
     log_weight = np.empty(ensemble.n, np.float32)
     for number, (kind, count, slots) in enumerate(zip(spill.kinds, counts, ensemble.scenarios, strict=True)):
@@ -60,7 +59,7 @@ def draw(case: Case, spill: Spill, worlds: Worlds, coast: DeviceCoast, seed: int
             kernel.draw_sinking(
                 *slots, ensemble.sinks, ensemble.release, ensemble.world, *key, time, kind.sinking.spread
             )
-        prior.draw_errors(case, ensemble, slots, key)
+        prior.draw_errors(errors.unbiased(), ensemble, slots, key)
         with np.errstate(divide="ignore"):
             log_weight[slice(*slots)] = np.log(kind.share) - np.log(count * worlds.size)
     share(ensemble, worlds.current_east, worlds.current_north)

@@ -14,12 +14,10 @@ import numpy.typing as npt
 import xarray as xr
 from scipy import special  # stats would take a second to import
 
-from drift.case.record import Case
 from drift.forecast import effective
-from drift.motion.environment import Environment
-from drift.motion.prior import elapsed
+from drift.motion.ensemble import Ensemble
+from drift.motion.period import Period
 from drift.motion.spool import Spool
-from drift.motion.start import Start, renew
 from drift.motion.status import Status
 from drift.output.writer import Product
 from drift.search.updates import Updates
@@ -29,8 +27,9 @@ from drift.spill.fates import FOREVER, Fates, Realisation
 from drift.spill.realisations import realise
 from drift.spill.records import Spill
 from drift.spill.strandings import Landings
-from drift.spill.worlds import Worlds
+from drift.spill.worlds import Proposal, Worlds
 from geo import notation
+from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 
 Array = npt.NDArray[Any]
@@ -45,11 +44,12 @@ REALISATIONS = 4  # complete spills drawn in every world, at most
 
 @dataclass(frozen=True)
 class Drifted:
-    """A run that has been made: how it started, the particles at its outputs, their stays on the shore."""
+    """A run that has been made: its ensemble at the end, the particles at its outputs, their stays on the shore."""
 
-    start: Start
+    ensemble: Ensemble
     snapshots: Spool
     landings: Landings
+    worlds: Worlds | None = None  # of a spill
     updates: Updates | None = None  # what sorties and contacts did
 
 
@@ -57,7 +57,7 @@ class Drifted:
 class Aftermath:
     """What a spill has come to."""
 
-    case: Case
+    period: Period
     spill: Spill
     segments: Segments
     fates: Fates
@@ -69,33 +69,31 @@ class Aftermath:
     rounds: tuple[float, ...]  # effective worlds in each round
 
 
-def stretches(case: Case, spill: Spill, where: Environment, begin: Start) -> Segments:
+def stretches(period: Period, spill: Spill, coast: Coast, drawn: Worlds) -> Segments:
     """Return the stretches of coast that a spill is told by; raise UserError for finds and patrols that cannot be."""
-    assert where.coast is not None
-    assert begin.worlds is not None
-    segments = evidence.cut(spill, where.coast)
-    evidence.build(case, spill, segments, where.coast, begin.worlds)
+    segments = evidence.cut(spill, coast)
+    evidence.build(period, spill, segments, coast, drawn)
     return segments
 
 
 def settle(
-    case: Case,
+    period: Period,
     spill: Spill,
-    where: Environment,
+    coast: Coast,
     segments: Segments,
     first: Drifted,
-    drift: Callable[[Start], Drifted],
+    renew: Callable[[Proposal, int], Drifted],
 ) -> tuple[Drifted, Aftermath]:
     """Return the run whose worlds the finds leave enough of, weighted by them, and its aftermath.
 
-    drift: moves a start's ensemble through the run.
+    renew: draws worlds anew from a proposal, and moves their objects through the run; it is told the number of the
+    renewal, from 1.
     """
-    assert where.coast is not None
-    assert first.start.worlds is not None
-    done, drawn, rounds = first, first.start.worlds, [0.0]
+    assert first.worlds is not None
+    done, drawn, rounds = first, first.worlds, [0.0]
     while True:
-        known = evidence.build(case, spill, segments, where.coast, drawn)
-        known = replace(known, adrift=_adrift(case, known, done.snapshots))
+        known = evidence.build(period, spill, segments, coast, drawn)
+        known = replace(known, adrift=_adrift(period, known, done.snapshots))
         fates = _fates(spill, done, segments)
         told = finds.posterior(fates, known, drawn.latent, drawn.log_weight)
         rounds[-1] = told.effective
@@ -105,21 +103,21 @@ def settle(
         # From where these worlds were drawn (exponent 0) towards where the finds have them (1): never back to the prior.
         aim = told.log_likelihood + drawn.log_weight
         about = worlds.around(drawn, worlds.normal(finds.tempered(aim, least) * aim))
-        done = drift(renew(case, spill, where, done.start, about, len(rounds)))
-        assert done.start.worlds is not None
-        drawn = done.start.worlds
+        done = renew(about, len(rounds))
+        assert done.worlds is not None
+        drawn = done.worlds
         rounds.append(0.0)
     _reweigh(done, fates, told)
     made = Aftermath(
-        case,
+        period,
         spill,
         segments,
         fates,
         drawn,
-        first.start.worlds,
+        first.worlds,
         told,
         finds.surprises(fates, known, drawn.latent, drawn.log_weight),
-        _washup(case, spill, segments, fates, told, done.start.ensemble.seed),
+        _washup(period, spill, segments, fates, told, done),
         tuple(rounds),
     )
     return done, made
@@ -127,7 +125,7 @@ def settle(
 
 def _fates(spill: Spill, done: Drifted, segments: Segments) -> Fates:
     """Return what became of every particle by the end of the run."""
-    ensemble = done.start.ensemble
+    ensemble = done.ensemble
     snapshot = done.snapshots[-1]
     over = np.isin(snapshot.status, (Status.SUNK, Status.LEFT, Status.OUTSIDE))
     return Fates(
@@ -141,9 +139,9 @@ def _fates(spill: Spill, done: Drifted, segments: Segments) -> Fates:
     )
 
 
-def _adrift(case: Case, known: finds.Known, snapshots: Spool) -> dict[int, finds.Adrift]:
+def _adrift(period: Period, known: finds.Known, snapshots: Spool) -> dict[int, finds.Adrift]:
     """Return where the particles are at the times of finds at sea, which are output times."""
-    times = [elapsed(case, time) for time in case.outputs]
+    times = _outputs(period, snapshots).tolist()
     found = {}
     for number, find in enumerate(known.finds):
         if isinstance(find.place, finds.AtSea):
@@ -164,16 +162,22 @@ def _reweigh(done: Drifted, fates: Fates, told: finds.Posterior) -> None:
     with np.errstate(divide="ignore"):
         each = np.log(told.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300)).reshape(left.shape)
         log_weight = each.ravel()[cell] + np.log(np.maximum(unfound, 1e-300))
-    done.start.ensemble.log_weight.from_numpy((log_weight - log_weight.max()).astype(np.float32))
-    done.snapshots.reweigh(done.start.ensemble)
+    done.ensemble.log_weight.from_numpy((log_weight - log_weight.max()).astype(np.float32))
+    done.snapshots.reweigh(done.ensemble)
 
 
-def _washup(case: Case, spill: Spill, segments: Segments, fates: Fates, told: finds.Posterior, seed: int) -> xr.Dataset:
+def _outputs(period: Period, snapshots: Spool) -> npt.NDArray[np.int64]:
+    """Return the times of outputs [s since start]."""
+    return period.seconds(snapshots.time(k) for k in range(len(snapshots)))
+
+
+def _washup(
+    period: Period, spill: Spill, segments: Segments, fates: Fates, told: finds.Posterior, done: Drifted
+) -> xr.Dataset:
     count = int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
-    drawn: Sequence[Realisation] = realise(fates, told, seed, count)
-    outputs = np.array([elapsed(case, time) for time in case.outputs])
+    drawn: Sequence[Realisation] = realise(fates, told, done.ensemble.seed, count)
     kinds = [kind.name for kind in spill.kinds]
-    return washup.build(fates, segments, drawn, told.weight, outputs, case.start, kinds)
+    return washup.build(fates, segments, drawn, told.weight, _outputs(period, done.snapshots), period.start, kinds)
 
 
 def files(after: Aftermath) -> tuple[Product, ...]:
@@ -181,7 +185,7 @@ def files(after: Aftermath) -> tuple[Product, ...]:
     spill = after.spill
     data, told = (
         after.washup,
-        unknowns.table(after.worlds, after.prior, after.posterior, after.case.start, [k.name for k in spill.kinds]),
+        unknowns.table(after.worlds, after.prior, after.posterior, after.period.start, [k.name for k in spill.kinds]),
     )
     return (
         Product("washup.nc", lambda stamped: data),
@@ -220,7 +224,7 @@ def numbers(after: Aftermath) -> dict[str, Any]:
             "patrols": patrols(spill, after.segments),
             "finds": [_find(after, surprise) for surprise in after.surprises],
             "unknowns": unknowns.table(
-                after.worlds, after.prior, after.posterior, after.case.start, [k.name for k in spill.kinds]
+                after.worlds, after.prior, after.posterior, after.period.start, [k.name for k in spill.kinds]
             ),
         }
     }

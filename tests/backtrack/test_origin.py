@@ -8,14 +8,16 @@ import pytest
 import shapely
 from scipy import stats
 
+from drift import start
 from drift.backtrack import backward, tracks
 from drift.case import file as case_file
 from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import simulate
+from drift.motion.clock import Clock
 from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing, Sources
-from drift.motion.simulate import Clock, Scene
+from drift.motion.scene import Scene
 from drift.motion.status import Status
 from drift.spill import release as objects
 from drift.spill import worlds as drawn_worlds
@@ -23,6 +25,7 @@ from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import segments
+from geo.coast.segments import Segments
 from geo.coast.shore import Shore
 from geo.errors import UserError
 from geo.forcing import sources
@@ -216,18 +219,25 @@ def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.nda
 RUN = {"worlds": 500, "per_find": 60, "cells": 64, "times": 12}
 
 
+def origin(case: Case, where: Environment, cut: Segments | None, stretch: list[int], **fine: int) -> backward.Origin:
+    """Return where a case's spill may have come from; fine: how finely that is told."""
+    assert case.spill is not None
+    spec, clock = start.ensemble_spec(case), start.clock_spec(case)
+    return backward.backward(case.spill, spec, clock, where, cut, stretch, backward.Resolution(**fine))
+
+
 def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converges(tmp_path, monkeypatch) -> None:
     """Within three standard errors, two finds sharing an error of the current; a plume without the weight is not."""
     case = case_of(tmp_path, SPILL + "".join(at_sea(*seen) for seen in SEEN))
     where = environment(converging())
     truth = exact(SEEN)
-    found = backward.backward(case, where, None, [-1, -1], **RUN)
+    found = origin(case, where, None, [-1, -1], **RUN)
     mean, error, std = told(found)
     ahead, ahead_error = forward(case, converging(), 6000, 40)
     monkeypatch.setattr(
         backward.advance, "Place", lambda *a, place=kernel.Place, **k: place(*a, **{**k, "divergence": False})
     )
-    plain, plain_error, _ = told(backward.backward(case, where, None, [-1, -1], **RUN))
+    plain, plain_error, _ = told(origin(case, where, None, [-1, -1], **RUN))
     print("exact", truth.mean, truth.std)
     print("backward", mean, error, std, found.effective)
     print("forward", ahead, ahead_error)
@@ -250,7 +260,7 @@ def test_finds_multiply_within_a_world_not_between_averages(tmp_path) -> None:
     assert case.spill is not None
     where, run = environment(converging()), RUN | {"worlds": 300}
     alone = [
-        backward.backward(replace(case, spill=replace(case.spill, finds=(find,))), where, None, [-1], **run)
+        origin(replace(case, spill=replace(case.spill, finds=(find,))), where, None, [-1], **run)
         for find in case.spill.finds
     ]
     prior = alone[0].prior
@@ -302,7 +312,7 @@ def test_a_find_ashore_tells_the_release_by_the_law_of_arrivals(tmp_path) -> Non
     cut = segments.cut(coast, 10_000.0)
     on, _ = segments.nearest(cut, coast, 0.0, 0.04)
     case = case_of(tmp_path, ASHORE.replace("STRETCH", cut.name[on]))
-    found = backward.backward(
+    found = origin(
         case, environment(sources.constant("current", SPEED, 0.0), coast), cut, [on],
         worlds=100, per_find=400, cells=40, times=18,
     )  # fmt: skip
@@ -336,7 +346,7 @@ def test_what_may_have_sunk_came_from_near(tmp_path) -> None:
     text = SPILL.replace(f"{WINDOW // HOUR} h", "6 h") + "".join(at_sea(*seen) for seen in SEEN)
     where = environment(converging())
     made = [
-        backward.backward(case_of(tmp_path, said), where, None, [-1, -1], worlds=50, per_find=40, cells=24, times=6)
+        origin(case_of(tmp_path, said), where, None, [-1, -1], worlds=50, per_find=40, cells=24, times=6)
         for said in (text, text.replace('object = "water"', 'object = "water"\nsinking = { half_life = "5 h" }'))
     ]
     ages = sum(T0 + seen[0] - made[0].time.astype(np.int64) for seen in SEEN)
@@ -353,7 +363,7 @@ def test_a_patrol_that_misses_nothing_rules_out_earlier_landings(tmp_path) -> No
     patrol = f'[[patrol]]\nname = "p"\nstretches = ["{cut.name[on]}"]\ntime = "+{passed // HOUR} h"\ndetection = 1\n'
     where = environment(sources.constant("current", SPEED, 0.0), coast)
     before, after = (
-        backward.backward(case_of(tmp_path, said), where, cut, [on], worlds=50, per_find=100, cells=20, times=9)
+        origin(case_of(tmp_path, said), where, cut, [on], worlds=50, per_find=100, cells=20, times=9)
         for said in (text, text + patrol)
     )
     late = before.time.astype(np.int64) - T0 > passed
@@ -370,7 +380,7 @@ def test_classes_that_drift_alike_are_one_class(tmp_path) -> None:
     )
     run = {"worlds": 200, "per_find": 60, "cells": 40, "times": 6}
     one, two = (
-        backward.backward(
+        origin(
             case_of(tmp_path, text + at_sea(*SEEN[0])),
             replace(environment(converging()), scenarios=(Sources(current=(converging(),)),) * classes),
             None, [-1], **run,
@@ -411,7 +421,7 @@ def test_finds_that_no_release_leads_to_are_refused_by_name(tmp_path) -> None:
     where = environment(sources.constant("current", 0.5, 0.0))
     text = SPILL.replace(f"{WINDOW // HOUR} h", "6 h")
     with pytest.raises(UserError, match="no finds"):
-        backward.backward(case_of(tmp_path, text), where, None, [])
+        origin(case_of(tmp_path, text), where, None, [])
     lost = case_of(tmp_path, text + at_sea(60 * HOUR, 100_000.0, 140_000.0))
     with pytest.raises(UserError, match="find 1: no release"):
-        backward.backward(lost, where, None, [-1], worlds=20, per_find=20, cells=20, times=3)
+        origin(lost, where, None, [-1], worlds=20, per_find=20, cells=20, times=3)

@@ -15,6 +15,7 @@ import xarray as xr
 import drift
 from drift.cli.commands import main
 from drift.motion import spool
+from drift.motion.period import Period
 from geo.errors import UserError
 from geo.files import dataset
 from geo.forcing import describe, sources
@@ -175,16 +176,16 @@ def test_faults_of_our_own_are_not_blamed_on_the_file() -> None:
 
 def stored(outputs: int = 3, n: int = 1000) -> spool.Spool:
     """Return a spool of particles at some times."""
-    case = SimpleNamespace(
-        outputs=np.arange(outputs), start=np.datetime64("2026-01-01", "s"), direction=1, scenarios=["a"]
-    )
+    begin = np.datetime64("2026-01-01", "s")
     column = np.zeros(n, np.float32)
-    ensemble = SimpleNamespace(n=n, bounds=np.array([0, n]), log_weight=SimpleNamespace(to_numpy=lambda: column))
+    ensemble = SimpleNamespace(
+        n=n, bounds=np.array([0, n]), scenarios=[(0, n)], log_weight=SimpleNamespace(to_numpy=lambda: column)
+    )
     moments = (
         SimpleNamespace(lon=column, lat=column, status=column, log_weight=column, elapsed=k, ancestors=None)
         for k in range(outputs)
     )
-    return spool.Spool(case, ensemble, moments)  # type: ignore[arg-type]
+    return spool.Spool(Period(begin, begin + outputs, 1), ensemble, moments, outputs)  # type: ignore[arg-type]
 
 
 def test_room_for_the_particles_is_known_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,8 +10,9 @@ from scipy import stats
 import drift
 from drift.motion import ensemble as record
 from drift.motion import simulate
+from drift.motion.clock import Clock
 from drift.motion.forcing import Forcing, Sources
-from drift.motion.simulate import Clock, Scene
+from drift.motion.scene import Scene
 from drift.motion.status import Status
 from drift.spill import release
 from geo import sphere

@@ -1,17 +1,19 @@
 """Priors: moments, ellipses and areas against closed forms and shapely; releases; water; the antimeridian."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
 from scipy import stats
 
-from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import prior
-from drift.motion.forcing_error import ForcingError
+from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.leeway import Drifter, Line
+from drift.motion.period import Period
 from drift.motion.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
-from drift.search.records import Resampling
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
@@ -26,15 +28,10 @@ HOUR = np.timedelta64(3600, "s")
 DRIFTER = Drifter("test", "", Line(0.03, 0.02, 0.06), Line(0.01, -0.03, 0.04), Line(-0.02, 0.01, 0.05))
 
 
-class Bare(Case):
-    """A case of which only what a prior needs is set."""
-
-    def __init__(self, *scenarios: Scenario, particles: int = N, direction: int = 1) -> None:
-        none = ForcingError(0.0, 1.0)
-        values = {"scenarios": scenarios, "particles": particles, "seed": 3, "start": START, "direction": direction}
-        values |= {"resampling": Resampling(), "spill": None}
-        for name, value in {**values, "current_error": none, "wind_error": none}.items():
-            object.__setattr__(self, name, value)
+def told(*scenarios: Scenario, particles: int = N, direction: int = 1) -> EnsembleSpec:
+    """Return what a prior is drawn from, over a day, without errors of the forcing."""
+    none, period = ForcingError(0.0, 1.0), Period(START, START + direction * 24 * HOUR, direction)
+    return EnsembleSpec(period, scenarios, Errors(none, none, 0.0), particles, seed=3)
 
 
 def scenario(where, weight: float = 1.0, name: str = "s") -> Scenario:
@@ -46,14 +43,14 @@ def position(lon: float, lat: float, major=5000.0, minor=2000.0, orientation=0.6
     return PositionPrior(np.radians(lon), np.radians(lat), major, minor, orientation, displacement, first, last)
 
 
-def columns(case: Case, coast=None) -> tuple[record.Ensemble, np.ndarray, np.ndarray]:
-    ensemble = prior.draw(case, coast).ensemble
+def columns(spec: EnsembleSpec, coast=None) -> tuple[record.Ensemble, np.ndarray, np.ndarray]:
+    ensemble = prior.draw(spec, coast).ensemble
     return ensemble, ensemble.lon.to_numpy() * sphere.UNIT, ensemble.lat.to_numpy() * sphere.UNIT
 
 
 @pytest.mark.parametrize(("lon", "lat"), [(-88.3, 27.5), (179.97, -17.0), (30.0, 84.5)])
 def test_a_position_report_is_normal_in_its_tangent_plane(lon: float, lat: float) -> None:
-    _, x, y = columns(Bare(scenario(position(lon, lat))))
+    _, x, y = columns(told(scenario(position(lon, lat))))
     east, north = sphere.offset(np.radians(lon), np.radians(lat), x, y)
     along = east * np.sin(0.6) + north * np.cos(0.6)
     across = east * np.cos(0.6) - north * np.sin(0.6)
@@ -65,7 +62,7 @@ def test_a_position_report_is_normal_in_its_tangent_plane(lon: float, lat: float
 
 def test_a_displacement_is_uniform_in_distance_and_sector() -> None:
     moved = Displacement((2000.0, 12_000.0), (np.radians(350), np.radians(380)))
-    _, x, y = columns(Bare(scenario(position(-88, 27, 0.0, 0.0, 0.0, moved))))
+    _, x, y = columns(told(scenario(position(-88, 27, 0.0, 0.0, 0.0, moved))))
     east, north = sphere.offset(np.radians(-88), np.radians(27), x, y)
     length, bearing = np.hypot(east, north), np.degrees(np.arctan2(east, north))
     assert length.min() == pytest.approx(2000, abs=5)
@@ -78,7 +75,7 @@ def test_a_displacement_is_uniform_in_distance_and_sector() -> None:
 def test_an_area_is_filled_uniformly_on_the_sphere_across_the_antimeridian() -> None:
     """Counts in strips of latitude go as the area between parallels, sin(lat): at 60-75 N far from uniform in degrees."""
     lon, lat = np.radians([170, 195, 190, 175]), np.radians([60, 60, 75, 75])
-    _, x, y = columns(Bare(scenario(AreaPrior(tuple(lon), tuple(lat), START, START))))
+    _, x, y = columns(told(scenario(AreaPrior(tuple(lon), tuple(lat), START, START))))
     x = np.degrees(x) % 360
     polygon = shapely.Polygon([(170, 60), (195, 60), (190, 75), (175, 75)])
     assert shapely.contains_xy(polygon.buffer(1e-6), x, np.degrees(y)).all()
@@ -99,7 +96,7 @@ def test_a_trackline_has_its_cross_track_error_and_times() -> None:
     seconds = round(float(length.sum() / speed))
     arrival = START + np.timedelta64(seconds, "s")
     where = TracklinePrior(tuple(lon), tuple(lat), 1500.0, START, arrival, speed, 0.0, 1.0, 0.7, START, arrival)
-    ensemble, x, y = columns(Bare(scenario(where)))
+    ensemble, x, y = columns(told(scenario(where)))
     share = ensemble.release.to_numpy() / seconds
     assert share.min() >= 0
     assert share.max() <= 1
@@ -124,22 +121,22 @@ def _legwise(lon, lat, x, y) -> tuple[np.ndarray, np.ndarray]:
 def test_releases_are_uniform_in_their_window_forward_and_backward() -> None:
     for direction, hours in ((1, (1, 5)), (-1, (-5, -1))):
         where = position(-88, 27, hours=hours)
-        release = columns(Bare(scenario(where), direction=direction))[0].release.to_numpy()
+        release = columns(told(scenario(where), direction=direction))[0].release.to_numpy()
         assert release.min() == 3600
         assert release.max() == 5 * 3600
         assert abs(release.mean() - 3 * 3600) < 4.5 * 4 * 3600 / np.sqrt(12 * N)
 
 
 def test_scenarios_share_the_particles_and_keep_their_weights() -> None:
-    case = Bare(scenario(position(-88, 27), 0.999, "a"), scenario(position(-85, 25), 0.001, "b"))
-    ensemble = columns(case)[0]
+    spec = told(scenario(position(-88, 27), 0.999, "a"), scenario(position(-85, 25), 0.001, "b"))
+    ensemble = columns(spec)[0]
     assert ensemble.bounds[1] / N == pytest.approx(0.999 / 1.049, abs=1e-4)  # an unlikely story is still told by 5 %
     account = record.account(ensemble)
     assert account.by_status.sum(axis=1) == pytest.approx([0.999, 0.001], rel=1e-5)
 
 
 def test_objects_get_their_own_lines_and_sides() -> None:
-    ensemble = columns(Bare(scenario(position(-88, 27))))[0]
+    ensemble = columns(told(scenario(position(-88, 27))))[0]
     xi = []
     for name in ("down", "right", "left"):
         line = getattr(DRIFTER, name)
@@ -160,8 +157,8 @@ def test_a_prior_partly_on_land_is_conditioned_on_water() -> None:
     land = shapely.Polygon([(-88, 20), (-80, 20), (-80, 35), (-88, 35)])
     box = Box(-90, 26, -86, 29)
     grid = shoreline.build(Shore(np.array([land]), "square"), box)
-    case = Bare(scenario(position(-88.0000001, 27.5, 4000.0, 4000.0, 0.0)))
-    drawn = prior.draw(case, device_coast.upload(grid))
+    spec = told(scenario(position(-88.0000001, 27.5, 4000.0, 4000.0, 0.0)))
+    drawn = prior.draw(spec, device_coast.upload(grid))
     lon, lat = (c.to_numpy() * sphere.UNIT for c in (drawn.ensemble.lon, drawn.ensemble.lat))
     assert (np.degrees(lon) < -88).all()
     assert drawn.dry[0] == pytest.approx(0.5, abs=4.5 * 0.5 / np.sqrt(2 * N))
@@ -172,10 +169,9 @@ def test_a_prior_partly_on_land_is_conditioned_on_water() -> None:
 
 def test_the_errors_that_particles_start_with_are_independent_normals() -> None:
     """East and north, of current and of wind: four numbers of their own, each with its standard deviation."""
-    case = Bare(scenario(position(-88, 27)))
-    for name, error in (("current_error", ForcingError(0.3, 3600.0)), ("wind_error", ForcingError(1.7, 7200.0))):
-        object.__setattr__(case, name, error)
-    ensemble = columns(case)[0]
+    spec = told(scenario(position(-88, 27)))
+    errors = Errors(ForcingError(0.3, 3600.0), ForcingError(1.7, 7200.0), 0.0)
+    ensemble = columns(replace(spec, errors=errors))[0]
     names = [f"{kind}_error_{axis}" for kind in ("current", "wind") for axis in ("east", "north")]
     drawn = np.array([getattr(ensemble, name).to_numpy() for name in names], np.float64)
     assert np.abs(drawn.std(axis=1) / [0.3, 0.3, 1.7, 1.7] - 1).max() < 4.5 / np.sqrt(2 * N)

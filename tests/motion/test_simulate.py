@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from drift.motion import ensemble as record
-from drift.motion import simulate
+from drift.motion import simulate, step_size
+from drift.motion.clock import Clock
 from drift.motion.forcing import Forcing, Sources
-from drift.motion.simulate import Clock, Scene
+from drift.motion.scene import Scene
 from drift.motion.status import Status
+from drift.motion.step_size import LADDER
 from geo import sphere
 from geo.forcing import sources
 from geo.forcing.sources import Source
@@ -201,7 +203,7 @@ def test_the_step_chosen_is_the_largest_that_keeps_its_tolerance() -> None:
 
     place = world(eddy())
     clock = Clock(T0, 86_400, 1, 1)
-    trial = simulate.choose_step(fresh(), place, clock, 3600, 0, np.inf, 20.0)
+    trial = step_size.choose_step(fresh(), place, clock, 3600, 0, np.inf, 20.0)
     ends = {}
     for step in (30, trial.step, 3600):
         (end,) = simulate.run(fresh(), place, replace(clock, step=step), np.array([86_400]))
@@ -210,12 +212,12 @@ def test_the_step_chosen_is_the_largest_that_keeps_its_tolerance() -> None:
     assert trial.step < 3600
     assert error[trial.step] < 20.0 * 16 / 15 + 1.0  # Richardson: the coarse track errs by 16/15 of the difference
     assert error[3600] > 20.0
-    coarser = [s for s in simulate.LADDER if s > trial.step and s in trial.errors]
+    coarser = [s for s in LADDER if s > trial.step and s in trial.errors]
     assert all(trial.errors[s] > 20.0 for s in coarser)
-    loose = simulate.choose_step(fresh(), place, clock, 3600, 0, np.inf, 1e6)
+    loose = step_size.choose_step(fresh(), place, clock, 3600, 0, np.inf, 1e6)
     assert loose.step == 3600
-    assert simulate.choose_step(fresh(), place, clock, 3600, 0, 1000.0, 1e6).step == 900  # the errors' decorrelation
-    assert simulate.choose_step(fresh(), place, clock, 2700, 0, np.inf, 1e6).step == 900  # divides 45 minutes
+    assert step_size.choose_step(fresh(), place, clock, 3600, 0, 1000.0, 1e6).step == 900  # the errors' decorrelation
+    assert step_size.choose_step(fresh(), place, clock, 2700, 0, np.inf, 1e6).step == 900  # divides 45 minutes
 
 
 def test_what_refloats_within_a_step_lies_ashore_until_it_does() -> None:

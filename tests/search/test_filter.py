@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from drift import start
 from drift.case import file as case_file
 from drift.motion import ensemble as record
-from drift.motion import leeway, resample, simulate, start
-from drift.motion.environment import open_for
+from drift.motion import leeway, resample, simulate
+from drift.motion.forcing_error import ForcingError
 from drift.motion.status import Status
 from drift.search import debris, sensor_path
 from drift.search.filter import Search
@@ -64,12 +65,18 @@ def load(tmp_path, text, **changes):
     return dataclasses.replace(case_file.load(path), **changes)
 
 
+def filter_of(case, begin):
+    """Return a case's filter, also of a case in which nothing was searched or seen."""
+    spec = start.ensemble_spec(case)
+    return Search(spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene)
+
+
 def run(case, outputs=()):
     """Run a case's filter and return it, its ensemble at the end, and the moments at output times [s]."""
     runtime.start()
-    where = open_for(case)
+    where = start.open_for(case)
     begin = start.prepare(case, where)
-    search = Search(case, begin.ensemble, begin.scene)
+    search = filter_of(case, begin)
     moments = list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.array(outputs), search=search))
     begin.scene.forcing.close()
     return search, begin.ensemble, moments
@@ -561,7 +568,7 @@ def test_a_pattern_that_drifts_with_its_marker(tmp_path):
     case = load(tmp_path, begin.replace("2 kn", "0 kn"))
     case = dataclasses.replace(case, sorties=(sortie,))
     runtime.start()
-    start_of = start.prepare(case, open_for(case))
+    start_of = start.prepare(case, start.open_for(case))
     back = -3600 * 1.8 * 2 * NMI / 3600
     turn = math.radians(60)
     lat = sphere.to_degrees(moved.lat.to_numpy()) + math.cos(turn) * back / METRES
@@ -569,7 +576,7 @@ def test_a_pattern_that_drifts_with_its_marker(tmp_path):
     lon = sphere.to_degrees(moved.lon.to_numpy()) + math.sin(turn) * back / (METRES * np.cos(middle))
     start_of.ensemble.lon.from_numpy(sphere.to_binary(lon))
     start_of.ensemble.lat.from_numpy(sphere.to_binary(lat))
-    search = Search(case, start_of.ensemble, start_of.scene)
+    search = filter_of(case, start_of)
     list(simulate.run(start_of.ensemble, start_of.scene, start_of.clock, np.array([0]), search=search))
     start_of.scene.forcing.close()
     still = start_of.ensemble.log_weight.to_numpy()
@@ -628,15 +635,15 @@ def test_debris_has_coefficients_of_its_own(tmp_path):
     text = STILL + NORMAL.format(d=10).replace('object = "water"', 'object = "LIFE-RAFT-DB-10"')
     text += '[[wind]]\nconstant = { speed = "9 m/s", from = 250 }\n'
     n = 50_000
-    bare = load(tmp_path, text, particles=n, current_error=case_file.ForcingError(0.3, 40_000.0))
+    bare = load(tmp_path, text, particles=n, current_error=ForcingError(0.3, 40_000.0))
     seen = tuple(
         Contact(name, hours(2), "position", fixes=(Fix(-179.9, 30.1),), major=5000.0, minor=5000.0, drifter=drifter)
         for name, drifter in (("twin", bare.scenarios[0].object), ("oar", leeway.find("PIW-1")))
     )
     case = dataclasses.replace(bare, contacts=seen)
     runtime.start()
-    begin = start.prepare(case, open_for(case))
-    found = debris.of_contacts(case, [(7200, contact) for contact in seen], begin.scene)
+    begin = start.prepare(case, start.open_for(case))
+    found = debris.of_contacts(start.ensemble_spec(case), [(7200, contact) for contact in seen], begin.scene)
     begin.scene.forcing.close()
     whole = [begin.ensemble, *(one.ensemble for one in found.values())]
     assert len(whole) == 3

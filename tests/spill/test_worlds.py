@@ -128,7 +128,7 @@ def released(tmp_path_factory: pytest.TempPathFactory) -> Any:
     case = spill_of(tmp_path_factory.mktemp("spill"), POSITION, 2000)
     drawn = worlds.draw(case.spill, 7, at_sea)
     land = shoreline.build(Shore(np.array([], object), "none"), Box(178, 57, 183, 59))
-    return case, drawn, release.draw(case, case.spill, drawn, device_coast.upload(land), 7)
+    return case, drawn, release.draw(case.spill, drawn, case.period, case.errors, device_coast.upload(land), 7)
 
 
 def test_a_world_scales_all_the_leeway_of_its_objects(released: Any) -> None:
@@ -154,7 +154,7 @@ def test_classes_have_their_shares_and_objects_their_times(released: Any) -> Non
         assert weight[first:last].sum() == pytest.approx(share, rel=1e-5)
     world = ensemble.world.to_numpy()
     case = released[0]
-    late = ensemble.release.to_numpy() - (drawn.release[world] - case.start.astype("datetime64[s]").astype(np.int64))
+    late = ensemble.release.to_numpy() - (drawn.release[world] - case.period.epoch)
     assert stats.kstest(late / 3600, "uniform", args=(0, 5)).pvalue > 1e-4
     at = [drawn.lon[world] * sphere.UNIT, drawn.lat[world] * sphere.UNIT]
     way = np.array(sphere.offset(*at, ensemble.lon.to_numpy() * sphere.UNIT, ensemble.lat.to_numpy() * sphere.UNIT))

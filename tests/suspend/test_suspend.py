@@ -11,10 +11,11 @@ from matplotlib.container import ErrorbarContainer
 from scipy import integrate, optimize, stats
 
 import drift
-from drift import flow, preview
+from drift import flow
 from drift.case import survival
 from drift.maps import page
 from drift.motion.scenario import Survival
+from drift.preview import check
 from drift.suspend import decision
 from drift.suspend import map as suspend_map
 from drift.suspend import text as suspend_text
@@ -108,7 +109,7 @@ def test_what_is_wrong_is_said_in_one_line(kind: str, tmp_path: Path) -> None:
 def test_check_says_what_survival_was_understood(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(CASE.format(particles=100, more=""))
-    told = preview.understood(drift.load(path))
+    told = check.understood(drift.load(path))
     assert "alive: median 3.17 h, factor 3 of a standard deviation (Hayward" in told['scenario "swimmer"']
     assert "alive: median 20 h, factor 1.7" in told['scenario "raft"']
 

@@ -16,8 +16,8 @@ import xarray as xr
 from dask.callbacks import Callback
 
 import drift
-from drift import preview
-from drift.motion import environment
+from drift import start
+from drift.preview import check
 from geo.errors import UserError
 from geo.forcing import memory, sources
 from geo.forcing.sources import Source
@@ -250,7 +250,7 @@ def test_names_and_types_that_do_not_fit_are_refused_in_one_line(tmp_path: Path)
         ({"roms": data.isel(time=[3])}, r'current "model": .*one time only'),
     ):  # fmt: skip
         with pytest.raises(UserError, match=message) as refused:
-            preview.understood(case, given)
+            check.understood(case, given)
         assert "\n" not in str(refused.value)
     with pytest.raises(UserError, match="steady belongs to files and to a dataset; this source is constant"):
         case_of(tmp_path, "constant = { east = 0.1, north = 0.2 }\nsteady = true")
@@ -265,7 +265,7 @@ def test_the_keys_of_files_belong_to_a_dataset_too(tmp_path: Path) -> None:
         del data[name].attrs["units"], data[name].attrs["standard_name"]
     keys = 'dataset = "roms"\nvariables = { east = "0", north = "1", axes = "grid" }\nunits = "cm/s"\n'
     twice = keys + '[[current]]\nname = "again"\nadd = true\n' + keys + "steady = true\n"
-    found = environment.open_for(case_of(tmp_path, twice), {HELD: data})
+    found = start.open_for(case_of(tmp_path, twice), {HELD: data})
     one, two = found.sources
     steady = sources.open_source("current", str(tmp_path / "roms.nc"), box=found.box).read(0)
     assert one.read(0) == pytest.approx(steady / 100, abs=1e-7, nan_ok=True)

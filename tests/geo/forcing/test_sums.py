@@ -8,8 +8,8 @@ import pytest
 import xarray as xr
 
 import drift
-from drift import preview
 from drift.motion.status import Status
+from drift.preview import check
 from geo import sphere
 from geo.errors import UserError
 from geo.grids.grid import Grid
@@ -232,11 +232,11 @@ def test_a_place_without_a_term_ends_a_particle_and_the_refusal_names_the_term(
     with pytest.raises(
         UserError, match=r'50% of the prior .* no current .*"tide" begins .* A sum has no value'
     ) as refused:
-        preview.understood(case_of(folder, RESIDUAL + narrow))
+        check.understood(case_of(folder, RESIDUAL + narrow))
     assert "residual" not in str(refused.value)
     dry = RESIDUAL + "fill = 0\n" + TIDE  # a tide over land is no current: the residual one is missing
     with pytest.raises(UserError, match=r'25% of the prior .*"residual" has no value there.* A sum has no value'):
-        preview.understood(case_of(folder, dry, [*STARTS[:3], (-179.2, -16.8)]))
+        check.understood(case_of(folder, dry, [*STARTS[:3], (-179.2, -16.8)]))
     # toward the edge of the tide's grid, a kilometre away
     edge = float(small.lon[-1])
     with pytest.raises(UserError, match=r'100% ran out of forcing \(no value: current "tide" 100%\)'):
@@ -261,8 +261,8 @@ def test_each_term_must_last_as_long_as_the_run_and_its_holes_are_told(
     fields[1].isel(time=[*range(30), *range(45, 74)]).to_netcdf(folder / "holed.nc")
     holed = RESIDUAL + TIDE.replace("tide.nc", "holed.nc")
     with pytest.raises(UserError, match=r"nothing from 220340ZNOV26 to 220900ZNOV26.* add = true"):
-        preview.understood(case_of(folder, holed))
-    told = preview.understood(case_of(folder, holed, max_lost="1.0"))
+        check.understood(case_of(folder, holed))
+    told = check.understood(case_of(folder, holed, max_lost="1.0"))
     assert "no values between 220340ZNOV26 and 220900ZNOV26" in told["current tide"]
     assert "added to the other sources of [[current]]" in told["current tide"]
     assert "missing" in told["current residual"]

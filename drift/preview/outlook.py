@@ -5,15 +5,16 @@ from typing import Any
 
 import numpy as np
 
+from drift import start
 from drift.case.record import Case
 from drift.case.schema import BYTES_PER_PARTICLE
 from drift.motion import ensemble as record
-from drift.motion import start
+from drift.motion import step_size
+from drift.motion.clock import Clock
 from drift.motion.environment import Environment
-from drift.motion.simulate import Clock
 from drift.motion.spool import BYTES
-from drift.motion.start import Start
 from drift.motion.status import Status
+from drift.start import Start
 from geo import notation
 from geo.forcing import stream
 from geo.forcing.sources import Source
@@ -35,7 +36,7 @@ ENDS = {
 
 def work(case: Case, step: int) -> str:
     """Return how much a run with a step [s] has to do, and about how long that takes."""
-    count = -(-_span(case) // step)
+    count = -(-case.period.duration // step)
     text = f"{count:,} steps x {case.particles:,} particles, moved in about {_lasting(count * case.particles / PACE)} on two cores"
     text += f"; {case.outputs.size:,} output times"
     kept = case.outputs.size * case.particles * BYTES / 2**30
@@ -46,7 +47,7 @@ def work(case: Case, step: int) -> str:
 
 def caution(case: Case) -> str | None:
     """Return a word of caution about the work of a case that states its step, if there is much of it."""
-    if case.step is None or -(-_span(case) // case.step) * case.particles / PACE < LONG:
+    if case.step is None or -(-case.period.duration // case.step) * case.particles / PACE < LONG:
         return None
     return f'clock.step = {case.step} s: {work(case, case.step)}; step = "auto" takes the longest that is exact enough'
 
@@ -55,8 +56,9 @@ def advised(case: Case, where: Environment, begin: Start) -> str:
     """Return what "auto" would do instead of a step that makes much work; "" where there is nothing to say."""
     if caution(case) is None:
         return ""
-    auto, _ = start.clock_of(replace(case, step=None), where, begin.ensemble, begin.scene)
-    count = -(-_span(case) // auto.step)
+    free = replace(start.clock_spec(case), step=None)
+    auto, _ = step_size.clock_of(case.period, free, case.errors, where.sources, begin.ensemble, begin.scene)
+    count = -(-case.period.duration // auto.step)
     return (
         f'; step = "auto" would take {auto.step} s: {count:,} steps, about {_lasting(count * case.particles / PACE)}'
         if auto.step > begin.clock.step
@@ -66,7 +68,7 @@ def advised(case: Case, where: Environment, begin: Start) -> str:
 
 def holes(case: Case, source: Source) -> str:
     """Return when within the run a source has nothing between its times; "" where it has no holes."""
-    first, last = sorted((case.start, case.end))
+    first, last = case.period.span
     found = [(max(a, first), min(b, last)) for a, b in stream.holes(source.times) if a < last and b > first]
     usual = np.median(np.diff(source.times)) if found else None
     return "; ".join(
@@ -82,7 +84,7 @@ def ends(case: Case, begin: Start) -> str:
     some = record.sample(ensemble, chosen)
     nodes = sum(tile.nlon * tile.nlat for tile in {id(t): t for t in _grids(begin)}.values())
     steps = int(np.clip(NODES / max(nodes, 1), FEWEST_STEPS, MOST_STEPS))
-    step = begin.clock.step * max(-(-_span(case) // (steps * begin.clock.step)), 1)
+    step = begin.clock.step * max(-(-case.period.duration // (steps * begin.clock.step)), 1)
     clock = Clock(begin.clock.start, begin.clock.duration, begin.clock.direction, step, begin.clock.phase)
     for low, high, part in clock.steps():
         begin.scene.advance(some, low, high, part)
@@ -96,7 +98,7 @@ def ends(case: Case, begin: Start) -> str:
     lost = share[Status.OUTSIDE] + share[Status.LEFT]
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
-        when = case.start + np.timedelta64(case.direction * int(max(some.ended.to_numpy()[gone].min(), 0)), "s")
+        when = case.period.time(int(max(some.ended.to_numpy()[gone].min(), 0)))
         told += f"; the first is lost about {notation.group(when)}"
     if lost > case.max_lost:
         told += (
@@ -108,10 +110,6 @@ def ends(case: Case, begin: Start) -> str:
 
 def _grids(begin: Start) -> list[Any]:
     return list(begin.scene.forcing.tiles.grids)
-
-
-def _span(case: Case) -> int:
-    return abs(int((case.end - case.start) / np.timedelta64(1, "s")))
 
 
 def _hours(span: Any) -> str:

@@ -8,9 +8,10 @@ import pyproj
 import pytest
 import xarray as xr
 
+from drift import start
 from drift.case import file as case_file
 from drift.cli.commands import main
-from drift.motion import environment
+from drift.motion import domain, environment
 from geo.box import Box
 from geo.forcing import stream
 
@@ -161,7 +162,7 @@ def test_a_box_that_nothing_leaves_bounds_a_vast_domain(tmp_path: Path) -> None:
     write(tmp_path / "sea.nc", np.arange(40))
     text = CASE.replace('files = "sea.nc"', "constant = { east = 6, north = 5 }")
     (tmp_path / "trial.toml").write_text(text + "[domain]\nwest = -180\neast = 180\nsouth = -90\nnorth = 90\n")
-    box = environment.open_for(case_file.load(tmp_path / "trial.toml")).box
+    box = start.open_for(case_file.load(tmp_path / "trial.toml")).box
     least = np.degrees(np.hypot(6, 5) * 86_400 / 6_371_008.8)
     assert box.north - (26 + 1 / 3) > least
     assert (26 + 1 / 3) - box.south > least
@@ -194,7 +195,7 @@ def test_a_box_round_the_earth_is_read_whole() -> None:
 
 
 def test_common_part_of_boxes() -> None:
-    assert environment._common(Box(-180, -90, 180, 90), Box(170, -10, 195, 5)) == Box(170, -10, 195, 5)
-    assert environment._common(Box(150, -40, 260, 40), Box(-170, -10, -150, 50)) == Box(-170, -10, -150, 40)
-    assert environment._common(Box(-175, -40, 175, 40), Box(170, -10, 195, 5)) == Box(-175, -40, 175, 40)  # two parts
-    assert environment._common(Box(0, 0, 10, 10), Box(-180, -90, 180, 90)) == Box(0, 0, 10, 10)
+    assert domain._common(Box(-180, -90, 180, 90), Box(170, -10, 195, 5)) == Box(170, -10, 195, 5)
+    assert domain._common(Box(150, -40, 260, 40), Box(-170, -10, -150, 50)) == Box(-170, -10, -150, 40)
+    assert domain._common(Box(-175, -40, 175, 40), Box(170, -10, 195, 5)) == Box(-175, -40, 175, 40)  # two parts
+    assert domain._common(Box(0, 0, 10, 10), Box(-180, -90, 180, 90)) == Box(0, 0, 10, 10)

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from drift import summary, turns
+from drift import start, summary, turns
 from drift.case.record import Case
-from drift.motion import environment, outlook, start
+from drift.preview import outlook
 from drift.spill import renewal
 from drift.spill.records import Spill
 from drift.suspend import decision
@@ -29,13 +29,15 @@ def understood(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[st
     Raises UserError for all that a run would refuse at its start.
     """
     runtime.start()
-    where = environment.open_for(case, datasets, shore.thinned)
+    where = start.open_for(case, datasets, shore.thinned)
     few = replace(case, particles=min(case.particles, CHECKED))
     if case.spill:
         few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))
     begin = start.prepare(few, where)
     try:
-        stretches = renewal.stretches(case, few.spill, where, begin) if few.spill else None
+        stretches = None
+        if few.spill and where.coast and begin.worlds:
+            stretches = renewal.stretches(case.period, few.spill, where.coast, begin.worlds)
         told = {
             "work": outlook.work(case, begin.clock.step) + outlook.advised(case, where, begin),
             "by the end": outlook.ends(case, begin),

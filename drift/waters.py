@@ -12,9 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from drift import start
 from drift.case.record import Case
-from drift.motion import environment
+from drift.motion import domain, environment
+from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment import Environment
+from drift.motion.environment_spec import EnvironmentSpec
 from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.forcing_spec import options as source_options
 from geo.box import Box
@@ -67,7 +70,7 @@ class Waters:
 
     def open_for(self, case: Case, datasets: Mapping[str, Any]) -> Environment:
         """Return the environment that a case would have alone."""
-        return environment.open_for(case, datasets, common=self)
+        return start.open_for(case, datasets, common=self)
 
     def source(self, spec: ForcingSpec, box: Box) -> Source:
         """Return a source's part for a box."""
@@ -81,13 +84,15 @@ class Waters:
             del self._cuts[next(iter(self._cuts))]
         return replace(found, name=spec.name, shelf=Shelf(key, self._finished))
 
-    def coast(self, case: Case, box: Box) -> tuple[Shore, shoreline.Coast | None] | None:
+    def coast(
+        self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
+    ) -> tuple[Shore, shoreline.Coast | None] | None:
         """Return the land and coast of these waters, as far as a case would have it in a box; None where that differs."""
-        if not _within(environment.around(case, 0.0, environment.FARTHEST), box) or not _within(box, self._coastal):
+        if not _within(domain.around(spec, 0.0, domain.FARTHEST), box) or not _within(box, self._coastal):
             return None
-        key = case.coast.source, case.coast.lakes
+        key = asked.coast.source, asked.coast.lakes
         if key not in self._lands:
-            land = shore.land(case.coast.source, self._coastal, case.coast.lakes)
+            land = shore.land(asked.coast.source, self._coastal, asked.coast.lakes)
             self._lands[key] = land, shoreline.build(land, self._coastal) if land.polygons.size else None
         land, coast = self._lands[key]
         return None if coast is not None and coast.shift != shoreline.FINEST else (land, coast)
@@ -114,7 +119,7 @@ def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
     boxes: list[Box] = []
     number = []
     for case in cases:
-        own = environment.bounds(case)
+        own = domain.bounds(start.ensemble_spec(case), start.environment_spec(case))
         for k, box in enumerate(boxes):
             both = _joined(box, own)
             if (both.east - both.west) * (both.north - both.south) <= WIDEST:

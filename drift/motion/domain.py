@@ -1,0 +1,129 @@
+"""The domain of a run: the box outside which a particle has left, by default all that anything adrift can reach."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.environment_spec import EnvironmentSpec
+from drift.motion.forcing_spec import ForcingSpec
+from drift.motion.scenario import AreaPrior, PositionPrior
+from geo import sphere
+from geo.box import Box
+from kernels import advance
+
+FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
+STRONGEST_WIND = 25.0  # [m/s]
+PIECE = 50_000.0  # [m] how finely a voyage is followed for its box
+POLEWARD = 89.0  # [deg] beyond, east and north lose their meaning: a particle there has left
+VAST = 4_000.0  # [deg2] a box in which it is worth asking what of it can be reached at all
+UTMOST_CURRENT, UTMOST_STOKES, UTMOST_WIND = 5.0, 1.0, 50.0  # [m/s] that nothing meets on average over a whole run
+FARTHEST = 7.0  # standard deviations beyond which nothing is drawn
+SPREADS = 5.0  # standard deviations of a prior that lie in its box
+
+
+def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
+    """Return the box outside which a particle of a run has left."""
+    box = asked.domain or reach(spec)
+    box = replace(box, south=max(box.south, -POLEWARD), north=min(box.north, POLEWARD))
+    if (box.east - box.west) * (box.north - box.south) > VAST:
+        box = _common(box, utmost(spec, asked))
+    return box
+
+
+def binary(box: Box) -> advance.Domain:
+    """Return a domain in binary angles, as the device asks for it."""
+    west, south = (int(sphere.to_binary(x)) for x in (box.west, box.south))
+    width = min(round((box.east - box.west) * sphere.TURN / 360), sphere.TURN - 1)
+    return advance.Domain(west, south, width, round((box.north - box.south) * sphere.TURN / 360))
+
+
+def reach(spec: EnsembleSpec) -> Box:
+    """Return the box that holds every prior and all that it can reach by the end of the run."""
+    slope = max(
+        (max(abs(line.slope) for line in (one.down, one.right, one.left)) for one in spec.drifters),
+        default=0.0,
+    )
+    fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * (spec.errors.current.std + spec.errors.current.bias)
+    if spec.release:
+        fastest += slope * STRONGEST_WIND * (math.exp(2 * spec.release.windage_bias) - 1)
+    return around(spec, fastest, SPREADS)
+
+
+def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
+    """Return a box that nothing of a run leaves: speeds that nowhere last, or as fast as the case says, and errors beyond chance.
+
+    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs. What
+    should leave it all the same has left the domain, and is told so.
+    """
+    wind = _fastest(asked.winds, UTMOST_WIND) + FARTHEST * spec.errors.wind.std
+    leeway = max(
+        (
+            (abs(line.slope) + FARTHEST * line.slope_std) * wind + abs(line.offset) + FARTHEST * line.offset_std
+            for one in spec.drifters
+            for line in (one.down, one.right, one.left)
+        ),
+        default=0.0,
+    )
+    leeway *= math.sqrt(2)  # down and across the wind
+    fastest = _fastest(asked.currents, UTMOST_CURRENT) + _fastest(asked.stokes, UTMOST_STOKES) + leeway
+    fastest += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
+    if spec.release:
+        fastest += leeway * math.exp(FARTHEST * spec.release.windage_bias)
+    fastest += FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)
+    return around(spec, fastest, FARTHEST)
+
+
+def _fastest(specs: Sequence[ForcingSpec], least: float) -> float:
+    """Return the fastest that is typed in a case [m/s], or what is thought of as fastest if that is more."""
+    typed = [spec.constant for spec in specs if spec.constant is not None]
+    typed += [row for spec in specs if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
+    return max([least, *(math.hypot(east, north) for east, north in typed)])
+
+
+def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
+    """Return the box of all priors, so many standard deviations wide, and of what drifts from them at a speed [m/s]."""
+    lon: list[np.ndarray] = []
+    lat: list[np.ndarray] = []
+    spread = 0.0
+    for scenario in spec.scenarios:
+        prior = scenario.prior
+        x, y = np.atleast_1d(prior.lon), np.atleast_1d(prior.lat)
+        if isinstance(prior, PositionPrior):
+            far = prior.displacement.distance[1] if prior.displacement else 0.0
+            spread = max(spread, spreads * prior.major + far)
+        elif not isinstance(prior, AreaPrior):
+            x, y = sphere.track(x, y, PIECE)
+            x = np.unwrap(x)
+            spread = max(spread, spreads * prior.cross_track)
+        # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to the first prior's.
+        about = lon[0].mean() if lon else x.mean()
+        lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
+        lat.append(y)
+    if spec.release:
+        spread += spreads * spec.release.scatter
+    grown = np.degrees((spread + fastest * spec.period.duration) / sphere.RADIUS)
+    x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
+    highest = min(float(np.abs(y).max() + grown), POLEWARD)
+    west = float((x.min() + 180) % 360 - 180)
+    tight = Box(west, float(y.min()), west + max(float(np.ptp(x)), 1e-6), float(y.max()))
+    return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))
+
+
+def _common(box: Box, other: Box) -> Box:
+    """Return the part of a box that lies in another too; the whole of it where they have no part, or two, in common."""
+    south, north = max(box.south, other.south), min(box.north, other.north)
+    if other.east - other.west >= 360:
+        found = [(box.west, box.east)]
+    elif box.east - box.west >= 360:
+        found = [(other.west, other.east)]
+    else:
+        sides = ((max(box.west, other.west + k), min(box.east, other.east + k)) for k in (-360, 0, 360))
+        found = [(west, east) for west, east in sides if west < east]
+    if south >= north or len(found) != 1:
+        return box
+    ((west, east),) = found
+    start = (west + 180) % 360 - 180
+    return Box(start, south, start + east - west, north)

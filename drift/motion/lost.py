@@ -1,0 +1,133 @@
+"""Refusals of what lies, or ends, where there is no forcing or outside the domain, where that is more than may be lost."""
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.motion import domain, silence
+from drift.motion import ensemble as record
+from drift.motion.clock import Clock
+from drift.motion.ensemble import Ensemble
+from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.environment import Environment
+from drift.motion.forcing import QUANTITIES
+from drift.motion.scene import Scene
+from drift.motion.snapshot import Snapshot
+from drift.motion.status import Status
+from geo import notation, sphere
+from geo.box import Box
+from geo.errors import UserError
+from geo.forcing.sources import Source
+
+LOST = (Status.OUTSIDE, Status.LEFT)
+
+
+def check_prior(
+    spec: EnsembleSpec, where: Environment, max_lost: float, ensemble: Ensemble, scene: Scene, clock: Clock
+) -> None:
+    """Refuse a prior of which more than a share lies where there is no forcing, or outside the domain."""
+    low, high, _ = next(clock.steps())
+    scene.forcing.set(low, high)
+    lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
+    # What is released later may find a source that has nothing yet: the run itself judges it.
+    probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
+    _check_domain(where.box, max_lost, ensemble, probability)
+    for quantity in QUANTITIES:
+        missing, told = 0.0, []
+        for number, (scenario, sources, (first, last)) in enumerate(
+            zip(spec.scenarios, where.scenarios, ensemble.scenarios, strict=True)
+        ):
+            x, y, weight = lon[first:last], lat[first:last], probability[first:last]
+            known = np.ones(last - first, bool)
+            for of, term, valid in silence.terms(scene.forcing, number, x, y):
+                lost = np.where(valid, 0.0, weight)
+                if of == quantity:
+                    known &= valid
+                if of == quantity and lost.sum() > 0:
+                    share, middle = lost.sum() / max(weight.sum(), 1e-300), _middle(x, y, lost)
+                    silent = [source for source in sources.of(quantity) if source.name in term.names]
+                    away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
+                    told.append(
+                        f'{share:.0%} of {spec.story} "{scenario.name}", about {notation.position(*middle)}: {away}'
+                    )
+            missing += float(weight[~known].sum())
+        if missing > max_lost:
+            summed = any(key[0] == quantity for one in where.scenarios for key in one.added)
+            raise UserError(
+                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({'; '.join(told)}); at most "
+                f"{max_lost:.0%} may be lost (max_lost). "
+                + ("A sum has no value where one of its terms has none. " if summed else "")
+                + f"Add a source, or move the {spec.story}"
+            )
+
+
+def check_end(
+    where: Environment, max_lost: float, ensemble: Ensemble, scene: Scene, clock: Clock, end: Snapshot
+) -> None:
+    """Refuse a run that has lost more than a share of the probability by its end."""
+    by_status = np.bincount(end.status, end.probability, len(Status))
+    lost = {status: float(by_status[status]) for status in LOST}
+    if sum(lost.values()) <= max_lost:
+        return
+    box, silent = where.box, silence.told(silence.lost(scene.forcing, clock, ensemble, end))
+    raise UserError(
+        f"{sum(lost.values()):.0%} of the probability was lost by the end: {lost[Status.OUTSIDE]:.0%} ran out of "
+        f"forcing{f' (no value: {silent})' if silent else ''}, {lost[Status.LEFT]:.0%} left the domain ({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
+        f"{box.north:.2f} N); at most {max_lost:.0%} may be (max_lost). Shorten the run, add a source, or widen "
+        "[domain]"
+    )
+
+
+def _check_domain(box: Box, max_lost: float, ensemble: Ensemble, probability: npt.NDArray[Any]) -> None:
+    """Refuse a prior of which more than a share lies outside the domain."""
+    west, south, width, height = domain.binary(box)
+    lon, lat = ensemble.lon.to_numpy().astype(np.int64), ensemble.lat.to_numpy().astype(np.int64)
+    beyond = ((lon - west) % sphere.TURN > width) | (lat < south) | (lat > south + height)
+    lost = np.where(beyond, probability, 0.0)
+    if lost.sum() <= max_lost:
+        return
+    x, y = _middle(ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), lost)
+    raise UserError(
+        f"[domain]: {lost.sum():.0%} of the prior lies outside it, about {notation.position(x, y)}, from where it is "
+        f"{_edge(box, x, y)} to its edge ({box.west:.2f}..{box.east:.2f} E {box.south:.2f}..{box.north:.2f} N); at most "
+        f"{max_lost:.0%} may be lost (max_lost). Widen [domain], or leave it out"
+    )
+
+
+def _middle(lon: npt.NDArray[np.int32], lat: npt.NDArray[np.int32], weight: npt.NDArray[Any]) -> tuple[float, float]:
+    """Return the weighted mean position (lon, lat) [deg] of points [binary angles]: that of their mean vector."""
+    x, y = lon * sphere.UNIT, lat * sphere.UNIT
+    mean = [float((weight * part).sum()) for part in (np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y))]
+    middle = math.atan2(mean[1], mean[0]), math.atan2(mean[2], math.hypot(mean[0], mean[1]))
+    return math.degrees(middle[0]), math.degrees(middle[1])
+
+
+def _away(source: Source, lon: float, lat: float) -> str:
+    """Return how far and where the domain of a source lies from a point [deg]; what is missing inside it is land, or a gap."""
+    grid = source.grid
+    if source.domain is None:
+        box = grid.box
+        if (lon - box.west) % 360 <= box.east - box.west and box.south <= lat <= box.north:
+            return "has no value there (land, or missing)"
+        return f"begins {_edge(box, lon, lat)}"
+    row, column = np.nonzero(source.domain)
+    x, y = grid.lon[column], grid.lat[row]
+    apart = sphere.distance(np.radians(lon), np.radians(lat), np.radians(x), np.radians(y))
+    near = int(np.argmin(apart))
+    if apart[near] < np.radians(max(grid.dlon, grid.dlat)) * sphere.RADIUS:
+        return "has no value there (land, or missing)"
+    return f"begins {notation.toward(lon, lat, float(x[near]), float(y[near]))}"
+
+
+def _edge(box: Box, lon: float, lat: float) -> str:
+    """Return how far and where the edge of a box is from a point [deg], to about a thousandth of the box's size."""
+    share = np.linspace(0, 1, 1001)
+    x, y = box.west + share * (box.east - box.west), box.south + share * (box.north - box.south)
+    x, y = (
+        np.concatenate([x, x, 0 * y + box.west, 0 * y + box.east]),
+        np.concatenate([0 * x + box.south, 0 * x + box.north, y, y]),
+    )
+    near = int(np.argmin(sphere.distance(np.radians(lon), np.radians(lat), np.radians(x), np.radians(y))))
+    return notation.toward(lon, lat, float(x[near]), float(y[near]))

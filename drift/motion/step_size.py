@@ -1,0 +1,136 @@
+"""The step of a run: as the case says, or the largest whose error on a sample of its particles is small."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.motion import ensemble as record
+from drift.motion.clock import Clock, lattice
+from drift.motion.ensemble import Ensemble
+from drift.motion.forcing_error import Errors, ForcingError
+from drift.motion.period import ClockSpec, Period
+from drift.motion.scene import Scene
+from drift.motion.status import Status
+from geo import sphere
+from geo.errors import UserError
+from geo.forcing.sources import Source
+from kernels import advance as kernel
+
+Array = npt.NDArray[Any]
+
+LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
+RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # of the ladder that are tried together: often the first one will do
+FEWEST = 100  # particles on which a percentile is worth something
+TRIAL_SIZE = 1000  # particles whose error decides on the step: the rank of their percentile errs by 0.7 %
+TRIAL_SPAN = 86_400  # [s] over which it is measured
+DAY = 86_400
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Why "auto" chose a step: the 95th percentile of the error [m a day] of each step tried."""
+
+    step: int
+    errors: dict[int, float]
+
+
+def clock_of(
+    period: Period, spec: ClockSpec, errors: Errors, sources: Sequence[Source], ensemble: Ensemble, scene: Scene
+) -> tuple[Clock, Trial | None]:
+    """Return the clock: with the step asked for, or the largest whose error is small; on the lattice of the forcing's times.
+
+    sources: of all forcing. The trial says why a step was chosen.
+    """
+    times = [s.times.astype("datetime64[s]").astype(np.int64) for s in sources if s.times.size > 1]
+    divisor, origin = lattice(times)
+    start, duration, direction = period.epoch, period.duration, period.direction
+    limits = {
+        "a sixth of the decorrelation time of the current's errors": _sixth(errors.current),
+        "a sixth of the decorrelation time of the wind's errors": _sixth(errors.wind),
+        "the interval of the forcing": min((float(np.median(np.diff(t))) for t in times), default=np.inf),
+    }
+    reason, longest = min(limits.items(), key=lambda item: item[1])
+    if spec.step is None:
+        ladder_clock = Clock(start, duration, direction, 1, 0)
+        trial = choose_step(ensemble, scene, ladder_clock, divisor, origin, longest, spec.tolerance)
+        return Clock(start, duration, direction, trial.step, origin % trial.step), trial
+    if spec.step > longest:
+        raise UserError(
+            f"clock.step: {spec.step} s is longer than {reason}, {longest:.0f} s: the result would depend on it; give at "
+            'most that, or "auto"'
+        )
+    return Clock(start, duration, direction, spec.step, origin % spec.step), None
+
+
+def _sixth(error: ForcingError) -> float:
+    """Return the longest step [s] that an error's process allows."""
+    return error.time / 6 if error.std > 0 else np.inf
+
+
+def choose_step(
+    ensemble: Ensemble, scene: Scene, clock: Clock, divisor: int, origin: int, longest: float, tolerance: float
+) -> Trial:
+    """Return the largest step of the ladder whose error stays under a tolerance [m a day].
+
+    The ladder's steps divide `divisor` [s], the forcing's interval, and are at most `longest` [s]; lattices pass through
+    `origin` [s since 1970], one of its times. The error of a step is the distance between tracks of a sample with that
+    step and with half of it, noise off, over at most a day: its 95th percentile among those adrift to the end with both
+    (step halving; Hairer, Norsett and Wanner 1993, II.4), or ashore if hardly any is.
+    """
+    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [_largest_divisor(divisor, longest)]
+    chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))
+    release = ensemble.release.to_numpy()[chosen]
+    span = min(clock.duration, TRIAL_SPAN + int(release.max()))
+    errors: dict[int, float] = {}
+    for first, last in RUNGS:
+        rungs = ladder[first:last]
+        steps = sorted({*rungs, *(_half(s) for s in rungs)})
+        ends, elapsed = _march(
+            ensemble, scene.without_noise(), chosen, steps, Clock(clock.start, span, clock.direction, 1, origin)
+        )
+        days = np.maximum(elapsed - np.maximum(release, 0), 3600) / DAY
+        for step in rungs:
+            coarse, fine = ends[step], ends[_half(step)]
+            adrift = (coarse[2] == Status.ADRIFT) & (fine[2] == Status.ADRIFT)
+            if adrift.sum() < FEWEST:  # most went ashore: where they did so counts
+                adrift = (coarse[2] <= Status.ASHORE) & (fine[2] <= Status.ASHORE)
+            apart = sphere.distance(*(x[adrift] * sphere.UNIT for x in (*coarse[:2], *fine[:2])))
+            errors[step] = float(np.percentile(apart / days[adrift], 95)) if adrift.any() else 0.0
+            if errors[step] <= tolerance:
+                return Trial(step, errors)
+    return Trial(ladder[-1], errors)
+
+
+def _march(
+    ensemble: Ensemble, scene: Scene, chosen: Array, steps: list[int], clock: Clock
+) -> tuple[dict[int, tuple[Array, Array, Array]], int]:
+    """Return where a sample ends (lon, lat, status) with each step, and after how long [s].
+
+    All go through the forcing side by side, in stretches that every step divides, so that it is read once.
+    """
+    if not steps:
+        return {}, 0
+    stretch = int(np.lcm.reduce(steps))
+    trials = {step: record.sample(ensemble, chosen) for step in steps}
+    elapsed = 0
+    for low, high, whole in Clock(clock.start, clock.duration, clock.direction, stretch, clock.phase % stretch).steps():
+        for step, trial in trials.items():
+            for k in range(stretch // step):
+                begin = low + k * step if clock.direction > 0 else high - (k + 1) * step
+                part = kernel.Step(0, whole.elapsed + k * step, step, clock.direction)
+                scene.advance(trial, begin, begin + step, part)
+        elapsed = whole.elapsed + stretch
+    return {s: (t.lon.to_numpy(), t.lat.to_numpy(), t.status.to_numpy()) for s, t in trials.items()}, elapsed
+
+
+def _half(step: int) -> int:
+    """Return half a step, or the largest other share of it in whole seconds."""
+    return step // 2 if step % 2 == 0 else step // 3 if step % 3 == 0 else 1
+
+
+def _largest_divisor(number: int, most: float) -> int:
+    """Return the largest whole number of seconds, at most a quarter of an hour, that divides `number`."""
+    return next(s for s in range(int(max(min(most, 900, number), 1)), 0, -1) if number % s == 0)

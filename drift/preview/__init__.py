@@ -1,0 +1,1 @@
+"""How a case was understood, and what can be known of its run before it is made."""

@@ -1,0 +1,145 @@
+"""The start of a case's run: what is asked of the engine, its environment, the initial ensemble, its scene and its clock.
+
+Here a case becomes the records that the engine takes; below nothing knows of it.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from drift.case.record import Case
+from drift.motion import domain, environment, lost, prior, scene, step_size
+from drift.motion.clock import Clock
+from drift.motion.ensemble import Ensemble, shares
+from drift.motion.ensemble_spec import EnsembleSpec, Release
+from drift.motion.environment import Common, Environment
+from drift.motion.environment_spec import EnvironmentSpec
+from drift.motion.forcing import Forcing
+from drift.motion.period import ClockSpec
+from drift.motion.scene import Scene
+from drift.motion.snapshot import Snapshot
+from drift.motion.step_size import Trial
+from drift.search.filter import Search
+from drift.spill import release
+from drift.spill import worlds as drawn_worlds
+from drift.spill.worlds import Proposal, Worlds
+from geo.coast import edges as shoreline
+from geo.coast.shore import Shore
+from kernels import advance
+from kernels import coast as device_coast
+
+RENEWAL = 2**40  # between the seeds of a spill's rounds
+
+
+@dataclass(frozen=True)
+class Start:
+    """All that the first step needs. dry: share of each scenario's prior on land; trial: why "auto" chose its step."""
+
+    ensemble: Ensemble
+    dry: tuple[float, ...]
+    scene: Scene
+    clock: Clock
+    trial: Trial | None
+    worlds: Worlds | None = None  # of a spill
+
+
+def ensemble_spec(case: Case) -> EnsembleSpec:
+    """Return what the ensemble of a case is drawn from."""
+    return EnsembleSpec(
+        period=case.period,
+        scenarios=case.scenarios,
+        errors=case.errors,
+        particles=case.particles,
+        seed=case.seed,
+        spare=case.resampling.below > 0 and case.resampling.method == "kahn",
+        debris=tuple(contact.drifter for contact in case.contacts if contact.drifter is not None),
+        release=Release(case.spill.scatter, case.spill.windage_bias) if case.spill else None,
+    )
+
+
+def environment_spec(case: Case) -> EnvironmentSpec:
+    """Return what is to be opened for a case."""
+    return EnvironmentSpec(case.currents, case.winds, case.stokes, case.coast, case.domain, case.max_lost)
+
+
+def clock_spec(case: Case) -> ClockSpec:
+    """Return how the time of a case is to be cut into steps."""
+    return ClockSpec(case.step, case.scheme, case.tolerance)
+
+
+def open_for(
+    case: Case,
+    datasets: Mapping[str, Any] | None = None,
+    seen: Callable[[Shore], Shore] | None = None,
+    common: Common | None = None,
+) -> Environment:
+    """Return the environment of a case.
+
+    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a function says;
+    common: what is shared with other cases. Raises UserError as `environment.open_for` does.
+    """
+    asked = environment_spec(case)
+    held = environment.hold(asked, datasets, case.path.name)
+    return environment.open_for(ensemble_spec(case), asked, held, seen, common)
+
+
+def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | None = None) -> Start:
+    """Return the start of a case's run; close `scene.forcing` after it.
+
+    shore: the coast, where it lies on the device already.
+    Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
+    """
+    spec, asked = ensemble_spec(case), clock_spec(case)
+    shore = device_coast.upload(where.coast) if where.coast and not shore else shore
+    worlds, sinks = None, False
+    if case.spill:
+        assert where.coast is not None  # environment.open_for
+        worlds = drawn_worlds.draw(case.spill, case.seed, partial(shoreline.is_land, where.coast))
+        ensemble = release.draw(case.spill, worlds, case.period, case.errors, shore, case.seed)
+        dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
+        sinks = any(kind.sinking for kind in case.spill.kinds)
+    else:
+        drawn = prior.draw(spec, shore)
+        ensemble, dry = drawn.ensemble, drawn.dry
+    forcing = Forcing(list(where.scenarios), case.direction)
+    try:
+        beach, bias = scene.beach(case.coast), case.current_error.bias > 0
+        place = advance.Place(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
+        made = Scene(forcing, tuple(scene.physics(case.errors, s) for s in case.scenarios), place)
+        clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, made)
+        lost.check_prior(spec, where, case.max_lost, ensemble, made, clock)
+    except BaseException:
+        forcing.close()
+        raise
+    return Start(ensemble, dry, made, clock, trial, worlds)
+
+
+def renew(case: Case, where: Environment, before: Start, proposal: Proposal, number: int) -> Start:
+    """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
+    assert case.spill is not None
+    assert where.coast is not None
+    before.scene.forcing.close()
+    seed = (case.seed + number * RENEWAL) % 2**63
+    worlds = drawn_worlds.draw(case.spill, seed, partial(shoreline.is_land, where.coast), proposal)
+    ensemble = release.draw(case.spill, worlds, case.period, case.errors, before.scene.place.coast, seed)
+    again = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))
+    return replace(before, ensemble=ensemble, scene=again, worlds=worlds)
+
+
+def search(case: Case, begin: Start) -> Search | None:
+    """Return the filter by what a case says was searched and seen; None where that is nothing."""
+    if not (case.sorties or case.contacts):
+        return None
+    return Search(ensemble_spec(case), case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene)
+
+
+def check_end(case: Case, where: Environment, begin: Start, end: Snapshot, search: Search | None) -> None:
+    """Refuse a run that lost more than the case allows, by weights as if no sortie had been flown.
+
+    What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not to be refused
+    for that.
+    """
+    if search is not None:
+        end = replace(end, probability=shares(search.unsearched))
+    lost.check_end(where, case.max_lost, begin.ensemble, begin.scene, begin.clock, end)
