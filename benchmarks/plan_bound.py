@@ -28,8 +28,8 @@ from moving_cases import scaled
 from rich.console import Console
 from rich.table import Table
 
-from drift import flow
 from drift.case.record import Case
+from drift.job import opened
 from drift.motion.scenario import Survival
 from drift.planner import availability as reaches
 from drift.planner import bound, follow, joint, optimiser, planner, rectangle
@@ -205,15 +205,15 @@ def aimed(case: Case, tracks: Tracks, goal: float) -> Case:
 def move(number: int, particles: int, threads: int | None) -> dict[str, object]:
     """Return what a random case that moves comes to: planned, executed, bounded, searched by hand."""
     made, data, told, goal = moving(number, particles)
-    where, clock = flow.opened(made, {"field": data}, None, threads, "cpu", False, lambda phase, share: None)
-    tracks = follow.follow(made, where)
+    job = opened(made, None, {"field": data}, threads, "cpu", False, None)
+    tracks = follow.follow(made, job.where)
     made = aimed(made, tracks, goal)
     survival = [scenario.survival for scenario in made.scenarios]
     begun = time.perf_counter()
     several = [replace(unit, endurance=unit.endurance * made.plan.rounds) for unit in made.units]
     limit = bound.bound(tracks, several, made.plan, survival).value
     middle = time.perf_counter()
-    plan, _, _ = planner.scheme(made, where, clock, lambda phase, share: None)
+    plan, _, _ = planner.scheme(replace(job, case=made))
     end = time.perf_counter()
     hands = {manner: by_hand(tracks, made.units, made.plan, manner, survival) for manner in MANNERS}
     return {

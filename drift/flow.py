@@ -2,9 +2,8 @@
 
 import contextlib
 import os
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast import effective, off_grid
 from drift.forecast.build import Forecast
+from drift.job import Job, Report, Stopwatch, opened
 from drift.motion import ensemble as record
 from drift.motion import scene, simulate, weights
 from drift.motion.environment import Environment
@@ -41,10 +41,7 @@ from drift.start import Start
 from drift.suspend import decision
 from drift.suspend import text as suspend_text
 from geo.errors import UserError
-from geo.files import digest
-from kernels import deposit, runtime
-
-Report = Callable[[str, float], None]
+from kernels import deposit
 
 
 @dataclass(frozen=True)
@@ -70,20 +67,6 @@ class Result:
         return self.aftermath.washup if self.aftermath else None
 
 
-@dataclass
-class Stopwatch:
-    """Wall time by phase [s]."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextlib.contextmanager
-    def phase(self, name: str) -> Iterator[None]:
-        """Add the time spent inside to a phase."""
-        begin = time.perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
-
-
 @turns.in_turn
 def run(
     case: Case,
@@ -100,44 +83,17 @@ def run(
     datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is being
     done and how much of it is done. Raises UserError for all that the user can mend.
     """
-    tell, out = report or (lambda phase, share: None), folder(out)
-    where, clock = opened(case, datasets, out, threads, backend, overwrite, tell)
-    result = forecasted(case, where, clock, tell)
-    if out is not None:
-        tell("write", 0.0)
-        write(result, where, out, clock, overwrite=overwrite)
+    job = opened(case, out, datasets, threads, backend, overwrite, report)
+    result = forecasted(job)
+    if job.out is not None:
+        job.tell("write", 0.0)
+        write(result, job.where, job.out, job.clock, overwrite=overwrite)
     return result
 
 
-def folder(out: str | os.PathLike[str] | None) -> Path | None:
-    """Return the folder for results that was named as text or as a path; None for none."""
-    return None if out is None else Path(out)
-
-
-def opened(
-    case: Case,
-    datasets: Mapping[str, Any] | None,
-    out: Path | None,
-    threads: int | None,
-    backend: str,
-    overwrite: bool,
-    tell: Report,
-) -> tuple[Environment, Stopwatch]:
-    """Return the environment of a case, once it is sure that results can be written and Taichi runs; and the time that took."""
-    if out is not None:
-        writer.check_folder(out, overwrite)
-    digest.start(case.inputs)
-    clock = Stopwatch()
-    with clock.phase("taichi"):
-        runtime.start(backend, threads)
-    tell("read", 0.0)
-    with clock.phase("read"):
-        where = start.open_for(case, datasets)
-    return where, clock
-
-
-def forecasted(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> Result:
-    """Return the forecast of a case in an environment that has been opened; Taichi has been started."""
+def forecasted(job: Job) -> Result:
+    """Return the forecast of a job's case."""
+    case, where, clock, tell = job.case, job.where, job.clock, job.tell
     with clock.phase("start"):
         begin = start.prepare(case, where)
         stretches = None
@@ -272,31 +228,29 @@ def patrol(
 
     Raises UserError for all that the user can mend.
     """
-    tell, out = report or (lambda phase, share: None), folder(out)
     if case.spill is None or not case.spill.teams:
         raise UserError(
             f"{case.path.name}: has no [[patrol_unit]] to plan with: give each its length a day, detection and first patrol"
         )
-    where, clock = opened(case, datasets, out, threads, backend, overwrite, tell)
-    assert where.coast is not None
-    patrol_planner.patrols(
-        case.period, case.spill, evidence.cut(case.spill, where.coast)
-    )  # before the drift: it may be refused
-    result = forecasted(case, where, clock, tell)
+    job = opened(case, out, datasets, threads, backend, overwrite, report)
+    assert job.where.coast is not None
+    segments = evidence.cut(case.spill, job.where.coast)
+    patrol_planner.patrols(case.period, case.spill, segments)  # before the drift: it may be refused
+    result = forecasted(job)
     after = result.aftermath
     assert after is not None
-    tell("plan", 0.0)
-    with clock.phase("plan"):
+    job.tell("plan", 0.0)
+    with job.clock.phase("plan"):
         made = patrol_planner.plan(after)
-    if out is not None:
-        tell("write", 0.0)
+    if job.out is not None:
+        job.tell("write", 0.0)
         synthetic = figures.synthetic(case)
         more = [
             writer.Product("patrols.txt", lambda s: patrol_files.text(made, after, case.title, s["run_id"], synthetic)),
             writer.Product("patrols.csv", lambda s: patrol_files.csv(made, after, s["run_id"])),
             writer.Product("patrols.toml", lambda s: patrol_files.toml(made, after)),
         ]
-        write(result, where, out, clock, more=more, patrols=made, overwrite=overwrite)
+        write(result, job.where, job.out, job.clock, more=more, patrols=made, overwrite=overwrite)
     return made, result
 
 
@@ -316,23 +270,23 @@ def origin(
     It proposes where to look: the answer is a forward run weighted by the finds. Raises UserError for all that the user
     can mend.
     """
-    tell, out = report or (lambda phase, share: None), folder(out)
     if case.spill is None:
         raise UserError(f"{case.path.name}: has no [spill]; an origin is told from the [[find]]s of a spill")
-    where, clock = opened(case, datasets, out, threads, backend, overwrite, tell)
+    job = opened(case, out, datasets, threads, backend, overwrite, report)
+    where = job.where
     assert where.coast is not None
-    with clock.phase("read"):
+    with job.clock.phase("read"):
         segments = evidence.cut(case.spill, where.coast)
         places = [evidence.place(find, segments, where.coast) for find in case.spill.finds]
-    with clock.phase("drift"):
+    with job.clock.phase("drift"):
         spec, cut = start.ensemble_spec(case), start.clock_spec(case)
-        found = backward.backward(case.spill, spec, cut, where, segments, places, progress=partial(tell, "drift"))
-    if out is not None:
+        found = backward.backward(case.spill, spec, cut, where, segments, places, progress=partial(job.tell, "drift"))
+    if job.out is not None:
         attributes, facts = summary.attributes(case, where), backward.summary(found)
         if warnings := backward.warnings(found):
             attributes["warning"] = "; ".join(warnings)
         writer.publish(
-            out,
+            job.out,
             (
                 writer.Product("origin.nc", lambda stamped: backward.dataset(found)),
                 writer.Product(
@@ -340,7 +294,7 @@ def origin(
                     lambda stamped: formats.csv_text([*facts, "run_id"], [[*facts.values(), stamped["run_id"]]]),
                 ),
             ),
-            {"origin": facts, "warnings": warnings, "wall_time_s": clock.seconds},
+            {"origin": facts, "warnings": warnings, "wall_time_s": job.clock.seconds},
             figures.origin(case, where, found, _footer(attributes)),
             attributes=attributes,
             overwrite=overwrite,

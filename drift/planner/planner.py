@@ -15,10 +15,10 @@ import numpy as np
 
 from drift import figures, flow, turns
 from drift.case.record import Case
-from drift.flow import Report, Result, Stopwatch
+from drift.flow import Result
 from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.motion.environment import Environment
+from drift.job import Job, Report, opened
 from drift.output import writer
 from drift.planner import bound as bounds
 from drift.planner import files as plan_files
@@ -47,7 +47,6 @@ def plan(
 
     Raises UserError for all that the user can mend.
     """
-    tell, out = report or (lambda phase, share: None), flow.folder(out)
     if not case.units:
         raise UserError(
             f"{case.path.name}: has no [[unit]] to plan with: give each its base, search_speed, endurance and sweep_width"
@@ -65,16 +64,19 @@ def plan(
             f"{case.path.name}: plan.begin {group(case.plan.begin)} is before the end of {what}, {group(last)}: a plan begins when all is "
             "known; give a later begin in [plan], or leave it out"
         )
-    where, clock = flow.opened(case, datasets, out, threads, backend, overwrite, tell)
-    made, executed, result = scheme(case, where, clock, tell)
-    if out is not None:
-        tell("write", 0.0)
-        flow.write(result, where, out, clock, more=_files(made, executed, case), plan=made, overwrite=overwrite)
+    job = opened(case, out, datasets, threads, backend, overwrite, report)
+    made, executed, result = scheme(job)
+    if job.out is not None:
+        job.tell("write", 0.0)
+        flow.write(
+            result, job.where, job.out, job.clock, more=_files(made, executed, case), plan=made, overwrite=overwrite
+        )
     return made, result
 
 
-def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tuple[Plan, Case, Result]:
+def scheme(job: Job) -> tuple[Plan, Case, Result]:
     """Return a plan, the case in which it has been executed and found nothing, and the forecast of that."""
+    case, where, clock = job.case, job.where, job.clock
     spec = case.plan
     survival = [scenario.survival for scenario in case.scenarios]
     tasked: list[Tasking] = []
@@ -92,7 +94,7 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
             with clock.phase("bound"):
                 found = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
         with clock.phase("plan"):
-            telling = partial(_told, tell, number, spec.rounds)
+            telling = partial(_told, job.tell, number, spec.rounds)
             seed = noise.seed_for(case.seed, Purpose.OPTIMISER, number)
             proposal = optimiser.plan(tracks, units, spec, seed, survival, telling, boats.courses)
             flown, boats = fleet.checked(boats, proposal.taskings)
@@ -110,7 +112,7 @@ def scheme(case: Case, where: Environment, clock: Stopwatch, tell: Report) -> tu
             "the end, by daylight if it is visual; give more time (until in [plan]), or units that are nearer or ready earlier"
             + "".join(f". {words}" for words in (boats.said if boats else ()))
         )
-    result = flow.forecasted(executed, where, clock, tell)
+    result = flow.forecasted(replace(job, case=executed))
     assert result.updates is not None
     done = {update.name: update for update in result.updates.all}
     updates = [done[tasking.sortie.name] for tasking in tasked]

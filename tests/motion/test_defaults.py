@@ -10,9 +10,10 @@ import writers
 import xarray as xr
 
 import drift
-from drift import figures, flow
+from drift import figures
 from drift.case import uncertainty
 from drift.cli.commands import main
+from drift.job import opened
 from drift.maps import page
 from drift.motion import simulate
 from drift.motion.forcing_error import ForcingError
@@ -336,8 +337,7 @@ def test_the_default_errors_reach_what_drifts(tmp_path, monkeypatch, job) -> Non
     monkeypatch.setattr(simulate, "run", watched)
     case = load(tmp_path, JOBS[job])
     if job == "plan":
-        where, _ = flow.opened(case, None, None, None, "cpu", False, lambda phase, share: None)
-        follow.follow(case, where)
+        follow.follow(case, opened(case, None, None, None, "cpu", False, None).where)
     else:
         {"run": drift.run, "spill": drift.run, "origin": drift.trace}[job](case)
     time, lat, world = seen[-1]

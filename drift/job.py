@@ -1,0 +1,72 @@
+"""A job: a case that is being worked on, from the folder of its results to the environment that it moves in.
+
+Every job begins in the same way: what can be refused at once is refused, then Taichi is started and the environment opened.
+"""
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from drift import start
+from drift.case.record import Case
+from drift.motion.environment import Environment
+from drift.output import writer
+from geo.files import digest
+from kernels import runtime
+
+Report = Callable[[str, float], None]  # told what is being done, and what share of it is done
+
+
+@dataclass
+class Stopwatch:
+    """Wall time by phase [s]."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextlib.contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Add the time spent inside to a phase."""
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+
+@dataclass(frozen=True)
+class Job:
+    """A case, the environment that was opened for it, the time that passes, and where results go."""
+
+    case: Case
+    where: Environment
+    clock: Stopwatch
+    tell: Report
+    out: Path | None  # None: results are returned, and not written
+
+
+def opened(
+    case: Case,
+    out: str | os.PathLike[str] | None,
+    datasets: Mapping[str, Any] | None,
+    threads: int | None,
+    backend: str,
+    overwrite: bool,
+    report: Report | None,
+) -> Job:
+    """Return the job of a case, once it is sure that results can be written and Taichi runs; options as in `drift.run`."""
+    tell, clock, folder = report or _silent, Stopwatch(), None if out is None else Path(out)
+    if folder is not None:
+        writer.check_folder(folder, overwrite)
+    digest.start(case.inputs)
+    with clock.phase("taichi"):
+        runtime.start(backend, threads)
+    tell("read", 0.0)
+    with clock.phase("read"):
+        where = start.open_for(case, datasets)
+    return Job(case, where, clock, tell, folder)
+
+
+def _silent(phase: str, share: float) -> None:
+    """Tell nobody."""
