@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift import figures, start, summary, turns
+from drift import figures, start, summary
 from drift.backtrack import backward
 from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast import effective, off_grid
 from drift.forecast.build import Forecast
-from drift.job import Job, Report, Stopwatch, opened
+from drift.job import Job, Report, Stopwatch, in_turn, opened
 from drift.motion import ensemble as record
 from drift.motion import scene, simulate, weights
 from drift.motion.environment import Environment
@@ -67,7 +67,7 @@ class Result:
         return self.aftermath.washup if self.aftermath else None
 
 
-@turns.in_turn
+@in_turn
 def run(
     case: Case,
     out: str | os.PathLike[str] | None = None,
@@ -213,7 +213,7 @@ def suspension(result: Result, plan: Plan | None = None) -> decision.Suspension 
     return decision.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, plan)
 
 
-@turns.in_turn
+@in_turn
 def patrol(
     case: Case,
     out: str | os.PathLike[str] | None = None,
@@ -254,7 +254,7 @@ def patrol(
     return made, result
 
 
-@turns.in_turn
+@in_turn
 def origin(
     case: Case,
     out: str | os.PathLike[str] | None = None,

@@ -1,15 +1,17 @@
 """A job: a case that is being worked on, from the folder of its results to the environment that it moves in.
 
-Every job begins in the same way: what can be refused at once is refused, then Taichi is started and the environment opened.
+Every job begins in the same way: what can be refused at once is refused, then Taichi is started and the environment opened. Jobs of
+several threads of one program are done one after another, for Taichi compiles and launches for one thread at a time.
 """
 
 import contextlib
+import functools
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from drift import start
 from drift.case.record import Case
@@ -18,6 +20,8 @@ from drift.output import writer
 from geo.files import digest
 from kernels import runtime
 
+P = ParamSpec("P")
+R = TypeVar("R")
 Report = Callable[[str, float], None]  # told what is being done, and what share of it is done
 
 
@@ -70,3 +74,17 @@ def opened(
 
 def _silent(phase: str, share: float) -> None:
     """Tell nobody."""
+
+
+def in_turn(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a function that waits until no other thread of the program runs a case, then does what `function` does.
+
+    The wait heeds signals. A call from within a run, by its `report` say, does not wait.
+    """
+
+    @functools.wraps(function)
+    def waiting(*args: P.args, **kwargs: P.kwargs) -> R:
+        with runtime.alone():
+            return function(*args, **kwargs)
+
+    return waiting

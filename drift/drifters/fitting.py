@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from scipy import optimize, stats
 
-from drift import turns
 from drift.case.record import Case
 from drift.drifters import along, error_law, hold_out, reading
 from drift.drifters import records as drifter_records
@@ -25,6 +24,7 @@ from drift.drifters.along import Ways
 from drift.drifters.error_law import NAMES, Law, Tracks
 from drift.drifters.hold_out import Held
 from drift.drifters.records import Array, Track
+from drift.job import in_turn
 from geo.errors import UserError
 
 Report = Callable[[str, float], None]
@@ -86,7 +86,7 @@ class Fit:
         return math.sqrt(self.law.bias**2 + max(float(square), 0.0))
 
 
-@turns.in_turn
+@in_turn
 def fit_errors(
     case: Case,
     files: str | os.PathLike[str] | Sequence[Track],

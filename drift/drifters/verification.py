@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from drift import many, turns
+from drift import many
 from drift.case import file as case_file
 from drift.case import uncertainty
 from drift.case.record import Case
@@ -22,6 +22,7 @@ from drift.drifters import along, clusters, fitting, scores
 from drift.drifters import records as drifter_records
 from drift.drifters.clusters import Estimate
 from drift.drifters.records import Array, Track
+from drift.job import in_turn
 from drift.motion.forcing_error import NOWHERE, ForcingError
 from drift.motion.status import Status
 from drift.output import publication
@@ -89,7 +90,7 @@ class Verification:
         return self.mean(self.containment[:, lead] <= share, share=True)
 
 
-@turns.in_turn
+@in_turn
 def verify(
     case: Case,
     files: str | os.PathLike[str] | Sequence[Track],

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from drift import figures, flow, turns
+from drift import figures, flow
 from drift.case.record import Case
 from drift.flow import Result
 from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.job import Job, Report, opened
+from drift.job import Job, Report, in_turn, opened
 from drift.output import writer
 from drift.planner import bound as bounds
 from drift.planner import files as plan_files
@@ -32,7 +32,7 @@ from kernels import noise
 from kernels.noise import Purpose
 
 
-@turns.in_turn
+@in_turn
 def plan(
     case: Case,
     out: str | os.PathLike[str] | None = None,

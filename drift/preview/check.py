@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from drift import start, summary, turns
+from drift import start, summary
 from drift.case.record import Case
+from drift.job import in_turn
 from drift.preview import outlook
 from drift.spill import renewal
 from drift.spill.records import Spill
@@ -20,7 +21,7 @@ from kernels import runtime
 CHECKED = 10_000  # particles that a check draws
 
 
-@turns.in_turn
+@in_turn
 def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Return how a case was understood, having opened all and drawn a few particles; run nothing.
 
