@@ -1,8 +1,8 @@
-"""Shares and means of what is not independent: standard errors clustered by drifter and by day.
+"""Shares and means of values that are not independent: standard errors clustered by drifter and by day.
 
-Forecasts of one drifter share its ways, forecasts of one day share the model's errors of that day. With two-way clustering
-(Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, eq. 2.11) both may be correlated in any way; what has neither
-in common counts as independent. Few clusters say little about their own spread: then it is said.
+Forecasts of one drifter share its track, forecasts of one day share the model's errors of that day. With two-way
+clustering (Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, eq. 2.11) both may be correlated in any way;
+values with neither in common count as independent. Few clusters say little about their own spread; `few` then says so.
 """
 
 import math
@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from drift.drifters.records import Array
 
-FEW = 10  # clusters of a kind below which their spread is a rough guess
+FEW = 10  # clusters; with fewer of a kind their spread is a rough guess
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean with its standard error, of how many values in how many drifters and days."""
+    """A mean with its standard error, and the numbers of values, drifters and days."""
 
     mean: float
     error: float
@@ -33,7 +33,7 @@ class Estimate:
 
 
 def _variance(residual: Array, cluster: Array) -> float:
-    """Return the variance of a mean by clusters, with the small-sample factor G / (G - 1); NaN of one cluster."""
+    """Return the variance of a mean by G clusters, with the small-sample factor G / (G - 1); NaN for one cluster."""
     _, code = np.unique(cluster, return_inverse=True)
     sums = np.bincount(code.ravel(), residual)
     if sums.size < 2:
@@ -44,24 +44,24 @@ def _variance(residual: Array, cluster: Array) -> float:
 def mean(values: npt.ArrayLike, drifter: npt.ArrayLike, day: npt.ArrayLike, *, share: bool = False) -> Estimate:
     """Return the mean of values (n,) with its clustered standard error; drifter, day: the clusters of each, (n,).
 
-    share: values are 0 or 1. Their standard error is then at least that of as many independent trials, of (k + 1) / (n + 2),
-    for none or all of a few say less than an error of 0 would. Of one drifter days alone are the clusters.
+    share: values are 0 or 1. Their standard error is then at least that of n independent trials with the probability
+    (k + 1) / (n + 2), because none or all of a few do not prove an error of 0. With one drifter the clusters are days.
     """
     value = np.asarray(values, np.float64)
-    who, when = np.asarray(drifter), np.asarray(day)
+    drifters, days = np.asarray(drifter), np.asarray(day)
     if value.size == 0:
         return Estimate(math.nan, math.nan, 0, 0, 0)
     centre = float(value.mean())
-    left = value - centre
-    _, a = np.unique(who, return_inverse=True)
-    _, b = np.unique(when, return_inverse=True)
-    both = a.ravel() * (b.max() + 1) + b.ravel()
-    single, daily, crossed = _variance(left, a), _variance(left, b), _variance(left, both)
-    known = [variance for variance in (single, daily) if not math.isnan(variance)]
-    if len(known) == 2:
-        # the difference may come out too small by chance (ibid., section 2.3): it is never below either alone
-        known.append(single + daily - crossed)
-    variance = max(known, default=math.nan)
+    residual = value - centre
+    _, a = np.unique(drifters, return_inverse=True)
+    _, b = np.unique(days, return_inverse=True)
+    crossed_code = a.ravel() * (b.max() + 1) + b.ravel()
+    single, daily, crossed = _variance(residual, a), _variance(residual, b), _variance(residual, crossed_code)
+    variances = [variance for variance in (single, daily) if not math.isnan(variance)]
+    if len(variances) == 2:
+        # The combination may be too small by chance (ibid., section 2.3), so that it never counts below either alone.
+        variances.append(single + daily - crossed)
+    variance = max(variances, default=math.nan)
     if share:
         guess = (value.sum() + 1) / (value.size + 2)
         variance = np.nanmax([variance, guess * (1 - guess) / value.size])

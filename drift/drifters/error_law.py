@@ -1,11 +1,12 @@
-"""The law of a model's errors along the tracks of real drifters, and how likely tracks are under it, exactly.
+"""The law of a model's errors along the tracks of real drifters, and the exact likelihood of tracks under it.
 
-Between fixes a drifter moves by what the model says along its track, plus an error. Of each component (east, north) the
-error is a sum of independent parts: a bias that each drifter keeps, an Ornstein-Uhlenbeck velocity, diffusion, and the
-errors of the fixes at both ends. That is a linear Gaussian state space (position error, velocity error, bias), whose
-likelihood a Kalman filter gives without approximation at any spacing of the fixes. What is linear in the model (windage,
-mean error) is regressed at the same time, and integrated out with a flat prior: restricted maximum likelihood (Patterson
-and Thompson 1971, doi:10.1093/biomet/58.3.545), which does not take a drifter's own bias for none where drifters are few.
+Between fixes a drifter moves by the model's displacement along its track plus an error. In each component (east, north)
+the error is a sum of independent parts: a bias that each drifter keeps, an Ornstein-Uhlenbeck velocity, diffusion, and
+the errors of the fixes at both ends. That is a linear Gaussian state space (position error, velocity error, bias),
+whose likelihood a Kalman filter gives without approximation at any spacing of the fixes. Linear unknowns (windage, mean
+error) are regressed at the same time and integrated out with a flat prior. This is restricted maximum likelihood
+(Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545), which does not underestimate the bias where drifters are
+few.
 """
 
 from collections.abc import Sequence
@@ -18,12 +19,12 @@ import numpy.typing as npt
 Array = npt.NDArray[Any]
 
 NAMES = ("std", "time", "bias", "diffusivity", "noise")
-SMALL = 1e-2  # steps, in decorrelation times, below which a series replaces differences of nearly equal numbers
+SMALL = 1e-2  # for shorter steps, in decorrelation times, a series replaces differences of nearly equal numbers
 
 
 @dataclass(frozen=True)
 class Law:
-    """The errors of one component; a zero switches a part off."""
+    """The errors of one component; a part that is zero is switched off."""
 
     std: float  # [m/s] of the Ornstein-Uhlenbeck velocity
     time: float  # [s] in which its correlation falls to 1/e
@@ -36,10 +37,10 @@ class Law:
 class Tracks:
     """Residuals of many drifters' fixes, padded to the longest; a stretch is a run of fixes without a long gap.
 
-    step: seconds since the fix before, shape (drifters, fixes); 0 at a first fix. fresh: whether a fix begins a stretch.
-    there: whether there is such a fix. data: since the stretch's begin, the way made beyond the model's, east and north
-    [m], shape (drifters, fixes, 2). regressors: what each unknown of the mean adds to the way made, shape (drifters,
-    fixes, 2, unknowns).
+    step: time since the fix before [s], shape (drifters, fixes); 0 at a first fix. fresh: whether a fix begins a
+    stretch. there: whether a fix is one of the drifter's, not padding. data: how far the drifter went beyond the model
+    since the stretch's begin, east and north [m], shape (drifters, fixes, 2). regressors: how much a unit of each
+    unknown of the mean adds to that, shape (drifters, fixes, 2, unknowns).
     """
 
     step: Array
@@ -56,12 +57,12 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """How likely tracks are under a law, the unknowns of the mean at their best.
+    """How likely tracks are under a law, with the likeliest unknowns of the mean.
 
-    log: restricted log likelihood. mean: the unknowns (unknowns,), covariance: theirs under the law. own: log likelihood
-    of each drifter at that mean, shape (drifters,). innovations: standardised errors of the forecasts of each fix from
-    those before it, shape (drifters, fixes, 2), and log_variance of those forecasts (drifters, fixes); NaN where none is.
-    pull: derivative of `own` by the unknowns, shape (drifters, unknowns).
+    log: restricted log likelihood. mean: the unknowns, (unknowns,); covariance: theirs under the law. own: log
+    likelihood of each drifter at that mean, (drifters,). innovations: standardised errors of the forecast of each fix
+    from those before it, (drifters, fixes, 2); log_variance: that of these forecasts, (drifters, fixes); both are NaN
+    where no forecast is. score: derivative of `own` by the unknowns, (drifters, unknowns).
     """
 
     log: float
@@ -70,14 +71,14 @@ class Likelihood:
     own: Array
     innovations: Array
     log_variance: Array
-    pull: Array
+    score: Array
 
 
 def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array, Array]:
-    """Return by step [s]: phi, variance of the integral, its covariance with the end, variance of the end.
+    """Return by step [s]: phi, variance of i, covariance of i and e, variance of e, of an Ornstein-Uhlenbeck velocity.
 
-    Of an Ornstein-Uhlenbeck velocity v over a step, given v at its begin: v = phi v0 + e, integral = T (1 - phi) v0 + i,
-    T the decorrelation time, `memory`. The moments of (i, e) are those of Uhlenbeck and Ornstein 1930
+    Over a step that begins with the velocity v0, it ends as v = phi v0 + e, and its integral is T (1 - phi) v0 + i,
+    where T is the decorrelation time, `memory`. The moments of (i, e) are those of Uhlenbeck and Ornstein 1930
     (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
     """
     a = step / memory
@@ -88,7 +89,7 @@ def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array,
 
 
 def spread(law: Law, step: npt.ArrayLike) -> Array:
-    """Return the variance [m2] of a component of the error made over steps [s], its begin and end as uncertain as fixes."""
+    """Return the variance [m2] of a component of the error over steps [s] between two fixes, with their errors."""
     step = np.asarray(step, np.float64)
     a = step / law.time
     series = a**2 * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a / 120)))
@@ -99,7 +100,7 @@ def spread(law: Law, step: npt.ArrayLike) -> Array:
 def correlation(law: Law, lag: npt.ArrayLike, span: float) -> Array:
     """Return the covariance [m2/s2] of mean velocity errors over spans [s] whose begins are `lag` [s] >= span apart.
 
-    Without the errors of the fixes, which two spans share only where they touch.
+    The errors of fixes are left out, because two spans share a fix only where they touch.
     """
     lag, a = np.asarray(lag, np.float64), span / law.time
     within = (2 * np.sinh(a / 2) / a) ** 2 if a > SMALL else 1 + a**2 / 12
@@ -112,80 +113,80 @@ def likelihood(law: Law, tracks: Tracks) -> Likelihood:
 
 
 def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
-    """Return how likely tracks are under each of several laws, all filtered side by side: hardly dearer than one."""
+    """Return how likely tracks are under each of several laws, which together take little more time than one."""
     drifters, fixes = tracks.step.shape
     unknowns = tracks.regressors.shape[-1]
-    many = len(laws)
-    std, memory, bias, walking, fixing = (
+    count = len(laws)
+    std, memory, bias, diffusivity, fix_std = (
         np.repeat([getattr(law, name) for law in laws], drifters)[:, None] for name in NAMES
     )
-    step = np.tile(tracks.step, (many, 1))
+    step = np.tile(tracks.step, (count, 1))
     phi, walk, cross, renewed = _steps(std, memory, step)
-    move = np.zeros((fixes, many * drifters, 3, 3))  # of (position, velocity, bias) errors over a step
+    move = np.zeros((fixes, count * drifters, 3, 3))  # of (position, velocity, bias) errors over a step
     noise = np.zeros_like(move)
     move[..., 0, 0] = move[..., 2, 2] = 1
     move[..., 0, 1], move[..., 0, 2], move[..., 1, 1] = (memory * (1 - phi)).T, step.T, phi.T
-    noise[..., 0, 0] = (walk + 2 * walking * step).T
+    noise[..., 0, 0] = (walk + 2 * diffusivity * step).T
     noise[..., 0, 1] = noise[..., 1, 0] = cross.T
     noise[..., 1, 1] = renewed.T
-    turned = np.swapaxes(move, -1, -2)
+    transposed = np.swapaxes(move, -1, -2)
     columns = np.concatenate([tracks.data[..., None], tracks.regressors], axis=-1).reshape(drifters, fixes, -1)
-    given = np.tile(columns.transpose(1, 0, 2), (1, many, 1))
+    observed = np.tile(columns.transpose(1, 0, 2), (1, count, 1))
 
-    state = np.zeros((many * drifters, 3, given.shape[2]))
-    cov = np.zeros((many * drifters, 3, 3))
+    state = np.zeros((count * drifters, 3, observed.shape[2]))
+    cov = np.zeros((count * drifters, 3, 3))
     cov[:, 1, 1], cov[:, 2, 2] = std[:, 0] ** 2, bias[:, 0] ** 2
-    fix = fixing[:, 0] ** 2
-    innovations, variance = np.empty_like(given), np.empty((fixes, many * drifters))
-    fresh = np.tile(tracks.fresh, (many, 1)).T
-    seen = np.tile(tracks.there & ~tracks.fresh, (many, 1)).T
+    fix_variance = fix_std[:, 0] ** 2
+    innovations, variance = np.empty_like(observed), np.empty((fixes, count * drifters))
+    fresh = np.tile(tracks.fresh, (count, 1)).T
+    used = np.tile(tracks.there & ~tracks.fresh, (count, 1)).T
     begins = set(np.flatnonzero(fresh.any(axis=1)).tolist())
     for k in range(fixes):
         state = move[k] @ state
-        cov = move[k] @ cov @ turned[k] + noise[k]
-        if k in begins:  # a position is known from its fix alone, whatever was before a gap: velocity and bias are kept
+        cov = move[k] @ cov @ transposed[k] + noise[k]
+        if k in begins:  # after a gap only the fix tells the position; velocity and bias are kept
             new = fresh[k]
-            state[new, 0] = given[k][new]
+            state[new, 0] = observed[k][new]
             cov[new, 0, :] = cov[new, :, 0] = 0.0
-            cov[new, 0, 0] = fix[new]
-        variance[k] = cov[:, 0, 0] + fix
-        innovations[k] = given[k] - state[:, 0]
-        gain = np.where(seen[k], 1 / np.maximum(variance[k], 1e-300), 0.0)[:, None] * cov[:, 0]
+            cov[new, 0, 0] = fix_variance[new]
+        variance[k] = cov[:, 0, 0] + fix_variance
+        innovations[k] = observed[k] - state[:, 0]
+        gain = np.where(used[k], 1 / np.maximum(variance[k], 1e-300), 0.0)[:, None] * cov[:, 0]
         state = state + gain[:, :, None] * innovations[k][:, None, :]
         cov = cov - gain[:, :, None] * cov[:, 0][:, None, :]
     variance = np.maximum(variance, 1e-300)
-    scaled = np.where(seen[..., None], innovations / np.sqrt(variance)[..., None], 0.0).transpose(1, 0, 2)
-    logs = np.where(seen, np.log(variance), np.nan).T
+    scaled = np.where(used[..., None], innovations / np.sqrt(variance)[..., None], 0.0).transpose(1, 0, 2)
+    logs = np.where(used, np.log(variance), np.nan).T
     return [
-        _regressed(scaled[these].reshape(drifters, fixes, 2, 1 + unknowns), logs[these])
-        for these in (slice(k * drifters, (k + 1) * drifters) for k in range(many))
+        _regressed(scaled[rows].reshape(drifters, fixes, 2, 1 + unknowns), logs[rows])
+        for rows in (slice(k * drifters, (k + 1) * drifters) for k in range(count))
     ]
 
 
 def _regressed(scaled: Array, log_variance: Array) -> Likelihood:
-    """Return the likelihood of standardised forecast errors (drifters, fixes, 2, 1 + unknowns), the data first."""
+    """Return the likelihood, given standardised errors of forecasts (drifters, fixes, 2, 1 + unknowns), data first."""
     data, design = scaled[..., 0], scaled[..., 1:]
     flat = design.reshape(data.size, design.shape[-1])
     normal = flat.T @ flat
     covariance = np.linalg.pinv(normal)
     mean = covariance @ (flat.T @ data.ravel())
-    left = data - design @ mean
+    residual = data - design @ mean
     terms = (
-        left**2
+        residual**2
         + np.nan_to_num(log_variance)[..., None]
         + np.where(np.isnan(log_variance), 0, np.log(2 * np.pi))[..., None]
     )
     own = -0.5 * terms.sum(axis=(1, 2))
     sign, determinant = np.linalg.slogdet(normal) if mean.size else (1.0, 0.0)
     restricted = 0.5 * (mean.size * np.log(2 * np.pi) - determinant) if sign > 0 else -np.inf
-    there = ~np.isnan(log_variance)
-    innovations = np.where(there[..., None], left, np.nan)
-    pull = np.einsum("dkc,dkcu->du", left, design)
-    return Likelihood(float(own.sum() + restricted), mean, covariance, own, innovations, log_variance, pull)
+    present = ~np.isnan(log_variance)
+    innovations = np.where(present[..., None], residual, np.nan)
+    score = np.einsum("dkc,dkcu->du", residual, design)
+    return Likelihood(float(own.sum() + restricted), mean, covariance, own, innovations, log_variance, score)
 
 
 def joined(pieces: Sequence[tuple[Array, Array, Array, Array]]) -> Tracks:
-    """Return drifters as one record; of each: step (n,), fresh (n,), data (n, 2), regressors (n, 2, unknowns)."""
+    """Return drifters as one record; pieces: (step (n,), fresh (n,), data (n, 2), regressors (n, 2, unknowns))."""
     longest = max((len(piece[0]) for piece in pieces), default=0)
 
     def padded(values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What a verification hands out: verify.csv, verify.nc, verify.png and a summary, complete or not there at all."""
+"""Files of a verification: verify.csv, verify.nc, verify.png and a summary, which are written all together or not."""
 
 from functools import partial
 from importlib import metadata
@@ -10,20 +10,24 @@ import xarray as xr
 
 from drift import summary
 from drift.drifters import text as verification_text
+from drift.drifters.clusters import Estimate
+from drift.drifters.records import Array
 from drift.drifters.verification import Verification
 from drift.output import formats, manifest, writer
 from drift.output.writer import Product
 from geo import notation
 from kernels import runtime
 
+Variable = tuple[tuple[str, ...], Array, dict[str, str]]  # dimensions, values and attributes
+
 NAMES = ("verify.csv", "verify.nc", "verify.png", writer.SUMMARY, manifest.NAME)
 
 
-def write(made: Verification, folder: Path, *, overwrite: bool = False) -> None:
-    """Write all results into a folder."""
-    from drift.drifters import map as verification_map  # here: Matplotlib takes a second to import
+def write(result: Verification, folder: Path, *, overwrite: bool = False) -> None:
+    """Write all files of a verification into a folder."""
+    from drift.drifters import map as verification_map  # imported here because Matplotlib takes a second
 
-    case = made.case
+    case = result.case
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in summary.PACKAGES)
     inputs = [summary.input_file(path) for path in case.inputs]
     attributes = {
@@ -32,99 +36,107 @@ def write(made: Verification, folder: Path, *, overwrite: bool = False) -> None:
         "versions": versions,
         "seed": str(case.seed),
         "backend": runtime.backend(),
-        "forcing": "; ".join(f"{Path(one['path']).name}: {one['digest']}" for one in inputs),
+        "forcing": "; ".join(f"{Path(source['path']).name}: {source['digest']}" for source in inputs),
         "coast": case.coast.source,
-        "uncertainty": verification_text.errors(made),
+        "uncertainty": verification_text.errors(result),
         "case": case.text,
     }
     footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"
     writer.publish(
         folder,
         (
-            Product("verify.csv", lambda stamped: table(made, stamped["run_id"])),
-            Product("verify.nc", lambda stamped: dataset(made)),
+            Product("verify.csv", lambda stamped: table(result, stamped["run_id"])),
+            Product("verify.nc", lambda stamped: dataset(result)),
         ),
-        {"verification": numbers(made), "inputs": inputs},
-        {"verify.png": partial(verification_map.draw, made, footer=footer, attributes=attributes)},
+        {"verification": numbers(result), "inputs": inputs},
+        {"verify.png": partial(verification_map.draw, result, footer=footer, attributes=attributes)},
         attributes=attributes,
         overwrite=overwrite,
     )
 
 
-def numbers(made: Verification) -> dict[str, Any]:
+def numbers(result: Verification) -> dict[str, Any]:
     """Return the summary's numbers: shares held, separations and skill, each with its clustered standard error."""
 
-    def estimate(found: Any) -> dict[str, Any]:
-        return {"mean": found.mean, "standard_error": found.error, "count": found.count}
+    def numbers_of(estimate: Estimate) -> dict[str, Any]:
+        return {"mean": estimate.mean, "standard_error": estimate.error, "count": estimate.count}
 
-    columns = np.searchsorted(made.hours, made.leads)
+    columns = np.searchsorted(result.hours, result.leads)
     return {
-        "forecasts": made.skill.size,
-        "drifters": list(made.names),
-        "skill": {**estimate(made.mean(made.skill)), "median": float(np.median(made.skill))},
+        "forecasts": result.skill.size,
+        "drifters": list(result.names),
+        "skill": {**numbers_of(result.mean(result.skill)), "median": float(np.median(result.skill))},
         "leads": [
             {
                 "hours": float(hours),
-                "held": {f"{share:.0%}": estimate(made.held(lead, share)) for share in made.shares},
-                "separation_m": {**estimate(made.mean(made.apart[:, k])), "median": float(np.median(made.apart[:, k]))},
-                "persistence_m": estimate(made.mean(made.waiting[:, k])),
-                "rank_along": estimate(made.mean(made.along[:, lead])),
-                "rank_across": estimate(made.mean(made.across[:, lead])),
+                "held": {f"{share:.0%}": numbers_of(result.held(lead, share)) for share in result.shares},
+                "separation_m": {
+                    **numbers_of(result.mean(result.apart[:, k])),
+                    "median": float(np.median(result.apart[:, k])),
+                },
+                "persistence_m": numbers_of(result.mean(result.waiting[:, k])),
+                "rank_along": numbers_of(result.mean(result.along[:, lead])),
+                "rank_across": numbers_of(result.mean(result.across[:, lead])),
             }
-            for lead, (hours, k) in enumerate(zip(made.leads, columns, strict=True))
+            for lead, (hours, k) in enumerate(zip(result.leads, columns, strict=True))
         ],
-        "lost": float(made.lost.mean()),
-        "notes": list(made.notes),
-        "in_short": verification_text.headline(made),
+        "lost": float(result.lost.mean()),
+        "notes": list(result.notes),
+        "in_short": verification_text.headline(result),
     }
 
 
-def table(made: Verification, run: str) -> str:
-    """Return a row for each forecast and lead as CSV; run: its run_id, in the last column."""
+def table(result: Verification, run: str) -> str:
+    """Return a row for each forecast and lead as CSV; run: the run_id, for the last column."""
     header = ["drifter", "start", "lead_h", "lon", "lat", "separation_m", "persistence_m", "way_m", "spread_m",
               "containment", "rank_along", "rank_across", "skill", "lost", "run_id"]  # fmt: skip
     rows = []
-    columns = np.searchsorted(made.hours, made.leads)
-    for n in range(made.skill.size):
+    columns = np.searchsorted(result.hours, result.leads)
+    for n in range(result.skill.size):
         for lead, k in enumerate(columns):
-            metres = [f"{values[n, k]:.1f}" for values in (made.apart, made.waiting, made.way, made.spread)]
-            shares = [f"{values[n, lead]:.4f}" for values in (made.containment, made.along, made.across)]
+            metres = [f"{values[n, k]:.1f}" for values in (result.apart, result.waiting, result.way, result.spread)]
+            shares = [f"{values[n, lead]:.4f}" for values in (result.containment, result.along, result.across)]
+            start = notation.iso(np.datetime64(int(result.start[n]), "s"))
             rows.append([
-                made.names[made.drifter[n]], notation.iso(np.datetime64(int(made.start[n]), "s")), f"{made.leads[lead]:g}",
-                f"{made.lon[n, k]:.6f}", f"{made.lat[n, k]:.6f}", *metres, *shares, f"{made.skill[n]:.4f}",
-                f"{made.lost[n]:.4f}", run,
+                result.names[result.drifter[n]], start, f"{result.leads[lead]:g}", f"{result.lon[n, k]:.6f}",
+                f"{result.lat[n, k]:.6f}", *metres, *shares, f"{result.skill[n]:.4f}", f"{result.lost[n]:.4f}", run,
             ])  # fmt: skip
     return formats.csv_text(header, rows)
 
 
-def dataset(made: Verification) -> xr.Dataset:
-    """Return everything by forecast, point in time and lead."""
+def dataset(result: Verification) -> xr.Dataset:
+    """Return a verification as a dataset over forecast, hours after the start, and lead."""
 
-    def metres(values: Any, words: str) -> Any:
-        return ("forecast", "hours"), values, {"long_name": words, "units": "m"}
+    def hourly(values: Array, long_name: str, units: str) -> Variable:
+        return ("forecast", "hours"), values, {"long_name": long_name, "units": units}
 
-    def share(values: Any, words: str) -> Any:
-        return ("forecast", "lead"), values, {"long_name": words, "units": "1"}
+    def metres(values: Array, long_name: str) -> Variable:
+        return hourly(values, long_name, "m")
 
+    def share(values: Array, long_name: str) -> Variable:
+        return ("forecast", "lead"), values, {"long_name": long_name, "units": "1"}
+
+    names = np.array(result.names, dtype=object)[result.drifter]
+    starts = result.start.astype("datetime64[s]").astype("datetime64[ns]")
     return xr.Dataset(
         {
-            "drifter": ("forecast", np.array(made.names, dtype=object)[made.drifter], {"long_name": "name of the drifter"}),
-            "start": ("forecast", made.start.astype("datetime64[s]").astype("datetime64[ns]"), {"long_name": "start of the forecast, UTC"}),
-            "drifter_lon": (("forecast", "hours"), made.lon, {"long_name": "longitude of the drifter", "units": "degrees_east"}),
-            "drifter_lat": (("forecast", "hours"), made.lat, {"long_name": "latitude of the drifter", "units": "degrees_north"}),
-            "separation": metres(made.apart, "distance of the mean position from the drifter"),
-            "persistence": metres(made.waiting, "distance of the start from the drifter"),
-            "way": metres(made.way, "way of the drifter since the start"),
-            "spread": metres(made.spread, "root mean square distance of the particles from their mean"),
-            "containment": share(made.containment, "share of the smallest area that holds the drifter"),
-            "rank_along": share(made.along, "share of the probability behind the drifter, along the forecast drift"),
-            "rank_across": share(made.across, "share of the probability to the left of the drifter"),
-            "skill": ("forecast", made.skill, {"long_name": "skill (Liu and Weisberg 2011)", "units": "1"}),
-            "lost": ("forecast", made.lost, {"long_name": "probability on no map at the end", "units": "1"}),
+            "drifter": ("forecast", names, {"long_name": "name of the drifter"}),
+            "start": ("forecast", starts, {"long_name": "start of the forecast, UTC"}),
+            "drifter_lon": hourly(result.lon, "longitude of the drifter", "degrees_east"),
+            "drifter_lat": hourly(result.lat, "latitude of the drifter", "degrees_north"),
+            "separation": metres(result.apart, "distance of the mean position from the drifter"),
+            "persistence": metres(result.waiting, "distance of the start from the drifter"),
+            "way": metres(result.way, "way of the drifter since the start"),
+            "spread": metres(result.spread, "root mean square distance of the particles from their mean"),
+            "containment": share(result.containment, "share of the smallest area that holds the drifter"),
+            "rank_along": share(result.along, "share of the probability behind the drifter, along the forecast drift"),
+            "rank_across": share(result.across, "share of the probability to the left of the drifter"),
+            "skill": ("forecast", result.skill, {"long_name": "skill (Liu and Weisberg 2011)", "units": "1"}),
+            "lost": ("forecast", result.lost, {"long_name": "probability on no map at the end", "units": "1"}),
         },
         {
-            "hours": ("hours", made.hours.astype(float), {"long_name": "time after the start", "units": "h"}),
-            "lead": ("lead", made.leads.astype(float), {"long_name": "time after the start", "units": "h"}),
+            "hours": ("hours", result.hours.astype(float), {"long_name": "time after the start", "units": "h"}),
+            "lead": ("lead", result.leads.astype(float), {"long_name": "time after the start", "units": "h"}),
         },
-        {"comment": verification_text.headline(made)},
+        {"comment": verification_text.headline(result)},
     )  # fmt: skip

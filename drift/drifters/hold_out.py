@@ -1,4 +1,4 @@
-"""How well a law of errors that was fitted to some drifters suits others: likelihood, and the share that its ellipses hold."""
+"""How well a law of errors fitted to some drifters suits others: likelihood, and the share that its ellipses hold."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from drift.drifters.clusters import Estimate
 from drift.drifters.error_law import Law, Likelihood
 from drift.drifters.records import Array
 
-BLOCK = 3 * 86_400.0  # [s] of one drifter's days that are held out together: longer than its errors remember
+BLOCK = 3 * 86_400.0  # [s] of one drifter's track that is held out together: longer than errors are correlated
 LEADS = (3.0, 6.0, 12.0, 24.0)  # [h]
 SHARES = (0.5, 0.9)
 DAY = 86_400.0
@@ -19,7 +19,7 @@ DAY = 86_400.0
 
 @dataclass(frozen=True)
 class Halves:
-    """The ways that are fitted, those that are held out, and how they were told apart."""
+    """The ways that are fitted, those that are held out, and how they were divided, in words."""
 
     fitted: tuple[Ways, ...]
     held: tuple[Ways, ...]
@@ -28,7 +28,7 @@ class Halves:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often the ellipse that should hold a share of the displacements after so many hours does hold them."""
+    """How often the ellipse that should hold a share of the displacements over so many hours holds them."""
 
     hours: float
     share: float
@@ -37,7 +37,10 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Held:
-    """How a law fitted to one half suits it and the other: log likelihood per increment, and coverage of the other."""
+    """How a law fitted to one half suits it and the other half.
+
+    own, other: log likelihood per increment of the fitted half and of the other; increments, coverage: of the other.
+    """
 
     how: str
     law: Law
@@ -48,7 +51,7 @@ class Held:
 
 
 def split(ways: Sequence[Ways]) -> Halves:
-    """Return every other drifter, in order of their first fixes; of one drifter every other block of days."""
+    """Return halves of every other drifter, in order of their first fixes, or every other block of days of one."""
     if len(ways) > 1:
         order = sorted(ways, key=lambda way: float(way.time[0]))
         return Halves(tuple(order[0::2]), tuple(order[1::2]), f"every other of {len(ways)} drifters")
@@ -59,22 +62,21 @@ def split(ways: Sequence[Ways]) -> Halves:
 
 
 def _part(way: Ways, keep: Array) -> Ways:
-    """Return some of a drifter's fixes; where others lie between, a stretch begins."""
+    """Return the ways between some of a drifter's fixes; a stretch begins where fixes are left out."""
     index = np.flatnonzero(keep)
     fresh = way.fresh[index] | (np.diff(index, prepend=-2) > 1)
     time = way.time[index]
-    still = fresh[:, None]
-    made, model = (np.where(still, 0.0, values[index]) for values in (way.made, way.model))
-    wind = None if way.wind is None else np.where(still, 0.0, way.wind[index])
+    made, model = (np.where(fresh[:, None], 0.0, values[index]) for values in (way.made, way.model))
+    wind = None if way.wind is None else np.where(fresh[:, None], 0.0, way.wind[index])
     return Ways(way.name, time, np.diff(time, prepend=time[:1]), fresh, made, model, wind)
 
 
 def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
-    """Return how a law that was fitted to one half, with its windage and mean error, suits the other."""
+    """Return how a law that was fitted to one half, with its windage and mean error, suits both halves."""
     tracks = along.residuals(halves.held, wind)
-    beyond = tracks.data - tracks.regressors @ best.mean
-    known = replace(tracks, data=beyond, regressors=tracks.regressors[..., :0])
-    other = error_law.likelihood(law, known)
+    excess = tracks.data - tracks.regressors @ best.mean
+    residual = replace(tracks, data=excess, regressors=tracks.regressors[..., :0])
+    other = error_law.likelihood(law, residual)
     fitted = along.residuals(halves.fitted, wind)
     return Held(
         halves.how,
@@ -82,30 +84,31 @@ def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
         float(best.own.sum()) / max(fitted.increments, 1),
         float(other.own.sum()) / max(tracks.increments, 1),
         tracks.increments,
-        coverage(law, halves.held, beyond),
+        coverage(law, halves.held, excess),
     )
 
 
-def coverage(law: Law, ways: Sequence[Ways], beyond: Array) -> tuple[Coverage, ...]:
-    """Return the coverage of displacements one after another; beyond: errors of the way since a stretch's begin [m].
+def coverage(law: Law, ways: Sequence[Ways], excess: Array) -> tuple[Coverage, ...]:
+    """Return the coverage of displacements that follow one another.
 
-    The ellipse of a bivariate normal with the same variance on both axes holds a share p within -2 log(1 - p) variances.
+    excess: how far drifters went beyond the model since a stretch's begin [m], (drifters, fixes, 2). The ellipse of a
+    bivariate normal with the same variance on both axes holds a share p within -2 log(1 - p) variances.
     """
-    found = []
+    result = []
     for hours in LEADS:
-        square, who, when = [], [], []
+        square, drifters, days = [], [], []
         for number, way in enumerate(ways):
             begin = 0
             for k in range(way.time.size):
                 if way.fresh[k]:
                     begin = k
                 elif way.time[k] - way.time[begin] >= hours * 3600 - 60:
-                    moved = beyond[number, k] - beyond[number, begin]
-                    square.append(float(moved @ moved) / float(error_law.spread(law, way.time[k] - way.time[begin])))
-                    who.append(number)
-                    when.append(int(way.time[begin] // DAY))
+                    error = excess[number, k] - excess[number, begin]
+                    square.append(float(error @ error) / float(error_law.spread(law, way.time[k] - way.time[begin])))
+                    drifters.append(number)
+                    days.append(int(way.time[begin] // DAY))
                     begin = k
         for share in SHARES:
             inside = np.array(square) <= -2 * np.log1p(-share)
-            found.append(Coverage(hours, share, clusters.mean(inside, who, when, share=True)))
-    return tuple(found)
+            result.append(Coverage(hours, share, clusters.mean(inside, drifters, days, share=True)))
+    return tuple(result)

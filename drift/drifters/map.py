@@ -1,4 +1,4 @@
-"""The picture of a verification: distances by time, the share that areas held, and the drifters' ranks."""
+"""The picture of a verification: distances by time, shares that areas held, and ranks of the drifters."""
 
 import itertools
 from collections.abc import Mapping
@@ -15,44 +15,45 @@ from drift.maps.chart import GREY, INK
 from geo.notation import NMI
 
 BLUE, RED, SAND = "#0b4f8a", "#a33b20", "#b9802a"
-MARKS = (("#5b8db8", "s"), (BLUE, "o"), (RED, "^"), (SAND, "D"))  # of areas, by share
+MARKS = (("#5b8db8", "s"), (BLUE, "o"), (RED, "^"), (SAND, "D"))  # colours and marks of areas, in order of their shares
 
 
-def draw(made: Verification, path: Path, *, footer: str, attributes: Mapping[str, str]) -> None:
-    """Draw a verification."""
+def draw(result: Verification, path: Path, *, footer: str, attributes: Mapping[str, str]) -> None:
+    """Draw a verification into a PNG."""
     figure, canvas = page.figure(11.7, 8.3)
-    figure.text(0.05, 0.955, page.fit(made.case.title, 90), fontsize=15, weight="bold", color=INK)
-    figure.text(0.05, 0.922, verification_text.headline(made), fontsize=12, color=INK)
-    about = verification_text.facts(made)["forecasts"]
-    doubt = verification_text.doubt(made)
+    figure.text(0.05, 0.955, page.fit(result.case.title, 90), fontsize=15, weight="bold", color=INK)
+    figure.text(0.05, 0.922, verification_text.headline(result), fontsize=12, color=INK)
+    about = verification_text.facts(result)["forecasts"]
+    doubt = verification_text.doubt(result)
     figure.text(
         0.05, 0.895, page.fit(f"forecasts: {about}{f'; {doubt}' if doubt else ''}", 150), fontsize=9, color=GREY
     )
-    _distances(figure.add_axes((0.07, 0.5, 0.40, 0.33)), made)
-    _held(figure.add_axes((0.56, 0.5, 0.40, 0.33)), made)
-    last = f"after {made.leads[-1]:g} h"
+    _distances(figure.add_axes((0.07, 0.5, 0.40, 0.33)), result)
+    _held(figure.add_axes((0.56, 0.5, 0.40, 0.33)), result)
+    last = f"after {result.leads[-1]:g} h"
     for k, (ranks, title, low, high) in enumerate((
-        (made.containment, f"Containment {last}", "in the middle", "outside"),
-        (made.along, f"Rank along the drift {last}", "drifter behind", "ahead"),
-        (made.across, f"Rank across the drift {last}", "drifter to the left", "to the right"),
+        (result.containment, f"Containment {last}", "in the middle", "outside"),
+        (result.along, f"Rank along the drift {last}", "drifter behind", "ahead"),
+        (result.across, f"Rank across the drift {last}", "drifter to the left", "to the right"),
     )):  # fmt: skip
-        _ranks(figure.add_axes((0.07 + 0.315 * k, 0.11, 0.26, 0.26)), made, ranks[:, -1], title, low, high)
+        _ranks(figure.add_axes((0.07 + 0.315 * k, 0.11, 0.26, 0.26)), result, ranks[:, -1], title, low, high)
     figure.text(0.05, 0.02, page.fit(footer, 170), fontsize=7, color=GREY)
-    page.save(canvas, path, f"{made.case.title}: forecasts of drifters", attributes, dpi=120)
+    page.save(canvas, path, f"{result.case.title}: forecasts of drifters", attributes, dpi=120)
 
 
-def _distances(axes: Axes, made: Verification) -> None:
+def _distances(axes: Axes, result: Verification) -> None:
     """Draw mean separations with two standard errors, their median, persistence and spread."""
-    hours = np.append(0.0, made.hours)
-    found = [made.mean(made.apart[:, k]) for k in range(made.hours.size)]
-    mean, error = (np.append(0.0, [getattr(one, name) for one in found]) / NMI for name in ("mean", "error"))
+    hours = np.append(0.0, result.hours)
+    estimates = [result.mean(result.apart[:, k]) for k in range(result.hours.size)]
+    mean = np.append(0.0, [estimate.mean for estimate in estimates]) / NMI
+    error = np.append(0.0, [estimate.error for estimate in estimates]) / NMI
     axes.fill_between(
         hours, mean - 2 * error, mean + 2 * error, color=BLUE, alpha=0.18, linewidth=0, label="± 2 standard errors"
     )
     axes.plot(hours, mean, color=BLUE, linewidth=2.2, label="forecast's mean from the drifter, mean")
     axes.plot(
         hours,
-        np.append(0.0, np.median(made.apart, axis=0)) / NMI,
+        np.append(0.0, np.median(result.apart, axis=0)) / NMI,
         color=BLUE,
         linewidth=1.1,
         linestyle=(0, (2, 1.5)),
@@ -60,15 +61,15 @@ def _distances(axes: Axes, made: Verification) -> None:
     )
     axes.plot(
         hours,
-        np.append(0.0, made.waiting.mean(axis=0)) / NMI,
+        np.append(0.0, result.waiting.mean(axis=0)) / NMI,
         color=RED,
         linewidth=1.5,
         linestyle=(0, (6, 2)),
         label="staying put, mean",
     )
-    start = made.error / np.sqrt(np.log(2))  # of the radius that holds half
-    spread = np.append(start, np.sqrt((made.spread**2).mean(axis=0))) / NMI
-    apart = np.append(0.0, np.sqrt((made.apart**2).mean(axis=0))) / NMI
+    start = result.error / np.sqrt(np.log(2))  # from the radius that holds half
+    spread = np.append(start, np.sqrt((result.spread**2).mean(axis=0))) / NMI
+    apart = np.append(0.0, np.sqrt((result.apart**2).mean(axis=0))) / NMI
     axes.plot(hours, apart, color=INK, linewidth=1.1, label="from the drifter, root mean square")
     axes.plot(
         hours,
@@ -86,20 +87,21 @@ def _distances(axes: Axes, made: Verification) -> None:
     _plain(axes)
 
 
-def _held(axes: Axes, made: Verification) -> None:
+def _held(axes: Axes, result: Verification) -> None:
     """Draw the share of positions that each area held, by lead, beside what it should hold."""
-    place = np.arange(made.leads.size, dtype=float)
-    for k, (share, (colour, mark)) in enumerate(zip(made.shares, itertools.cycle(MARKS), strict=False)):
-        found = [made.held(lead, share) for lead in range(made.leads.size)]
-        shift = 0.5 * ((k + 0.5) / len(made.shares) - 0.5)
+    place = np.arange(result.leads.size, dtype=float)
+    for k, (share, (colour, mark)) in enumerate(zip(result.shares, itertools.cycle(MARKS), strict=False)):
+        estimates = [result.held(lead, share) for lead in range(result.leads.size)]
+        shift = 0.5 * ((k + 0.5) / len(result.shares) - 0.5)
         axes.axhline(share, color=colour, linewidth=0.9, linestyle=(0, (6, 2)))
+        below = [min(2 * estimate.error, estimate.mean) for estimate in estimates]
+        above = [min(2 * estimate.error, 1 - estimate.mean) for estimate in estimates]
         axes.errorbar(
-            place + shift, [one.mean for one in found],
-            [[min(2 * one.error, one.mean) for one in found], [min(2 * one.error, 1 - one.mean) for one in found]], color=colour, marker=mark,
+            place + shift, [estimate.mean for estimate in estimates], [below, above], color=colour, marker=mark,
             linestyle="none", markersize=6, capsize=3, linewidth=1.2, label=f"{100 * share:.0f} % area",
         )  # fmt: skip
-    axes.set_xticks(place, [f"{hours:g} h" for hours in made.leads])
-    axes.set_xlim(-0.5, made.leads.size - 0.5)
+    axes.set_xticks(place, [f"{hours:g} h" for hours in result.leads])
+    axes.set_xlim(-0.5, result.leads.size - 0.5)
     axes.set_ylim(0, 1.04)
     axes.set_yticks(np.linspace(0, 1, 6), [f"{tick:.0f} %" for tick in np.linspace(0, 100, 6)])
     axes.set_title(
@@ -109,14 +111,16 @@ def _held(axes: Axes, made: Verification) -> None:
     _plain(axes)
 
 
-def _ranks(axes: Axes, made: Verification, ranks: np.ndarray, title: str, low: str, high: str) -> None:
-    """Draw a histogram of ranks with two standard errors, and the level of equal shares."""
+def _ranks(axes: Axes, result: Verification, ranks: np.ndarray, title: str, low: str, high: str) -> None:
+    """Draw a histogram of ranks (n,) with two standard errors, and the level of equal shares."""
     number = np.minimum((ranks * verification.BINS).astype(int), verification.BINS - 1)
-    found = [made.mean(number == k, share=True) for k in range(verification.BINS)]
+    estimates = [result.mean(number == k, share=True) for k in range(verification.BINS)]
     middle = (np.arange(verification.BINS) + 0.5) / verification.BINS
+    below = [min(2 * estimate.error, estimate.mean) for estimate in estimates]
+    above = [2 * estimate.error for estimate in estimates]
     axes.bar(
-        middle, [one.mean for one in found], 0.9 / verification.BINS, color="#cfe0ee", edgecolor=BLUE,
-        yerr=[[min(2 * one.error, one.mean) for one in found], [2 * one.error for one in found]], error_kw={"ecolor": GREY, "elinewidth": 0.9},
+        middle, [estimate.mean for estimate in estimates], 0.9 / verification.BINS, color="#cfe0ee", edgecolor=BLUE,
+        yerr=[below, above], error_kw={"ecolor": GREY, "elinewidth": 0.9},
     )  # fmt: skip
     axes.axhline(1 / verification.BINS, color=RED, linewidth=1.4, linestyle=(0, (6, 2)))
     axes.set_title(title, fontsize=10, loc="left", color=INK)

@@ -1,32 +1,32 @@
-"""Files of drifters' tracks -> tracks, as they stand: CSV, and netCDF with CF trajectories.
+"""Reading tracks of drifters as files hold them: CSV, and netCDF with CF trajectories.
 
-CSV: one fix a row; who, when and where in columns under their common names, a second header row with units as in files of
-the Global Drifter Program, any order. netCDF: (trajectory, obs) padded with missing values (as trajan writes it too),
-(trajectory, time), or one after another with the length of each (contiguous ragged) or the number of the track of each
-fix (indexed ragged), CF 1.11, appendix H.4. Which fixes are believed is the matter of drift.drifters.records.
+CSV: one fix in each row, in any order; id, time and position in columns under their common names; a second header row
+may hold units, as in files of the Global Drifter Program. netCDF: (trajectory, obs) padded with missing values (as
+trajan writes it too), (trajectory, time), or one track after another with the length of each (contiguous ragged) or
+with the number of the track of each fix (indexed ragged), CF 1.11, appendix H.4. drift.drifters.records decides which
+fixes are believed.
 """
 
 import csv
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from drift.case import units
-from drift.drifters.records import Array, Track, taken
+from drift.drifters.records import Array, Track, selected
 from geo import notation
 from geo.errors import UserError
 from geo.files import small
 from geo.forcing.quantity import QUANTITIES
 
-LARGEST = 1024 * 2**20  # [bytes] of a CSV file
-NAMES = {  # how columns are called, in lower case without blanks, underscores and hyphens
+LARGEST = 1024 * 2**20  # [bytes] largest CSV file
+NAMES = {  # common names of columns, in lower case without blanks, underscores and hyphens
     "id": ("id", "platformcode", "drifterid", "drifter", "buoyid", "buoy", "platform", "platformid", "wmo", "deviceid",
            "device", "name", "trajectory", "trajectoryid", "drifternames", "drifterid", "imei", "ship", "mmsi", "ids"),
     "time": ("time", "datetime", "timestamp", "timeutc", "datetimeutc", "utc", "obstime", "date", "datautc"),
@@ -42,9 +42,9 @@ DATASETS = (".nc", ".nc4", ".netcdf", ".cdf")
 
 
 def read(path: str | os.PathLike[str], columns: Sequence[str] = ()) -> tuple[Track, ...]:
-    """Return the tracks of a file; columns: names of other columns that are wanted with them.
+    """Return the tracks of a file; columns: names of other columns to read with them.
 
-    Raises UserError, one line, for what holds no tracks.
+    Raises UserError, one line, where the file holds no tracks.
     """
     path = Path(path)
     try:
@@ -58,17 +58,18 @@ def read(path: str | os.PathLike[str], columns: Sequence[str] = ()) -> tuple[Tra
 
 
 def _plain(name: str) -> str:
-    """Return a column's name as NAMES has it: without its unit in brackets, as ERDDAP writes it, in lower case."""
+    """Return a column's name as NAMES has it: in lower case, without the unit in brackets that ERDDAP writes."""
     return re.sub(r"[\s_\-]|\(.*\)|\[.*\]", "", name).lower()
 
 
 def _column(header: Sequence[str], what: str) -> int | None:
-    """Return which column holds the id, time, lon or lat: the first of the common names that there is."""
+    """Return which column holds the id, time, lon or lat: that with the first common name; None where there is none."""
     plain = [_plain(name) for name in header]
     return next((plain.index(name) for name in NAMES[what] if name in plain), None)
 
 
 def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
+    """Return the tracks of a CSV file; raise ValueError where it holds none."""
     try:
         text = small.contents(path, LARGEST).decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -76,59 +77,63 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if len(lines) < 2:
         raise ValueError("holds no table: a header and at least one row are needed")
-    mark = max(",;\t", key=lines[0].count)
-    header, *rows = list(csv.reader(lines, delimiter=mark, skipinitialspace=True))
-    who = _column(header, "id")
-    found = {what: _column(header, what) for what in ("time", "lon", "lat")}
-    where = {what: index for what, index in found.items() if index is not None}
-    if lacking := next((what for what in found if what not in where), None):
+    delimiter = max(",;\t", key=lines[0].count)
+    header, *rows = list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
+    id_column = _column(header, "id")
+    positions = {what: _column(header, what) for what in ("time", "lon", "lat")}
+    columns = {what: index for what, index in positions.items() if index is not None}
+    if missing_key := next((what for what in positions if what not in columns), None):
         raise ValueError(
-            f"no column of {lacking}; its columns are {', '.join(header)[:200]}; one must be called "
-            f"{', '.join(NAMES[lacking][:4])}"
+            f"no column of {missing_key}; its columns are {', '.join(header)[:200]}; one must be called "
+            f"{', '.join(NAMES[missing_key][:4])}"
         )
     names = [name.strip() for name in header]
     if missing := [name for name in wanted if name not in names]:
         raise ValueError(f'--columns: no column "{missing[0]}"; its columns are {", ".join(names)[:300]}')
-    width = max(index for index in (*where.values(), *(names.index(n) for n in wanted), who) if index is not None) + 1
-    rows = [[*row, *[""] * (width - len(row))] for row in rows]  # what a short row lacks is no position
-    comma = mark != ","  # then it may be a decimal one, as half of Europe writes it
-    lat = _numbers((row[where["lat"]] for row in rows), comma)
-    if rows and not np.isfinite(lat[0]) and not _is_time(rows[0][where["time"]]):  # a second header row, with units
+    used = [*columns.values(), *(names.index(name) for name in wanted), *([] if id_column is None else [id_column])]
+    width = max(used) + 1
+    rows = [[*row, *[""] * (width - len(row))] for row in rows]  # what a short row lacks counts as missing
+    comma = delimiter != ","  # a comma may then be a decimal one, as half of Europe writes it
+    lat = _numbers((row[columns["lat"]] for row in rows), comma)
+    if (
+        rows and not np.isfinite(lat[0]) and not _is_time(rows[0][columns["time"]])
+    ):  # this is a second header row, with units
         rows, lat = rows[1:], lat[1:]
     if not rows:
         raise ValueError("holds no fix")
     clock = next((i for i, name in enumerate(header) if _plain(name) in ("time", "timeutc", "hour", "hms")), None)
-    stamps = [row[where["time"]].strip() for row in rows]
-    if _plain(header[where["time"]]) == "date" and clock is not None:
+    stamps = [row[columns["time"]].strip() for row in rows]
+    if _plain(header[columns["time"]]) == "date" and clock is not None:
         stamps = [f"{stamp} {row[clock].strip()}" for stamp, row in zip(stamps, rows, strict=True)]
     elif (
         clock is not None and (day := next((i for i, n in enumerate(header) if _plain(n) == "date"), None)) is not None
     ):
         stamps = [f"{row[day].strip()} {row[clock].strip()}" for row in rows]
     time = _times(stamps)
-    lon = _numbers((row[where["lon"]] for row in rows), comma)
+    lon = _numbers((row[columns["lon"]] for row in rows), comma)
     for what, values in (("lon", lon), ("lat", lat)):
         if not np.isfinite(values).any():
+            title, first = header[columns[what]], rows[0][columns[what]]
             raise ValueError(
-                f'no row has a number in its column of {what}, "{header[where[what]]}": the first has "{rows[0][where[what]][:40]}"; '
+                f'no row has a number in its column of {what}, "{title}": the first has "{first[:40]}"; '
                 "write degrees like -5.5"
             )
-    extra = {name: _numbers((row[names.index(name)] for row in rows), comma) for name in wanted}
-    one = Track(path.stem, time, lon, lat, extra)
-    if who is None:
-        return (one,)
-    return _apart(one, np.array([row[who].strip() for row in rows]))
+    others = {name: _numbers((row[names.index(name)] for row in rows), comma) for name in wanted}
+    track = Track(path.stem, time, lon, lat, others)
+    if id_column is None:
+        return (track,)
+    return _split(track, np.array([row[id_column].strip() for row in rows]))
 
 
-def _apart(whole: Track, name: Array) -> tuple[Track, ...]:
-    """Return the tracks of which fixes, each with its drifter's name, are made; in the order of their first fixes."""
-    found, first, number = np.unique(name, return_index=True, return_inverse=True)
-    whose = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
-    return tuple(replace(taken(whole, whose[one]), name=str(found[one])) for one in np.argsort(first))
+def _split(whole: Track, name: Array) -> tuple[Track, ...]:
+    """Return the tracks of several drifters, in the order of their first fixes; name: the drifter of each fix, (n,)."""
+    names, first_fix, number = np.unique(name, return_index=True, return_inverse=True)
+    fixes_of = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
+    return tuple(replace(selected(whole, fixes_of[k]), name=str(names[k])) for k in np.argsort(first_fix))
 
 
-def _numbers(texts: Any, comma: bool) -> Array:
-    """Return texts as numbers, NaN for what is none; comma: a comma may stand for the point."""
+def _numbers(texts: Iterable[str], comma: bool) -> Array:
+    """Return texts as numbers, NaN where one is no number; comma: whether a comma may stand for the decimal point."""
 
     def number(text: str) -> float:
         try:
@@ -147,18 +152,20 @@ def _is_time(text: str) -> bool:
 
 
 def _times(stamps: Sequence[str]) -> Array:
-    """Return times [s since 1970]; NaN for none. Without a zone they are UTC."""
+    """Return times [s since 1970], NaN where a text is no time; times without a zone are UTC."""
     if not any(_is_time(stamp) for stamp in stamps[:100]):
-        _moment(next((stamp for stamp in stamps if stamp), ""))  # says what is wrong with it
+        _moment(next((stamp for stamp in stamps if stamp), ""))  # raises an error that says what is wrong with it
         raise ValueError(f'"{stamps[0]}" is not a time; write it like 2021-03-03T18:00:00Z')
-    known = {
-        stamp: _moment(stamp) if _is_time(stamp) else np.nan for stamp in set(stamps)
-    }  # drifters report at the same times
-    return np.array([known[stamp] for stamp in stamps])
+    # Drifters report at the same times, so that each text is read once.
+    time_of = {stamp: _moment(stamp) if _is_time(stamp) else np.nan for stamp in set(stamps)}
+    return np.array([time_of[stamp] for stamp in stamps])
 
 
 def _moment(text: str) -> float:
-    """Return a time [s since 1970]: ISO 8601, a date-time group, seconds or milliseconds since 1970, or with a month's name."""
+    """Return a time [s since 1970]; raise ValueError where the text is none.
+
+    It may be ISO 8601, a date-time group, seconds or milliseconds since 1970, or one of OTHER_FORMS.
+    """
     text = text.strip()
     try:
         number = float(text)
@@ -183,10 +190,10 @@ def _moment(text: str) -> float:
         )
     for form in OTHER_FORMS:
         try:
-            made = datetime.strptime(bare, form)
+            parsed = datetime.strptime(bare, form)
         except ValueError:
             continue
-        return notation.epoch(np.datetime64(made, "s")) + shift
+        return notation.epoch(np.datetime64(parsed, "s")) + shift
     moment_or_interval = units.time(text)
     if not isinstance(moment_or_interval, np.datetime64):
         raise ValueError(f'"{text}" is not a time; write it like 2021-03-03T18:00:00Z')
@@ -194,6 +201,7 @@ def _moment(text: str) -> float:
 
 
 def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
+    """Return the tracks of a netCDF file; raise ValueError where it holds none."""
     try:
         with xr.open_dataset(path, decode_timedelta=False) as data:
             return _tracks(data.load(), path, wanted)
@@ -203,23 +211,24 @@ def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
         if "did not find a match" in str(error):
             raise ValueError("is no netCDF file, whatever its name says; a table as text must be called .csv") from None
         raise
-    except Exception as error:  # what libraries raise over damaged files
+    except Exception as error:  # libraries raise errors of all kinds over damaged files
         raise ValueError(f"cannot be read ({type(error).__name__}: {error})") from error
 
 
 def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
-    found = {what: _variable(data, what) for what in ("time", "lon", "lat")}
+    """Return the tracks of a dataset in any of the forms of CF; raise ValueError where it has none."""
+    variables = {what: _variable(data, what) for what in ("time", "lon", "lat")}
     if missing := [name for name in wanted if name not in data.variables]:
         raise ValueError(
             f'--columns: no variable "{missing[0]}"; there are {", ".join(map(str, data.variables))[:300]}'
         )
-    lon = data[found["lon"]]
+    lon = data[variables["lon"]]
     names = _names(data)
     sizes = next((v for v in data.variables.values() if "sample_dimension" in v.attrs), None)
-    if sizes is None and lon.ndim == 1:  # as files of the Global Drifter Program call it without saying so
+    if sizes is None and lon.ndim == 1:  # the Global Drifter Program's name, without the attribute
         sizes = next((data.variables[n] for n in ("rowsize", "row_size", "rowSize") if n in data.variables), None)
     index = next((v for v in data.variables.values() if "instance_dimension" in v.attrs), None)
-    columns = {what: data[name] for what, name in (*found.items(), *((n, n) for n in wanted))}
+    columns = {what: data[name] for what, name in (*variables.items(), *((n, n) for n in wanted))}
     if lon.ndim == 1:
         flat = {what: _seconds(column) if what == "time" else _floats(column) for what, column in columns.items()}
         if any(column.shape != lon.shape for column in flat.values()):
@@ -234,12 +243,14 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         elif index is not None:
             rows = index.values.astype(int)
         elif names is not None and names.size == lon.size:
-            return _apart(whole, names)
+            return _split(whole, names)
+        elif names is not None and names.size == 1:
+            return (replace(whole, name=str(names.ravel()[0])),)
         else:
-            return (whole if names is None or names.size != 1 else Track(str(names.ravel()[0]), whole.time, whole.lon, whole.lat, whole.columns),)  # fmt: skip
+            return (whole,)
     elif lon.ndim == 2:
         many_first = names is not None and names.size == lon.shape[1] != lon.shape[0]
-        if many_first or lon.dims[0] in ("obs", found["time"]):  # the tracks stand side by side
+        if many_first or lon.dims[0] in ("obs", variables["time"]):  # the tracks stand side by side
             columns = {what: c.transpose(*c.dims[::-1]) for what, c in columns.items()}
         shape = columns["lon"].shape
         flat = {}
@@ -257,16 +268,16 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
             f"positions have {lon.ndim} dimensions; tracks have one (one after another) or two (trajectory, obs)"
         )
     if names is None or names.size <= rows.max(initial=-1):
-        label = np.array([f"{path.stem} {k + 1}" for k in range(int(rows.max(initial=0)) + 1)])
+        track_names = np.array([f"{path.stem} {k + 1}" for k in range(int(rows.max(initial=0)) + 1)])
     else:
-        label = names.ravel()
-    if len(set(label.tolist())) < label.size:  # two tracks of one name stay two
-        label = np.array([f"{name} ({k + 1})" for k, name in enumerate(label)])
-    return _apart(whole, label[rows])
+        track_names = names.ravel()
+    if len(set(track_names.tolist())) < track_names.size:  # two tracks with the same name stay two
+        track_names = np.array([f"{name} ({k + 1})" for k, name in enumerate(track_names)])
+    return _split(whole, track_names[rows])
 
 
 def _variable(data: xr.Dataset, what: str) -> str:
-    """Return the name of the variable of time, lon or lat: by its standard name, else by its own."""
+    """Return the name of the variable of time, lon or lat, by its standard name or else by its common names."""
     standard = {"time": "time", "lon": "longitude", "lat": "latitude"}[what]
     listed = [str(name) for name in data.variables]
     for name in listed:
@@ -283,7 +294,7 @@ def _names(data: xr.Dataset) -> Array | None:
     """Return the drifters' names as text; None where there are none."""
     by_role = [str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "trajectory_id"]
     plain = {_plain(str(name)): str(name) for name in data.variables}
-    for name in (*by_role, *(plain[one] for one in NAMES["id"] if one in plain)):
+    for name in (*by_role, *(plain[candidate] for candidate in NAMES["id"] if candidate in plain)):
         values = data.variables[name].values
         if values.ndim <= 1:
             texts = [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in np.atleast_1d(values)]
@@ -296,7 +307,7 @@ def _floats(column: xr.DataArray) -> Array:
 
 
 def _seconds(column: xr.DataArray) -> Array:
-    """Return times [s since 1970], NaN for none."""
+    """Return times [s since 1970], NaN where one is missing."""
     if column.dtype.kind != "M":
         raise ValueError(f'time "{column.name}" has no units such as "seconds since 1970-01-01"')
     moments = column.values.astype("datetime64[us]")
@@ -304,16 +315,16 @@ def _seconds(column: xr.DataArray) -> Array:
 
 
 def mapped(text: str) -> Mapping[str, str]:
-    """Return which column holds what, from "current_east=u, wind_east=wu"; raise UserError for what it cannot be."""
+    """Return {"current_east": "u", ..} from "current_east=u, .."; raise UserError where the text is something else."""
     allowed = [f"{quantity}_{side}" for quantity in QUANTITIES for side in ("east", "north")]
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for part in filter(None, (p.strip() for p in text.split(","))):
         key, equals, column = (piece.strip() for piece in part.partition("="))
         if not equals or not column or key not in allowed:
             raise UserError(f'--columns "{part}": must be one of {", ".join(allowed)}, each followed by =COLUMN')
-        found[key] = column
+        columns[key] = column
     for quantity in QUANTITIES:
-        given = [side for side in ("east", "north") if f"{quantity}_{side}" in found]
-        if len(given) == 1:
-            raise UserError(f"--columns: {quantity}_{given[0]} is given without its other component")
-    return found
+        sides = [side for side in ("east", "north") if f"{quantity}_{side}" in columns]
+        if len(sides) == 1:
+            raise UserError(f"--columns: {quantity}_{sides[0]} is given without its other component")
+    return columns

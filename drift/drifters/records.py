@@ -1,7 +1,7 @@
 """Tracks of real drifters, and which of their fixes are believed.
 
-A track is what one drifter reported: times, positions, and whatever else stood beside them. Fixes that cannot be true are
-left out, and it is told how many and why; where a drifter was silent for too long its track is cut into stretches.
+A track is what one drifter reported: times, positions, and whatever else stood beside them. Fixes that cannot be true
+are left out, and notes say how many and why. Where a drifter was silent for too long its track is cut into stretches.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,15 +15,15 @@ from geo import sphere
 
 Array = npt.NDArray[Any]
 
-FASTEST = 3.0  # [m/s] beyond which nothing drifts for long
-JUMP = 500.0  # [m] that two fixes may be apart besides: positions have errors too
-GAP = 3 * 3600.0  # [s] of silence over which a drifter's way is not known well enough
-AGROUND, STILL = 12 * 3600.0, 200.0  # [s] and [m]: what does not leave a circle of that radius for so long is aground
+FASTEST = 3.0  # [m/s] nothing drifts faster for long
+JUMP = 500.0  # [m] that two fixes may be farther apart than at that speed, because positions have errors too
+GAP = 3 * 3600.0  # [s] after a longer silence a drifter's displacement is not known well enough
+AGROUND, STILL = 12 * 3600.0, 200.0  # [s], [m]: a drifter that stays so long in a circle of this radius is aground
 
 
 @dataclass(frozen=True)
 class Track:
-    """Fixes of one drifter in order of time: UTC [s since 1970], lon and lat [deg], and other columns, each shape (n,)."""
+    """Fixes of one drifter in order of time: UTC [s since 1970], lon, lat [deg] and other columns, each (n,)."""
 
     name: str
     time: Array
@@ -32,7 +32,7 @@ class Track:
     columns: Mapping[str, Array] = field(default_factory=dict)
 
     def at(self, time: npt.ArrayLike) -> tuple[Array, Array]:
-        """Return (lon, lat) [deg] at times between fixes, along the straight way from one to the next."""
+        """Return (lon, lat) [deg] at times [s since 1970] between fixes, on the great circle from one to the next."""
         time = np.asarray(time, np.float64)
         before = np.clip(np.searchsorted(self.time, time, "right") - 1, 0, max(self.time.size - 2, 0))
         after = np.minimum(before + 1, self.time.size - 1)
@@ -44,7 +44,7 @@ class Track:
         return np.degrees(x), np.degrees(y)
 
     def silent(self, begin: float, end: float) -> float:
-        """Return the longest time [s] without a fix that touches [begin, end] [s since 1970]; inf where the track is not."""
+        """Return the longest gap [s] between fixes that overlaps begin to end [s since 1970]; inf beyond the track."""
         if begin < self.time[0] or end > self.time[-1]:
             return np.inf
         first = int(np.searchsorted(self.time, begin, "right")) - 1
@@ -54,13 +54,13 @@ class Track:
 
 @dataclass(frozen=True)
 class Believed:
-    """Tracks of which only believable fixes are left, and in words what was left out."""
+    """Tracks with only believable fixes, and notes on what was left out."""
 
     tracks: tuple[Track, ...]
     notes: tuple[str, ...]
 
 
-def taken(track: Track, keep: Array) -> Track:
+def selected(track: Track, keep: Array) -> Track:
     """Return a track with some of its fixes (indices, or a mask)."""
     columns = {name: values[keep] for name, values in track.columns.items()}
     return replace(track, time=track.time[keep], lon=track.lon[keep], lat=track.lat[keep], columns=columns)
@@ -69,65 +69,66 @@ def taken(track: Track, keep: Array) -> Track:
 def believed(tracks: Sequence[Track], fastest: float = FASTEST) -> Believed:
     """Return tracks in order of time without fixes that cannot be true, and without spells aground."""
     counts = dict.fromkeys(("impossible", "repeated", "other", "fast", "aground"), 0)
-    left, grounded, short = [], [], []
+    sound_tracks, spells, too_short = [], [], []
     for track in tracks:
-        sound = np.isfinite(track.time) & (np.abs(track.lat) <= 90) & (track.lon >= -180) & (track.lon <= 360)
-        counts["impossible"] += int((~sound).sum())
-        order = np.flatnonzero(sound)
+        possible = np.isfinite(track.time) & (np.abs(track.lat) <= 90) & (track.lon >= -180) & (track.lon <= 360)
+        counts["impossible"] += int((~possible).sum())
+        order = np.flatnonzero(possible)
         order = order[np.argsort(track.time[order], kind="stable")]
-        found = taken(track, order)
-        found = replace(found, lon=sphere.wrap_degrees(found.lon))
-        again = np.diff(found.time, prepend=-np.inf) <= 0
-        alike = again & (np.diff(found.lon, prepend=np.nan) == 0) & (np.diff(found.lat, prepend=np.nan) == 0)
-        counts["repeated"] += int(alike.sum())
-        counts["other"] += int((again & ~alike).sum())
-        found = taken(found, ~again)
-        slow = _slow(found, fastest)
-        counts["fast"] += int((~slow).sum())
-        found = taken(found, slow)
-        aground = _aground(found)
+        kept = selected(track, order)
+        kept = replace(kept, lon=sphere.wrap_degrees(kept.lon))
+        repeated = np.diff(kept.time, prepend=-np.inf) <= 0
+        identical = repeated & (np.diff(kept.lon, prepend=np.nan) == 0) & (np.diff(kept.lat, prepend=np.nan) == 0)
+        counts["repeated"] += int(identical.sum())
+        counts["other"] += int((repeated & ~identical).sum())
+        kept = selected(kept, ~repeated)
+        reachable = _reachable(kept, fastest)
+        counts["fast"] += int((~reachable).sum())
+        kept = selected(kept, reachable)
+        aground = _aground(kept)
         if aground.any():
             counts["aground"] += int(aground.sum())
-            since = np.datetime64(int(found.time[np.flatnonzero(aground)[0]]), "s")
-            grounded.append(f"{track.name} from {since}Z")
-            found = taken(found, ~aground)
-        if found.time.size > 1:
-            left.append(found)
+            since = np.datetime64(int(kept.time[np.flatnonzero(aground)[0]]), "s")
+            spells.append(f"{track.name} from {since}Z")
+            kept = selected(kept, ~aground)
+        if kept.time.size > 1:
+            sound_tracks.append(kept)
         else:
-            short.append(track.name)
-    words = {
+            too_short.append(track.name)
+    reasons = {
         "impossible": "without a time or with an impossible position",
         "repeated": "that repeat the one before",
         "other": "at another place at the time of the one before",
         "fast": f"that need more than {fastest:g} m/s to be reached and left",
-        "aground": f"aground, of spells of {AGROUND / 3600:g} h or more within {STILL:g} m: {_listed(grounded)}",
+        "aground": f"aground, of spells of {AGROUND / 3600:g} h or more within {STILL:g} m: {_listed(spells)}",
     }
-    notes = [f"{count:,} fixes left out {words[kind]}" for kind, count in counts.items() if count]
-    if short:
-        many = f"{len(short)} drifters" if len(short) > 1 else "1 drifter"
-        notes.append(f"{many} left out with fewer than two fixes: {_listed(short)}")
-    return Believed(tuple(left), tuple(notes))
+    notes = [f"{count:,} fixes left out {reasons[kind]}" for kind, count in counts.items() if count]
+    if too_short:
+        many = f"{len(too_short)} drifters" if len(too_short) > 1 else "1 drifter"
+        notes.append(f"{many} left out with fewer than two fixes: {_listed(too_short)}")
+    return Believed(tuple(sound_tracks), tuple(notes))
 
 
 def _listed(names: Sequence[str]) -> str:
+    """Return the first four of many names, and how many more there are."""
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(names[:4]) + more
 
 
-def _slow(track: Track, fastest: float) -> Array:
-    """Return which fixes can be reached and left at a believable speed; of a leap alone neither end is at fault."""
+def _reachable(track: Track, fastest: float) -> Array:
+    """Return which fixes can be reached and left at a believable speed; both ends of a lone leap count as reachable."""
     keep = np.arange(track.time.size)
     while keep.size > 2:
         excess = _excess(track, keep[:-1], keep[1:], fastest)
-        both = np.minimum(excess[:-1], excess[1:])  # a wrong fix is left as fast as it was reached
+        lone_excess = np.minimum(excess[:-1], excess[1:])  # a wrong fix is both reached and left too fast
         around = _excess(track, keep[:-2], keep[2:], fastest)
-        worst = np.where((both > 0) & (around <= 0), both, 0.0)
+        worst = np.where((lone_excess > 0) & (around <= 0), lone_excess, 0.0)
         if worst.max() <= 0:
             break
-        # of neighbours only the worst goes at a time
+        # Of neighbours only the worst is removed at a time.
         peak = worst >= np.maximum(np.concatenate([[0.0], worst[:-1]]), np.concatenate([worst[1:], [0.0]]))
         keep = np.delete(keep, 1 + np.flatnonzero(peak & (worst > 0)))
-    if keep.size > 2:  # a wrong first or last fix has one neighbour only
+    if keep.size > 2:  # the first and the last fix have one neighbour only
         excess = _excess(track, keep[:-1], keep[1:], fastest)
         first, last = excess[0] > 0 >= excess[1], excess[-1] > 0 >= excess[-2]
         keep = keep[int(first) : keep.size - int(last)]
@@ -137,29 +138,29 @@ def _slow(track: Track, fastest: float) -> Array:
 
 
 def _excess(track: Track, before: Array, after: Array, fastest: float) -> Array:
-    """Return by how much [m] the way between fixes is longer than could be drifted."""
+    """Return by how much [m] the distance between fixes is larger than could be drifted."""
     lon, lat = np.radians(track.lon), np.radians(track.lat)
     way = sphere.distance(lon[before], lat[before], lon[after], lat[after])
     return np.asarray(way - fastest * (track.time[after] - track.time[before]) - JUMP)
 
 
 def _aground(track: Track) -> Array:
-    """Return which fixes belong to a spell of AGROUND or longer on one spot, shape (n,)."""
+    """Return which fixes belong to a spell of AGROUND or longer at one place, shape (n,)."""
     lon, lat = np.radians(track.lon), np.radians(track.lat)
     later = np.searchsorted(track.time, track.time + AGROUND)
-    whole = np.flatnonzero(later < track.time.size)
-    near = sphere.distance(lon[whole], lat[whole], lon[later[whole]], lat[later[whole]]) <= 2 * STILL
-    found = np.zeros(track.time.size, bool)
-    for first in whole[near]:
+    complete = np.flatnonzero(later < track.time.size)
+    near = sphere.distance(lon[complete], lat[complete], lon[later[complete]], lat[later[complete]]) <= 2 * STILL
+    aground = np.zeros(track.time.size, bool)
+    for first in complete[near]:
         spell = slice(first, later[first] + 1)
         x, y = np.median(lon[spell]), np.median(lat[spell])
         if sphere.distance(x, y, lon[spell], lat[spell]).max() <= STILL:
-            found[spell] = True
-    return found
+            aground[spell] = True
+    return aground
 
 
 def breaks(track: Track, longest: float = GAP, fastest: float = FASTEST) -> Array:
-    """Return which fixes begin a stretch: the first, those after a long silence, and those a leap away, shape (n,)."""
+    """Return which fixes begin a stretch: the first, those after a long silence, and those after a leap, shape (n,)."""
     index = np.arange(track.time.size)
     leap = _excess(track, index[:-1], index[1:], fastest) > 0
     return np.concatenate([[True], (np.diff(track.time) > longest) | leap])

@@ -72,8 +72,8 @@ def land(source: str | os.PathLike[str], box: Box, lakes: bool | str | os.PathLi
     kind = name.lower()
     if lakes is True and kind == "gshhg":
         raise UserError(
-            'lakes = true: GSHHG as installed holds no lakes; name a file of lake polygons (lakes = "lakes.geojson"), or '
-            "leave lakes out and all inside its shores is land"
+            'lakes = true: GSHHG as installed holds no lakes; name a file of lake polygons (lakes = "lakes.geojson"), '
+            "or leave lakes out and all inside its shores is land"
         )
     if lakes and kind == "none":
         raise UserError(
@@ -307,7 +307,7 @@ _HEADER = re.compile(r'\s*"([^"]*)"\s*,\s*"([^"]*)"\s*,\s*(-?\d{1,12})\s*$')
 
 
 def _read_bna(path: Path, word: str, label: str) -> _Contents:
-    """Return the polygons of NOAA's .bna: records of type 1 are land, of type 2 lakes in it; a negative count is a line.
+    """Return the polygons of NOAA's .bna: records of type 1 are land, of type 2 lakes; a negative count is a line.
 
     "Map Bounds" and "SpillableArea" (names of NOAA's GNOME) are frames, not land: a note says that the file knows
     nothing outside the map bounds.

@@ -43,8 +43,8 @@ def locate(
     lon_name, lat_name = _names(component, mesh)
     if len(dims) == 1 and (mesh.place == "edge" if mesh else "edge" in dims[0].lower()):
         raise UserError(
-            f'"{name}" stands on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes or '
-            f"faces with variables = {{ east = ..., north = ... }}"
+            f'"{name}" stands on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes '
+            f"or faces with variables = {{ east = ..., north = ... }}"
         )
     if mesh and mesh.place == "face" and lon_name is None and mesh.nodes and mesh.connectivity:
         return connect.triangles(data, name, dims[0], None, None, notes, mesh), notes
