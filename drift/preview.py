@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from drift import summary, turns
+from drift import facts, turns
 from drift.case.file import Case
 from drift.motion import environment, outlook, start
 from drift.spill import renewal
@@ -47,8 +47,8 @@ def understood(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[st
         "run": f"{notation.group(case.start)} to {notation.group(case.end)}, {case.particles:,} particles, step {begin.clock.step} s",
         "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
         **told,
-        "errors": summary.errors(case),
-        "coast": f"{where.coast.source}; {summary.behaviour(case)}" if where.coast else "none in the domain",
+        "errors": facts.errors(case),
+        "coast": f"{where.coast.source}; {facts.behaviour(case)}" if where.coast else "none in the domain",
     }
     found |= {f"coast, note {k}": note for k, note in enumerate(where.notes, 1)}
     for source in where.sources:

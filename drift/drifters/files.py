@@ -1,54 +1,14 @@
-"""What a verification hands out: verify.csv, verify.nc, verify.png and a summary, complete or not there at all."""
+"""A verification as a table, as netCDF, and in numbers. Writes no file."""
 
-from functools import partial
-from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from drift import summary
 from drift.drifters import text as verification_text
 from drift.drifters.verification import Verification
-from drift.output import formats, manifest, writer
-from drift.output.writer import Product
+from drift.output import formats
 from geo import notation
-from kernels import runtime
-
-NAMES = ("verify.csv", "verify.nc", "verify.png", writer.SUMMARY, manifest.NAME)
-
-
-def write(made: Verification, folder: Path, *, overwrite: bool = False) -> None:
-    """Write all results into a folder."""
-    from drift.drifters import map as verification_map  # here: Matplotlib takes a second to import
-
-    case = made.case
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in summary.PACKAGES)
-    inputs = [summary.input_file(path) for path in case.inputs]
-    attributes = {
-        "title": f"{case.title}: forecasts of drifters",
-        "source": versions.split(",")[0],
-        "versions": versions,
-        "seed": str(case.seed),
-        "backend": runtime.backend(),
-        "forcing": "; ".join(f"{Path(one['path']).name}: {one['digest']}" for one in inputs),
-        "coast": case.coast.source,
-        "uncertainty": verification_text.errors(made),
-        "case": case.text,
-    }
-    footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"
-    writer.publish(
-        folder,
-        (
-            Product("verify.csv", lambda stamped: table(made, stamped["run_id"])),
-            Product("verify.nc", lambda stamped: dataset(made)),
-        ),
-        {"verification": numbers(made), "inputs": inputs},
-        {"verify.png": partial(verification_map.draw, made, footer=footer, attributes=attributes)},
-        attributes=attributes,
-        overwrite=overwrite,
-    )
 
 
 def numbers(made: Verification) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """The picture of a verification: distances by time, the share that areas held, and the drifters' ranks."""
 
 import itertools
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +11,17 @@ from drift.drifters import verification
 from drift.drifters.verification import Verification
 from drift.maps import page
 from drift.maps.chart import GREY, INK
+from drift.maps.imprint import Imprint
 from geo.notation import NMI
 
 BLUE, RED, SAND = "#0b4f8a", "#a33b20", "#b9802a"
 MARKS = (("#5b8db8", "s"), (BLUE, "o"), (RED, "^"), (SAND, "D"))  # of areas, by share
 
 
-def draw(made: Verification, path: Path, *, footer: str, attributes: Mapping[str, str]) -> None:
+def draw(made: Verification, path: Path, imprint: Imprint) -> None:
     """Draw a verification."""
     figure, canvas = page.figure(11.7, 8.3)
-    figure.text(0.05, 0.955, page.fit(made.case.title, 90), fontsize=15, weight="bold", color=INK)
+    figure.text(0.05, 0.955, page.fit(imprint.title, 90), fontsize=15, weight="bold", color=INK)
     figure.text(0.05, 0.922, verification_text.headline(made), fontsize=12, color=INK)
     about = verification_text.facts(made)["forecasts"]
     doubt = verification_text.doubt(made)
@@ -37,8 +37,8 @@ def draw(made: Verification, path: Path, *, footer: str, attributes: Mapping[str
         (made.across, f"Rank across the drift {last}", "drifter to the left", "to the right"),
     )):  # fmt: skip
         _ranks(figure.add_axes((0.07 + 0.315 * k, 0.11, 0.26, 0.26)), made, ranks[:, -1], title, low, high)
-    figure.text(0.05, 0.02, page.fit(footer, 170), fontsize=7, color=GREY)
-    page.save(canvas, path, f"{made.case.title}: forecasts of drifters", attributes, dpi=120)
+    figure.text(0.05, 0.02, page.fit(imprint.footer, 170), fontsize=7, color=GREY)
+    page.save(canvas, path, f"{imprint.title}: forecasts of drifters", imprint.attributes, dpi=120)
 
 
 def _distances(axes: Axes, made: Verification) -> None:

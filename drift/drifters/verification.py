@@ -24,7 +24,7 @@ from drift.drifters.clusters import Estimate
 from drift.drifters.records import Array, Track
 from drift.motion.forcing_error import NOWHERE, ForcingError
 from drift.motion.status import Status
-from drift.output import publication
+from drift.output import writer
 from geo import sphere
 from geo.errors import UserError
 
@@ -111,11 +111,11 @@ def verify(
     columns: {"current_east": "u", ..}: the model's values at the drifter's place, from columns of its file, taken for the
     same everywhere about it. gap: the longest time between fixes [s] that a forecast may span. Raises UserError.
     """
-    from drift.drifters import files as verification_files
+    from drift.drifters import chapter  # here: it knows what a verification is
 
     target = None if out is None else Path(out)
     if target is not None:
-        publication.check(target, overwrite, verification_files.NAMES)
+        writer.check_folder(target, overwrite, (*chapter.FILES, *chapter.PICTURES))
     _check(every, hours, error, gap, particles)
     wanted = dict(columns or {})
     believed = drifter_records.believed(fitting.read(files, wanted), fastest)
@@ -154,7 +154,7 @@ def verify(
     )
     if target is not None:
         (report or (lambda phase, share: None))("write", 0.0)
-        verification_files.write(result, target, overwrite=overwrite)
+        writer.write(target, [chapter.chapter(result)], overwrite=overwrite)
     return result
 
 

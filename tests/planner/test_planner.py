@@ -119,13 +119,13 @@ def test_a_round_finds_alive_what_those_before_found_neither_alive_nor_dead(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two rounds find alive a1 + (1 - p1) a2; it was told as 1 - (1 - a1) (1 - a2), as if what is found dead were still to be found."""
-    rounds, plan = [], planner.optimise.plan
+    rounds, plan = [], planner.optimiser.plan
 
     def told(*given, **more):
         rounds.append(plan(*given, **more))
         return rounds[-1]
 
-    monkeypatch.setattr(planner.optimise, "plan", told)
+    monkeypatch.setattr(planner.optimiser, "plan", told)
     case_of(tmp_path, rounds=2, objective="alive")
     brief = {"scenario.0.survival": '{ median = "90 min", spread = 1.5 }'}
     made, _ = planner.plan(drift.load(tmp_path / "two.toml", brief))
@@ -139,7 +139,7 @@ def test_a_round_finds_alive_what_those_before_found_neither_alive_nor_dead(
 def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
     made, result = planner.plan(case_of(tmp_path, objective="alive"))
     assert 0.05 < made.value < made.pos
-    told = flow.suspension(result, made)  # the plan is still to come: told from the sortie before it on
+    told = flow.suspension(result, planner.ahead(made))  # the plan is still to come: told from the sortie before it on
     assert told is not None
     assert told.now == np.datetime64("2026-06-01T07:00")
     assert [update.name for update, _ in told.sorties] == ["before"]
