@@ -7,12 +7,12 @@ from drift.drifters.fitting import fit_errors as fit_errors
 from drift.drifters.verification import verify as verify
 from drift.flow import Result as Result
 from drift.flow import origin as origin
-from drift.flow import patrol as patrol
 from drift.flow import run as run
 from drift.flow import trace as trace
 from drift.many import Brief as Brief
 from drift.many import run_many as run_many
 from drift.output.publication import results as results
+from drift.patrols.patrol import patrol as patrol
 from drift.planner.planner import plan as plan
 from drift.preview.check import check as check
 from drift.version import __version__ as __version__

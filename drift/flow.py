@@ -3,7 +3,7 @@
 import contextlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,35 +11,37 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift import figures, start, summary
+from drift import facts, start
 from drift.backtrack import backward
+from drift.backtrack import chapter as backtrack_chapter
 from drift.case.record import Case
 from drift.forecast import build as forecast_build
+from drift.forecast import chapter as forecast_chapter
 from drift.forecast import effective, off_grid
 from drift.forecast.build import Forecast
+from drift.forecast.tracks import Trajectories
 from drift.job import Job, Report, Stopwatch, in_turn, opened
 from drift.motion import ensemble as record
 from drift.motion import scene, simulate, weights
 from drift.motion.environment import Environment
 from drift.motion.spool import Spool
 from drift.motion.status import Status
-from drift.output import formats, writer
-from drift.patrols import files as patrol_files
-from drift.patrols import planner as patrol_planner
-from drift.patrols.planner import PatrolPlan
-from drift.planner import text as plan_text
-from drift.planner.records import Plan
+from drift.output import writer
+from drift.output.chapter import Chapter, joined
+from drift.search import chapter as search_chapter
 from drift.search import particles_left
 from drift.search import tables as search_tables
 from drift.search.standing import Standing, standing
 from drift.search.updates import Updates
+from drift.spill import chapter as spill_chapter
 from drift.spill import evidence, renewal
 from drift.spill.renewal import Aftermath, Drifted
 from drift.spill.strandings import Landings
 from drift.spill.worlds import Proposal
 from drift.start import Start
+from drift.suspend import chapter as suspend_chapter
 from drift.suspend import decision
-from drift.suspend import text as suspend_text
+from drift.suspend.decision import Planned
 from geo.errors import UserError
 from kernels import deposit
 
@@ -50,7 +52,7 @@ class Result:
 
     case: Case
     forecast: Forecast
-    trajectories: writer.Trajectories
+    trajectories: Trajectories
     summary: dict[str, Any]
     aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
     updates: Updates | None = None  # what sorties and contacts did
@@ -144,7 +146,7 @@ def forecasted(job: Job) -> Result:
                 snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
             )
             tracks = _trajectories(case, done.ensemble, snapshots)
-    numbers = summary.numbers(case, where, account, begin, clock.seconds)
+    numbers = facts.numbers(case, where, account, begin, clock.seconds)
     numbers["warnings"] = particles_left.of_run(made.data, case.particles, updates) + off_grid.warnings(made.data)
     if after is not None:
         numbers |= renewal.numbers(after)
@@ -161,97 +163,55 @@ def write(
     out: Path,
     clock: Stopwatch,
     *,
-    more: Sequence[writer.Product] = (),
-    plan: Plan | None = None,
-    patrols: PatrolPlan | None = None,
+    more: Sequence[Chapter] = (),
+    planned: Planned | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write all that a forecast hands out, complete or not at all; more: further products; plan, patrols: drawn with it."""
-    case, after, updates = result.case, result.aftermath, result.updates
+    """Write all that a forecast hands out, complete or not at all.
+
+    more: chapters of what was made from the forecast. planned: sorties that are still to be flown, where it is the forecast of their failure.
+    """
     with clock.phase("write"):
-        attributes = summary.attributes(case, where)
-        warnings = [*result.summary["warnings"], *(plan_text.rough(plan) if plan is not None else ())]
-        if warnings:
-            attributes["warning"] = "; ".join(warnings)
-        footer = _footer(attributes, f"coast {attributes['coast']}")
-        told = suspension(result, plan)
-        pictures = figures.figures(case, where, result.forecast, footer, after, updates, plan, told, patrols)
-        files = [*(renewal.files(after) if after else ()), *more]
-        numbers = (
-            result.summary if patrols is None else {**result.summary, "patrol_plan": patrol_files.numbers(patrols)}
-        )
-        if told is not None:
-            synthetic, gone = figures.synthetic(case), result.forecast.data
-            words = partial(suspend_text.text, told, case.title, synthetic=synthetic, lost=decision.off_map(gone))
-            files.append(writer.Product("suspend.txt", lambda stamped: words(stamped["run_id"])))
-            numbers = {**numbers, "suspension": decision.numbers(told)}
+        case, after, updates, told = result.case, result.aftermath, result.updates, suspension(result, planned)
+        on = facts.with_coast(facts.setting(case, where))
+        failed = on
+        if planned is not None:
+            failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
+        chapters = [facts.chapter(case, where, result.summary)]
+        if after is not None:
+            chapters.append(spill_chapter.chapter(spill_chapter.Matter(after, on)))
         if updates is not None:
-            files += [
-                writer.Product("sorties.csv", lambda stamped: search_tables.csv(updates, stamped["run_id"])),
-                writer.Product(
-                    "sorties.geojson",
-                    lambda stamped: search_tables.geojson(updates.sorties, case.contacts, updates, stamped),
-                ),
-            ]
-        writer.write(
-            out,
-            result.forecast,
-            result.trajectories,
-            numbers,
-            pictures,
-            attributes=attributes,
-            more=files,
-            overwrite=overwrite,
+            # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
+            matter = search_chapter.Matter(updates, case.contacts, result.forecast, failed)
+            chapters.append(search_chapter.chapter(matter, mapped=planned is None))
+        chapters += more
+        if told is not None:
+            lost = decision.off_map(result.forecast.data)
+            chapters.append(
+                suspend_chapter.chapter(suspend_chapter.Matter(told, on.imprint, facts.synthetic(case), lost))
+            )
+        searches = [partial(search_chapter.overlay, updates.sorties if updates else (), case.contacts)]
+        chapters.append(
+            forecast_chapter.chapter(forecast_chapter.Matter(result.forecast, result.trajectories, failed, searches))
         )
+        publish(out, chapters, overwrite=overwrite)
 
 
-def suspension(result: Result, plan: Plan | None = None) -> decision.Suspension | None:
-    """Return what a decision to suspend rests on; None where there are neither sorties nor survival times. plan: not yet flown."""
+def publish(out: Path, chapters: Sequence[Chapter], *, overwrite: bool) -> None:
+    """Write chapters; a picture that cannot be drawn is left out, with a warning."""
+    from drift.maps import page  # here: Matplotlib takes a second to import
+
+    whole = joined(chapters)
+    pictures = {name: page.kept(draw) for name, draw in whole.pictures.items()}
+    writer.write(out, [replace(whole, pictures=pictures)], overwrite=overwrite)
+
+
+def suspension(result: Result, planned: Planned | None = None) -> decision.Suspension | None:
+    """Return what a decision to suspend rests on; None where there are neither sorties nor survival times. planned: not yet flown."""
     case, begun = result.case, result.begun
     if begun is None or case.direction < 0:
         return None
-    return decision.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, plan)
-
-
-@in_turn
-def patrol(
-    case: Case,
-    out: str | os.PathLike[str] | None = None,
-    *,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
-) -> tuple[PatrolPlan, Result]:
-    """Plan the next patrols of a spill; with `out`, write them and the forecast, complete or not at all.
-
-    Raises UserError for all that the user can mend.
-    """
-    if case.spill is None or not case.spill.teams:
-        raise UserError(
-            f"{case.path.name}: has no [[patrol_unit]] to plan with: give each its length a day, detection and first patrol"
-        )
-    job = opened(case, out, datasets, threads, backend, overwrite, report)
-    assert job.where.coast is not None
-    segments = evidence.cut(case.spill, job.where.coast)
-    patrol_planner.patrols(case.period, case.spill, segments)  # before the drift: it may be refused
-    result = forecasted(job)
-    after = result.aftermath
-    assert after is not None
-    job.tell("plan", 0.0)
-    with job.clock.phase("plan"):
-        made = patrol_planner.plan(after)
-    if job.out is not None:
-        job.tell("write", 0.0)
-        synthetic = figures.synthetic(case)
-        more = [
-            writer.Product("patrols.txt", lambda s: patrol_files.text(made, after, case.title, s["run_id"], synthetic)),
-            writer.Product("patrols.csv", lambda s: patrol_files.csv(made, after, s["run_id"])),
-            writer.Product("patrols.toml", lambda s: patrol_files.toml(made, after)),
-        ]
-        write(result, job.where, job.out, job.clock, more=more, patrols=made, overwrite=overwrite)
-    return made, result
+    return decision.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, planned)
 
 
 @in_turn
@@ -282,37 +242,17 @@ def origin(
         spec, cut = start.ensemble_spec(case), start.clock_spec(case)
         found = backward.backward(case.spill, spec, cut, where, segments, places, progress=partial(job.tell, "drift"))
     if job.out is not None:
-        attributes, facts = summary.attributes(case, where), backward.summary(found)
-        if warnings := backward.warnings(found):
-            attributes["warning"] = "; ".join(warnings)
-        writer.publish(
-            job.out,
-            (
-                writer.Product("origin.nc", lambda stamped: backward.dataset(found)),
-                writer.Product(
-                    "origin.csv",
-                    lambda stamped: formats.csv_text([*facts, "run_id"], [[*facts.values(), stamped["run_id"]]]),
-                ),
-            ),
-            {"origin": facts, "warnings": warnings, "wall_time_s": job.clock.seconds},
-            figures.origin(case, where, found, _footer(attributes)),
-            attributes=attributes,
-            overwrite=overwrite,
-        )
+        matter = backtrack_chapter.Matter(found, case.spill.finds, facts.setting(case, where))
+        run = Chapter(facts=facts.attributes(case, where))
+        chapters = [run, backtrack_chapter.chapter(matter), Chapter({"wall_time_s": job.clock.seconds})]
+        publish(job.out, chapters, overwrite=overwrite)
     return found
 
 
 trace = origin  # its name before
 
 
-def _footer(attributes: Mapping[str, str], *more: str) -> str:
-    """Return the foot of every picture: first the errors, which an area means nothing without."""
-    return ", ".join(
-        [f"Errors: {attributes['uncertainty']}. {attributes['source']}", f"seed {attributes['seed']}", *more]
-    )
-
-
-def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> writer.Trajectories:
+def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> Trajectories:
     """Return the tracks of slots spread evenly over the ensemble; of what was drawn anew, its ancestors' before that."""
     last = snapshots[-1]
     count = min(case.trajectories, last.lon.size)
@@ -331,4 +271,4 @@ def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> wr
     over = (last.status[slot] != Status.ADRIFT) & (last.status[slot] != Status.PENDING)
     ended, edge = np.where(over, ended, -1), np.where(over, edge, -1)
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])
-    return writer.Trajectories(times, slot, last.scenario[slot], lon, lat, status, weight, release, ended, edge)
+    return Trajectories(times, slot, last.scenario[slot], lon, lat, status, weight, release, ended, edge)

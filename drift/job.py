@@ -15,6 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from drift import start
 from drift.case.record import Case
+from drift.forecast import chapter as forecast_chapter
 from drift.motion.environment import Environment
 from drift.output import writer
 from geo.files import digest
@@ -62,7 +63,7 @@ def opened(
     """Return the job of a case, once it is sure that results can be written and Taichi runs; options as in `drift.run`."""
     tell, clock, folder = report or _silent, Stopwatch(), None if out is None else Path(out)
     if folder is not None:
-        writer.check_folder(folder, overwrite)
+        writer.check_folder(folder, overwrite, (*forecast_chapter.FILES, *forecast_chapter.PICTURES))
     digest.start(case.inputs)
     with clock.phase("taichi"):
         runtime.start(backend, threads)

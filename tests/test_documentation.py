@@ -1,19 +1,30 @@
-"""The reference of searches names every key that the tables have and no other, and examples in the documentation are TOML."""
+"""The documentation names every file that a run writes and every key of searches, and no other; its examples are TOML."""
 
 import re
 import sys
 from typing import Any
 
 import pytest
+import searches
 from places import ROOT
 from pydantic import BaseModel
 
+from drift.backtrack import chapter as backtrack_chapter
 from drift.case import scenario
 from drift.case.contact import BearingTable, ContactTable, PlaceTable, RangeTable
 from drift.case.pattern import NEEDS, PatternTable, RegionTable
 from drift.case.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.sensor import ConditionsTable, SensorTable
 from drift.case.sortie import MarkerTable, SortieTable, WatchTable
+from drift.drifters import chapter as drifters_chapter
+from drift.forecast import chapter as forecast_chapter
+from drift.output import manifest, writer
+from drift.patrols import chapter as patrols_chapter
+from drift.planner import chapter as planner_chapter
+from drift.planner import unit_sheet
+from drift.search import chapter as search_chapter
+from drift.spill import chapter as spill_chapter
+from drift.suspend import chapter as suspend_chapter
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -40,6 +51,20 @@ HEADINGS: dict[str, type[BaseModel]] = {  # sections of search_keys.md, "chapter
 }
 CHECKED: dict[str, type[BaseModel]] = {
     "sortie": SortieTable, "contact": ContactTable, "unit": UnitTable, "plan": PlanTable, "resampling": ResamplingTable
+}  # fmt: skip
+
+EVERY = {writer.SUMMARY, manifest.NAME}  # what every run writes
+WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapters that it describes
+    "README.md": {
+        *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
+        *search_chapter.FILES, *search_chapter.PICTURES, *search_chapter.MAPS,
+    },
+    "docs/search.md": {*planner_chapter.FILES, *planner_chapter.PICTURES},
+    "docs/spill.md": {
+        *spill_chapter.FILES, *spill_chapter.PICTURES, *patrols_chapter.FILES, *patrols_chapter.PICTURES,
+        *backtrack_chapter.FILES, *backtrack_chapter.PICTURES,
+    },
+    "docs/verify.md": {*drifters_chapter.FILES, *drifters_chapter.PICTURES},
 }  # fmt: skip
 
 
@@ -70,6 +95,30 @@ def keys(table: type[BaseModel]) -> set[str]:
 def blocks(page: str) -> list[str]:
     """Return the TOML blocks of a page."""
     return re.findall(r"^```toml\n(.*?)^```", (DOCS / page).read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+def named(page: str) -> set[str]:
+    """Return the names of files without a folder that stand in backticks on a page, but for its blocks of code."""
+    text = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return set(re.findall(r"`([^`\s/]*\.(?:png|csv|nc|txt|geojson|gpx|kml|json|toml))`", text))
+
+
+def test_the_table_of_files_is_what_a_run_with_sorties_writes() -> None:
+    """A row for each file of a forecast, of a search and of a decision to suspend, and none for a file that is not written."""
+    assert set(rows((ROOT / "README.md").read_text(encoding="utf-8"), "file")) == WRITTEN["README.md"]
+
+
+@pytest.mark.parametrize("page", WRITTEN)
+def test_every_file_is_described(page: str) -> None:
+    """Where its chapter's topic is."""
+    assert named(page) >= WRITTEN[page]
+
+
+@pytest.mark.parametrize("page", ["README.md", *(f"docs/{path.name}" for path in sorted(DOCS.glob("*.md")))])
+def test_no_file_is_described_that_is_not_written(page: str) -> None:
+    """A plan's sheets are called after its units."""
+    sheets = {name for name, _, _ in unit_sheet.pages(searches.plan())}
+    assert named(page) <= sheets.union(*WRITTEN.values())
 
 
 @pytest.mark.parametrize("heading", HEADINGS)

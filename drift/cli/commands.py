@@ -118,13 +118,13 @@ def _run(given: argparse.Namespace) -> None:
 
 def _plan(given: argparse.Namespace) -> None:
     with _started(given, "plan") as (case, out, options):
-        from drift import flow
         from drift.cli import outcome
         from drift.patrols import files as patrol_files
+        from drift.patrols import patrol
         from drift.planner import planner
 
         if case.spill:
-            patrols, result = flow.patrol(case, out, **options)
+            patrols, result = patrol.patrol(case, out, **options)
         else:
             made, _ = planner.plan(case, out, **options)
     if case.spill:

@@ -1,58 +1,18 @@
-"""Files of a verification: verify.csv, verify.nc, verify.png and a summary, which are written all together or not."""
+"""A verification as a table, as netCDF, and in numbers. Writes no file."""
 
-from functools import partial
-from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from drift import summary
 from drift.drifters import text as verification_text
 from drift.drifters.clusters import Estimate
 from drift.drifters.records import Array
 from drift.drifters.verification import Verification
-from drift.output import formats, manifest, writer
-from drift.output.writer import Product
+from drift.output import formats
 from geo import notation
-from kernels import runtime
 
 Variable = tuple[tuple[str, ...], Array, dict[str, str]]  # dimensions, values and attributes
-
-NAMES = ("verify.csv", "verify.nc", "verify.png", writer.SUMMARY, manifest.NAME)
-
-
-def write(result: Verification, folder: Path, *, overwrite: bool = False) -> None:
-    """Write all files of a verification into a folder."""
-    from drift.drifters import map as verification_map  # imported here because Matplotlib takes a second
-
-    case = result.case
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in summary.PACKAGES)
-    inputs = [summary.input_file(path) for path in case.inputs]
-    attributes = {
-        "title": f"{case.title}: forecasts of drifters",
-        "source": versions.split(",")[0],
-        "versions": versions,
-        "seed": str(case.seed),
-        "backend": runtime.backend(),
-        "forcing": "; ".join(f"{Path(source['path']).name}: {source['digest']}" for source in inputs),
-        "coast": case.coast.source,
-        "uncertainty": verification_text.errors(result),
-        "case": case.text,
-    }
-    footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"
-    writer.publish(
-        folder,
-        (
-            Product("verify.csv", lambda stamped: table(result, stamped["run_id"])),
-            Product("verify.nc", lambda stamped: dataset(result)),
-        ),
-        {"verification": numbers(result), "inputs": inputs},
-        {"verify.png": partial(verification_map.draw, result, footer=footer, attributes=attributes)},
-        attributes=attributes,
-        overwrite=overwrite,
-    )
 
 
 def numbers(result: Verification) -> dict[str, Any]:

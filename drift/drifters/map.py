@@ -1,7 +1,6 @@
 """The picture of a verification: distances by time, shares that areas held, and ranks of the drifters."""
 
 import itertools
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +11,17 @@ from drift.drifters import verification
 from drift.drifters.verification import Verification
 from drift.maps import page
 from drift.maps.chart import GREY, INK
+from drift.maps.imprint import Imprint
 from geo.notation import NMI
 
 BLUE, RED, SAND = "#0b4f8a", "#a33b20", "#b9802a"
 MARKS = (("#5b8db8", "s"), (BLUE, "o"), (RED, "^"), (SAND, "D"))  # colours and marks of areas, in order of their shares
 
 
-def draw(result: Verification, path: Path, *, footer: str, attributes: Mapping[str, str]) -> None:
+def draw(result: Verification, path: Path, imprint: Imprint) -> None:
     """Draw a verification into a PNG."""
     figure, canvas = page.figure(11.7, 8.3)
-    figure.text(0.05, 0.955, page.fit(result.case.title, 90), fontsize=15, weight="bold", color=INK)
+    figure.text(0.05, 0.955, page.fit(imprint.title, 90), fontsize=15, weight="bold", color=INK)
     figure.text(0.05, 0.922, verification_text.headline(result), fontsize=12, color=INK)
     about = verification_text.facts(result)["forecasts"]
     doubt = verification_text.doubt(result)
@@ -37,8 +37,8 @@ def draw(result: Verification, path: Path, *, footer: str, attributes: Mapping[s
         (result.across, f"Rank across the drift {last}", "drifter to the left", "to the right"),
     )):  # fmt: skip
         _ranks(figure.add_axes((0.07 + 0.315 * k, 0.11, 0.26, 0.26)), result, ranks[:, -1], title, low, high)
-    figure.text(0.05, 0.02, page.fit(footer, 170), fontsize=7, color=GREY)
-    page.save(canvas, path, f"{result.case.title}: forecasts of drifters", attributes, dpi=120)
+    figure.text(0.05, 0.02, page.fit(imprint.footer, 170), fontsize=7, color=GREY)
+    page.save(canvas, path, f"{imprint.title}: forecasts of drifters", imprint.attributes, dpi=120)
 
 
 def _distances(axes: Axes, result: Verification) -> None:

@@ -21,9 +21,10 @@ from drift.drifters import along, clusters, fitting, scores
 from drift.drifters import records as drifter_records
 from drift.drifters.clusters import Estimate
 from drift.drifters.records import Array, Track
+from drift.job import in_turn
 from drift.motion.forcing_error import NOWHERE, ForcingError
 from drift.motion.status import Status
-from drift.output import publication
+from drift.output import writer
 from geo import sphere
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
@@ -131,11 +132,11 @@ def verify(
     place, from columns of its file, which are then used everywhere about it. gap: longest time between fixes [s] that a
     forecast may span; fastest: speed [m/s] beyond which a fix is not believed. Raises UserError.
     """
-    from drift.drifters import files as verification_files
+    from drift.drifters import chapter  # here: it knows what a verification is
 
     target = None if out is None else Path(out)
     if target is not None:
-        publication.check(target, overwrite, verification_files.NAMES)
+        writer.check_folder(target, overwrite, (*chapter.FILES, *chapter.PICTURES))
     _check(every, hours, error, gap, particles)
     names = dict(columns or {})
     believed = drifter_records.believed(fitting.read(files, names), fastest)
@@ -166,7 +167,7 @@ def verify(
     result = _joined(case, believed.tracks, rows, times, error, (*notes, *_lost_notes(case, rows, refused)))
     if target is not None:
         (report or (lambda phase, share: None))("write", 0.0)
-        verification_files.write(result, target, overwrite=overwrite)
+        writer.write(target, [chapter.chapter(result)], overwrite=overwrite)
     return result
 
 

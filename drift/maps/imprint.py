@@ -1,14 +1,29 @@
-"""What stands on every picture of a run: whose it is, where it comes from, and what it must not be believed of."""
+"""What the pictures of a run share: the words that stand on each, and what their charts show besides what each is about."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
+
+from drift.maps.marks import Line, Mark
 
 
 @dataclass(frozen=True)
 class Imprint:
-    """Words that all pictures of a run share."""
+    """Words that stand on every picture: whose it is, where it comes from, and what it must not be believed of."""
 
     title: str
-    footer: str = ""  # a line of where it comes from: case, seed, version
+    footer: str = ""  # a line of where it comes from: errors, version, seed
     attributes: Mapping[str, str] = field(default_factory=dict)  # the same in full, into the file
     caution: str = ""  # on a banner
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What every chart of a run shows, and what stands on it."""
+
+    imprint: Imprint
+    polygons: Iterable[Any] = ()  # of land, by Shapely [deg]
+    marks: Sequence[Mark] = ()  # where the run began, as points
+    lines: Sequence[Line] = ()  # the same, as areas and tracklines
+    known_as: str = "Last known position"  # what the marks are
+    particles: int | None = None  # in the run

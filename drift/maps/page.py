@@ -1,7 +1,8 @@
 """A page to draw on, and its file: figures without pyplot, that leave no state behind; provenance, no date."""
 
 import textwrap
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -21,6 +22,20 @@ def figure(width: float, height: float) -> tuple[Figure, FigureCanvasAgg]:
 def literal() -> AbstractContextManager[None]:
     """Return a context in which texts are drawn as they are: a "$" in a name is no formula."""
     return matplotlib.rc_context({"text.parse_math": False})
+
+
+def kept(draw: Callable[[Path], None]) -> Callable[[Path], None]:
+    """Return a drawing that, where it fails, costs its own picture only: hours of forecast hang on the other files."""
+
+    def attempt(path: Path) -> None:
+        try:
+            with literal():
+                draw(path)
+        except (ArithmeticError, LookupError, StopIteration, TypeError, ValueError) as error:
+            path.unlink(missing_ok=True)
+            warnings.warn(f"{path.name} could not be drawn ({error}); all other files are complete", stacklevel=2)
+
+    return attempt
 
 
 def save(canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from geo import notation
 
+EPOCH = "seconds since 1970-01-01 00:00:00"  # units of times in netCDF files
 FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # with what a spreadsheet's formula begins
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")

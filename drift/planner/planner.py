@@ -6,26 +6,24 @@ evidence of its having failed: the same run that a debrief would make.
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from drift import figures, flow
+from drift import facts, flow
 from drift.case.record import Case
 from drift.flow import Result
 from drift.forecast import effective
 from drift.forecast.effective import Count
 from drift.job import Job, Report, in_turn, opened
-from drift.output import writer
 from drift.planner import bound as bounds
-from drift.planner import files as plan_files
-from drift.planner import fleet, follow, optimiser
-from drift.planner import text as plan_text
+from drift.planner import chapter, fleet, follow, optimiser
 from drift.planner.records import Plan, Tasking
 from drift.search.records import Unit
+from drift.suspend.decision import Planned
 from geo.errors import UserError
 from geo.notation import group
 from kernels import noise
@@ -68,8 +66,18 @@ def plan(
     made, executed, result = scheme(job)
     if job.out is not None:
         job.tell("write", 0.0)
+        on = facts.with_coast(facts.setting(executed, job.where))
+        taken = [sortie.name for sortie in case.sorties]
+        land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
+        matter = chapter.Matter(made, result.forecast, on, taken, land, facts.synthetic(case))
         flow.write(
-            result, job.where, job.out, job.clock, more=_files(made, executed, case), plan=made, overwrite=overwrite
+            result,
+            job.where,
+            job.out,
+            job.clock,
+            more=[chapter.chapter(matter)],
+            planned=ahead(made),
+            overwrite=overwrite,
         )
     return made, result
 
@@ -200,24 +208,7 @@ def _flying(units: Sequence[Unit], rounds: int) -> list[Unit]:
     return [replace(unit, endurance=unit.endurance * rounds) for unit in units]
 
 
-def _files(made: Plan, executed: Case, case: Case) -> list[writer.Product]:
-    """Return what a plan hands to people."""
-    synthetic = figures.synthetic(case)
-    taken = [sortie.name for sortie in case.sorties]
-    notes = [
-        f"{name} is not sent: it cannot search in this period, or would add nothing."
-        for name in made.idle
-        if not any(words.startswith(f"{name} is not sent") for words in made.said)
-    ] + list(made.said)
-
-    def product(name: str, make: Callable[[Any], Any]) -> writer.Product:
-        return writer.Product(name, make)
-
-    return [
-        product("plan.txt", lambda s: plan_text.text(made, case.title, s["run_id"], notes, synthetic=synthetic)),
-        product("plan.gpx", lambda s: plan_files.gpx(made, case.title, s["run_id"])),
-        product("plan.kml", lambda s: plan_files.kml(made, case.title, s["run_id"])),
-        product("plan.geojson", lambda s: plan_files.geojson(made, s)),
-        product("plan.json", lambda s: {"run_id": s["run_id"], **plan_files.numbers(made)}),
-        product("plan.toml", lambda s: plan_files.toml(made, taken)),
-    ]
+def ahead(made: Plan) -> Planned:
+    """Return the sorties of a plan, which are still to be flown."""
+    names = frozenset(tasking.sortie.name for tasking in made.taskings)
+    return Planned(names, max(tasking.off_scene for tasking in made.taskings))

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from drift import start, summary
+from drift import facts, start
 from drift.case.record import Case
 from drift.job import in_turn
 from drift.preview import outlook
@@ -50,8 +50,8 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         "run": f"{notation.group(case.start)} to {notation.group(case.end)}, {case.particles:,} particles, step {begin.clock.step} s",
         "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
         **told,
-        "errors": summary.errors(case),
-        "coast": f"{where.coast.source}; {summary.behaviour(case)}" if where.coast else "none in the domain",
+        "errors": facts.errors(case),
+        "coast": f"{where.coast.source}; {facts.behaviour(case)}" if where.coast else "none in the domain",
     }
     found |= {f"coast, note {k}": note for k, note in enumerate(where.notes, 1)}
     for source in where.sources:

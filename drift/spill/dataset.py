@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from drift.motion import weights
+from drift.output import formats
 from geo import notation
 from geo.cells import Array
 from geo.coast.segments import Segments
@@ -17,7 +18,6 @@ FATES_MEAN = (
     "pending: not yet released; afloat: adrift; gone: left the domain or ran out of forcing; destroyed: lost at once; "
     "found: found and taken away; the last two hold at all times"
 )
-EPOCH = "seconds since 1970-01-01 00:00:00"
 
 BY_TIME = ("time", "segment")
 GIVEN = "over the simulated spills in which any object arrives there within the run"
@@ -29,10 +29,14 @@ FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "arrived": (BY_TIME, "1", "expected number of objects that have ever lain on the stretch"),
     "expected_by_kind": (("kind", *BY_TIME), "1", "expected number of objects of a class that lie on the stretch"),
     "ever": (("segment",), "1", "probability that any object arrives on the stretch within the run"),
-    "first_arrival": (("quantile", "segment"), EPOCH, f"quantile of the time at which the first arrives, UTC, {GIVEN}"),
+    "first_arrival": (
+        ("quantile", "segment"),
+        formats.EPOCH,
+        f"quantile of the time at which the first arrives, UTC, {GIVEN}",
+    ),
     "bulk_arrival": (
         ("quantile", "segment"),
-        EPOCH,
+        formats.EPOCH,
         f"quantile of the median time at which the objects of a spill arrive, UTC, {GIVEN}",
     ),
     "total": (("fate", "time"), "1", "expected number of objects by what has become of them"),
@@ -80,7 +84,7 @@ def build(
     for name, (dims, unit, words) in FIGURES.items():
         blank = np.zeros([sizes[dim] for dim in dims])
         value, error = found.get(name, blank), found.get(f"{name}_se", blank)
-        moment = unit == EPOCH
+        moment = unit == formats.EPOCH
         clock = {"calendar": "standard"} if moment else {}
         data[name] = (
             dims,

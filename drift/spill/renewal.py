@@ -20,7 +20,6 @@ from drift.motion.ensemble import Ensemble
 from drift.motion.period import Period
 from drift.motion.spool import Spool
 from drift.motion.status import Status
-from drift.output.writer import Product
 from drift.spill import evidence, finds, unknowns, washup, worlds
 from drift.spill import tables as washup_tables
 from drift.spill.fates import FOREVER, Fates, Realisation
@@ -179,21 +178,10 @@ def _washup(
     return washup.build(fates, segments, drawn, told.weight, _outputs(period, done.snapshots), period.start, kinds)
 
 
-def files(after: Aftermath) -> tuple[Product, ...]:
-    """Return the files that a spill adds to a forecast's."""
-    spill = after.spill
-    data, told = (
-        after.washup,
-        unknowns.table(after.worlds, after.prior, after.posterior, after.period.start, [k.name for k in spill.kinds]),
-    )
-    return (
-        Product("washup.nc", lambda stamped: data),
-        Product("washup.csv", lambda stamped: washup_tables.stretches(data, stamped["run_id"])),
-        Product("washup_times.csv", lambda stamped: washup_tables.times(data, stamped["run_id"])),
-        Product("totals.csv", lambda stamped: washup_tables.totals(data, stamped["run_id"])),
-        Product("washup.geojson", lambda stamped: washup_tables.geojson(data, after.segments, stamped)),
-        Product("unknowns.csv", lambda stamped: unknowns.text(told, after.posterior.effective, stamped["run_id"])),
-    )
+def unknown(after: Aftermath) -> dict[str, Any]:
+    """Return the unknowns of a spill, before and after the finds; see drift.spill.unknowns."""
+    kinds = [kind.name for kind in after.spill.kinds]
+    return unknowns.table(after.worlds, after.prior, after.posterior, after.period.start, kinds)
 
 
 def numbers(after: Aftermath) -> dict[str, Any]:
@@ -222,9 +210,7 @@ def numbers(after: Aftermath) -> dict[str, Any]:
             "worst_stretches": [dict(zip(columns, row, strict=True)) for row in worst],
             "patrols": patrols(spill, after.segments),
             "finds": [_find(after, surprise) for surprise in after.surprises],
-            "unknowns": unknowns.table(
-                after.worlds, after.prior, after.posterior, after.period.start, [k.name for k in spill.kinds]
-            ),
+            "unknowns": unknown(after),
         }
     }
 

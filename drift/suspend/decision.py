@@ -18,7 +18,6 @@ import xarray as xr
 
 from drift.forecast.effective import Count
 from drift.motion.scenario import Scenario
-from drift.planner.records import Plan
 from drift.search.records import Sortie
 from drift.search.standing import Standing
 from drift.search.updates import Update, Updates
@@ -34,6 +33,14 @@ STEPS = 24  # of a day, within each of which the chance of being alive is that o
 GONE = 0.005  # probability of being alive under which a further time or day is told no more
 AHEAD = (0, 3, 6, 12, 24, 36, 48, 72, 96, 120, 168, 240, 336, 480, 720)  # [h] from now that are told
 CURVE = 160  # times of the curve
+
+
+@dataclass(frozen=True)
+class Planned:
+    """Sorties that are still to be flown, where the forecast is that of their failure."""
+
+    names: frozenset[str]
+    end: np.datetime64  # when the last of them ends
 
 
 @dataclass(frozen=True)
@@ -92,13 +99,13 @@ def build(
     begun: Standing,
     updates: Updates | None,
     data: xr.Dataset,
-    plan: Plan | None = None,
+    plan: Planned | None = None,
 ) -> Suspension:
     """Return what a decision rests on; begun: how the search stood before any update; data: the forecast's maps.
 
     With a plan, updates are those of its execution: what is flown by it is still to come.
     """
-    planned = {tasking.sortie.name for tasking in plan.taskings} if plan else set()
+    planned = plan.names if plan else frozenset()
     every = updates.all if updates else ()
     known = [update for update in every if update.kind == "contact" or update.name not in planned]
     here = known[-1].standing if known and known[-1].standing is not None else begun
@@ -321,25 +328,23 @@ def _days(
 
 
 def _planned(
-    told: Suspension, plan: Plan, every: Sequence[Update], scenarios: Sequence[Scenario], start: np.datetime64
+    told: Suspension, plan: Planned, every: Sequence[Update], scenarios: Sequence[Scenario], start: np.datetime64
 ) -> tuple[tuple[Further, ...], str]:
     """Return what a plan adds, by the execution of it: one entry, at the end of its last sortie."""
-    names = {tasking.sortie.name for tasking in plan.taskings}
     missed, saved = np.ones(len(scenarios) + 1), 0.0
     for update in every:
-        if update.name in names and update.pos is not None:
+        if update.name in plan.names and update.pos is not None:
             found = update.pos if update.alive is None else update.alive
             saved += float(missed[-1]) * float(found[-1])
             missed = missed * (1 - np.asarray(update.pos))
-    end = max(tasking.off_scene for tasking in plan.taskings)
     after = every[-1].standing
     waiting = float(missed[-1])
     if after is not None:
-        waiting *= float(alive_at(scenarios, after, _seconds(end, start))[0][-1])
+        waiting *= float(alive_at(scenarios, after, _seconds(plan.end, start))[0][-1])
     pos = 1 - float(missed[-1])
     error = [float(told.error(share)) for share in (pos, saved)]
     return (
-        Further(end, pos, error[0], saved, error[1], waiting),
+        Further(plan.end, pos, error[0], saved, error[1], waiting),
     ), "the plan of plan.txt, as it scores on the case's particles"
 
 

@@ -12,7 +12,7 @@ from scipy import stats
 
 import drift
 from drift.cli import commands
-from drift.drifters import files as verification_files
+from drift.drifters import chapter as verification_chapter
 from drift.drifters import reading, scores, verification
 from drift.drifters import records as drifter_records
 from drift.drifters import text as verification_text
@@ -410,7 +410,12 @@ def test_the_command_writes_results_that_are_whole(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "the 90 % area held" in said
     assert "few" in said
-    assert {path.name for path in drift.results(out)} == set(verification_files.NAMES)
+    assert {path.name for path in drift.results(out)} == {
+        *verification_chapter.FILES,
+        *verification_chapter.PICTURES,
+        "summary.json",
+        "manifest.json",
+    }
     listed = list(csv.DictReader((out / "verify.csv").read_text().splitlines()))
     assert len(listed) == 3 * 3
     summary = json.loads((out / "summary.json").read_text())["verification"]

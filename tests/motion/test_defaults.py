@@ -10,7 +10,7 @@ import writers
 import xarray as xr
 
 import drift
-from drift import figures
+from drift import facts
 from drift.case import uncertainty
 from drift.cli.commands import main
 from drift.job import opened
@@ -212,7 +212,7 @@ def test_what_is_no_error_is_refused_in_a_line(tmp_path, key, value, message) ->
 def test_errors_that_a_case_switches_off_stand_on_a_banner(tmp_path, object, changes, banner) -> None:
     text = sources(tmp_path) + (RAFT if object == "raft" else RAFT.replace('{ windage = "3 %" }', '"water"'))
     (tmp_path / "trial.toml").write_text(text)
-    assert figures.caution(drift.load(tmp_path / "trial.toml", changes)) == banner
+    assert facts.caution(drift.load(tmp_path / "trial.toml", changes)) == banner
 
 
 def test_check_run_files_and_every_picture_say_which_errors_were_used(tmp_path, capsys, monkeypatch) -> None:

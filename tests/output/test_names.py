@@ -17,11 +17,12 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drift import figures
 from drift.case import file as case_file
 from drift.case import spill
+from drift.forecast import tracks as forecast_tracks
 from drift.maps import page
 from drift.output import formats, writer
+from drift.output.chapter import Chapter
 from drift.planner import files as plan_files
 from geo.errors import UserError
 
@@ -84,7 +85,7 @@ def test_a_scenario_is_not_called_all(old: str, new: str, tmp_path: Path) -> Non
 def test_flags_are_words_and_each_another(tmp_path: Path) -> None:
     """CF 1.11, 3.5: flag_meanings is a list of words of letters, digits and _-.+@, separated by blanks."""
     names = ["raft alone", "raft_alone", "raft  alone", "raft_alone_2", "a,b", "a;b", "x-1.5+@"]
-    found = writer._flags(names)
+    found = forecast_tracks._flags(names)
     assert len(set(found)) == len(found) == len(names) == len(" ".join(found).split())
     assert found[0] == "raft_alone"
     assert found[-1] == "x-1.5+@"
@@ -139,14 +140,14 @@ def test_a_dollar_in_a_name_is_no_formula(tmp_path: Path) -> None:
 
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")
-        figures._kept(draw)(tmp_path / "map.png")
+        page.kept(draw)(tmp_path / "map.png")
     assert (tmp_path / "map.png").stat().st_size > 100
 
 
 def test_titles_in_netcdf_and_json_come_back(tmp_path: Path) -> None:
     attributes = {"title": '=1+1 "a" <b> & ø☃', "seed": "7"}
-    data = writer.Product("x.nc", lambda stamped: xr.Dataset({"a": ("n", np.arange(3), {"long_name": "a"})}))
-    writer.publish(tmp_path / "out", [data], {}, {}, attributes=attributes)
+    files = {"x.nc": lambda stamped: xr.Dataset({"a": ("n", np.arange(3), {"long_name": "a"})})}
+    writer.write(tmp_path / "out", [Chapter(files=files, facts=attributes)])
     with xr.open_dataset(tmp_path / "out" / "x.nc") as back:
         assert back.attrs["title"] == attributes["title"]
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["title"] == attributes["title"]

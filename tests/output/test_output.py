@@ -17,8 +17,12 @@ import xarray as xr
 from places import ROOT
 
 from drift.forecast import build as forecast_build
+from drift.forecast import chapter as forecast_chapter
+from drift.forecast.tracks import Trajectories
+from drift.maps.imprint import Imprint, Setting
 from drift.motion.status import Status
 from drift.output import writer
+from drift.output.chapter import Chapter
 from geo import notation, sphere
 from geo.errors import UserError
 
@@ -62,12 +66,15 @@ def forecast(snapshots):
 def tracks(snapshots):
     some = np.arange(0, 3000, 50)
     columns = (np.stack([getattr(s, k)[some] for s in snapshots], 1) for k in ("lon", "lat", "status", "probability"))
-    return writer.Trajectories(TIMES, some, snapshots[0].scenario[some], *columns)
+    return Trajectories(TIMES, some, snapshots[0].scenario[some], *columns)
 
 
 def write(folder, forecast, tracks, **more):
-    figures = more.pop("figures", {"map.png": lambda path: path.write_bytes(b"png")})
-    return writer.write(folder, forecast, tracks, {"wall": {"advance": 1.5}}, figures, attributes=ATTRIBUTES, **more)
+    pictures = more.pop("pictures", {"map.png": lambda path: path.write_bytes(b"png")})
+    matter = forecast_chapter.Matter(forecast, tracks, Setting(Imprint("test")))
+    whole = replace(forecast_chapter.chapter(matter), pictures=pictures)
+    run = Chapter({"wall": {"advance": 1.5}}, facts=ATTRIBUTES)
+    return writer.write(folder, [run, whole], **more)
 
 
 def test_all_files_and_nothing_else(tmp_path, forecast, tracks):
@@ -210,7 +217,7 @@ def test_a_failure_leaves_nothing(tmp_path, forecast, tracks):
         raise RuntimeError("no ink")
 
     with pytest.raises(RuntimeError, match="no ink"):
-        write(tmp_path / "out", forecast, tracks, figures={"map.png": fail})
+        write(tmp_path / "out", forecast, tracks, pictures={"map.png": fail})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -223,7 +230,7 @@ def test_a_kill_leaves_no_half_file(tmp_path):
         import test_output as t
         snapshots = t.scene(n=500)
         made = t.forecast_build.build(snapshots, scenarios=["x", "y"])
-        t.write(Path(sys.argv[1]), made, t.tracks.__wrapped__(t.scene()), figures={"map.png": lambda path: os._exit(9)})
+        t.write(Path(sys.argv[1]), made, t.tracks.__wrapped__(t.scene()), pictures={"map.png": lambda path: os._exit(9)})
     """
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(program), str(tmp_path / "out")],
@@ -253,7 +260,7 @@ def test_overwrite_replaces_ours_and_keeps_the_rest(tmp_path, forecast, tracks):
 def test_overwrite_takes_away_what_only_an_earlier_run_wrote(tmp_path, forecast, tracks):
     folder = tmp_path / "out"
     pictures = {f"{name}.png": lambda path: path.write_bytes(b"png") for name in ("map", "old", "edited")}
-    write(folder, forecast, tracks, figures=pictures)
+    write(folder, forecast, tracks, pictures=pictures)
     (folder / "edited.png").write_bytes(b"mine now")
     (folder / "other.png").write_bytes(b"png")
     write(folder, forecast, tracks, overwrite=True)
@@ -333,7 +340,7 @@ def test_a_run_that_another_has_overtaken_leaves_its_results_alone(tmp_path, for
         (tmp_path / "out" / "forecast.nc").write_text("the other's")
 
     with pytest.raises(UserError, match="meanwhile"):
-        write(tmp_path / "out", forecast, tracks, figures={"map.png": meanwhile})
+        write(tmp_path / "out", forecast, tracks, pictures={"map.png": meanwhile})
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     assert (tmp_path / "out" / "forecast.nc").read_text() == "the other's"
 
@@ -356,6 +363,6 @@ def test_a_folder_that_is_there_is_staged_in_itself_not_beside_it(tmp_path, fore
     """It may be a mount: what is beside it lies on another file system, where a rename fails."""
     (tmp_path / "out").mkdir()
     seen = []
-    figures = {"map.png": lambda path: (seen.append(path.parents[2]), path.write_bytes(b"png"))}
-    write(tmp_path / "out", forecast, tracks, figures=figures)
+    pictures = {"map.png": lambda path: (seen.append(path.parents[2]), path.write_bytes(b"png"))}
+    write(tmp_path / "out", forecast, tracks, pictures=pictures)
     assert seen == [tmp_path / "out"]

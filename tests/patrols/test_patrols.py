@@ -9,7 +9,7 @@ import pytest
 from spills import DAY, METRE, case_of, sampled, scattered, spill
 
 import drift
-from drift import flow
+from drift.patrols import patrol
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import Slot
 from drift.spill import exposure, renewal
@@ -163,7 +163,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory):
     case = case_of(folder, duration="3 d", worlds=300)
     text = case.path.read_text() + TEAMS
     case.path.write_text(text)
-    return *flow.patrol(drift.load(case.path), folder / "out"), folder
+    return *patrol.patrol(drift.load(case.path), folder / "out"), folder
 
 
 def test_a_straight_coast_is_found_as_its_closed_form_says(planned) -> None:
@@ -239,6 +239,6 @@ def test_a_team_that_can_walk_no_stretch(tmp_path: Path) -> None:
     case = case_of(tmp_path, worlds=50)
     case.path.write_text(case.path.read_text() + TEAMS.replace('"10.5 km"', '"3 km"'))
     with pytest.raises(UserError, match=r'patrol_unit "horse": no stretch .* at most 3.0 km long'):
-        flow.patrol(drift.load(case.path))
+        patrol.patrol(drift.load(case.path))
     with pytest.raises(UserError, match=r"has no \[\[patrol_unit\]\] to plan with"):
-        flow.patrol(case_of(tmp_path))
+        patrol.patrol(case_of(tmp_path))

@@ -139,7 +139,7 @@ def test_a_round_finds_alive_what_those_before_found_neither_alive_nor_dead(
 def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
     made, result = planner.plan(case_of(tmp_path, objective="alive"))
     assert 0.05 < made.value < made.pos
-    told = flow.suspension(result, made)  # the plan is still to come: told from the sortie before it on
+    told = flow.suspension(result, planner.ahead(made))  # the plan is still to come: told from the sortie before it on
     assert told is not None
     assert told.now == np.datetime64("2026-06-01T07:00")
     assert [update.name for update, _ in told.sorties] == ["before"]

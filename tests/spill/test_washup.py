@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from drift.motion.status import Status
+from drift.output import formats
 from drift.spill import dataset as washup_dataset
 from drift.spill import estimate, washup
 from drift.spill import tables as washup_tables
@@ -154,7 +155,7 @@ def test_by_hand():
         "found": 0,
     }
     np.testing.assert_allclose(made["total"].sel(fate="pending"), [0.75] * 6 + [0])
-    assert made["first_arrival"].attrs["units"] == washup_dataset.EPOCH
+    assert made["first_arrival"].attrs["units"] == formats.EPOCH
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)

@@ -303,14 +303,11 @@ def test_survival_times_alone_are_told_from_the_start(tmp_path: Path) -> None:
 
 def test_a_plan_of_two_sorties_saves_by_the_second_only_who_the_first_missed() -> None:
     """0.6 found, 0.5 of them alive; of the 0.4 left 0.5, 0.2 of these alive: 0.3 + 0.4 * 0.1."""
-    sorties = [
-        SimpleNamespace(sortie=SimpleNamespace(name=name), off_scene=np.datetime64("2026-06-16")) for name in "ab"
-    ]
     updates = [
         SimpleNamespace(name=name, pos=np.array([pos, pos]), alive=np.array([alive, alive]), standing=None)
         for name, pos, alive in (("a", 0.6, 0.3), ("b", 0.5, 0.1))
     ]
     told: Any = SimpleNamespace(error=lambda share: 0.0)
-    plan: Any = SimpleNamespace(taskings=sorties)
+    plan = decision.Planned(frozenset("ab"), np.datetime64("2026-06-16"))
     (only,), _ = decision._planned(told, plan, updates, [None], np.datetime64("2026-06-16"))  # type: ignore[list-item, arg-type]
     assert (only.pos, only.alive) == (pytest.approx(0.8), pytest.approx(0.34))

@@ -1,13 +1,19 @@
-"""What a run says about itself besides its forecast: the summary's numbers, and what every file carries."""
+"""What a run says about itself besides its forecast: its numbers, what every file carries, what stands on every picture."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from importlib import metadata
 from typing import Any
 
 from drift.case.record import Case
+from drift.forecast.starts import starts
+from drift.maps.imprint import Imprint, Setting
 from drift.motion import forcing_error
 from drift.motion.ensemble import Account
 from drift.motion.environment import Environment
 from drift.motion.status import Status
+from drift.output import formats
+from drift.output.chapter import Chapter
 from drift.start import Start
 from geo.files import digest
 from kernels import runtime
@@ -29,6 +35,54 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
         "uncertainty": errors(case),
         "case": case.text,
     }
+
+
+def chapter(case: Case, where: Environment, numbers: Mapping[str, Any]) -> Chapter:
+    """Return the chapter of a run itself; numbers: of its summary."""
+    return Chapter(numbers, facts=attributes(case, where), warnings=tuple(numbers["warnings"]))
+
+
+def setting(case: Case, where: Environment) -> Setting:
+    """Return what every chart of a run shows, and what stands on it."""
+    source = attributes(case, where)
+    known_as, short = ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
+    stories = case.scenarios
+    if case.spill:  # its classes of objects were released together
+        known_as, short, stories = "Release", "release", (replace(case.scenarios[0], name="release"),)
+    marks, lines = starts(stories, known_as, short)
+    return Setting(
+        Imprint(
+            case.title,
+            # first the errors, which an area means nothing without
+            f"Errors: {source['uncertainty']}. {source['source']}, seed {source['seed']}",
+            {**source, "run_id": formats.run_id(source)},
+            caution(case),
+        ),
+        where.coast.polygons if where.coast is not None else (),
+        marks,
+        lines,
+        known_as,
+        case.particles,
+    )
+
+
+def with_coast(on: Setting) -> Setting:
+    """Return it with the source of the coast in the line at the foot."""
+    imprint = on.imprint
+    return replace(on, imprint=replace(imprint, footer=f"{imprint.footer}, coast {imprint.attributes['coast']}"))
+
+
+def synthetic(case: Case) -> bool:
+    """Whether winds or currents are made up."""
+    return any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes))
+
+
+def caution(case: Case) -> str:
+    """Return what stands on a banner of every picture: made up winds or currents, else errors that were switched off."""
+    if synthetic(case):
+        return "SYNTHETIC wind or current: not for operations"
+    felt = any(scenario.object.uses_wind for scenario in case.scenarios)
+    return forcing_error.switched_off(case.current_error, case.wind_error if felt else None)
 
 
 def errors(case: Case) -> str:

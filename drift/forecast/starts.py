@@ -1,0 +1,26 @@
+"""Where a forecast begins, as marks and lines for its charts."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drift.maps.marks import Line, Mark
+from drift.motion.scenario import AreaPrior, PositionPrior, Scenario
+
+
+def starts(scenarios: Sequence[Scenario], known_as: str, short: str) -> tuple[list[Mark], list[Line]]:
+    """Return the priors of scenarios: positions as marks, areas and tracklines as lines.
+
+    known_as: what a position is, where there is but one scenario; short: the same before the name of each of several.
+    """
+    marks, lines = [], []
+    for scenario in scenarios:
+        prior = scenario.prior
+        if isinstance(prior, PositionPrior):
+            label = known_as if len(scenarios) == 1 else f"{short}, {scenario.name}"
+            marks.append(Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
+        else:
+            lon = np.degrees(np.unwrap(prior.lon)).tolist()
+            closed = isinstance(prior, AreaPrior)
+            lines.append(Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
+    return marks, lines

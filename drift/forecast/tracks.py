@@ -1,0 +1,123 @@
+"""Tracks of a subsample of the particles, and how they are written: particles.nc, CF trajectories that share their times."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from drift.forecast.build import Forecast
+from drift.motion.status import Status
+from drift.output import formats
+from geo import notation, sphere
+from geo.cells import Array
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """A subsample's tracks; NaN-free: a particle that has ended stays where it ended."""
+
+    time: Array  # datetime64, (t,)
+    slot: Array  # int, (m,): number of the particle
+    scenario: Array  # int, (m,)
+    lon: Array  # int32 binary angle, (m, t)
+    lat: Array  # int32 binary angle, (m, t)
+    status: Array  # drift.motion.status.Status, (m, t)
+    weight: Array  # probability of the particle [1], (m, t)
+    # int32 [s] in the direction of the run after its start, (m,); -1: none; None: not known
+    release: Array | None = None
+    ended: Array | None = None  # when it went ashore, outside the forcing or left the domain
+    edge: Array | None = None  # int32 (m,), edge of the shoreline where it went ashore; -1: none; None: not known
+
+
+def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
+    """Return a subsample's tracks as CF trajectories that share their times, (trajectory, time)."""
+    codes = np.array([int(s) for s in Status], np.int8)
+    both = ("trajectory", "time")
+    names = [str(name) for name in forecast.data["scenario"].values]
+    around = float(forecast.data["lon"][0]) - 180
+    lon = sphere.east_of_degrees(sphere.to_degrees(tracks.lon), around)  # no jump at the antimeridian
+    return xr.Dataset(
+        {
+            "status": (
+                both,
+                tracks.status.astype(np.int8),
+                {
+                    "long_name": "what became of the particle",
+                    "flag_values": codes,
+                    "flag_meanings": " ".join(s.name.lower() for s in Status),
+                },
+            ),
+            "weight": (both, tracks.weight.astype(np.float64), {"long_name": "particle's probability", "units": "1"}),
+            "scenario": (
+                "trajectory",
+                tracks.scenario.astype(np.int32),
+                {
+                    "long_name": "scenario",
+                    "flag_values": np.arange(len(names), dtype=np.int32),
+                    "flag_meanings": " ".join(_flags(names)),
+                },
+            ),
+            **_events(tracks),
+        },
+        {
+            "trajectory": (
+                "trajectory",
+                tracks.slot.astype(np.int64),
+                {"cf_role": "trajectory_id", "long_name": "number of the particle"},
+            ),
+            "time": (
+                "time",
+                tracks.time.astype("datetime64[ns]"),
+                {"standard_name": "time", "long_name": "time, UTC", "axis": "T"},
+            ),
+            "lon": (both, lon, {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"}),
+            "lat": (
+                both,
+                sphere.to_degrees(tracks.lat),
+                {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"},
+            ),
+        },
+        {"featureType": "trajectory"},
+    )
+
+
+def _flags(names: Sequence[str]) -> list[str]:
+    """Return names as words of CF's flag_meanings, each another: letters, digits and _-.+@ alone, no blank."""
+    made: list[str] = []
+    for name in names:
+        plain = word = re.sub(r"[^\w.+@-]", "_", "_".join(name.split()))
+        number = 1
+        while word in made:
+            number += 1
+            word = f"{plain}_{number}"
+        made.append(word)
+    return made
+
+
+def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]]:
+    """Return as variables when each trajectory was released and ended, and where on the coast; none that is not known."""
+    found: dict[str, tuple[str, Array, dict[str, str]]] = {}
+    direction = -1 if tracks.time[-1] < tracks.time[0] else 1
+    halted = np.isin(tracks.status[:, -1], (Status.ASHORE, Status.OUTSIDE, Status.LEFT))
+
+    clock = {
+        "units": formats.EPOCH,
+        "calendar": "standard",
+    }  # written as numbers: xarray cannot encode times that are all NaT
+    begin = notation.epoch(tracks.time[0])
+
+    def times(seconds: Array, known: Array) -> Array:
+        return np.where(known & (seconds >= 0), begin + direction * seconds.astype(np.float64), np.nan)
+
+    if tracks.release is not None:
+        released = times(tracks.release, np.ones(len(tracks.slot), bool))
+        found["time_released"] = ("trajectory", released, {"long_name": "time of release, UTC", **clock})
+    if tracks.ended is not None:
+        words = {"long_name": "time of going ashore, out of the forcing or out of the domain, UTC; see status", **clock}
+        found["time_ended"] = ("trajectory", times(tracks.ended, halted), words)
+    if tracks.edge is not None:
+        words = {"long_name": "edge of the run's shoreline where it went ashore", "comment": "-1: not ashore"}
+        found["coast_edge"] = ("trajectory", tracks.edge.astype(np.int32), words)
+    return found

@@ -1,0 +1,48 @@
+"""A chapter: what a topic hands out. Each room has one, drift.flow joins those of a run, drift.output.writer writes them.
+
+A room keeps its files and its pictures as tables: the name of each, and the function that makes it from what the topic has found. A new
+file is a new row.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+import xarray as xr
+
+T = TypeVar("T")
+P = ParamSpec("P")
+R = TypeVar("R")
+
+Stamped = Mapping[str, str]  # attributes that every file of a run carries, its run_id among them
+Contents = xr.Dataset | str | dict[str, Any]  # of a netCDF file, of a table or a text, of a JSON file
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """What a topic adds to the results of a run; files and pictures by their names."""
+
+    numbers: Mapping[str, Any] = field(default_factory=dict)  # for summary.json
+    files: Mapping[str, Callable[[Stamped], Contents]] = field(default_factory=dict)
+    pictures: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)  # each draws to a path
+    facts: Mapping[str, str] = field(default_factory=dict)  # attributes that every file of the run is to carry
+    warnings: tuple[str, ...] = ()  # what every file is to warn of, under `warning`
+
+
+def bound(table: Mapping[str, Callable[Concatenate[T, P], R]], matter: T) -> dict[str, Callable[P, R]]:
+    """Return the rows of a table of files or of pictures with what the topic has found as their first argument."""
+    return {name: partial(make, matter) for name, make in table.items()}
+
+
+def joined(chapters: Iterable[Chapter]) -> Chapter:
+    """Return all that several chapters hand out; of one name the last counts, warnings add up."""
+    every = list(chapters)
+    return Chapter(
+        numbers={name: value for one in every for name, value in one.numbers.items()},
+        files={name: make for one in every for name, make in one.files.items()},
+        pictures={name: draw for one in every for name, draw in one.pictures.items()},
+        facts={name: value for one in every for name, value in one.facts.items()},
+        warnings=tuple(warning for one in every for warning in one.warnings),
+    )

@@ -1,0 +1,52 @@
+"""The next patrols of a spill: planned on its forecast, and written with it."""
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from drift import facts, flow
+from drift.case.record import Case
+from drift.flow import Result
+from drift.job import Report, in_turn, opened
+from drift.patrols import chapter
+from drift.patrols import planner as patrol_planner
+from drift.patrols.planner import PatrolPlan
+from drift.spill import evidence
+from geo.errors import UserError
+
+
+@in_turn
+def patrol(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> tuple[PatrolPlan, Result]:
+    """Plan the next patrols of a spill; with `out`, write them and the forecast, complete or not at all.
+
+    Raises UserError for all that the user can mend.
+    """
+    if case.spill is None or not case.spill.teams:
+        raise UserError(
+            f"{case.path.name}: has no [[patrol_unit]] to plan with: give each its length a day, detection and first patrol"
+        )
+    job = opened(case, out, datasets, threads, backend, overwrite, report)
+    assert job.where.coast is not None
+    segments = evidence.cut(case.spill, job.where.coast)
+    patrol_planner.patrols(case.period, case.spill, segments)  # before the drift: it may be refused
+    result = flow.forecasted(job)
+    after = result.aftermath
+    assert after is not None
+    job.tell("plan", 0.0)
+    with job.clock.phase("plan"):
+        plan = patrol_planner.plan(after)
+    if job.out is not None:
+        job.tell("write", 0.0)
+        on = facts.with_coast(facts.setting(case, job.where))
+        patrols = chapter.chapter(chapter.Matter(plan, after, on, facts.synthetic(case)))
+        flow.write(result, job.where, job.out, job.clock, more=[patrols], overwrite=overwrite)
+    return plan, result
