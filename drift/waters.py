@@ -14,7 +14,7 @@ import numpy as np
 
 from drift import start
 from drift.case.record import Case
-from drift.motion import domain, environment
+from drift.motion import coastline, domain
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment import Environment
 from drift.motion.environment_spec import EnvironmentSpec
@@ -109,7 +109,7 @@ class Waters:
     @property
     def _coastal(self) -> Box:
         """The box of the coast: all that any of its cases asks for."""
-        margin = environment.COAST_MARGIN
+        margin = coastline.MARGIN
         highest = min(max(abs(self.box.south), abs(self.box.north)), 80)
         return self.box.grown(float(margin / np.cos(np.radians(highest))), margin)
 

@@ -7,28 +7,25 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from drift.motion import domain
+from drift.motion import coastline, domain
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment_spec import EnvironmentSpec
 from drift.motion.forcing import QUANTITIES, Sources
 from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.forcing_spec import options as source_options
 from drift.motion.period import Period
-from drift.motion.scenario import PositionPrior, Scenario
-from geo import notation, sphere
+from drift.motion.scenario import Scenario
+from geo import notation
 from geo.box import Box
 from geo.coast import edges as shoreline
-from geo.coast import shore
 from geo.coast.shore import Shore
 from geo.errors import UserError
 from geo.forcing import memory, sources, stream
 from geo.forcing.sources import Source
 
-COAST_MARGIN = 0.25  # [deg] more than a step
 # Of a box's width or height: the lattice on which the part of a source that is read for it ends is no coarser.
 FINEST_SHARE = 1 / 8
 COARSEST = 4.0  # [deg] of that lattice
-NEAR_REPORT = 1.0  # [deg] about a reported position that its place on land or water is told from
 
 
 @dataclass(frozen=True)
@@ -87,26 +84,15 @@ def open_for(
             for k, term in enumerate(named.terms(quantity)):
                 _check_times(spec.period, asked.max_lost, place, quantity, term, added=k > 0)
     shown = tuple(opened.values())
-    # A last step may lead out of the box: the coast reaches a little further.
     base = tuple(source for source in shown if (source.quantity, source.name) not in added)
-    coastal = _shrunk(box, base).grown(COAST_MARGIN / np.cos(np.radians(min(abs(box.north), 80))), COAST_MARGIN)
+    coastal = coastline.around(box, base)
     shared = common.coast(spec, asked, coastal) if common else None
-    if shared:
-        whole, coast = shared
-        land = whole
-    else:
-        whole = shore.land(asked.coast.source, coastal, asked.coast.lakes)
-        land = seen(whole) if seen and not spec.release else whole
-        coast = shoreline.build(land, coastal) if land.polygons.size else None
+    land, coast = coastline.opened(spec, asked.coast, coastal, seen, shared)
     if coast is None and spec.release:
         raise UserError(
             f"[spill]: there is no coast in its domain, {box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
             f"{box.north:.2f} N ({land.source}): nothing can come ashore; widen [domain], or check [coast] source"
         )
-    if coast is not None:
-        for scenario in spec.scenarios:
-            story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
-            _check_water(story, scenario, coast if land is whole else _about(scenario, whole, coast))
     return Environment(box, tuple(scenarios), shown, coast, land.notes)
 
 
@@ -232,54 +218,4 @@ def _check_times(
             if added
             else f"start, duration or end, or add another [[{quantity}]]"
         )
-    )
-
-
-def _shrunk(box: Box, sources: tuple[Source, ...]) -> Box:
-    """Return the part of a box for which there is a current: no coast is needed elsewhere."""
-    extents = [source.grid.box for source in sources if source.quantity == "current"]
-    if box.east - box.west > 180 or any(extent.east - extent.west >= 360 for extent in extents):
-        return box
-    south, north = max(box.south, min(e.south for e in extents)), min(box.north, max(e.north for e in extents))
-    if south >= north:
-        return box
-    # Longitudes relative to the box's west: extents may be written a turn away.
-    begins = [sphere.wrap_degrees(e.west - box.west) for e in extents]
-    ends = [begin + e.east - e.west for begin, e in zip(begins, extents, strict=True)]
-    west, east = max(0.0, min(begins)), min(box.east - box.west, max(ends))
-    if west >= east:
-        return box
-    start = sphere.wrap_degrees(box.west + west)
-    return Box(start, south, start + east - west, north)
-
-
-def _about(scenario: Scenario, land: Shore, coast: shoreline.Coast) -> shoreline.Coast:
-    """Return the coast in full about a reported position, where there is one; else the coast that is given."""
-    prior = scenario.prior
-    if not isinstance(prior, PositionPrior):
-        return coast
-    lon, lat = float(np.degrees(prior.lon)), float(np.degrees(prior.lat))
-    west = sphere.wrap_degrees(lon - NEAR_REPORT)
-    south, north = max(lat - NEAR_REPORT, -90.0), min(lat + NEAR_REPORT, 90.0)
-    box = Box(west, south, west + 2 * NEAR_REPORT, north)
-    cut = box.grown(COAST_MARGIN, COAST_MARGIN)
-    return shoreline.build(Shore(shore.clip(land.polygons, cut), land.source, box=cut), box)
-
-
-def _check_water(story: str, scenario: Scenario, coast: shoreline.Coast) -> None:
-    """Refuse a reported position on land."""
-    prior = scenario.prior
-    if not isinstance(prior, PositionPrior):
-        return
-    lon, lat = float(np.degrees(prior.lon)), float(np.degrees(prior.lat))
-    if not shoreline.is_land(coast, sphere.to_binary(lon), sphere.to_binary(lat)).any():
-        return
-    water = shoreline.nearest_water(coast, lon, lat)
-    hint = (
-        f"the nearest water is {water[2] / 1852:.1f} nmi away, at {notation.position(*water[:2])}"
-        if water
-        else "no water near"
-    )
-    raise UserError(
-        f"{story}.position.at: {notation.position(lon, lat)} lies on land; {hint}. Move it, or give an area"
     )

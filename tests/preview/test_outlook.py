@@ -11,8 +11,6 @@ import xarray as xr
 from drift import start
 from drift.case import file as case_file
 from drift.cli.commands import main
-from drift.motion import domain, environment
-from geo.box import Box
 from geo.forcing import stream
 
 CASE = """
@@ -167,35 +165,3 @@ def test_a_box_that_nothing_leaves_bounds_a_vast_domain(tmp_path: Path) -> None:
     assert box.north - (26 + 1 / 3) > least
     assert (26 + 1 / 3) - box.south > least
     assert box.east - box.west < 30
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_the_part_read_of_a_source_holds_the_box_and_little_more(seed: int) -> None:
-    """Lines of the lattice are at most an eighth of the box apart: so much is added on each side at most."""
-    rng = np.random.default_rng(seed)
-    width, height = np.exp(rng.uniform(np.log(0.05), np.log([150, 60])))
-    west, south = rng.uniform(-180, 180), rng.uniform(-89, 89 - height)
-    box = Box(west, south, west + width, south + height)
-    part = environment.part(box)
-    for low, high, least, most, size in (
-        (part.west, part.east, box.west, box.east, width),
-        (part.south, part.north, box.south, box.north, height),
-    ):
-        assert least - size / 8 <= low <= least
-        assert most <= high <= most + size / 8
-    assert -180 <= part.west < 180
-    assert -90 <= part.south < part.north <= 90
-    # A little to the side nearly all need the same part; whoever needs it is served by it.
-    assert environment.part(Box(part.west, part.south, part.west + width, part.south + height)).west == part.west
-
-
-def test_a_box_round_the_earth_is_read_whole() -> None:
-    assert environment.part(Box(-180, -60, 180, 60)) == Box(-180, -60, 180, 60)
-    assert environment.part(Box(1.5, -89, 360.7, 89)) == Box(-180, -90, 180, 90)
-
-
-def test_common_part_of_boxes() -> None:
-    assert domain._common(Box(-180, -90, 180, 90), Box(170, -10, 195, 5)) == Box(170, -10, 195, 5)
-    assert domain._common(Box(150, -40, 260, 40), Box(-170, -10, -150, 50)) == Box(-170, -10, -150, 40)
-    assert domain._common(Box(-175, -40, 175, 40), Box(170, -10, 195, 5)) == Box(-175, -40, 175, 40)  # two parts
-    assert domain._common(Box(0, 0, 10, 10), Box(-180, -90, 180, 90)) == Box(0, 0, 10, 10)

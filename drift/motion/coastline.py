@@ -1,0 +1,103 @@
+"""The coast of a run: all that can be met within its domain, in full about reported positions, which must not lie on land."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.environment_spec import Coast
+from drift.motion.scenario import PositionPrior, Scenario
+from geo import notation, sphere
+from geo.box import Box
+from geo.coast import edges as shoreline
+from geo.coast import shore
+from geo.coast.shore import Shore
+from geo.errors import UserError
+from geo.forcing.sources import Source
+
+MARGIN = 0.25  # [deg] more than a step
+NEAR = 1.0  # [deg] about a reported position that its place on land or water is told from
+
+
+def around(box: Box, sources: Sequence[Source]) -> Box:
+    """Return the box of the coast for a domain: where its sources know a current, and a little further.
+
+    sources: those whose values are not only added to others'.
+    """
+    # A last step may lead out of the domain.
+    return _shrunk(box, sources).grown(MARGIN / np.cos(np.radians(min(abs(box.north), 80))), MARGIN)
+
+
+def opened(
+    spec: EnsembleSpec,
+    asked: Coast,
+    box: Box,
+    seen: Callable[[Shore], Shore] | None,
+    shared: tuple[Shore, shoreline.Coast | None] | None,
+) -> tuple[Shore, shoreline.Coast | None]:
+    """Return the land in a box, and its coast, None where there is none; raise UserError for a report from land.
+
+    seen: what of the land's detail is wanted, all unless a function says; shared: land and coast, where others have them.
+    """
+    if shared:
+        whole, coast = shared
+        land = whole
+    else:
+        whole = shore.land(asked.source, box, asked.lakes)
+        land = seen(whole) if seen and not spec.release else whole
+        coast = shoreline.build(land, box) if land.polygons.size else None
+    if coast is not None:
+        for scenario in spec.scenarios:
+            story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
+            _check_water(story, scenario, coast if land is whole else _about(scenario, whole, coast))
+    return land, coast
+
+
+def _shrunk(box: Box, sources: Sequence[Source]) -> Box:
+    """Return the part of a box for which there is a current: no coast is needed elsewhere."""
+    extents = [source.grid.box for source in sources if source.quantity == "current"]
+    if box.east - box.west > 180 or any(extent.east - extent.west >= 360 for extent in extents):
+        return box
+    south, north = max(box.south, min(e.south for e in extents)), min(box.north, max(e.north for e in extents))
+    if south >= north:
+        return box
+    # Longitudes relative to the box's west: extents may be written a turn away.
+    begins = [sphere.wrap_degrees(e.west - box.west) for e in extents]
+    ends = [begin + e.east - e.west for begin, e in zip(begins, extents, strict=True)]
+    west, east = max(0.0, min(begins)), min(box.east - box.west, max(ends))
+    if west >= east:
+        return box
+    start = sphere.wrap_degrees(box.west + west)
+    return Box(start, south, start + east - west, north)
+
+
+def _about(scenario: Scenario, land: Shore, coast: shoreline.Coast) -> shoreline.Coast:
+    """Return the coast in full about a reported position, where there is one; else the coast that is given."""
+    prior = scenario.prior
+    if not isinstance(prior, PositionPrior):
+        return coast
+    lon, lat = float(np.degrees(prior.lon)), float(np.degrees(prior.lat))
+    west = sphere.wrap_degrees(lon - NEAR)
+    south, north = max(lat - NEAR, -90.0), min(lat + NEAR, 90.0)
+    box = Box(west, south, west + 2 * NEAR, north)
+    cut = box.grown(MARGIN, MARGIN)
+    return shoreline.build(Shore(shore.clip(land.polygons, cut), land.source, box=cut), box)
+
+
+def _check_water(story: str, scenario: Scenario, coast: shoreline.Coast) -> None:
+    """Refuse a reported position on land."""
+    prior = scenario.prior
+    if not isinstance(prior, PositionPrior):
+        return
+    lon, lat = float(np.degrees(prior.lon)), float(np.degrees(prior.lat))
+    if not shoreline.is_land(coast, sphere.to_binary(lon), sphere.to_binary(lat)).any():
+        return
+    water = shoreline.nearest_water(coast, lon, lat)
+    hint = (
+        f"the nearest water is {water[2] / 1852:.1f} nmi away, at {notation.position(*water[:2])}"
+        if water
+        else "no water near"
+    )
+    raise UserError(
+        f"{story}.position.at: {notation.position(lon, lat)} lies on land; {hint}. Move it, or give an area"
+    )
