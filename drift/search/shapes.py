@@ -27,7 +27,7 @@ FARTHEST = 100 * 1852.0  # [m] to which a bearing without a far end is drawn
 DIGITS = 7  # decimals of a degree: 1 cm
 
 
-def epoch(time: Any) -> float:
+def epoch(time: np.datetime64) -> float:
     """Return a time, np.datetime64, in seconds since 1970."""
     return float(np.asarray(time).astype("datetime64[ms]").astype(np.int64)) / 1000
 
@@ -55,7 +55,7 @@ def _about(lon: float, lat: float, east: Array, north: Array) -> Array:
     return np.column_stack([sphere.near_degrees(np.degrees(x), lon), np.degrees(y)])
 
 
-def searched(sortie: Sortie, time: Any = None) -> Array | None:
+def searched(sortie: Sortie, time: np.datetime64 | None = None) -> Array | None:
     """Return the closed outline of a sortie's area at a time (its start unless told), (n, 2); None if it has none."""
     if sortie.area is None:
         return None
@@ -66,7 +66,7 @@ def searched(sortie: Sortie, time: Any = None) -> Array | None:
     return outline(Area(tuple(lon), tuple(lat)))
 
 
-def flown(sortie: Sortie, until: Any = None) -> list[tuple[bool, Array]]:
+def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool, Array]]:
     """Return a sortie's legs over the ground to a time (its end unless told): whether they search, and points (n, 2).
 
     Neighbouring legs of one sort are one line.
@@ -91,7 +91,7 @@ def place(legs: Legs, time: float) -> tuple[float, float]:
     return polyline.place(legs, min(max(time, legs.time[0]), legs.time[-1]))
 
 
-def zones(sortie: Sortie, time: Any) -> list[Array]:
+def zones(sortie: Sortie, time: np.datetime64) -> list[Array]:
     """Return the edges of a watch's zones round its sensor at a time, each (n, 2)."""
     if sortie.watch is None or sortie.legs is None:
         return []

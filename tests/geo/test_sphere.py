@@ -1,6 +1,7 @@
 """The sphere in float64 against pyproj; the kernel's exponential map against the sphere in float64."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -40,6 +41,22 @@ def test_binary_angles_wrap(angle: float) -> None:
     there = sphere.to_degrees(sphere.to_binary(angle))
     assert -180 <= there < 180
     assert abs((there - angle + 180) % 360 - 180) <= 180 / 2**32 * 1.01
+
+
+@given(st.floats(-1000, 1000), st.floats(-1000, 1000))
+def test_longitudes_turn_by_whole_turns(lon: float, about: float) -> None:
+    """Into their range, to the rounding of a sum of a thousand degrees; by how much, by the library's remainder."""
+    rounding = 4 * np.spacing(2000.0)
+    for made, low in (
+        (sphere.wrap_degrees(lon), -180.0),
+        (sphere.near_degrees(lon, about), about - 180),
+        (sphere.east_of_degrees(lon, about), about),
+    ):
+        assert low - rounding <= made <= low + 360 + rounding
+        assert abs(math.remainder(made - lon, 360)) <= rounding
+    assert sphere.wrap_degrees(lon) < 180
+    lons = np.array([lon, lon + 360, lon - 720])
+    assert np.ptp(sphere.near_degrees(lons, lons[0])) <= rounding
 
 
 def test_the_antimeridian_has_one_binary_angle() -> None:
