@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
@@ -242,6 +243,15 @@ def mark_point(ax: Axes, here: Frame, mark: Mark, size: float) -> None:
         x, y, "o", markersize=size, markerfacecolor="white", markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12
     )
     ax.plot(x, y, "+", markersize=size * 1.7, markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12)
+
+
+def mark_symbol(ring: float, cross: float, width: float = 1.6) -> tuple[Line2D, Line2D]:
+    """Return how marks look in a legend: a ring with a cross, of these sizes [points]."""
+    style: dict[str, Any] = {"color": LAST_KNOWN, "linestyle": "none", "markeredgewidth": width}
+    return (
+        Line2D([], [], marker="o", markersize=ring, markerfacecolor="white", **style),
+        Line2D([], [], marker="+", markersize=cross, **style),
+    )
 
 
 def ashore_marks(ax: Axes, here: Frame, forecast: Forecast, time: int, scale: float = 1.0) -> float:

@@ -18,15 +18,20 @@ from matplotlib.patches import Patch
 from drift.forecast import beyond, effective, layers
 from drift.forecast import words as forecast_words
 from drift.forecast.build import Forecast
-from drift.maps import chart, labels, page
+from drift.maps import chart, labels, sheet
 from drift.maps.chart import GREY, INK, Frame
 from drift.maps.imprint import Imprint
 from drift.maps.marks import Line, Mark
 from drift.maps.overlay import AtTime
+from drift.maps.sheet import Badge, Row, Sheet
 from geo import notation
 from geo.notation import NMI
 
 ROW = 0.03  # of the page, a row of warnings over the map
+SHEET = Sheet(
+    11.7, 8.3, 140, left=0.055, title=sheet.heading(0.955, 15, 95), beside=60, lines=(Row(0.92, 12), Row(0.888, 9)),
+    caution=Badge(0.985, 0.955, side="right"), rough=Badge(0.058, 0.884 - ROW, 11), footer=sheet.small(0.015, 7.5, 190),
+)  # fmt: skip
 
 
 def draw_map(
@@ -47,7 +52,7 @@ def draw_map(
     polygons: shapely land polygons [deg]. known_as: what the marks are. particles: their number in the run.
     overlays: what other topics draw on it at its time.
     """
-    figure, canvas = page.figure(11.7, 8.3)
+    on = sheet.begin(SHEET)
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
     outlines = [c for c in forecast.contours if c.time == now]
@@ -63,13 +68,15 @@ def draw_map(
     def framed(above: list[str]) -> tuple[float, Frame, list[str]]:
         """Return the map's height [of the page] under a banner and rows of text, its frame, and what that leaves out."""
         high = 0.775 - ROW * (count.few + len(above))
-        here = layers.extent(forecast, [now], marks, lines, 0.665 * 11.7 / (high * 8.3), places.values())
+        here = layers.extent(
+            forecast, [now], marks, lines, 0.665 * SHEET.width / (high * SHEET.height), places.values()
+        )
         return high, here, textwrap.wrap(beyond.told(here, at, places), 135)
 
     high, here, out = framed(said)
     if out:
         high, here, out = framed([*said, *out])
-    ax = figure.add_axes((0.055, 0.095, 0.665, high))
+    ax = on.figure.add_axes((0.055, 0.095, 0.665, high))
     chart.prepare(ax, here)
     density = layers.density(forecast, time)
     shown = np.where(at["containment"].values <= layers.SHOWN, density, np.nan)
@@ -86,29 +93,20 @@ def draw_map(
     for one in over:
         one.draw(ax, here)
     ashore = layers.ashore_marks(ax, here, forecast, time)
-    layers.track(ax, canvas, here, forecast, time, marks)
+    layers.track(ax, on.canvas, here, forecast, time, marks)
 
-    figure.text(
-        0.055, 0.955, page.fit(imprint.title, 60 if imprint.caution else 95), fontsize=15, weight="bold", color=INK
-    )
     valid = f"Valid {notation.group(now)}   ({notation.iso(now)}, UTC)"
-    figure.text(0.055, 0.92, valid, fontsize=12, color=INK)
-    figure.text(0.055, 0.888, forecast_words.basis(forecast, time, particles), fontsize=9, color=INK)
-    if imprint.caution:
-        page.banner(figure, 0.985, 0.955, "right", 10, imprint.caution)
+    sheet.head(on, imprint, valid, forecast_words.basis(forecast, time, particles))
     if count.few:
-        page.banner(figure, 0.058, 0.884 - ROW, "left", 11, effective.banner(count))
+        sheet.rough(on, effective.banner(count))
     for k, text in enumerate([*said, *out], 1 + count.few):
-        style: dict[str, Any] = {"fontsize": 9.5, "weight": "bold", "color": layers.LAST_KNOWN}
-        figure.text(0.055, 0.879 - ROW * k, page.fit(text, 130), **style)
+        sheet.say(on, sheet.warning(0.879 - ROW * k, 9.5, 130), text)
     rows = _rows(forecast, time, outlines, lines, ashore, (known_as, len(marks)), land is not None, count.few)
     rows += [row for one in over for row in one.key]
-    _legend(figure, rows)
-    _panel(figure, at, mesh)
-    figure.text(0.055, 0.04, forecast_words.account(at), fontsize=9.5, color=INK)
-    if imprint.footer:
-        figure.text(0.055, 0.015, textwrap.shorten(imprint.footer, 190, placeholder=" …"), fontsize=7.5, color=GREY)
-    page.save(canvas, path, imprint.title, imprint.attributes, dpi=140)
+    _legend(on.figure, rows)
+    _panel(on.figure, at, mesh)
+    on.figure.text(0.055, 0.04, forecast_words.account(at), fontsize=9.5, color=INK)
+    sheet.end(on, path, imprint)
 
 
 def draw_snapshots(
@@ -128,7 +126,14 @@ def draw_snapshots(
     least, least_at = effective.fewest(forecast.data, picks, particles)
     wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(imprint.caution) + least.few), 0.5, 0.35
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
-    figure, canvas = page.figure(width, height)
+    on = sheet.begin(
+        Sheet(
+            width, height, 130, left=side / width, title=sheet.heading(1 - 0.36 / height, 12, width * 9),
+            lines=(Row(1 - 0.62 / height, 8, width * 15),), caution=Badge(side / width, 1 - 0.9 / height, 8),
+            rough=Badge(side / width, 1 - (0.9 + 0.3 * bool(imprint.caution)) / height, 8),
+            footer=sheet.small(0.1 / height, 7, width * 17),
+        )
+    )  # fmt: skip
     times = [forecast.data["time"].values[i] for i in picks]
     here = layers.extent(forecast, times, marks, (), aspect=1.0)
     land = chart.land_path(here, polygons, 420)
@@ -141,7 +146,7 @@ def draw_snapshots(
     for k, (i, density) in enumerate(zip(picks, densities, strict=True)):
         row, column = divmod(k, columns)
         left, bottom = side + column * (wide + gap), height - head - (row + 1) * (wide + 0.28) + 0.28
-        ax = figure.add_axes((left / width, bottom / height, wide / width, wide / height))
+        ax = on.figure.add_axes((left / width, bottom / height, wide / width, wide / height))
         chart.prepare(ax, here)
         at = forecast.data.isel(time=i)
         contained = at["containment"].values
@@ -179,33 +184,21 @@ def draw_snapshots(
             )
         if k == 0:
             chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
-    if imprint.caution:
-        page.banner(figure, side / width, 1 - 0.9 / height, "left", 8, imprint.caution)
+    sheet.head(on, imprint, _joined(forecast_words.span(times, forecast.ends), particles))
     if least.few:
-        words = effective.banner(least, "areas are rough", notation.group(forecast.data["time"].values[least_at]))
-        page.banner(figure, side / width, 1 - (0.9 + 0.3 * bool(imprint.caution)) / height, "left", 8, words)
-    figure.text(
-        side / width, 1 - 0.36 / height, page.fit(imprint.title, width * 9), fontsize=12, weight="bold", color=INK
-    )
-    figure.text(
-        side / width,
-        1 - 0.62 / height,
-        page.fit(_joined(forecast_words.span(times, forecast.ends), particles), width * 15),
-        fontsize=8,
-        color=INK,
-    )
-    if imprint.footer:
-        figure.text(side / width, 0.1 / height, page.fit(imprint.footer, width * 17), fontsize=7, color=GREY)
+        sheet.rough(
+            on, effective.banner(least, "areas are rough", notation.group(forecast.data["time"].values[least_at]))
+        )
     if mesh is not None:
-        bar = figure.add_axes((1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height))
-        figure.colorbar(mesh, cax=bar, extend="both")
+        bar = on.figure.add_axes((1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height))
+        on.figure.colorbar(mesh, cax=bar, extend="both")
         per, unit = labels.scale(top)
         powers = 10.0 ** np.arange(np.ceil(np.log10(top * per) - 3), np.floor(np.log10(top * per)) + 1)
         bar.set_yticks(powers / per, labels=[labels.plain(v) for v in powers])
         bar.minorticks_off()
         bar.set_title(f"% per {unit}", fontsize=7, color=INK, pad=8)
         bar.tick_params(labelsize=7)
-    page.save(canvas, path, imprint.title, imprint.attributes, dpi=130)
+    sheet.end(on, path, imprint)
 
 
 def _joined(text: str, particles: int | None) -> str:
@@ -263,11 +256,7 @@ def _rows(
         rows.append((Line2D([], [], **layers.PARTIAL), "Mean of the part adrift so far"))
     rows.append((Line2D([], [], linestyle="none", markersize=7, **style), "Mean position at the valid time"))
     if marks[1]:
-        style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
-        symbol = (
-            Line2D([], [], marker="o", markersize=8, markerfacecolor="white", **style),
-            Line2D([], [], marker="+", markersize=13, **style),
-        )
+        symbol = layers.mark_symbol(8, 13)
         rows.append((symbol, marks[0] if marks[1] == 1 else marks[0].replace("osition", "ositions")))
     for i, line in enumerate(lines):
         kind = "area" if line.closed else "trackline"
@@ -284,19 +273,16 @@ def _rows(
 
 def _legend(figure: Figure, rows: Sequence[tuple[Any, str]]) -> None:
     """Write the legend beside the map, as small as it must be to end above the positions."""
-    handles = [handle for handle, _ in rows]
     for size in (9.5, 8.0, 6.5, 5.0):
         wide = int(34 * 9.5 / size)
-        legend = figure.legend(
-            handles,
-            [textwrap.fill(text, wide) if "\n" not in text else text for _, text in rows],
+        legend = sheet.legend(
+            figure,
+            [(symbol, textwrap.fill(text, wide) if "\n" not in text else text) for symbol, text in rows],
             loc="upper left",
             bbox_to_anchor=(0.735, 0.875),
-            frameon=False,
             fontsize=size,
             labelspacing=0.75,
             handlelength=2.8,
-            labelcolor=INK,
             borderaxespad=0,
         )
         if size == 5.0 or legend.get_window_extent().y0 > 0.425 * figure.bbox.height:
@@ -311,14 +297,9 @@ def _panel(figure: Figure, at: Any, mesh: Any) -> None:
     figure.text(
         0.738, 0.36, f"Mean position   {mean}\nDatum (adrift)   {datum}", fontsize=9.5, color=INK, linespacing=1.6
     )
-    bar = figure.add_axes((0.745, 0.27, 0.215, 0.022))
-    figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="max")
-    per, unit = labels.scale(mesh.norm.vmax)
-    ticks = labels.ticks(mesh.norm.vmax * per)
+    bar, unit = sheet.density_bar(figure, (0.745, 0.27, 0.215, 0.022), mesh)
     bar.set_title(f"Probability density [% per {unit}]", fontsize=9, loc="left", color=INK)
     bar.tick_params(labelsize=8)
-    bar.set_xticks(ticks / per, labels=[labels.plain(v) for v in ticks])
-    bar.minorticks_off()
     figure.text(
         0.738,
         0.145,

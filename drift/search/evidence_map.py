@@ -17,9 +17,10 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import blended_transform_factory
 
 from drift.forecast import effective, layers
-from drift.maps import labels, page
+from drift.maps import labels, page, sheet
 from drift.maps.chart import GREY, INK
 from drift.maps.imprint import Imprint
+from drift.maps.sheet import Badge, Row, Sheet
 from drift.search import particles_left
 from drift.search import shapes as search_shapes
 from drift.search import tables as search_tables
@@ -72,30 +73,24 @@ def draw(
     below = 0.32 * least.few  # [in] by which all is lower for a warning
     over = 1.45 + 0.24 * lines + below
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
-    figure, canvas = page.figure(14.0, height)
+    on = sheet.begin(
+        Sheet(
+            14.0, height, 120, left=0.02, title=sheet.heading(1 - 0.4 / height, 14, 95), beside=75,
+            lines=(Row(1 - 0.68 / height, 9.5),), caution=Badge(0.985, 1 - 0.4 / height, side="right"),
+            rough=Badge(0.0225, 1 - 1.0 / height), footer=sheet.small(0.07 / height, 7, 210),
+        )
+    )  # fmt: skip
+    figure = on.figure
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
     _cumulative(figure, updates, room)
-    figure.text(
-        0.02,
-        1 - 0.4 / height,
-        page.fit(imprint.title, 75 if imprint.caution else 95),
-        fontsize=14,
-        weight="bold",
-        color=INK,
-    )
-    figure.text(0.02, 1 - 0.68 / height, _account(updates, len(steps) - len(shown)), fontsize=9.5, color=INK)
+    sheet.head(on, imprint, _account(updates, len(steps) - len(shown)))
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:
-        rough = effective.banner(least, "shares, evidence and POS are rough")
-        page.banner(figure, 0.0225, 1 - 1.0 / height, "left", 10, rough)
-    if imprint.caution:
-        page.banner(figure, 0.985, 1 - 0.4 / height, "right", 10, imprint.caution)
+        sheet.rough(on, effective.banner(least, "shares, evidence and POS are rough"))
     figure.text(0.02, 0.33 / height, _explained(updates), fontsize=8, color=GREY, linespacing=1.35, va="center")
-    if imprint.footer:
-        figure.text(0.02, 0.07 / height, page.fit(imprint.footer, 210), fontsize=7, color=GREY)
-    page.save(canvas, path, imprint.title, imprint.attributes, dpi=120)
+    sheet.end(on, path, imprint)
 
 
 def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:
@@ -170,15 +165,13 @@ def _legend(figure: Figure, updates: Updates, top: float) -> None:
         rows.append(((bar, line), page.fit(name, 34)))
     columns = min(A_LINE, len(rows))
     order = [i for c in range(columns) for i in range(c, len(rows), columns)]  # legends fill column by column
-    figure.legend(
-        [rows[i][0] for i in order],
-        [rows[i][1] for i in order],
+    sheet.legend(
+        figure,
+        [rows[i] for i in order],
         loc="upper left",
         bbox_to_anchor=(0.02, top),
         ncols=columns,
-        frameon=False,
         fontsize=9,
-        labelcolor=INK,
         borderaxespad=0,
         borderpad=0,
         handlelength=5.0,

@@ -18,11 +18,12 @@ from matplotlib.path import Path as Outline
 
 from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
-from drift.maps import chart, labels
+from drift.maps import chart, labels, sheet
 from drift.maps import page as paper  # `page` is the number of one
-from drift.maps.chart import GREY, INK, Frame
+from drift.maps.chart import INK, Frame
 from drift.maps.imprint import Imprint
 from drift.maps.marks import Mark
+from drift.maps.sheet import Badge, Row, Sheet
 from drift.search import layers as search_layers
 from drift.search.records import Contact, Sortie
 from drift.search.updates import Update, Updates
@@ -75,7 +76,14 @@ def draw(
     out = beyond.named(here, places)
     head = HEAD + 0.3 * (least.few + bool(out))
     size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, head + len(some) * (HIGH + OVER) + FOOT)
-    figure, canvas = paper.figure(*size)
+    on = sheet.begin(
+        Sheet(
+            *size, 130, left=LEFT / size[0], title=sheet.heading(1 - 0.37 / size[1], 13, 100), beside=68,
+            lines=(Row(1 - 0.63 / size[1], 9),), caution=Badge(1 - 0.15 / size[0], 1 - 0.37 / size[1], 9, "right"),
+            rough=Badge(LEFT / size[0], 1 - 0.93 / size[1], 9), footer=sheet.small(0.12 / size[1], 7, size[0] * 17),
+        )
+    )  # fmt: skip
+    figure = on.figure
     corner = chart.free_corner(here, *_busy(here, part, some, times))
     mesh = None
     for row, (sortie, indices) in enumerate(zip(some, picks, strict=True)):
@@ -102,18 +110,15 @@ def draw(
     told = _told(sorties, page, numbered=any(sortie.name in known for sortie in some), contacts=any(seen))
     if particles is not None:
         told += f"   ·   {particles:,} particles"
-    _words(figure, size, imprint.title, told, imprint.footer, imprint.caution)
+    sheet.head(on, imprint, told)
     if least.few:
-        words = effective.banner(
-            least, "areas and shares are rough", notation.group(forecast.data["time"].values[least_at])
-        )
-        paper.banner(figure, LEFT / size[0], 1 - 0.93 / size[1], "left", 9, words)
+        when = notation.group(forecast.data["time"].values[least_at])
+        sheet.rough(on, effective.banner(least, "areas and shares are rough", when))
     if out:
-        y, red = 1 - (0.93 + 0.3 * least.few) / size[1], layers.LAST_KNOWN
-        figure.text(LEFT / size[0], y, paper.fit(out, size[0] * 12), fontsize=9, weight="bold", color=red)
+        sheet.say(on, sheet.warning(1 - (0.93 + 0.3 * least.few) / size[1], 9, size[0] * 12), out)
     _key(figure, size, forecast, search_layers.key(some, list(chain(*seen)), 0.9), bool(marks))
     _bar(figure, size, mesh)
-    paper.save(canvas, path, imprint.title, imprint.attributes, dpi=130)
+    sheet.end(on, path, imprint)
 
 
 def _told(sorties: Sequence[Sortie], page: int, *, numbered: bool, contacts: bool) -> str:
@@ -234,18 +239,6 @@ def _percent(share: float) -> str:
     return labels.percent(float(share)) if share < 0.0995 or share > 0.995 else f"{100 * share:.0f} %"
 
 
-def _words(figure: Figure, size: tuple[float, float], title: str, told: str, footer: str, caution: str) -> None:
-    left = LEFT / size[0]
-    figure.text(
-        left, 1 - 0.37 / size[1], paper.fit(title, 68 if caution else 100), fontsize=13, weight="bold", color=INK
-    )
-    figure.text(left, 1 - 0.63 / size[1], told, fontsize=9, color=INK)
-    if caution:
-        paper.banner(figure, 1 - 0.15 / size[0], 1 - 0.37 / size[1], "right", 9, caution)
-    if footer:
-        figure.text(left, 0.12 / size[1], paper.fit(footer, size[0] * 17), fontsize=7, color=GREY)
-
-
 def _key(
     figure: Figure, size: tuple[float, float], forecast: Forecast, rows: list[tuple[Any, str]], marked: bool
 ) -> None:
@@ -255,18 +248,14 @@ def _key(
         symbol = Line2D([], [], **{**style, "linewidth": 0.6 * style["linewidth"]})
         rows.append((symbol, f"{notation.percent(share)} % area"))
     if marked:
-        style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.4}
-        ring = Line2D([], [], marker="o", markersize=6, markerfacecolor="white", **style)
-        rows.append(((ring, Line2D([], [], marker="+", markersize=10, **style)), "Position known or reported"))
-    figure.legend(
-        [symbol for symbol, _ in rows],
-        [text for _, text in rows],
+        rows.append((layers.mark_symbol(6, 10, 1.4), "Position known or reported"))
+    sheet.legend(
+        figure,
+        rows,
         loc="center left",
         bbox_to_anchor=(LEFT / size[0], 0.46 / size[1]),
         ncols=len(rows),
-        frameon=False,
         fontsize=8,
-        labelcolor=INK,
         borderaxespad=0,
         columnspacing=1.4,
         handlelength=2.6,
@@ -275,11 +264,7 @@ def _key(
 
 def _bar(figure: Figure, size: tuple[float, float], mesh: Any) -> None:
     """Draw the colour scale right of the maps."""
-    bar = figure.add_axes(((size[0] - 0.85) / size[0], (FOOT + 0.25) / size[1], 0.14 / size[0], 2.1 / size[1]))
-    figure.colorbar(mesh, cax=bar, extend="max")
-    per, unit = labels.scale(mesh.norm.vmax)
-    ticks = labels.ticks(mesh.norm.vmax * per)
-    bar.set_yticks(ticks / per, labels=[labels.plain(v) for v in ticks])
-    bar.minorticks_off()
+    box = (size[0] - 0.85) / size[0], (FOOT + 0.25) / size[1], 0.14 / size[0], 2.1 / size[1]
+    bar, unit = sheet.density_bar(figure, box, mesh)
     bar.set_title(f"% per {unit}", fontsize=7, color=INK, pad=8)
     bar.tick_params(labelsize=7, colors=INK)

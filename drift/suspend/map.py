@@ -8,16 +8,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from drift.forecast import effective
-from drift.forecast.layers import LAST_KNOWN
-from drift.maps import labels, page
+from drift.maps import labels, page, sheet
 from drift.maps.chart import GREY, INK
 from drift.maps.imprint import Imprint
+from drift.maps.sheet import Badge, Row, Sheet
 from drift.search.evidence_map import STROKES
 from drift.suspend.decision import Suspension
 from drift.suspend.text import immortal, reached, share
 from geo import notation
 
-WIDTH, HEIGHT = 14.0, 6.4  # [in]
+SHEET = Sheet(
+    14.0, 6.4, 120, left=0.02, title=sheet.heading(0.945, 14, 95), beside=75, lines=(Row(0.903, 10.5),),
+    caution=Badge(0.985, 0.95, side="right"), rough=Badge(0.0225, 0.862), footer=sheet.small(0.015, 7, 210),
+)  # fmt: skip
 ALL: dict[str, Any] = {"color": INK, "linewidth": 2.2}
 FOUND, ALIVE = "#cfe0ee", "#0b4f8a"
 
@@ -28,27 +31,21 @@ def draw(
     imprint: Imprint,
 ) -> None:
     """Draw it."""
-    figure, canvas = page.figure(WIDTH, HEIGHT)
-    figure.text(
-        0.02, 0.945, page.fit(imprint.title, 75 if imprint.caution else 95), fontsize=14, weight="bold", color=INK
-    )
+    on = sheet.begin(SHEET)
+    figure = on.figure
     as_of = f"What a decision to suspend rests on, as of {notation.group(told.now)}, given that nothing has been found"
-    figure.text(0.02, 0.903, as_of, fontsize=10.5, color=INK)
+    sheet.head(on, imprint, as_of)
     if told.count.few:
-        page.banner(figure, 0.0225, 0.862, "left", 10, effective.banner(told.count, "every figure here is rough"))
-    for warning in immortal(told):
-        figure.text(0.02, 0.825, page.fit(warning, 160), fontsize=9, weight="bold", color=LAST_KNOWN, va="center")
-    if imprint.caution:
-        page.banner(figure, 0.985, 0.95, "right", 10, imprint.caution)
+        sheet.rough(on, effective.banner(told.count, "every figure here is rough"))
+    for words in immortal(told):
+        sheet.say(on, sheet.warning(0.825, 9, 160, "center"), words)
     panels = [_alive, _left, _further] if told.mortal else [_left, _further]
     wide, high = (0.265, 0.54) if told.mortal else (0.43, 0.56)  # without survival times no line needs a legend above
     for panel, left in zip(panels, (0.05, 0.38, 0.715) if told.mortal else (0.05, 0.55), strict=True):
         panel(figure.add_axes((left, 0.2, wide, high)), told)
     _legend(figure, told)
-    figure.text(0.02, 0.055, page.fit(_note(told), 230), fontsize=8, color=GREY, va="center")
-    if imprint.footer:
-        figure.text(0.02, 0.015, page.fit(imprint.footer, 210), fontsize=7, color=GREY)
-    page.save(canvas, path, f"Suspend: {imprint.title}", imprint.attributes, dpi=120)
+    sheet.say(on, Row(0.055, 8, 230, colour=GREY, va="center"), _note(told))
+    sheet.end(on, path, imprint, f"Suspend: {imprint.title}")
 
 
 def _note(told: Suspension) -> str:
@@ -198,13 +195,11 @@ def _legend(figure: Figure, told: Suspension) -> None:
         for s in range(len(told.scenarios))
     ]
     names = [page.fit(name, 30) for name in told.scenarios]
-    figure.legend(
-        [*handles, Line2D([], [], **ALL)],
-        [*names, "all, two standard errors"],
+    sheet.legend(
+        figure,
+        [*zip(handles, names, strict=True), (Line2D([], [], **ALL), "all, two standard errors")],
         loc="upper left",
         bbox_to_anchor=(0.045, 0.815),
         ncols=len(names) + 1,
-        frameon=False,
         fontsize=8,
-        labelcolor=INK,
     )
