@@ -62,15 +62,15 @@ def measure(area: str, coast: str, particles: int) -> tuple[float, float, float,
     where = start.open_for(case)
     run = start.prepare(case, where)
     place = run.scene.place
-    columns = ("lon", "lat", "status", "release", "ended", "edge", "side")
-    before = {name: getattr(run.ensemble, name).to_numpy() for name in columns}
+    columns = ("lon", "lat", "status", "release", "status_since", "edge", "side")
+    before = {name: run.ensemble.columns[name].to_numpy() for name in columns}
     best = {True: np.inf, False: np.inf}
     ashore, moving = 0.0, {True: 1.0, False: 1.0}
     steps = list(run.clock.steps())[:STEPS]
     for _ in range(ROUNDS):
         for coastal in (True, False):
             for name, column in before.items():
-                getattr(run.ensemble, name).from_numpy(column)
+                run.ensemble.columns[name].from_numpy(column)
             chosen = place if coastal else place._replace(coast=None)
             total = afloat = 0.0
             for low, high, step in steps:
@@ -78,7 +78,7 @@ def measure(area: str, coast: str, particles: int) -> tuple[float, float, float,
                 begin = time.perf_counter()
                 kernel.advance(
                     run.ensemble, (0, particles), run.scene.forcing.tiles, run.scene.forcing.ranges[0],
-                    run.scene.physics[0], step, chosen,
+                    run.scene.motions[0].terms, step, chosen,
                 )  # fmt: skip
                 runtime.wait()
                 total += time.perf_counter() - begin

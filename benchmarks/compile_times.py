@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from drift.motion import ensemble as record
+from drift.motion.drift import COLUMNS
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast.shore import Shore
@@ -49,7 +50,7 @@ def coast() -> device_coast.DeviceCoast:
 
 def ensemble() -> record.Ensemble:
     """Return a handful of particles at (0, 0)."""
-    return record.empty(1, (0, N))
+    return record.empty(1, (0, N), COLUMNS)
 
 
 def move(

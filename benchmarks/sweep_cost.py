@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from drift.motion import ensemble as record
+from drift.motion.drift import COLUMNS
 from drift.search import laws, patterns, sensor_path
 from drift.search.records import Law
 from geo import sphere
@@ -38,7 +39,7 @@ def main() -> None:
     east, north = random.normal(0, 8 * NMI, (2, n))
     lon, lat = sphere.destination(np.radians(4.0), np.radians(58.0), east, north)
     later = sphere.destination(lon, lat, 500.0, 300.0)
-    ensemble = record.empty(1, (0, n))
+    ensemble = record.empty(1, (0, n), COLUMNS)
     before = [runtime.upload(sphere.to_binary(np.degrees(x))) for x in (lon, lat)]
     ensemble.lon.from_numpy(sphere.to_binary(np.degrees(later[0])))
     ensemble.lat.from_numpy(sphere.to_binary(np.degrees(later[1])))

@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from drift.motion import ensemble as record
+from drift.motion.drift import COLUMNS
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
@@ -31,6 +32,7 @@ from kernels import coast as device_coast
 from kernels import runtime
 from kernels.sample import Tiles
 
+BYTES = 4 * (len(record.CORE) + len(COLUMNS))  # a particle on the device
 GRID = Grid(-98.0, 18.0, 0.05, 0.05, 400, 300)
 BOX = Box(-98.0, 18.0, -78.0, 33.0)
 RANGES = (0, 1, 1, 2, 0, 0)
@@ -70,11 +72,11 @@ def particles(n: int, coast: shoreline.Coast) -> record.Ensemble:
         x, y = sphere.to_binary(rng.uniform(-95, -85, n)), sphere.to_binary(rng.uniform(20, 30, n))
         wet = ~shoreline.is_land(coast, x, y)
         lon, lat = np.concatenate([lon, x[wet]]), np.concatenate([lat, y[wet]])
-    ensemble = record.empty(1, (0, n))
+    ensemble = record.empty(1, (0, n), COLUMNS)
     ensemble.lon.from_numpy(lon[:n])
     ensemble.lat.from_numpy(lat[:n])
     for name, value in (("down_slope", 0.03), ("down_offset", 0.02), ("right_slope", 0.01), ("left_slope", -0.01)):
-        getattr(ensemble, name).fill(value)
+        ensemble.own[name].fill(value)
     return ensemble
 
 
@@ -170,10 +172,10 @@ def main() -> None:
     for row in rows:
         ratio = [f"{float(str(row['1e+06'])) / limit:.2f}"] if limit and "1e+06" in row else []
         table.add_row(str(row["case"]), *(str(row[size]) for size in sizes), *ratio)
-    result = {"backend": given.backend, "ns_per_particle_step": rows, "bytes_per_particle": record.BYTES_PER_PARTICLE}
+    result = {"backend": given.backend, "ns_per_particle_step": rows, "bytes_per_particle": BYTES}
     console = Console(width=140)
     console.print(table)
-    console.print(f"memory: {record.BYTES_PER_PARTICLE} bytes a particle on the device, plus the window of forcing")
+    console.print(f"memory: {BYTES} bytes a particle on the device, plus the window of forcing")
     if before and after:
         console.print(f"limit.c: {before} ns before, {after} ns after")
         result["limit"] = [before, after]

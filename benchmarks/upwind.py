@@ -12,6 +12,7 @@ import numpy as np
 
 from drift.motion import ensemble as record
 from drift.motion import leeway
+from drift.motion.drift import COLUMNS
 from kernels import prior as kernel
 from kernels import runtime
 from kernels.noise import key
@@ -21,10 +22,10 @@ WINDS = (2, 5, 10, 20)  # [m/s]
 
 def speeds(line: leeway.Line, least: float, particles: int) -> np.ndarray:
     """Return downwind speeds [m/s] of particles of a line at each wind speed, shape (4, n)."""
-    e = record.empty(1, (0, particles))
+    e = record.empty(1, (0, particles), COLUMNS)
     figures = line.slope, line.offset, line.slope_std, line.offset_std
-    kernel.draw_object(0, particles, e.down_slope, e.down_offset, 0, *key(1), *figures, least)
-    return np.outer(WINDS, e.down_slope.to_numpy().astype(float)) + e.down_offset.to_numpy()
+    kernel.draw_object(0, particles, e.own["down_slope"], e.own["down_offset"], 0, *key(1), *figures, least)
+    return np.outer(WINDS, e.own["down_slope"].to_numpy().astype(float)) + e.own["down_offset"].to_numpy()
 
 
 def main(particles: int = 1_000_000) -> None:

@@ -267,7 +267,9 @@ def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> Tr
         drawn = snapshots.ancestors[k]
         ancestor = ancestor if drawn is None else drawn[ancestor]
     lon, lat, status, weight = (np.stack(column[::-1], axis=1) for column in zip(*columns, strict=True))
-    release, ended, edge = (column.to_numpy()[slot] for column in (ensemble.release, ensemble.ended, ensemble.edge))
+    release, ended, edge = (
+        column.to_numpy()[slot] for column in (ensemble.release, ensemble.status_since, ensemble.edge)
+    )
     over = (last.status[slot] != Status.ADRIFT) & (last.status[slot] != Status.PENDING)
     ended, edge = np.where(over, ended, -1), np.where(over, edge, -1)
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])

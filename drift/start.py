@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from drift.case.record import Case
-from drift.motion import domain, environment, lost, prior, scene, step_size
+from drift.motion import domain, environment, lost, models, prior, scene, step_size
 from drift.motion.clock import Clock
 from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec, Release
@@ -106,7 +106,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     try:
         beach, bias = scene.beach(case.coast), case.current_error.bias > 0
         place = advance.Place(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
-        made = Scene(forcing, tuple(scene.physics(case.errors, s) for s in case.scenarios), place)
+        made = Scene(forcing, models.motions(case.errors, case.scenarios), place)
         clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, made)
         lost.check_prior(spec, where, case.max_lost, ensemble, made, clock)
     except BaseException:

@@ -44,7 +44,7 @@ f32x4 = ti.types.vector(4, ti.f32)
 
 # The columns of an ensemble, of shape (n,) each: those that every model of motion has, and those of this one.
 CORE = {
-    **dict.fromkeys(("lon", "lat", "status", "release", "ended", "edge", "sinks", "afloat"), Ints),
+    **dict.fromkeys(("lon", "lat", "status", "release", "status_since", "edge", "sink_time", "moving_since"), Ints),
     "log_weight": Reals,
 }
 OWN = {
@@ -120,14 +120,14 @@ def _advance(
         state, due, sinking = core.status[i], life.NEVER, life.NEVER
         if ti.static(features & REFLOAT):
             if state == ASHORE:
-                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_REFLOAT, i, core.ended[i])
-                due = life.refloats(core.ended[i], noise.uniform(w[0]), terms.stay)
+                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_REFLOAT, i, core.status_since[i])
+                due = life.refloats(core.status_since[i], noise.uniform(w[0]), terms.stay)
         if ti.static(features & SINK):
-            sinking = core.sinks[i]
+            sinking = core.sink_time[i]
         moves, left, finish = life.ahead(state, core.release[i], due, sinking, elapsed, duration)
         if ti.static(features & SINK):
             if moves and finish == left:
-                core.status[i], core.ended[i], moves = SUNK, finish, False
+                core.status[i], core.status_since[i], moves = SUNK, finish, False
         if moves:
             dt = ti.cast(finish - left, ti.f32)
             begin, share = ti.cast(left - elapsed, ti.f32) / duration, dt / duration
@@ -147,7 +147,7 @@ def _advance(
             if r[3] > 0.5:  # else the drift leads onto the beach: it waits for one that leads off it
                 dlon, dlat = r[0], r[1]
                 if ti.static(features & REFLOAT):
-                    core.afloat[i] = left
+                    core.moving_since[i] = left
                 if ti.static(features & DIVERGENCE):
                     x_half, y_half = x + ti.cast(0.5 * dlon, ti.i32), y + ti.cast(0.5 * dlat, ti.i32)
                     middle = begin + 0.5 * share
@@ -175,7 +175,7 @@ def _advance(
                 if met == 1:
                     core.lon[i], core.lat[i] = x_end, y_end
                     core.status[i] = ASHORE
-                    core.ended[i] = left + ti.cast(part * dt, ti.i32)
+                    core.status_since[i] = left + ti.cast(part * dt, ti.i32)
                     core.edge[i] = number
                 elif known:
                     core.lon[i], core.lat[i] = x_end, y_end
@@ -185,13 +185,13 @@ def _advance(
                         or ti.cast(y_end - terms.south, ti.u32) > terms.height
                     ):
                         core.status[i] = LEFT
-                        core.ended[i] = elapsed + duration
+                        core.status_since[i] = elapsed + duration
                     elif finish < elapsed + duration:
                         core.status[i] = SUNK
-                        core.ended[i] = finish
+                        core.status_since[i] = finish
                 else:
                     core.status[i] = OUTSIDE
-                    core.ended[i] = left
+                    core.status_since[i] = left
 
 
 class Beach(NamedTuple):
@@ -296,7 +296,7 @@ def mover(
         velocity,
         *slots,
         launch.pack(CoreColumns, *(getattr(ensemble, name) for name in CORE)),
-        launch.pack(OwnColumns, *(getattr(ensemble, name) for name in OWN)),
+        launch.pack(OwnColumns, *(ensemble.own[name] for name in OWN)),
         tiles.sea(ranges),
         physics._asdict(),
         (place.coast or open_sea()).pack,

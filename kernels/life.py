@@ -13,10 +13,10 @@ LONGEST = 2.0e9  # [s] longest wait on a beach that whole seconds can hold
 
 
 @ti.func
-def ahead(status: ti.i32, release: ti.i32, due: ti.i32, sinks: ti.i32, elapsed: ti.i32, duration: ti.i32):
+def ahead(status: ti.i32, release: ti.i32, due: ti.i32, sink_time: ti.i32, elapsed: ti.i32, duration: ti.i32):
     """Return (moves, left, finish) of the step that begins at `elapsed`: whether a particle moves in it, from when to when [s].
 
-    due: when its wait on the beach ends, `NEVER` where nothing refloats; sinks: when it sinks, `NEVER` where nothing does. A
+    due: when its wait on the beach ends, `NEVER` where nothing refloats; sink_time: when it sinks, `NEVER` where nothing does. A
     particle that is already to sink when it would begin to move has finish equal to left: adrift it sinks there and then, on the
     beach it stays, waterlogged.
     """
@@ -28,37 +28,39 @@ def ahead(status: ti.i32, release: ti.i32, due: ti.i32, sinks: ti.i32, elapsed: 
         moves = due < end
     left = ti.max(elapsed, begins)
     finish = end
-    if sinks < end:
-        finish = ti.max(sinks, left)
+    if sink_time < end:
+        finish = ti.max(sink_time, left)
         moves = moves and (finish > left or status != ASHORE)
     return moves, left, finish
 
 
 @ti.func
-def behind(status: ti.i32, release: ti.i32, ended: ti.i32, afloat: ti.i32, elapsed: ti.i32, duration: ti.i32):
+def behind(
+    status: ti.i32, release: ti.i32, status_since: ti.i32, moving_since: ti.i32, elapsed: ti.i32, duration: ti.i32
+):
     """Return (seen, left, finish, gone) of the step that has just been made, begun at `elapsed` [s]; not for what is pending.
 
     The particle was there to be seen from `seen` until `gone`, and moved straight from `left` to `finish`: not before its release,
-    nor before it refloated (`afloat`), nor after it ended (`ended`). What lies ashore is still there to be seen.
+    nor before it refloated (`moving_since`), nor after it ended (`status_since`). What lies ashore is still there to be seen.
     """
     finish = elapsed + duration
     gone = finish
     if status != ADRIFT:
-        finish = ti.min(finish, ended)
+        finish = ti.min(finish, status_since)
         if status != ASHORE:
             gone = finish
     seen = ti.max(elapsed, release)
     left = seen
-    if afloat < finish:
-        left = ti.max(left, afloat)
+    if moving_since < finish:
+        left = ti.max(left, moving_since)
     return seen, left, finish, gone
 
 
 @ti.func
-def refloats(ended: ti.i32, uniform: ti.f32, stay: ti.f32) -> ti.i32:
-    """Return when [s] the wait of a particle on the beach ends that went ashore at `ended`: exponential of mean `stay` [s].
+def refloats(status_since: ti.i32, uniform: ti.f32, stay: ti.f32) -> ti.i32:
+    """Return when [s] the wait of a particle on the beach ends that went ashore at `status_since`: exponential of mean `stay` [s].
 
     uniform: a number in (0, 1) of this landing, so that no step draws the wait anew.
     """
     wait = ti.min(-ti.log(uniform) * stay, LONGEST)
-    return ended + ti.cast(ti.min(wait, LONGEST - ti.cast(ended, ti.f32)), ti.i32)
+    return status_since + ti.cast(ti.min(wait, LONGEST - ti.cast(status_since, ti.f32)), ti.i32)

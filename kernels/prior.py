@@ -328,7 +328,7 @@ def scale_windage(first: ti.i32, last: ti.i32, column: Reals, world: Ints, facto
 def draw_sinking(
     first: ti.i32,
     last: ti.i32,
-    sinks: Ints,
+    sink_time: Ints,
     release: Ints,
     world: Ints,
     seed0: ti.u32,
@@ -347,4 +347,4 @@ def draw_sinking(
             after *= ti.exp(spread * noise.normals(w[0], w[1])[0])
         else:
             after *= -ti.log(noise.uniform(w[0])) * ti.f32(1.4426950408889634)  # per half-life: 1 / ln 2
-        sinks[i] = ti.cast(ti.min(ti.cast(release[i], ti.f32) + after, 2.0e9), ti.i32)
+        sink_time[i] = ti.cast(ti.min(ti.cast(release[i], ti.f32) + after, 2.0e9), ti.i32)

@@ -139,8 +139,8 @@ def _expose(
     lat: Ints,
     status: Ints,
     release: Ints,
-    ended: Ints,
-    afloat: Ints,
+    status_since: Ints,
+    moving_since: Ints,
     elapsed: ti.i32,
     duration: ti.i32,
     time: HostReals,
@@ -155,7 +155,7 @@ def _expose(
 ):
     for i in range(first, last):
         if status[i] != life.PENDING:
-            times = life.behind(status[i], release[i], ended[i], afloat[i], elapsed, duration)
+            times = life.behind(status[i], release[i], status_since[i], moving_since[i], elapsed, duration)
             seen, leaves = ti.cast(times[0] - elapsed, ti.f32), ti.cast(times[1] - elapsed, ti.f32)
             moored, gone = ti.cast(times[2] - elapsed, ti.f32), ti.cast(times[3] - elapsed, ti.f32)
             pace = 1.0 / ti.max(moored - leaves, 1.0)
@@ -304,7 +304,7 @@ def expose(
     """
     e = ensemble
     _expose(
-        kind, *slots, *before, e.lon, e.lat, e.status, e.release, e.ended, e.afloat, elapsed, duration,
+        kind, *slots, *before, e.lon, e.lat, e.status, e.release, e.status_since, e.moving_since, elapsed, duration,
         *track, np.asarray(table, np.float32), np.asarray(scale, np.float32), exposure, e.n,
     )  # fmt: skip
 

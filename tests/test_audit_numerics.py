@@ -13,7 +13,9 @@ from drift import start
 from drift.motion import ensemble as record
 from drift.motion import simulate
 from drift.motion.clock import Clock
+from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
+from drift.motion.model import Motion
 from drift.motion.scene import Scene
 from drift.motion.status import Status
 from geo import sphere
@@ -48,7 +50,7 @@ name = "s"
 
 
 def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
-    ensemble = record.empty(5, (0, len(release)))
+    ensemble = record.empty(5, (0, len(release)), COLUMNS)
     ensemble.lon.fill(int(sphere.to_binary(lon)))
     ensemble.lat.fill(int(sphere.to_binary(lat)))
     ensemble.release.from_numpy(np.array(release, np.int32))
@@ -56,7 +58,9 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
 
 
 def world(current: sources.Source, direction: int = 1, physics: kernel.Physics = STILL, coast=None, domain=EVERYWHERE):
-    return Scene(Forcing([Sources(current=(current,))], direction), (physics,), kernel.Place(domain, coast))
+    return Scene(
+        Forcing([Sources(current=(current,))], direction), (Motion(DRIFT, physics),), kernel.Place(domain, coast)
+    )
 
 
 def case_of(folder: Path, **changes: str) -> drift.Case:
@@ -146,7 +150,7 @@ def test_every_output_before_and_after_the_end_of_the_forcing(direction: int) ->
     ensemble = ensemble_at(0.0, 0.0, release.tolist())
     outputs = np.arange(0, 25_001, 250)
     moments = list(simulate.run(ensemble, world(source, direction), Clock(T0 + 417, 25_000, direction, 900), outputs))
-    ended = ensemble.ended.to_numpy()
+    ended = ensemble.status_since.to_numpy()
     assert (np.abs(ended - (20_000 - 417 * direction)) < 900).all()
     lasted = np.maximum(np.minimum(outputs[:, None], ended) - release, 0)
     way = direction * sphere.RADIUS * sphere.UNIT * np.array([m.lon for m in moments])
@@ -174,7 +178,7 @@ def test_account_of_wild_weights() -> None:
     """float64 sums as the oracle; blocks of 1024 float32 terms: relative error below 1024 * 6e-8."""
     rng = np.random.default_rng(1)
     n = 50_001
-    ensemble = record.empty(1, (0, 1000, 1000, 30_000, n))
+    ensemble = record.empty(1, (0, 1000, 1000, 30_000, n), COLUMNS)
     weight = rng.normal(0, 30, n).astype(np.float32)
     weight[rng.random(n) < 0.3] = -np.inf
     weight[:1000] = -np.inf
@@ -196,7 +200,7 @@ def test_nobody_inland_where_land_lies_across_the_antimeridian() -> None:
     rng = np.random.default_rng(0)
     lon, lat = sphere.to_binary(180 + rng.uniform(-5, 5, 5000)), sphere.to_binary(rng.uniform(-8, 8, 5000))
     wet = ~shoreline.is_land(coast, lon, lat)
-    ensemble = record.empty(3, (0, int(wet.sum())))
+    ensemble = record.empty(3, (0, int(wet.sum())), COLUMNS)
     ensemble.lon.from_numpy(lon[wet])
     ensemble.lat.from_numpy(lat[wet])
     place = world(

@@ -32,14 +32,14 @@ from drift.backtrack import tracks
 from drift.backtrack.tracks import Group
 from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.motion import domain, simulate, step_size, weights
+from drift.motion import domain, models, simulate, step_size, weights
 from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing
 from drift.motion.period import ClockSpec, Period
 from drift.motion.scenario import TracklinePrior
-from drift.motion.scene import Scene, physics
+from drift.motion.scene import Scene
 from drift.motion.simulate import Progress
 from drift.motion.status import Status
 from drift.spill import worlds as drawn_worlds
@@ -150,7 +150,7 @@ def backward(
         shore = device_coast.upload(where.coast) if where.coast else None
         bias, box = spill.current_bias > 0, domain.binary(where.box)
         place = advance.Place(box, shore, bias=bias, divergence=True, scheme=cut.scheme)
-        scene = Scene(forcing, tuple(physics(spec.errors, s) for s in spec.scenarios), place)
+        scene = Scene(forcing, models.motions(spec.errors, spec.scenarios), place)
         clock, _ = step_size.clock_of(back.period, cut, spec.errors, where.sources, ensemble, scene)
         order = np.flatnonzero(elapsed > 0)[::-1]  # the latest release comes first
         moments = simulate.run(ensemble, scene, clock, elapsed[order], progress)

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
+from drift.motion import drift
 from drift.motion import ensemble as record
-from drift.motion import prior
 from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import AIR_IN_WATER
@@ -89,19 +89,19 @@ def _groups(spill: Spill, worlds: int, per_find: int) -> tuple[list[Group], tupl
 def _equip(spec: EnsembleSpec, spill: Spill, shared: Worlds, groups: list[Group], bounds: tuple[int, ...]) -> Ensemble:
     """Return objects of every class with the worlds they belong to, each with its own leeway and errors."""
     seed = noise.seed_for(spec.seed, Purpose.BACKWARD)  # not the noise of the forward run
-    ensemble, key = record.empty(seed, bounds), noise.key(seed)
+    ensemble, key = record.empty(seed, bounds, drift.COLUMNS), noise.key(seed)
     world = np.concatenate([np.repeat(np.arange(shared.size, dtype=np.int32), group.count) for group in groups])
     ensemble.world.from_numpy(world)
     factor = runtime.upload(shared.windage.astype(np.float32))
     for kind, slots in zip(spill.kinds, ensemble.scenarios, strict=True):
         if slots[0] == slots[1]:
             continue
-        prior.equip(ensemble, slots, key, kind.object)
+        drift.draw_leeway(ensemble, slots, key, kind.object)
         if kind.object.immersion is not None:
-            kernel.draw_immersion(*slots, ensemble.down_slope, *key, *kind.object.immersion, AIR_IN_WATER)
-        for name in record.LEEWAY:
-            kernel.scale_windage(*slots, getattr(ensemble, name), ensemble.world, factor)
-        prior.draw_errors(spec.errors.unbiased(), ensemble, slots, key)
+            kernel.draw_immersion(*slots, ensemble.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER)
+        for name in drift.LEEWAY:
+            kernel.scale_windage(*slots, ensemble.own[name], ensemble.world, factor)
+        drift.draw_errors(ensemble, slots, key, spec.errors.unbiased())
     release.share(ensemble, shared.current_east, shared.current_north)
     return ensemble
 

@@ -6,9 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from drift.motion.drift import DRIFT
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment_spec import EnvironmentSpec
 from drift.motion.forcing_spec import ForcingSpec
+from drift.motion.leeway import Drifter
+from drift.motion.model import Model
+from drift.motion.models import MODELS
 from drift.motion.scenario import AreaPrior, PositionPrior
 from geo import sphere
 from geo.box import Box
@@ -42,13 +46,10 @@ def binary(box: Box) -> advance.Domain:
 
 def reach(spec: EnsembleSpec) -> Box:
     """Return the box that holds every prior and all that it can reach by the end of the run."""
-    slope = max(
-        (max(abs(line.slope) for line in (one.down, one.right, one.left)) for one in spec.drifters),
-        default=0.0,
-    )
-    fastest = FASTEST_CURRENT + slope * STRONGEST_WIND + 3 * (spec.errors.current.std + spec.errors.current.bias)
+    leeway = max((model.usual(one, STRONGEST_WIND) for model, one in _all(spec)), default=0.0)
+    fastest = FASTEST_CURRENT + leeway + 3 * (spec.errors.current.std + spec.errors.current.bias)
     if spec.release:
-        fastest += slope * STRONGEST_WIND * (math.exp(2 * spec.release.windage_bias) - 1)
+        fastest += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
     return around(spec, fastest, SPREADS)
 
 
@@ -59,21 +60,18 @@ def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     should leave it all the same has left the domain, and is told so.
     """
     wind = _fastest(asked.winds, UTMOST_WIND) + FARTHEST * spec.errors.wind.std
-    leeway = max(
-        (
-            (abs(line.slope) + FARTHEST * line.slope_std) * wind + abs(line.offset) + FARTHEST * line.offset_std
-            for one in spec.drifters
-            for line in (one.down, one.right, one.left)
-        ),
-        default=0.0,
-    )
-    leeway *= math.sqrt(2)  # down and across the wind
+    leeway = max((model.fastest(one, wind, FARTHEST) for model, one in _all(spec)), default=0.0)
     fastest = _fastest(asked.currents, UTMOST_CURRENT) + _fastest(asked.stokes, UTMOST_STOKES) + leeway
     fastest += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
     if spec.release:
         fastest += leeway * math.exp(FARTHEST * spec.release.windage_bias)
     fastest += FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)
     return around(spec, fastest, FARTHEST)
+
+
+def _all(spec: EnsembleSpec) -> list[tuple[Model, Drifter]]:
+    """Return all objects of a run and how each moves; debris drifts."""
+    return [(MODELS[one.model], one.object) for one in spec.scenarios] + [(DRIFT, drifter) for drifter in spec.debris]
 
 
 def _fastest(specs: Sequence[ForcingSpec], least: float) -> float:

@@ -4,6 +4,7 @@ Columns lie on the device (opaque here: only `kernels` touches them) and keep th
 contiguous, so that a scenario is a range of slots.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,50 +18,51 @@ from kernels import runtime, weigh
 Array = npt.NDArray[Any]
 Device = Any  # a one-dimensional array on the device
 
-INTEGERS = ("lon", "lat", "status", "release", "ended", "edge", "side", "world", "sinks", "afloat")
-LEEWAY = ("down_slope", "down_offset", "right_slope", "right_offset", "left_slope", "left_offset")
-REALS = (
-    "log_weight",
-    *LEEWAY,
-    "current_error_east",
-    "current_error_north",
-    "wind_error_east",
-    "wind_error_north",
-    "current_bias_east",
-    "current_bias_north",
+
+@dataclass(frozen=True)
+class Column:
+    """A property that every particle has: an array of shape (n,) on the device."""
+
+    name: str
+    dtype: type[np.int32] | type[np.float32]
+    first: float  # value before anything is drawn
+    unit: str
+    meaning: str
+
+
+NEVER = 2**31 - 1  # [s] a time that does not come
+# What every particle has, however it moves. Times are seconds after the run's start.
+CORE = (
+    Column("lon", np.int32, 0, "binary angle", "longitude"),
+    Column("lat", np.int32, 0, "binary angle", "latitude"),
+    Column("status", np.int32, Status.PENDING, "", "drift.motion.status.Status"),
+    Column("release", np.int32, 0, "s", "when it is released"),
+    Column("status_since", np.int32, 0, "s", "when it went ashore, sank, left, or ran out of forcing"),
+    Column("moving_since", np.int32, 0, "s", "when it last began to move, where what strands refloats"),
+    Column("sink_time", np.int32, NEVER, "s", "when it sinks if it is still adrift"),
+    Column("edge", np.int32, -1, "", "number of the shoreline edge where it went ashore; -1: none"),
+    Column("world", np.int32, 0, "", "number of the world whose unknowns it shares; 0 where there are none"),
+    Column("log_weight", np.float32, 0, "", "logarithm of its weight; -inf is legal"),
 )
-BYTES_PER_PARTICLE = 4 * (len(INTEGERS) + len(REALS))
 
 
 @dataclass(frozen=True)
 class Ensemble:
-    """Columns of shape (n,); `bounds` holds the first slot of each scenario and, last, n."""
+    """All particles: CORE as fields of shape (n,), then the columns of the models by which they move, by name."""
 
     seed: int
-    bounds: tuple[int, ...]
-    lon: Device  # int32 binary angle
+    bounds: tuple[int, ...]  # the first slot of each scenario and, last, n
+    lon: Device
     lat: Device
-    status: Device  # int32, drift.motion.status.Status
-    release: Device  # int32 [s] after the run's start
-    ended: Device  # int32 [s] after the run's start: when it went ashore, outside or left
-    edge: Device  # int32, shoreline edge where it went ashore, else -1
-    side: Device  # int32, +1 drifts to the right of the wind, -1 to the left
-    world: Device  # int32, number of the world whose unknowns it shares; 0 where there are none
-    sinks: Device  # int32 [s] after the run's start: when it sinks if it is still adrift
-    afloat: Device  # int32 [s] after the run's start: when it last began to move, where what strands refloats
-    log_weight: Device  # float32, -inf is legal
-    down_slope: Device  # float32, leeway per wind speed [1] and offset [m/s] of the particle's own three lines
-    down_offset: Device
-    right_slope: Device
-    right_offset: Device
-    left_slope: Device
-    left_offset: Device
-    current_error_east: Device  # float32 [m/s], Ornstein-Uhlenbeck errors as they stand
-    current_error_north: Device
-    wind_error_east: Device
-    wind_error_north: Device
-    current_bias_east: Device  # float32 [m/s], error of the current that lasts: its own, or in a spill its world's
-    current_bias_north: Device
+    status: Device
+    release: Device
+    status_since: Device
+    moving_since: Device
+    sink_time: Device
+    edge: Device
+    world: Device
+    log_weight: Device
+    own: Mapping[str, Device]
 
     @property
     def n(self) -> int:
@@ -72,16 +74,25 @@ class Ensemble:
         """Range [first, last) of slots of each scenario."""
         return list(zip(self.bounds[:-1], self.bounds[1:], strict=True))
 
+    @property
+    def columns(self) -> dict[str, Device]:
+        """All columns by name."""
+        return {**{one.name: getattr(self, one.name) for one in CORE}, **self.own}
 
-def empty(seed: int, bounds: tuple[int, ...]) -> Ensemble:
-    """Return an ensemble whose particles all wait at (0, 0) for a release at the start, all of weight 1."""
-    n = bounds[-1]
-    integers = {name: runtime.upload(np.zeros(n, np.int32)) for name in INTEGERS}
-    integers["status"].fill(int(Status.PENDING))
-    integers["edge"].fill(-1)
-    integers["sinks"].fill(2**31 - 1)
-    integers["side"].fill(1)
-    return Ensemble(seed, bounds, **integers, **{name: runtime.empty(n) for name in REALS})
+
+def empty(seed: int, bounds: tuple[int, ...], own: Sequence[Column] = ()) -> Ensemble:
+    """Return an ensemble whose particles all wait at (0, 0) for a release at the start, all of weight 1; own: columns besides CORE."""
+
+    def filled(columns: Sequence[Column]) -> dict[str, Device]:
+        return {one.name: runtime.upload(np.full(bounds[-1], one.first, one.dtype)) for one in columns}
+
+    return Ensemble(seed, bounds, own=filled(own), **filled(CORE))
+
+
+def inherit(ensemble: Ensemble, ancestors: Array) -> None:
+    """Give every slot what its ancestor has, in all columns, in place; ancestors: slots, (n,)."""
+    for column in ensemble.columns.values():
+        column.from_numpy(np.ascontiguousarray(column.to_numpy()[ancestors]))
 
 
 def probability(ensemble: Ensemble) -> Array:
@@ -112,6 +123,7 @@ def account(ensemble: Ensemble, status: Array | None = None) -> Account:
 
 def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
     """Return a copy of chosen slots (sorted), for trials that must not touch the run."""
-    columns = {name: runtime.upload(getattr(ensemble, name).to_numpy()[slots]) for name in (*INTEGERS, *REALS)}
+    copied = {name: runtime.upload(column.to_numpy()[slots]) for name, column in ensemble.columns.items()}
+    core = {one.name: copied.pop(one.name) for one in CORE}
     bounds = tuple(int(x) for x in np.searchsorted(slots, ensemble.bounds))
-    return replace(ensemble, bounds=bounds, **columns)
+    return replace(ensemble, bounds=bounds, own=copied, **core)

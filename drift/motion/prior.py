@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.motion import ensemble as record
-from drift.motion import resample
+from drift.motion import models, resample
 from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.forcing_error import Errors
-from drift.motion.leeway import Drifter
+from drift.motion.models import MODELS
 from drift.motion.period import Period
 from drift.motion.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
 from drift.motion.status import Status
@@ -49,7 +48,7 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
             f"particles: {spec.particles} cannot tell {len(spec.scenarios)} scenarios; give at least one each"
         )
     counts = _counts(spec)
-    ensemble = record.empty(spec.seed, _bounds(spec, counts))
+    ensemble = record.empty(spec.seed, _bounds(spec, counts), models.columns(spec.scenarios))
     key = noise.key(spec.seed)
     dry = []
     for scenario, slots in zip(spec.scenarios, ensemble.scenarios, strict=True):
@@ -63,8 +62,7 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
                 "tries; move or widen it, or check [coast] source"
             )
         dry.append(1.0 - (slots[1] - slots[0]) / drawn)
-        equip(ensemble, slots, key, scenario.object)
-        draw_errors(spec.errors, ensemble, slots, key)
+        MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
     ensemble.log_weight.from_numpy(_log_weights(spec, ensemble, counts))
     if ensemble.n > sum(counts):
         spare = np.concatenate([np.arange(b - a) >= c for (a, b), c in zip(ensemble.scenarios, counts, strict=True)])
@@ -162,23 +160,3 @@ def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
     course, length = np.arctan2(east, north).astype(np.float32), np.hypot(east, north)
     points = sphere.to_binary(np.degrees(np.stack([lon, lat], axis=1)[:-1]))
     return points, course, length.astype(np.float32), (np.cumsum(length) / length.sum()).astype(np.float32)
-
-
-def draw_errors(errors: Errors, ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int]) -> None:
-    """Draw the errors of current and wind that each particle starts with, and its bias."""
-    e, current, wind = ensemble, errors.current, errors.wind
-    kernel.draw_error(*slots, e.current_error_east, e.current_error_north, 0, *key, current.std)
-    kernel.draw_error(*slots, e.wind_error_east, e.wind_error_north, 1, *key, wind.std)
-    kernel.draw_error(*slots, e.current_bias_east, e.current_bias_north, 2, *key, current.bias)
-
-
-def equip(ensemble: Ensemble, slots: tuple[int, int], key: tuple[int, int], drifter: Drifter) -> None:
-    """Draw each particle's own leeway lines and its first side; no downwind slope is negative unless its line's is."""
-    for number, name in enumerate(("down", "right", "left")):
-        line = getattr(drifter, name)
-        slope, offset = getattr(ensemble, f"{name}_slope"), getattr(ensemble, f"{name}_offset")
-        least = 0.0 if name == "down" and line.slope >= 0 else -np.inf
-        kernel.draw_object(
-            *slots, slope, offset, number, *key, line.slope, line.offset, line.slope_std, line.offset_std, least
-        )
-    kernel.draw_side(*slots, ensemble.side, *key)

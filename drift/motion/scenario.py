@@ -99,4 +99,5 @@ class Scenario:
     winds: tuple[str, ...]
     stokes: tuple[str, ...]
     search_object: str | None = None  # as in the sweep width tables
+    model: str = "drift"  # of motion: drift.motion.models
     survival: Survival | None = None

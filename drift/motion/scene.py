@@ -1,4 +1,4 @@
-"""The scene of a run: the forcing, the physics of each scenario and the place, which do not change while particles move."""
+"""The scene of a run: the forcing, how each scenario's objects move, and the place, which do not change while particles move."""
 
 import math
 from collections.abc import Callable
@@ -11,18 +11,18 @@ import numpy.typing as npt
 from drift.motion.ensemble import Ensemble
 from drift.motion.environment_spec import Coast
 from drift.motion.forcing import Forcing
-from drift.motion.forcing_error import Errors, ForcingError
-from drift.motion.scenario import Scenario
+from drift.motion.model import Inside, Motion, Waters
+from geo.array import Array
 from kernels import advance as kernel
 from kernels import coast as device_coast
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What does not change in a run and every scenario needs to move: forcing, physics, and the place."""
+    """What does not change in a run and every scenario needs to move: forcing, models with their terms, and the place."""
 
     forcing: Forcing
-    physics: tuple[kernel.Physics, ...]  # one a scenario
+    motions: tuple[Motion, ...]  # one a scenario
     place: kernel.Place
 
     def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step) -> None:
@@ -35,10 +35,10 @@ class Scene:
         """Return what moves each scenario of an ensemble; made once, and kept with the forcing as long as that is open."""
         key = id(self), id(ensemble), direction
         if key not in self.forcing.movers:
-            each = zip(ensemble.scenarios, self.forcing.ranges, self.physics, strict=True)
+            each = zip(ensemble.scenarios, self.forcing.ranges, self.motions, strict=True)
             made = tuple(
-                kernel.mover(ensemble, slots, self.forcing.tiles, ranges, physics, self.place, direction)
-                for slots, ranges, physics in each
+                model.mover(ensemble, slots, Waters(self.forcing.tiles, ranges, self.place), terms, direction)
+                for slots, ranges, (model, terms) in each
             )
             self.forcing.movers[key] = (self, ensemble), made  # a name of what is no more could be given again
         moves: tuple[kernel.Move, ...] = self.forcing.movers[key][1]
@@ -47,13 +47,19 @@ class Scene:
     def without_noise(self) -> "Scene":
         """Return the same scene in which nothing is left to chance, and what comes ashore stays there."""
         still = self.place._replace(beach=kernel.Beach(), sinks=False, divergence=False)
-        return replace(self, physics=tuple(kernel.Physics() for _ in self.physics), place=still)
+        motions = tuple(Motion(model, model.still(terms)) for model, terms in self.motions)
+        return replace(self, motions=motions, place=still)
 
-
-def physics(errors: Errors, scenario: Scenario) -> kernel.Physics:
-    """Return a scenario's physics; an error without spread is off."""
-    current, wind = errors.current, errors.wind if scenario.object.uses_wind else ForcingError(0.0, 1.0)
-    return kernel.Physics(current.std, current.time, wind.std, wind.time, errors.diffusivity, scenario.jibe_rate)
+    def between(self, ensemble: Ensemble, inside: Inside) -> tuple[Array, Array]:
+        """Return where an ensemble's particles are at a time inside a step: lon, lat [binary angle], (n,)."""
+        models = list(dict.fromkeys(model for model, _ in self.motions))
+        terms = tuple(terms for _, terms in self.motions)
+        lon, lat = models[0].between(ensemble, terms, self.place, inside)
+        for model in models[1:]:  # each knows its own particles
+            mine = np.repeat([one.model is model for one in self.motions], np.diff(ensemble.bounds))
+            there = model.between(ensemble, terms, self.place, inside)
+            lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
+        return lon, lat
 
 
 def beach(coast: Coast) -> kernel.Beach:

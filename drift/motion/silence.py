@@ -38,7 +38,7 @@ def lost(forcing: Forcing, clock: Clock, ensemble: Ensemble, end: Snapshot) -> S
     end: of the run. It looks where a particle stayed, at the begin and the end of the step that it could not make, then
     ahead of it along the current; what only its leeway led to is not told.
     """
-    ended, outside, probability = ensemble.ended.to_numpy(), end.status == Status.OUTSIDE, end.probability
+    ended, outside, probability = ensemble.status_since.to_numpy(), end.status == Status.OUTSIDE, end.probability
     steps = [(step.elapsed, low, high) for low, high, step in clock.steps()]
     number = np.searchsorted([elapsed for elapsed, _, _ in steps], ended, "right") - 1
     by_step = np.bincount(number[outside], probability[outside], len(steps))

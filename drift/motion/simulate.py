@@ -13,10 +13,11 @@ import numpy.typing as npt
 
 from drift.motion.clock import Clock
 from drift.motion.ensemble import Ensemble
+from drift.motion.model import Inside
 from drift.motion.scene import Scene
 from drift.motion.status import Status
 from kernels import advance as kernel
-from kernels import bridge, noise
+from kernels import noise
 from kernels.noise import Purpose
 
 Array = npt.NDArray[Any]
@@ -156,29 +157,24 @@ def _inside(
     before: where they were at `since`, the step's begin or a time in it. debris: tells it apart from the object, 0, which has the same seed.
     """
     end = step.elapsed + step.duration
-    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
+    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.status_since, ensemble.status))
     left = np.maximum(since, release)
     there = np.where(status == Status.ADRIFT, end, np.minimum(ended, end))
-    afloat = ensemble.afloat.to_numpy()  # what refloats begins to move within the step
+    afloat = ensemble.moving_since.to_numpy()  # what refloats begins to move within the step
     left = np.where(afloat < there, np.maximum(left, afloat), left)
     lasting = np.maximum(there - left, 1)
     share = np.clip((time - left) / lasting, 0.0, 1.0)
-    diffusivity = np.repeat([p.diffusivity for p in scene.physics], np.diff(ensemble.bounds))
-    variance = 2 * diffusivity * share * (1 - share) * lasting
-    spread = np.where(status == Status.ADRIFT, np.sqrt(variance), 0.0)
-    after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     moment = (clock.start + clock.direction * time) % 2**31
     seed = noise.seed_for(ensemble.seed, Purpose.DEBRIS_BRIDGE, debris) if debris else ensemble.seed
-    lon, lat = bridge.between(before, after, share, spread, seed, moment, scene.place.coast)
-    return lon, lat
+    return scene.between(ensemble, Inside(before, share, lasting, status == Status.ADRIFT, seed, moment))
 
 
 def _moment(ensemble: Ensemble, lon: Array, lat: Array, time: int, search: Filter | None) -> Moment:
     """Return positions with the status that each particle had at that time, and its weight as far as it was known."""
-    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
+    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.status_since, ensemble.status))
     over = (status != Status.ADRIFT) & (status != Status.PENDING)
     status = np.where(over & (ended > time) | (status == Status.PENDING), int(Status.ADRIFT), status)
-    waits = (status == Status.ADRIFT) & (ensemble.afloat.to_numpy() > np.maximum(time, release))
+    waits = (status == Status.ADRIFT) & (ensemble.moving_since.to_numpy() > np.maximum(time, release))
     status = np.where(waits, int(Status.ASHORE), status)  # it refloats later in this step
     status = np.where(release > time, int(Status.PENDING), status)
     weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from drift.motion import ensemble as record
 from drift.motion.clock import Clock, lattice
 from drift.motion.ensemble import Ensemble
-from drift.motion.forcing_error import Errors, ForcingError
+from drift.motion.forcing_error import Errors
 from drift.motion.period import ClockSpec, Period
 from drift.motion.scene import Scene
 from drift.motion.status import Status
@@ -48,8 +48,7 @@ def clock_of(
     divisor, origin = lattice(times)
     start, duration, direction = period.epoch, period.duration, period.direction
     limits = {
-        "a sixth of the decorrelation time of the current's errors": _sixth(errors.current),
-        "a sixth of the decorrelation time of the wind's errors": _sixth(errors.wind),
+        **{reason: longest for model, _ in scene.motions for reason, longest in model.longest(errors).items()},
         "the interval of the forcing": min((float(np.median(np.diff(t))) for t in times), default=np.inf),
     }
     reason, longest = min(limits.items(), key=lambda item: item[1])
@@ -63,11 +62,6 @@ def clock_of(
             'most that, or "auto"'
         )
     return Clock(start, duration, direction, spec.step, origin % spec.step), None
-
-
-def _sixth(error: ForcingError) -> float:
-    """Return the longest step [s] that an error's process allows."""
-    return error.time / 6 if error.std > 0 else np.inf
 
 
 def choose_step(

@@ -98,7 +98,7 @@ def ends(case: Case, begin: Start) -> str:
     lost = share[Status.OUTSIDE] + share[Status.LEFT]
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
-        when = case.period.time(int(max(some.ended.to_numpy()[gone].min(), 0)))
+        when = case.period.time(int(max(some.status_since.to_numpy()[gone].min(), 0)))
         told += f"; the first is lost about {notation.group(when)}"
     if lost > case.max_lost:
         told += (

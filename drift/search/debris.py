@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy.typing as npt
 
-from drift.motion import prior
+from drift.motion import drift, models, prior
 from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import Drifter
-from drift.motion.scene import Scene, physics
+from drift.motion.scene import Scene
 from drift.search.records import Contact
 from kernels import noise
 from kernels.noise import Purpose
@@ -44,8 +44,8 @@ def of_contacts(spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: 
         told = replace(spec, scenarios=tuple(replace(s, object=drifter) for s in spec.scenarios))
         ensemble = prior.draw(told, scene.place.coast).ensemble
         for slots in ensemble.scenarios:  # coefficients of its own
-            prior.equip(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
+            drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
         place = scene.place._replace(debris=number)
-        moved = replace(scene, physics=tuple(physics(told.errors, s) for s in told.scenarios), place=place)
+        moved = replace(scene, motions=models.motions(told.errors, told.scenarios), place=place)
         found[drifter] = Debris(ensemble, moved, time)
     return found

@@ -232,21 +232,21 @@ class Search:
         with np.errstate(invalid="ignore"):  # what is to spare has no weight before or after
             own = self.unsearched[ancestors] - before[ancestors] + log_weight
         self.unsearched = np.where(log_weight > -np.inf, own, -np.inf)
-        columns = [getattr(e, name) for name in (*record.INTEGERS, *record.REALS)]
-        columns += [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
+        columns = [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
         for one in self._debris.values():
-            columns += [getattr(one.ensemble, name) for name in (*record.INTEGERS, *record.REALS)]
+            record.inherit(one.ensemble, ancestors)
         if self._never is not None:
             self._never = self._never[ancestors]
+        record.inherit(e, ancestors)
         for column in columns:
             values = column.to_numpy().reshape(-1, e.n)
             column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
         e.log_weight.from_numpy(log_weight)
-        status, ended = e.status.to_numpy(), e.ended.to_numpy()
+        status, ended = e.status.to_numpy(), e.status_since.to_numpy()
         e.status.from_numpy(np.where(spare, int(Status.LEFT), status).astype(np.int32))
         if self._scene.place.beach.stay > 0:
             # The wait of what lies ashore is a function of slot and landing. It has no memory: copies begin theirs anew.
-            e.ended.from_numpy(np.where(status == Status.ASHORE, until, ended).astype(np.int32))
+            e.status_since.from_numpy(np.where(status == Status.ASHORE, until, ended).astype(np.int32))
         return ancestors
 
     def ancestors(self) -> Array | None:
@@ -318,6 +318,6 @@ def _living(slots: tuple[int, int], ensemble: Ensemble) -> int:
 
 def _there(ensemble: Ensemble, time: int) -> Array:
     """Return which particles were adrift or ashore at a time, bool (n,)."""
-    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.ended, ensemble.status))
+    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.status_since, ensemble.status))
     over = (status > Status.ASHORE) & (status != Status.PENDING) & (ended <= time)
     return np.asarray((release <= time) & ~over)

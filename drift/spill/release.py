@@ -5,8 +5,8 @@ Every class of objects has a range of slots, world after world; a slot's world s
 
 import numpy as np
 
+from drift.motion import drift
 from drift.motion import ensemble as record
-from drift.motion import prior
 from drift.motion.ensemble import Ensemble
 from drift.motion.forcing_error import Errors
 from drift.motion.leeway import AIR_IN_WATER
@@ -33,7 +33,7 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
     """
     counts = per_world(spill)
     bounds = tuple(int(n) for n in np.concatenate([[0], np.cumsum(counts) * worlds.size]))
-    ensemble, key = record.empty(seed, bounds), noise.key(seed)
+    ensemble, key = record.empty(seed, bounds, drift.COLUMNS), noise.key(seed)
     where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)]
     factor = runtime.upload(worlds.windage.astype(np.float32))
     log_weight = np.empty(ensemble.n, np.float32)
@@ -49,17 +49,17 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
                 f"[spill] scatter: {failed:,} of {slots[1] - slots[0]:,} objects found no water about their release; "
                 "make it smaller, or check [coast] source"
             )
-        prior.equip(ensemble, slots, key, kind.object)
+        drift.draw_leeway(ensemble, slots, key, kind.object)
         if kind.object.immersion is not None:
-            kernel.draw_immersion(*slots, ensemble.down_slope, *key, *kind.object.immersion, AIR_IN_WATER)
-        for name in record.LEEWAY:
-            kernel.scale_windage(*slots, getattr(ensemble, name), ensemble.world, factor)
+            kernel.draw_immersion(*slots, ensemble.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER)
+        for name in drift.LEEWAY:
+            kernel.scale_windage(*slots, ensemble.own[name], ensemble.world, factor)
         if kind.sinking is not None:
             time = runtime.upload(worlds.sinking[:, number].astype(np.float32))
             kernel.draw_sinking(
-                *slots, ensemble.sinks, ensemble.release, ensemble.world, *key, time, kind.sinking.spread
+                *slots, ensemble.sink_time, ensemble.release, ensemble.world, *key, time, kind.sinking.spread
             )
-        prior.draw_errors(errors.unbiased(), ensemble, slots, key)
+        drift.draw_errors(ensemble, slots, key, errors.unbiased())
         with np.errstate(divide="ignore"):
             log_weight[slice(*slots)] = np.log(kind.share) - np.log(count * worlds.size)
     share(ensemble, worlds.current_east, worlds.current_north)
@@ -70,5 +70,5 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
 def share(ensemble: Ensemble, east: Real, north: Real) -> None:
     """Give every particle the error of the current that its world has drawn [m/s], shape (worlds,)."""
     world = ensemble.world.to_numpy()
-    ensemble.current_bias_east.from_numpy(east.astype(np.float32)[world])
-    ensemble.current_bias_north.from_numpy(north.astype(np.float32)[world])
+    ensemble.own["current_bias_east"].from_numpy(east.astype(np.float32)[world])
+    ensemble.own["current_bias_north"].from_numpy(north.astype(np.float32)[world])

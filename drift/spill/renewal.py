@@ -131,7 +131,7 @@ def _fates(spill: Spill, done: Drifted, segments: Segments) -> Fates:
         world=ensemble.world.to_numpy(),
         kind=snapshot.scenario,
         release=ensemble.release.to_numpy(),
-        ended=np.where(over, ensemble.ended.to_numpy(), FOREVER).astype(np.int32),
+        ended=np.where(over, ensemble.status_since.to_numpy(), FOREVER).astype(np.int32),
         ending=snapshot.status,
         stays=done.landings.stays(segments.of_edge),
     )

@@ -38,16 +38,16 @@ class Landings:
         if not self.refloats:
             return
         ashore = self.ensemble.status.to_numpy() == Status.ASHORE
-        ended, edge = self.ensemble.ended.to_numpy(), self.ensemble.edge.to_numpy()
+        ended, edge = self.ensemble.status_since.to_numpy(), self.ensemble.edge.to_numpy()
         gone = np.flatnonzero(self._ashore & (~ashore | (ended != self._ended)))
-        leave = np.maximum(self._ended[gone] + 1, self.ensemble.afloat.to_numpy()[gone])
+        leave = np.maximum(self._ended[gone] + 1, self.ensemble.moving_since.to_numpy()[gone])
         self._rows.append(np.stack([gone, self._edge[gone], self._ended[gone], leave]))
         self._ashore, self._ended, self._edge = ashore, ended, edge
 
     def stays(self, of_edge: Array) -> Stays:
         """Return all stays; of_edge: the segment of every shoreline edge, by number."""
         there = np.flatnonzero(self.ensemble.status.to_numpy() == Status.ASHORE)
-        ended, edge = self.ensemble.ended.to_numpy()[there], self.ensemble.edge.to_numpy()[there]
+        ended, edge = self.ensemble.status_since.to_numpy()[there], self.ensemble.edge.to_numpy()[there]
         last = np.stack([there, edge, ended, np.full(there.size, FOREVER)])
         slot, edge, arrival, leave = np.concatenate([*self._rows, last], axis=1).astype(np.int32)
         order = np.lexsort((arrival, slot))

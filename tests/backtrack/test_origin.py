@@ -15,8 +15,10 @@ from drift.case.record import Case
 from drift.motion import ensemble as record
 from drift.motion import simulate
 from drift.motion.clock import Clock
+from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing, Sources
+from drift.motion.model import Motion
 from drift.motion.scene import Scene
 from drift.motion.status import Status
 from drift.spill import release as objects
@@ -55,11 +57,11 @@ def weights(
     source: Source, lat_deg: float, direction: int, duration: int, scheme: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return log weights and latitudes [rad] at the end, of particles strewn about the equator or a parallel."""
-    ensemble = record.empty(1, (0, 5))
+    ensemble = record.empty(1, (0, 5), COLUMNS)
     ensemble.lon.from_numpy(sphere.to_binary([0.05, -0.1, 0.0, 0.2, -0.2]))
     ensemble.lat.from_numpy(sphere.to_binary(lat_deg + np.array([0.1, 0.15, -0.12, 0.0, -0.03])))
     place = kernel.Place(EVERYWHERE, divergence=True, scheme=scheme)
-    scene = Scene(Forcing([Sources(current=(source,))], direction), (kernel.Physics(),), place)
+    scene = Scene(Forcing([Sources(current=(source,))], direction), (Motion(DRIFT, kernel.Physics()),), place)
     list(simulate.run(ensemble, scene, Clock(T0, duration, direction, 1800), np.array([duration])))
     scene.forcing.close()
     assert (ensemble.status.to_numpy() == Status.ADRIFT).all()
@@ -185,7 +187,7 @@ def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.nda
     drawn = drawn_worlds.draw(case.spill, 9, lambda lon, lat: np.zeros(lon.shape, bool), count=worlds)
     release = drawn.release - T0
     n = worlds * count
-    ensemble = record.empty(11, (0, n))
+    ensemble = record.empty(11, (0, n), COLUMNS)
     scatter = np.degrees(np.random.default_rng(3).normal(0, SCATTER, (2, n)) / sphere.RADIUS)
     for column, values, shift in zip((ensemble.lon, ensemble.lat), (drawn.lon, drawn.lat), scatter, strict=True):
         column.from_numpy(np.repeat(values, count) + sphere.to_binary(shift))
@@ -194,7 +196,7 @@ def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.nda
     objects.share(ensemble, drawn.current_east, drawn.current_north)
     scene = Scene(
         Forcing([Sources(current=(source,))], 1),
-        (kernel.Physics(diffusivity=DIFFUSIVITY),),
+        (Motion(DRIFT, kernel.Physics(diffusivity=DIFFUSIVITY)),),
         kernel.Place(EVERYWHERE, bias=True),
     )
     order = sorted(SEEN)

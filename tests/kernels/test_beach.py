@@ -11,7 +11,9 @@ import drift
 from drift.motion import ensemble as record
 from drift.motion import simulate
 from drift.motion.clock import Clock
+from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
+from drift.motion.model import Motion
 from drift.motion.scene import Scene
 from drift.motion.status import Status
 from drift.spill import release
@@ -53,7 +55,7 @@ def drift_on(
     **place,
 ):
     """Return the ensemble and its moments after drifting in a uniform current [m/s] from (lon, lat) [deg]."""
-    ensemble = record.empty(3, (0, n))
+    ensemble = record.empty(3, (0, n), COLUMNS)
     ensemble.lon.fill(int(sphere.to_binary(start[0])))
     ensemble.lat.fill(int(sphere.to_binary(start[1])))
     if prepare:
@@ -61,7 +63,9 @@ def drift_on(
     device = device_coast.upload(shore) if shore else None
     source = sources.constant("current", *current)
     scene = Scene(
-        Forcing([Sources(current=(source,))], direction), (physics,), kernel.Place(EVERYWHERE, device, **place)
+        Forcing([Sources(current=(source,))], direction),
+        (Motion(DRIFT, physics),),
+        kernel.Place(EVERYWHERE, device, **place),
     )
     moments = list(simulate.run(ensemble, scene, Clock(T0, duration, direction, step), np.array(outputs or [duration])))
     scene.forcing.close()
@@ -79,7 +83,7 @@ def test_arrivals_with_diffusion_follow_the_inverse_gaussian_law(step: int) -> N
     ensemble, _ = drift_on(
         shore, (speed, 0.0), n, (-away * METRE, 0.1), 600_000, step, physics=kernel.Physics(diffusivity=diffusivity)
     )
-    status, ended = ensemble.status.to_numpy(), ensemble.ended.to_numpy()
+    status, ended = ensemble.status.to_numpy(), ensemble.status_since.to_numpy()
     mean, shape = away / speed, away**2 / (2 * diffusivity)
     law = stats.invgauss(mean / shape, scale=shape)
     arrived = np.where(status == Status.ASHORE, ended + 0.5, np.inf)
@@ -111,7 +115,7 @@ def test_one_step_lands_by_the_inverse_gaussian_law(away: float, speed: float, l
     share = law.cdf(dt) * (1.0 if speed > 0 else np.exp(2 * away * speed / sigma2))
     assert 0.02 < share < 0.98
     assert abs(ashore.mean() - share) < 4.5 * np.sqrt(share * (1 - share) / n)
-    when = ensemble.ended.to_numpy()[ashore] + 0.5  # whole seconds, cut
+    when = ensemble.status_since.to_numpy()[ashore] + 0.5  # whole seconds, cut
     assert stats.kstest(when, lambda t: law.cdf(t) / law.cdf(dt)).statistic < 1.95 / np.sqrt(when.size) + 0.5 * 2 / dt
 
 
@@ -122,7 +126,7 @@ def test_arrivals_do_not_depend_on_where_the_edges_of_a_straight_shore_end() -> 
         ensemble, _ = drift_on(
             land(jagged(edge)), (0.1, 0.02), 5000, (-0.02, 0.1), 86_400, 1800, physics=kernel.Physics(diffusivity=50.0)
         )
-        ends.append((ensemble.status.to_numpy(), ensemble.ended.to_numpy()))
+        ends.append((ensemble.status.to_numpy(), ensemble.status_since.to_numpy()))
     assert (ends[0][0] == ends[1][0]).mean() > 0.999  # float32 near the threshold of a touch
     both = (ends[0][0] == Status.ASHORE) & (ends[1][0] == Status.ASHORE)
     assert np.abs(ends[0][1][both] - ends[1][1][both]).max() < 60
@@ -133,7 +137,7 @@ def test_without_diffusion_arrivals_are_those_of_the_straight_way(step: int) -> 
     shore = land(jagged(0.004))
     ensemble, _ = drift_on(shore, (0.25, 0.1), 4, (-0.05, -0.2), 86_400, step)
     assert (ensemble.status.to_numpy() == Status.ASHORE).all()
-    assert ensemble.ended.to_numpy() == pytest.approx(0.05 / METRE / 0.25, abs=2)
+    assert ensemble.status_since.to_numpy() == pytest.approx(0.05 / METRE / 0.25, abs=2)
     lat = ensemble.lat.to_numpy() * (360 / sphere.TURN)
     assert lat == pytest.approx(-0.2 + 0.05 * 0.1 / 0.25, abs=2 * METRE)
 
@@ -193,11 +197,11 @@ def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: 
     def drifted(after: float):
         times = (T0 + 3600 * hours).astype("datetime64[s]")
         east = np.where(hours <= 2, 0.1, after)
-        ensemble = record.empty(3, (0, n))
+        ensemble = record.empty(3, (0, n), COLUMNS)
         ensemble.lon.fill(int(sphere.to_binary(-100 * METRE)))
         scene = Scene(
             Forcing([Sources(current=(sources.table("current", times, east, 0 * east),))], 1),
-            (kernel.Physics(),),
+            (Motion(DRIFT, kernel.Physics()),),
             kernel.Place(EVERYWHERE, device_coast.upload(shore), beach),
         )
         outputs = np.array([7200, 36_000, 86_400])
@@ -242,11 +246,11 @@ def test_what_sinks_does_so_at_its_time_and_nowhere_else() -> None:
     times = np.arange(n, dtype=np.int32) * 100
 
     def prepare(ensemble) -> None:
-        ensemble.sinks.from_numpy(times)
+        ensemble.sink_time.from_numpy(times)
         ensemble.release.from_numpy(np.full(n, 500, np.int32))
 
     ensemble, (end,) = drift_on(None, (0.5, 0.0), n, (-1.0, 0.1), 60_000, 1000, prepare=prepare, sinks=True)
-    status, ended = end.status, ensemble.ended.to_numpy()
+    status, ended = end.status, ensemble.status_since.to_numpy()
     assert (status == np.where(times <= 60_000, Status.SUNK, Status.ADRIFT)).all()
     sunk = times < 60_000
     assert (ended[sunk] == np.maximum(times[sunk], 500)).all()

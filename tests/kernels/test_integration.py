@@ -5,6 +5,7 @@ import pytest
 from flows import FLOWS, Flow
 
 from drift.motion import ensemble as record
+from drift.motion.drift import COLUMNS
 from geo import sphere
 from geo.grids.grid import Grid
 from kernels import advance as kernel
@@ -16,7 +17,7 @@ EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 def end_of(flow: Flow, scheme: str, step: int, direction: int = 1, start=None) -> tuple[np.ndarray, np.ndarray]:
     """Return where the kernel leads (lon, lat) [rad]."""
     lon, lat = start or (sphere.to_binary(flow.lon), sphere.to_binary(flow.lat))
-    ensemble = record.empty(1, (0, lon.size))
+    ensemble = record.empty(1, (0, lon.size), COLUMNS)
     ensemble.lon.from_numpy(lon)
     ensemble.lat.from_numpy(lat)
     tiles = Tiles([Grid(0, 0, 1, 1, 2, 2)])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drift.motion import ensemble as record
+from drift.motion.drift import COLUMNS
 from geo import sphere
 from geo.grids.grid import Grid
 from kernels import advance as kernel
@@ -23,13 +24,17 @@ def drifted(
     bias: float = 0.0, seed: int = 11,
 ):  # fmt: skip
     """Return the ensemble after HOURS, from one point; bias: standard deviation of the current's lasting error [m/s]."""
-    ensemble = record.empty(seed, (0, n))
+    ensemble = record.empty(seed, (0, n), COLUMNS)
     for column, angle in ((ensemble.lon, AT[0]), (ensemble.lat, AT[1])):
         column.fill(int(sphere.to_binary(np.degrees(angle))))
     slots, words = (0, n), key(seed)
-    draw.draw_error(*slots, ensemble.current_bias_east, ensemble.current_bias_north, 2, *words, bias)
-    draw.draw_error(*slots, ensemble.current_error_east, ensemble.current_error_north, 0, *words, physics.current_std)
-    draw.draw_error(*slots, ensemble.wind_error_east, ensemble.wind_error_north, 1, *words, physics.wind_std)
+    draw.draw_error(*slots, ensemble.own["current_bias_east"], ensemble.own["current_bias_north"], 2, *words, bias)
+    draw.draw_error(
+        *slots, ensemble.own["current_error_east"], ensemble.own["current_error_north"], 0, *words, physics.current_std
+    )
+    draw.draw_error(
+        *slots, ensemble.own["wind_error_east"], ensemble.own["wind_error_north"], 1, *words, physics.wind_std
+    )
     if prepare:
         prepare(ensemble)
     tiles = tiles or Tiles([])
@@ -68,7 +73,7 @@ def test_current_errors_spread_as_an_integrated_ornstein_uhlenbeck_process(step:
     ensemble = drifted(kernel.Physics(current_std=std, current_time=time), step)
     for sample in offsets(ensemble):
         close_to(sample, variance, 0.005)
-    for column in (ensemble.current_error_east, ensemble.current_error_north):
+    for column in (ensemble.own["current_error_east"], ensemble.own["current_error_north"]):
         close_to(column.to_numpy().astype(float), std**2)
 
 
@@ -91,7 +96,7 @@ def test_wind_errors_act_through_the_leeway(step: int) -> None:
     variance = (slope * std * time) ** 2 * 2 * (t - 1 + np.exp(-t))
 
     def windage(ensemble: record.Ensemble) -> None:
-        ensemble.down_slope.fill(slope)
+        ensemble.own["down_slope"].fill(slope)
 
     physics = kernel.Physics(wind_std=std, wind_time=time)
     ensemble = drifted(physics, step, (0, 0, 0, 1, 0, 0), uniform_wind(8.0), windage)
@@ -105,12 +110,12 @@ def test_a_step_feels_the_mean_of_the_error_at_its_ends(which: str) -> None:
     """Path by path: the trapezoidal rule's error in the variance is that of the process between the lattice's points alone."""
     slope, step, n = 0.04, 3600, 5000
     physics = kernel.Physics(0.3, 21_600.0) if which == "current" else kernel.Physics(wind_std=2.0, wind_time=21_600.0)
-    ensemble = record.empty(3, (0, n))
+    ensemble = record.empty(3, (0, n), COLUMNS)
     for column, angle in ((ensemble.lon, AT[0]), (ensemble.lat, AT[1])):
         column.fill(int(sphere.to_binary(np.degrees(angle))))
-    columns = [getattr(ensemble, f"{which}_error_{axis}") for axis in ("east", "north")]
+    columns = [ensemble.own[f"{which}_error_{axis}"] for axis in ("east", "north")]
     draw.draw_error(0, n, *columns, int(which == "wind"), *key(3), 0.3 if which == "current" else 2.0)
-    ensemble.down_slope.fill(slope)
+    ensemble.own["down_slope"].fill(slope)
     before = np.array([column.to_numpy() for column in columns], np.float64)
     clock, ranges = kernel.Step(0, 0, step, 1), (0, 0, 0, 1, 0, 0)
     kernel.advance(ensemble, (0, n), uniform_wind(5.0, -7.0), ranges, physics, clock, kernel.Place(EVERYWHERE))
@@ -132,9 +137,9 @@ def test_a_line_leads_down_and_to_the_right_of_any_wind(toward: tuple[float, flo
 
     def equip(ensemble: record.Ensemble) -> None:
         for name, (slope, offset) in lines.items():
-            getattr(ensemble, f"{name}_slope").fill(slope)
-            getattr(ensemble, f"{name}_offset").fill(offset)
-        ensemble.side.from_numpy(np.array([1, -1], np.int32))
+            ensemble.own[f"{name}_slope"].fill(slope)
+            ensemble.own[f"{name}_offset"].fill(offset)
+        ensemble.own["side"].from_numpy(np.array([1, -1], np.int32))
 
     wind = np.array(toward)
     speed = np.hypot(*wind)
@@ -151,7 +156,7 @@ def test_a_walk_near_the_pole_has_no_drift_of_its_own() -> None:
     """Brownian motion on a sphere is isotropic about its begin: the mean way north is 0, not D tan(lat) t / R = 770 m."""
     n, diffusivity = 400_000, 1e4
     at = (np.radians(31.0), np.radians(80.0))
-    ensemble = record.empty(4, (0, n))
+    ensemble = record.empty(4, (0, n), COLUMNS)
     for column, angle in ((ensemble.lon, at[0]), (ensemble.lat, at[1])):
         column.fill(int(sphere.to_binary(np.degrees(angle))))
     for k in range(24):
@@ -170,9 +175,9 @@ def test_debris_jibes_and_walks_on_its_own() -> None:
     physics = kernel.Physics(0.2, 21_600.0, 1.5, 21_600.0, 25.0, rate)
     found = []
     for debris in (0, 1, 2):
-        ensemble = record.empty(11, (0, n))
+        ensemble = record.empty(11, (0, n), COLUMNS)
         for kind, which, std in (("current", 0, 0.2), ("wind", 1, 1.5)):
-            columns = [getattr(ensemble, f"{kind}_error_{axis}") for axis in ("east", "north")]
+            columns = [ensemble.own[f"{kind}_error_{axis}"] for axis in ("east", "north")]
             draw.draw_error(0, n, *columns, which, *key(11), std)
         tiles = uniform_wind(8.0, 3.0)  # no leeway: it moves by the current's error and its walk
         for k in range(12):
@@ -185,8 +190,8 @@ def test_debris_jibes_and_walks_on_its_own() -> None:
     same = ("current_error_east", "current_error_north", "wind_error_east", "wind_error_north")
     for other in others:
         for name in same:
-            np.testing.assert_array_equal(getattr(other, name).to_numpy(), getattr(objects, name).to_numpy())
-    sides = np.array([ensemble.side.to_numpy() for ensemble in found], np.float64)
+            np.testing.assert_array_equal(other.columns[name].to_numpy(), objects.columns[name].to_numpy())
+    sides = np.array([ensemble.own["side"].to_numpy() for ensemble in found], np.float64)
     mean = np.exp(
         -2 * rate * 12 * 3600
     )  # of a side that began as +1; of the product of two that jibe apart, its square
@@ -206,10 +211,10 @@ def test_jibing_swaps_the_whole_line_at_its_rate(step: int) -> None:
     rate, n = 0.1 / 3600, 100_000
 
     def equip(ensemble: record.Ensemble) -> None:
-        ensemble.right_slope.fill(0.02)
-        ensemble.right_offset.fill(0.05)
-        ensemble.left_slope.fill(-0.01)
-        ensemble.left_offset.fill(0.03)
+        ensemble.own["right_slope"].fill(0.02)
+        ensemble.own["right_offset"].fill(0.05)
+        ensemble.own["left_slope"].fill(-0.01)
+        ensemble.own["left_offset"].fill(0.03)
 
     still = drifted(kernel.Physics(), step, (0, 0, 0, 1, 0, 0), uniform_wind(10.0), equip, n)
     east = offsets(still)[0]
@@ -217,7 +222,7 @@ def test_jibing_swaps_the_whole_line_at_its_rate(step: int) -> None:
 
     ensemble = drifted(kernel.Physics(jibe_rate=rate), step, (0, 0, 0, 1, 0, 0), uniform_wind(10.0), equip, n)
     t = HOURS * 3600
-    side, correlation = ensemble.side.to_numpy(), np.exp(-2 * rate * t)
+    side, correlation = ensemble.own["side"].to_numpy(), np.exp(-2 * rate * t)
     assert abs(side.mean() - correlation) < 4.5 / np.sqrt(n)
     # Time on the right line: t/2 + (1 - exp(-2rt)) / 4r on average; 0.25 m/s there, -0.07 m/s on the left.
     right = t / 2 + (1 - correlation) / (4 * rate)
@@ -229,12 +234,14 @@ def test_no_thread_or_order_of_slots_matters() -> None:
     """The second half of the slots alone moves as it does within the whole: noise hangs on the slot, not on the launch."""
     physics = kernel.Physics(0.2, 21_600.0, diffusivity=10.0)
     whole = drifted(physics, 3600, n=2000, bias=0.1)
-    halves = record.empty(11, (0, 2000))
+    halves = record.empty(11, (0, 2000), COLUMNS)
     for column, angle in ((halves.lon, AT[0]), (halves.lat, AT[1])):
         column.fill(int(sphere.to_binary(np.degrees(angle))))
-    draw.draw_error(0, 2000, halves.current_error_east, halves.current_error_north, 0, *key(11), physics.current_std)
+    draw.draw_error(
+        0, 2000, halves.own["current_error_east"], halves.own["current_error_north"], 0, *key(11), physics.current_std
+    )
     for slots in ((1000, 2000), (0, 1000)):
-        draw.draw_error(*slots, halves.current_bias_east, halves.current_bias_north, 2, *key(11), 0.1)
+        draw.draw_error(*slots, halves.own["current_bias_east"], halves.own["current_bias_north"], 2, *key(11), 0.1)
         for k in range(HOURS):
             clock = kernel.Step(k, k * 3600, 3600, 1)
             kernel.advance(halves, slots, Tiles([]), NOWHERE, physics, clock, kernel.Place(EVERYWHERE, bias=True))

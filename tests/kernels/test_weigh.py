@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drift.motion import ensemble as record
+from drift.motion.drift import COLUMNS
 from drift.motion.status import Status
 from geo.cells import Cells
 from kernels import deposit as kernel
@@ -13,7 +14,7 @@ RNG = np.random.default_rng(4)
 
 def test_the_account_adds_up_and_agrees_with_numpy() -> None:
     n = 50_003
-    ensemble = record.empty(1, (0, 20_001, n))
+    ensemble = record.empty(1, (0, 20_001, n), COLUMNS)
     log_weight = RNG.normal(-300, 3, n).astype(np.float32)  # far below float32's smallest: only ratios matter
     log_weight[::7] = -np.inf
     status = RNG.integers(0, 6, n).astype(np.int32)
@@ -31,7 +32,7 @@ def test_the_account_adds_up_and_agrees_with_numpy() -> None:
 
 
 def test_a_scenario_of_no_weight_is_accounted_as_none() -> None:
-    ensemble = record.empty(1, (0, 10, 30))
+    ensemble = record.empty(1, (0, 10, 30), COLUMNS)
     log_weight = np.zeros(30, np.float32)
     log_weight[:10] = -np.inf
     ensemble.log_weight.from_numpy(log_weight)

@@ -5,8 +5,10 @@ import pytest
 from places import DATA
 from scipy import stats
 
+from drift.motion import drift as drift_model
 from drift.motion import ensemble as record
-from drift.motion import leeway, prior
+from drift.motion import leeway
+from drift.motion.drift import COLUMNS
 from geo import sphere
 from geo.errors import UserError
 from geo.grids.grid import Grid
@@ -89,8 +91,8 @@ def test_search_takes_every_word_and_looks_at_main_classes() -> None:
 
 def lines(drifter: leeway.Drifter, seed: int = 5) -> record.Ensemble:
     """Return an ensemble of N particles with their own lines of a class."""
-    ensemble = record.empty(seed, (0, N))
-    prior.equip(ensemble, (0, N), key(seed), drifter)
+    ensemble = record.empty(seed, (0, N), COLUMNS)
+    drift_model.draw_leeway(ensemble, (0, N), key(seed), drifter)
     return ensemble
 
 
@@ -107,7 +109,7 @@ def test_downwind_lines_follow_the_normal_law_cut_at_slope_zero(name: str) -> No
     """
     line = leeway.find(name).down
     ensemble = lines(leeway.find(name))
-    slope, offset = (getattr(ensemble, f"down_{what}").to_numpy().astype(float) for what in ("slope", "offset"))
+    slope, offset = (ensemble.own[f"down_{what}"].to_numpy().astype(float) for what in ("slope", "offset"))
     assert slope.min() >= 0
     law, xi = cut(line), (slope - line.slope) / line.slope_std
     assert stats.kstest(xi, law.cdf).statistic < 1.95 / np.sqrt(N)
@@ -127,7 +129,7 @@ def test_moments_of_the_two_classes_that_the_cut_changes_most() -> None:
         up = stats.norm.pdf(ratio) / stats.norm.cdf(ratio)
         exact = line.slope * 10 + line.std * up, line.std * np.sqrt(1 - ratio * up - up**2)
         assert exact == pytest.approx((mean, std), abs=5e-4)  # the figures of docs/leeway.md
-        speed = ensemble.down_slope.to_numpy().astype(float) * 10 + ensemble.down_offset.to_numpy()
+        speed = ensemble.own["down_slope"].to_numpy().astype(float) * 10 + ensemble.own["down_offset"].to_numpy()
         assert abs(speed.mean() - exact[0]) < 4.5 * exact[1] / np.sqrt(N)
         # The tails are lighter than the normal's, and so the standard error is smaller than this.
         assert speed.std() == pytest.approx(exact[1], rel=4.5 / np.sqrt(2 * N))
@@ -136,31 +138,33 @@ def test_moments_of_the_two_classes_that_the_cut_changes_most() -> None:
 def test_crosswind_lines_keep_the_normal_law_whole() -> None:
     """The right line of PIW-2 has 0.15 +- 0.335 %: a third of the objects drift to the left of its mean's side."""
     line = leeway.find("PIW-2").right
-    slope = lines(leeway.find("PIW-2")).right_slope.to_numpy().astype(float)
+    slope = lines(leeway.find("PIW-2")).own["right_slope"].to_numpy().astype(float)
     assert stats.kstest((slope - line.slope) / line.slope_std, stats.norm.cdf).statistic < 1.95 / np.sqrt(N)
 
 
 def test_what_needs_no_second_draw_keeps_its_bits() -> None:
     """Cut or not, a particle whose first slope is not negative has the same line, to the last bit."""
     line = leeway.find("PIW-2").down
-    whole, half = record.empty(5, (0, N)), lines(leeway.find("PIW-2"))
+    whole, half = record.empty(5, (0, N), COLUMNS), lines(leeway.find("PIW-2"))
     figures = line.slope, line.offset, line.slope_std, line.offset_std
-    draw.draw_object(0, N, whole.down_slope, whole.down_offset, 0, *key(5), *figures, -np.inf)
-    first = whole.down_slope.to_numpy()
+    draw.draw_object(0, N, whole.own["down_slope"], whole.own["down_offset"], 0, *key(5), *figures, -np.inf)
+    first = whole.own["down_slope"].to_numpy()
     share = stats.norm.cdf(-line.slope / line.slope_std)
     assert abs((first < 0).mean() - share) < 4.5 * np.sqrt(share * (1 - share) / N)
     for column in ("down_slope", "down_offset"):
-        before, after = (getattr(which, column).to_numpy() for which in (whole, half))
+        before, after = (which.own[column].to_numpy() for which in (whole, half))
         np.testing.assert_array_equal(before[first >= 0], after[first >= 0])
         assert (before[first < 0] != after[first < 0]).all()
 
 
 def test_a_slope_that_never_passes_is_the_least_one() -> None:
     """No loop without end: 100 standard deviations below 0 every draw fails, and the line of slope 0 is left."""
-    ensemble = record.empty(5, (0, 1000))
-    draw.draw_object(0, 1000, ensemble.down_slope, ensemble.down_offset, 0, *key(5), -0.1, 0.02, 0.001, 0.01, 0.0)
-    assert (ensemble.down_slope.to_numpy() == 0).all()
-    np.testing.assert_allclose(ensemble.down_offset.to_numpy(), 0.02 + 0.01 * 100, rtol=1e-5)
+    ensemble = record.empty(5, (0, 1000), COLUMNS)
+    draw.draw_object(
+        0, 1000, ensemble.own["down_slope"], ensemble.own["down_offset"], 0, *key(5), -0.1, 0.02, 0.001, 0.01, 0.0
+    )
+    assert (ensemble.own["down_slope"].to_numpy() == 0).all()
+    np.testing.assert_allclose(ensemble.own["down_offset"].to_numpy(), 0.02 + 0.01 * 100, rtol=1e-5)
 
 
 def adrift(ensemble: record.Ensemble, east: float, north: float) -> np.ndarray:
@@ -201,10 +205,10 @@ def test_in_light_wind_lines_hold_as_published() -> None:
     assert sum(drifter.lull > 0 for drifter in classes.values()) == 17
     assert leeway.find("PIW-3").lull == pytest.approx(3.98 / 1.6)
     assert leeway.find("SLDMB").lull == leeway.find("PIW-1").lull == 0
-    ensemble = record.empty(5, (0, 1))
+    ensemble = record.empty(5, (0, 1), COLUMNS)
     line = leeway.find("PIW-3").down
-    ensemble.down_slope.fill(line.slope)
-    ensemble.down_offset.fill(line.offset)
+    ensemble.own["down_slope"].fill(line.slope)
+    ensemble.own["down_offset"].fill(line.offset)
     for wind, speed in ((1.0, -0.0238), (3.98 / 1.6, 0.0), (5.0, 0.0402)):
         way = adrift(ensemble, 0.6 * wind, -0.8 * wind)
         assert 0.6 * way[0] - 0.8 * way[1] == pytest.approx(3600 * speed, abs=0.05)  # two positions of 9 mm, float32

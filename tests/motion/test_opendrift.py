@@ -8,10 +8,13 @@ from places import ROOT
 from scipy import stats
 from scipy.spatial.distance import cdist
 
+from drift.motion import drift as drift_model
 from drift.motion import ensemble as record
-from drift.motion import leeway, prior, simulate
+from drift.motion import leeway, simulate
 from drift.motion.clock import Clock
+from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
+from drift.motion.model import Motion
 from drift.motion.scene import Scene
 from drift.motion.status import Status
 from geo import sphere
@@ -42,7 +45,7 @@ def _sources(data: Path) -> Sources:
 def a_day(ensemble: record.Ensemble, sources: Sources, physics: kernel.Physics) -> simulate.Moment:
     """Return the ensemble after 24 hours in open sea."""
     scenarios = len(ensemble.scenarios)
-    world = Scene(Forcing([sources] * scenarios, 1), (physics,) * scenarios, kernel.Place(EVERYWHERE))
+    world = Scene(Forcing([sources] * scenarios, 1), (Motion(DRIFT, physics),) * scenarios, kernel.Place(EVERYWHERE))
     (end,) = simulate.run(ensemble, world, Clock(START, 86_400, 1, 600), np.array([86_400]))
     world.forcing.close()
     return end
@@ -55,15 +58,15 @@ def test_a_raft_ends_within_one_percent_of_where_opendrift_has_it(sources: Sourc
     towards the north x = -crosswind), where the field reports and we have it to the right: its lines are mirrored here.
     """
     rows = np.genfromtxt(TRACKS, delimiter=",", names=True, skip_header=1)
-    ensemble = record.empty(1, (0, len(rows)))
+    ensemble = record.empty(1, (0, len(rows)), COLUMNS)
     ensemble.lon.from_numpy(sphere.to_binary(rows["lon"]))
     ensemble.lat.from_numpy(sphere.to_binary(rows["lat"]))
     raft = leeway.find("LIFE-RAFT-DB-11")
     for name, mirror in (("down", 1), ("right", -1), ("left", -1)):
         line = getattr(raft, name)
-        getattr(ensemble, f"{name}_slope").fill(mirror * line.slope)
-        getattr(ensemble, f"{name}_offset").fill(mirror * line.offset)
-    ensemble.side.from_numpy(rows["side"].astype(np.int32))
+        ensemble.own[f"{name}_slope"].fill(mirror * line.slope)
+        ensemble.own[f"{name}_offset"].fill(mirror * line.offset)
+    ensemble.own["side"].from_numpy(rows["side"].astype(np.int32))
     end = a_day(ensemble, sources, kernel.Physics())
     afloat = end.status == Status.ADRIFT  # no coast here: three of 88 run inland, deeper than currents are filled
     assert afloat.mean() > 0.95
@@ -78,16 +81,16 @@ def test_a_raft_ends_within_one_percent_of_where_opendrift_has_it(sources: Sourc
 @pytest.fixture(scope="module")
 def spreads(sources: Sources) -> dict[str, np.ndarray]:
     """Return where EACH objects of each class end, in metres east and north of the start, all errors and jibing on."""
-    ensemble = record.empty(9, tuple(EACH * k for k in range(len(CLASSES) + 1)))
+    ensemble = record.empty(9, tuple(EACH * k for k in range(len(CLASSES) + 1)), COLUMNS)
     ensemble.lon.fill(int(sphere.to_binary(LON)))
     ensemble.lat.fill(int(sphere.to_binary(LAT)))
     # OpenDrift's jibes: 4 % in an hour. Errors of current and wind as benchmarks/opendrift_ends.py gave them to OpenDrift.
     physics = kernel.Physics(0.1, 21_600.0, 1.5, 21_600.0, 0.0, -np.log(1 - 0.04) / 3600)
     words = key(9)
     for name, slots in zip(CLASSES, ensemble.scenarios, strict=True):
-        prior.equip(ensemble, slots, words, leeway.find(name))
-        draw.draw_error(*slots, ensemble.current_error_east, ensemble.current_error_north, 0, *words, 0.1)
-        draw.draw_error(*slots, ensemble.wind_error_east, ensemble.wind_error_north, 1, *words, 1.5)
+        drift_model.draw_leeway(ensemble, slots, words, leeway.find(name))
+        draw.draw_error(*slots, ensemble.own["current_error_east"], ensemble.own["current_error_north"], 0, *words, 0.1)
+        draw.draw_error(*slots, ensemble.own["wind_error_east"], ensemble.own["wind_error_north"], 1, *words, 1.5)
     end = a_day(ensemble, sources, physics)
     assert (end.status == Status.ADRIFT).mean() > 0.999
     xy = plane(end.lon * sphere.UNIT, end.lat * sphere.UNIT)

@@ -140,14 +140,14 @@ def test_objects_get_their_own_lines_and_sides() -> None:
     xi = []
     for name in ("down", "right", "left"):
         line = getattr(DRIFTER, name)
-        slope, offset = (getattr(ensemble, f"{name}_{what}").to_numpy().astype(float) for what in ("slope", "offset"))
+        slope, offset = (ensemble.own[f"{name}_{what}"].to_numpy().astype(float) for what in ("slope", "offset"))
         at_ten = slope * 10 + offset  # DESIGN: the variance at 10 m/s is the regression's
         assert abs(at_ten.mean() - (line.slope * 10 + line.offset)) < 4.5 * line.std / np.sqrt(N)
         assert abs(at_ten.std() / line.std - 1) < 4.5 / np.sqrt(2 * N)
         xi.append((slope - line.slope) / (line.std / 20))
         assert np.abs((offset - line.offset) / (line.std / 2) - xi[-1]).max() < 1e-3
     assert np.abs(np.corrcoef(xi) - np.eye(3)).max() < 4.5 / np.sqrt(N)
-    side = ensemble.side.to_numpy()
+    side = ensemble.own["side"].to_numpy()
     assert set(np.unique(side)) == {-1, 1}
     assert abs(side.mean()) < 4.5 / np.sqrt(N)
 
@@ -173,7 +173,7 @@ def test_the_errors_that_particles_start_with_are_independent_normals() -> None:
     errors = Errors(ForcingError(0.3, 3600.0), ForcingError(1.7, 7200.0), 0.0)
     ensemble = columns(replace(spec, errors=errors))[0]
     names = [f"{kind}_error_{axis}" for kind in ("current", "wind") for axis in ("east", "north")]
-    drawn = np.array([getattr(ensemble, name).to_numpy() for name in names], np.float64)
+    drawn = np.array([ensemble.columns[name].to_numpy() for name in names], np.float64)
     assert np.abs(drawn.std(axis=1) / [0.3, 0.3, 1.7, 1.7] - 1).max() < 4.5 / np.sqrt(2 * N)
     assert np.abs(np.corrcoef(drawn) - np.eye(4)).max() < 4.5 / np.sqrt(N)
 

@@ -8,7 +8,9 @@ import pytest
 from drift.motion import ensemble as record
 from drift.motion import simulate, step_size
 from drift.motion.clock import Clock
+from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
+from drift.motion.model import Motion
 from drift.motion.scene import Scene
 from drift.motion.status import Status
 from drift.motion.step_size import LADDER
@@ -30,7 +32,7 @@ def stamps(seconds: list[int]) -> np.ndarray:
 
 def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
     n = len(release)
-    ensemble = record.empty(5, (0, n))
+    ensemble = record.empty(5, (0, n), COLUMNS)
     ensemble.lon.fill(int(sphere.to_binary(lon)))
     ensemble.lat.fill(int(sphere.to_binary(lat)))
     ensemble.release.from_numpy(np.array(release, np.int32))
@@ -38,7 +40,7 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
 
 
 def world(*currents: Source, direction: int = 1, physics: kernel.Physics = STILL) -> Scene:
-    return Scene(Forcing([Sources(current=currents)], direction), (physics,), kernel.Place(EVERYWHERE))
+    return Scene(Forcing([Sources(current=currents)], direction), (Motion(DRIFT, physics),), kernel.Place(EVERYWHERE))
 
 
 def moved(moment: simulate.Moment, lon: float, lat: float) -> np.ndarray:
@@ -103,7 +105,7 @@ def test_particles_end_loudly_where_and_when_forcing_ends() -> None:
     assert (first.status == Status.ADRIFT).all()
     assert (second.status == Status.OUTSIDE).all()
     assert (second.lon == first.lon).all()  # it stays where it was last known: a missing current is not a zero one
-    assert (ensemble.ended.to_numpy() == 7200).all()
+    assert (ensemble.status_since.to_numpy() == 7200).all()
 
 
 def test_a_hole_in_the_times_is_missing_and_the_next_source_fills_it() -> None:
@@ -129,7 +131,7 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
     second = replace(first, name="second", read=lambda i: other)
     place = Scene(
         Forcing([Sources((first, second), cells={("current", "first"): 3, ("current", "second"): 0})], 1),
-        (STILL,),
+        (Motion(DRIFT, STILL),),
         kernel.Place(EVERYWHERE),
     )
     place.forcing.set(T0, T0 + 600)
@@ -155,7 +157,7 @@ def test_what_one_quantity_does_not_know_is_not_zero(silent: str) -> None:
     tiles.blend([(0.0, 0.0)] * 3)
     ensemble = ensemble_at(-29.5, 31.5, [0, 0])
     ensemble.lon.from_numpy(sphere.to_binary([-29.5, -26.5]))
-    ensemble.down_slope.fill(0.03)
+    ensemble.own["down_slope"].fill(0.03)
     ranges = (0, 1, 2, 3, 1, 2)  # of currents, winds, Stokes drift
     kernel.advance(ensemble, (0, 2), tiles, ranges, STILL, kernel.Step(0, 0, 1800, 1), kernel.Place(EVERYWHERE))
     assert list(ensemble.status.to_numpy()) == [Status.ADRIFT, Status.OUTSIDE]
@@ -166,12 +168,12 @@ def test_what_one_quantity_does_not_know_is_not_zero(silent: str) -> None:
 
 
 def test_rival_forcing_is_a_matter_of_the_scenario() -> None:
-    ensemble = record.empty(1, (0, 3, 5))
+    ensemble = record.empty(1, (0, 3, 5), COLUMNS)
     place = Scene(
         Forcing(
             [Sources((sources.constant("current", 1.0, 0.0),)), Sources((sources.constant("current", 0.0, 1.0),))], 1
         ),
-        (STILL, STILL),
+        (Motion(DRIFT, STILL),) * 2,
         kernel.Place(EVERYWHERE),
     )
     (end,) = simulate.run(ensemble, place, Clock(T0, 3600, 1, 600), np.array([3600]))
@@ -196,7 +198,7 @@ def test_the_step_chosen_is_the_largest_that_keeps_its_tolerance() -> None:
     start = np.random.default_rng(2).uniform(-0.08, 0.08, (2, n))
 
     def fresh() -> record.Ensemble:
-        ensemble = record.empty(1, (0, n))
+        ensemble = record.empty(1, (0, n), COLUMNS)
         ensemble.lon.from_numpy(sphere.to_binary(start[0]))
         ensemble.lat.from_numpy(sphere.to_binary(45 + start[1]))
         return ensemble
@@ -222,20 +224,24 @@ def test_the_step_chosen_is_the_largest_that_keeps_its_tolerance() -> None:
 
 def test_what_refloats_within_a_step_lies_ashore_until_it_does() -> None:
     """Outputs inside a step of an hour: on the beach at 1000 s, half of its way made half-way between 2000 s and the end."""
-    ensemble = record.empty(1, (0, 1))
+    ensemble = record.empty(1, (0, 1), COLUMNS)
     ensemble.status.fill(int(Status.ASHORE))
 
-    class Tide:
+    class Tide(Scene):
         """A scene in which the particle floats off at 2000 s and goes 16,000 units north."""
-
-        physics = (STILL,)
-        place = kernel.Place(EVERYWHERE)
 
         def advance(self, ensemble: record.Ensemble, low: int, high: int, step: object) -> None:
             ensemble.status.fill(int(Status.ADRIFT))
-            ensemble.afloat.fill(2000)
+            ensemble.moving_since.fill(2000)
             ensemble.lat.fill(16_000)
 
-    moments = list(simulate.run(ensemble, Tide(), Clock(0, 3600, 1, 3600), np.array([1000, 2800, 3600])))
+    moments = list(
+        simulate.run(
+            ensemble,
+            Tide(None, (Motion(DRIFT, STILL),), kernel.Place(EVERYWHERE)),
+            Clock(0, 3600, 1, 3600),
+            np.array([1000, 2800, 3600]),
+        )
+    )
     assert [int(moment.status[0]) for moment in moments] == [Status.ASHORE, Status.ADRIFT, Status.ADRIFT]
     assert [int(moment.lat[0]) for moment in moments] == [0, 8000, 16_000]

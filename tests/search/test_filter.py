@@ -15,6 +15,7 @@ from drift import start
 from drift.case import file as case_file
 from drift.motion import ensemble as record
 from drift.motion import leeway, resample, simulate
+from drift.motion.drift import COLUMNS
 from drift.motion.forcing_error import ForcingError
 from drift.motion.status import Status
 from drift.search import debris, sensor_path
@@ -228,7 +229,7 @@ def test_what_has_left_cannot_be_seen(tmp_path):
     fix = Contact("seen", hours(1.5), "position", fixes=(Fix(180.0, 60.0),), major=8000.0, minor=8000.0)
     _, ensemble, _ = run(load(tmp_path, "max_lost = 1" + text, contacts=(fix,)))
     left = ensemble.status.to_numpy() == Status.LEFT
-    before = left & (ensemble.ended.to_numpy() <= 1.5 * 3600)
+    before = left & (ensemble.status_since.to_numpy() <= 1.5 * 3600)
     assert before.sum() > 20
     assert (left & ~before).sum() > 20
     np.testing.assert_array_equal(np.isneginf(ensemble.log_weight.to_numpy()), before)
@@ -485,7 +486,7 @@ def test_a_sortie_that_does_nothing_changes_no_bit(tmp_path):
     for sortie in (flown("far", far, Law("definite_range"), 1000.0), flown("blind", blind, Law(), 0.0)):
         _, ensemble, _ = run(load(tmp_path, text, sorties=(sortie,)))
         for name in ("lon", "lat", "log_weight", "status"):
-            np.testing.assert_array_equal(getattr(bare, name).to_numpy(), getattr(ensemble, name).to_numpy())
+            np.testing.assert_array_equal(bare.columns[name].to_numpy(), ensemble.columns[name].to_numpy())
 
 
 @pytest.mark.parametrize("completed", [1.0, 0.35])
@@ -648,10 +649,10 @@ def test_debris_has_coefficients_of_its_own(tmp_path):
     whole = [begin.ensemble, *(one.ensemble for one in found.values())]
     assert len(whole) == 3
     for name in ("lon", "lat", "release", "current_error_east", "current_error_north"):
-        columns = [getattr(ensemble, name).to_numpy() for ensemble in whole]
+        columns = [ensemble.columns[name].to_numpy() for ensemble in whole]
         assert all(np.array_equal(columns[0], column) for column in columns[1:])
     for name in ("down_slope", "right_slope", "left_slope", "side"):
-        columns = np.array([getattr(ensemble, name).to_numpy() for ensemble in whole], np.float64)
+        columns = np.array([ensemble.columns[name].to_numpy() for ensemble in whole], np.float64)
         assert np.abs(np.corrcoef(columns) - np.eye(3)).max() < 4.5 / math.sqrt(n)
 
 
@@ -692,7 +693,7 @@ laws = (t.Law(), t.Law("m_beta", 0.7))
 sorties = tuple(dataclasses.replace(t.flown(law.kind, track, law, 900.0), shape=5.0, group="g") for law in laws)
 case = t.load(pathlib.Path(sys.argv[3]), text, particles=5000, sorties=sorties, resampling=t.Resampling("kahn", 0.99))
 search, ensemble, _ = t.run(case)
-columns = [getattr(ensemble, name).to_numpy().tobytes() for name in ("lon", "lat", "log_weight")]
+columns = [ensemble.columns[name].to_numpy().tobytes() for name in ("lon", "lat", "log_weight")]
 print(search.updates.all[1].resampled, hashlib.sha256(b"".join(columns)).hexdigest(), search.updates.log_evidence.hex())
 """
     said = []
@@ -710,11 +711,11 @@ print(search.updates.all[1].resampled, hashlib.sha256(b"".join(columns)).hexdige
 def test_what_strands_or_goes_adrift_within_a_step_is_where_it_is():
     """A particle moves only from its release to its landing: the time in an area round the beach, in closed form."""
     runtime.start()
-    ensemble = record.empty(1, (0, 2))
+    ensemble = record.empty(1, (0, 2), COLUMNS)
     x = sphere.to_binary([-1000 / METRES, -1000 / METRES])
     before = runtime.upload(x), runtime.upload(np.zeros(2, np.int32))
     ensemble.status.from_numpy(np.array([1, 1], np.int32))
-    ensemble.ended.from_numpy(np.array([182, 2000], np.int32))
+    ensemble.status_since.from_numpy(np.array([182, 2000], np.int32))
     ensemble.release.from_numpy(np.array([0, 1000], np.int32))
     still = sensor_path.standing(0.0, 0.0, 0, 3600)
     ring = np.array([-100.0, -100.0, 100.0, -100.0, 100.0, 100.0, -100.0, 100.0])

@@ -140,7 +140,7 @@ def test_a_world_scales_all_the_leeway_of_its_objects(released: Any) -> None:
     for side in ("right", "left"):  # the downwind line is cut at 0: tests/motion/test_leeway.py
         line = getattr(raft, side)
         for what in ("slope", "offset"):
-            own = getattr(ensemble, f"{side}_{what}").to_numpy()[first:last] / factor
+            own = ensemble.own[f"{side}_{what}"].to_numpy()[first:last] / factor
             mean, std = getattr(line, what), getattr(line, f"{what}_std")
             within(own.mean(), mean, std / np.sqrt(own.size))
             within(own.std() / std, 1.0, 1 / np.sqrt(2 * own.size))
@@ -165,7 +165,7 @@ def test_boxes_drift_by_their_immersion(released: Any) -> None:
     """The share under water is uniform between objects (Daniel et al. 2002): I = 1 / (1 + (slope / ratio)^2)."""
     _, drawn, ensemble = released
     first, last = ensemble.scenarios[1]
-    slope = ensemble.down_slope.to_numpy()[first:last] / drawn.windage[ensemble.world.to_numpy()[first:last]]
+    slope = ensemble.own["down_slope"].to_numpy()[first:last] / drawn.windage[ensemble.world.to_numpy()[first:last]]
     immersion = 1 / (1 + (slope / np.sqrt(1.225 / 1025)) ** 2)
     # the ratio is kept to four digits: 0.0346 for 0.03457, 2e-3 of 1 - I
     assert stats.kstest(immersion, "uniform", args=(0.4, 0.4)).statistic < 1.95 / np.sqrt(immersion.size) + 3e-3

@@ -1,0 +1,110 @@
+"""The model of what drifts: current, Stokes drift, leeway, and errors of each (Breivik and Allen 2008; docs/leeway.md, docs/errors.md).
+
+Every particle has three leeway lines and a side of the wind of its own, and errors of current and wind as they stand.
+"""
+
+import math
+
+import numpy as np
+
+from drift.motion.ensemble import Column, Ensemble
+from drift.motion.forcing_error import Errors, ForcingError
+from drift.motion.leeway import Drifter
+from drift.motion.model import Inside, Key, Model, Slots, Waters
+from drift.motion.scenario import Scenario
+from geo.array import Array
+from kernels import advance as kernel
+from kernels import bridge
+from kernels import prior as draws
+from kernels.advance import Physics
+
+LEEWAY = ("down_slope", "down_offset", "right_slope", "right_offset", "left_slope", "left_offset")
+COLUMNS = (
+    Column("side", np.int32, 1, "", "+1 drifts to the right of the wind, -1 to the left"),
+    *(Column(name, np.float32, 0, "" if "slope" in name else "m/s", "leeway line: speed per wind speed, or offset") for name in LEEWAY),
+    Column("current_error_east", np.float32, 0, "m/s", "Ornstein-Uhlenbeck error of the current as it stands"),
+    Column("current_error_north", np.float32, 0, "m/s", "the same, north"),
+    Column("wind_error_east", np.float32, 0, "m/s", "Ornstein-Uhlenbeck error of the wind as it stands"),
+    Column("wind_error_north", np.float32, 0, "m/s", "the same, north"),
+    Column("current_bias_east", np.float32, 0, "m/s", "error of the current that lasts: its own, or in a spill its world's"),
+    Column("current_bias_north", np.float32, 0, "m/s", "the same, north"),
+)  # fmt: skip
+
+
+def physics(errors: Errors, scenario: Scenario) -> Physics:
+    """Return a scenario's physics; an error without spread is off."""
+    current, wind = errors.current, errors.wind if scenario.object.uses_wind else ForcingError(0.0, 1.0)
+    return Physics(current.std, current.time, wind.std, wind.time, errors.diffusivity, scenario.jibe_rate)
+
+
+def draw(ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors) -> None:
+    """Draw each particle's own leeway and errors."""
+    draw_leeway(ensemble, slots, key, scenario.object)
+    draw_errors(ensemble, slots, key, errors)
+
+
+def draw_leeway(ensemble: Ensemble, slots: Slots, key: Key, drifter: Drifter) -> None:
+    """Draw each particle's own leeway lines and its first side; no downwind slope is negative unless its line's is."""
+    own = ensemble.own
+    for number, name in enumerate(("down", "right", "left")):
+        line = getattr(drifter, name)
+        slope, offset = own[f"{name}_slope"], own[f"{name}_offset"]
+        least = 0.0 if name == "down" and line.slope >= 0 else -np.inf
+        draws.draw_object(
+            *slots, slope, offset, number, *key, line.slope, line.offset, line.slope_std, line.offset_std, least
+        )
+    draws.draw_side(*slots, own["side"], *key)
+
+
+def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> None:
+    """Draw the errors of current and wind that each particle starts with, and its bias."""
+    for number, (name, std) in enumerate(
+        (("current_error", errors.current.std), ("wind_error", errors.wind.std), ("current_bias", errors.current.bias))
+    ):
+        east, north = ensemble.own[f"{name}_east"], ensemble.own[f"{name}_north"]
+        draws.draw_error(*slots, east, north, number, *key, std)
+
+
+def mover(ensemble: Ensemble, slots: Slots, waters: Waters, terms: Physics, direction: int) -> kernel.Move:
+    """Return what moves a scenario's slots over a step: see kernels.advance."""
+    return kernel.mover(ensemble, slots, waters.tiles, waters.ranges, terms, waters.place, direction)
+
+
+def between(ensemble: Ensemble, terms: tuple[Physics, ...], place: kernel.Place, inside: Inside) -> tuple[Array, Array]:
+    """Return where particles are inside a step: on a Brownian bridge between its ends, whose variance is 2 D s (1 - s) T a component."""
+    diffusivity = np.repeat([one.diffusivity for one in terms], np.diff(ensemble.bounds))
+    variance = 2 * diffusivity * inside.share * (1 - inside.share) * inside.lasting
+    spread = np.where(inside.adrift, np.sqrt(variance), 0.0)
+    after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
+    lon, lat = bridge.between(inside.before, after, inside.share, spread, inside.seed, inside.moment, place.coast)
+    return lon, lat
+
+
+def still(terms: Physics) -> Physics:
+    """Return physics in which nothing is left to chance."""
+    return Physics()
+
+
+def longest(errors: Errors) -> dict[str, float]:
+    """Return the longest steps [s] that the errors' processes allow: a sixth of their decorrelation times."""
+    return {
+        f"a sixth of the decorrelation time of the {name}'s errors": error.time / 6 if error.std > 0 else np.inf
+        for name, error in (("current", errors.current), ("wind", errors.wind))
+    }
+
+
+def usual(drifter: Drifter, wind: float) -> float:
+    """Return how fast an object goes through the water in a wind [m/s], by the slope of its steepest line."""
+    return max(abs(line.slope) for line in (drifter.down, drifter.right, drifter.left)) * wind
+
+
+def fastest(drifter: Drifter, wind: float, spreads: float) -> float:
+    """Return the speed through the water [m/s] that no particle of an object exceeds in a wind; spreads: standard deviations of its lines."""
+    line = max(
+        (abs(line.slope) + spreads * line.slope_std) * wind + abs(line.offset) + spreads * line.offset_std
+        for line in (drifter.down, drifter.right, drifter.left)
+    )
+    return line * math.sqrt(2)  # down and across the wind
+
+
+DRIFT: Model = Model(COLUMNS, physics, draw, mover, between, still, longest, usual, fastest)

@@ -1,0 +1,70 @@
+"""Models of motion: what a particle has besides the core of the ensemble, and the functions that move it.
+
+A model is a record of functions; a new one is a file of its own in this room, a kernel in `kernels/` and a line in
+drift.motion.models. A scenario moves by one model.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from drift.motion.ensemble import Column, Ensemble
+from drift.motion.forcing_error import Errors
+from drift.motion.leeway import Drifter
+from drift.motion.scenario import Scenario
+from geo.array import Array
+from kernels import advance as kernel
+from kernels.sample import Tiles
+
+Slots = tuple[int, int]  # the first of a range, and the one after its last
+Key = tuple[int, int]  # of random numbers: kernels.noise.key
+Terms = Any  # what a model's kernel takes of a scenario: opaque to all but the model
+
+
+class Waters(NamedTuple):
+    """What a scenario's objects move through: nodes of forcing, which of them are its sources, and the place."""
+
+    tiles: Tiles
+    ranges: tuple[int, ...]  # first and last tile of currents, winds and Stokes drift
+    place: kernel.Place
+
+
+class Inside(NamedTuple):
+    """A time inside a step that has just been made; arrays of shape (n,)."""
+
+    before: tuple[Array, Array]  # lon, lat [binary angle] where each particle's way in the step begins
+    share: Array  # of its way that it has gone by then, 0 to 1
+    lasting: Array  # [s] that its way takes
+    adrift: Array  # bool: whether it is still adrift at the step's end
+    seed: int
+    moment: int  # the key of the noise of that time
+
+
+@dataclass(frozen=True)
+class Model:
+    """How objects of one kind move."""
+
+    columns: tuple[Column, ...]  # that a particle has besides the core
+    terms: Callable[[Errors, Scenario], Terms]
+    draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]  # the columns' first values, of a scenario's slots
+    mover: Callable[
+        [Ensemble, Slots, Waters, Terms, int], kernel.Move
+    ]  # moves a scenario's slots; int: direction in time
+    between: Callable[
+        [Ensemble, tuple[Terms, ...], kernel.Place, Inside], tuple[Array, Array]
+    ]  # lon, lat inside a step
+    still: Callable[[Terms], Terms]  # terms that leave nothing to chance, so that the error of a step can be measured
+    longest: Callable[[Errors], Mapping[str, float]]  # [s] steps that the model bears at most, each with what it is
+    usual: Callable[
+        [Drifter, float], float
+    ]  # [m/s] how fast an object goes through the water in a wind, to draw its box
+    fastest: Callable[
+        [Drifter, float, float], float
+    ]  # the same beyond which none goes, so many standard deviations out
+
+
+class Motion(NamedTuple):
+    """How the objects of one scenario move: a model and its terms."""
+
+    model: Model
+    terms: Terms

@@ -1,0 +1,22 @@
+"""The models of motion by name, and what a run's scenarios have of them."""
+
+from collections.abc import Iterable
+
+from drift.motion.drift import DRIFT
+from drift.motion.ensemble import Column
+from drift.motion.forcing_error import Errors
+from drift.motion.model import Model, Motion
+from drift.motion.scenario import Scenario
+
+MODELS: dict[str, Model] = {"drift": DRIFT}
+
+
+def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
+    """Return the columns that particles of some scenarios have besides the core, each once."""
+    every = (column for scenario in scenarios for column in MODELS[scenario.model].columns)
+    return tuple({column.name: column for column in every}.values())
+
+
+def motions(errors: Errors, scenarios: Iterable[Scenario]) -> tuple[Motion, ...]:
+    """Return how the objects of each scenario move."""
+    return tuple(Motion(model := MODELS[one.model], model.terms(errors, one)) for one in scenarios)
