@@ -70,9 +70,11 @@ def mover(ensemble: Ensemble, slots: Slots, waters: Waters, terms: Physics, dire
     return kernel.mover(ensemble, slots, waters.tiles, waters.ranges, terms, waters.place, direction)
 
 
-def between(ensemble: Ensemble, terms: tuple[Physics, ...], place: kernel.Place, inside: Inside) -> tuple[Array, Array]:
+def between(
+    ensemble: Ensemble, terms: tuple[Physics | None, ...], place: kernel.Place, inside: Inside
+) -> tuple[Array, Array]:
     """Return where particles are inside a step: on a Brownian bridge between its ends, whose variance is 2 D s (1 - s) T a component."""
-    diffusivity = np.repeat([one.diffusivity for one in terms], np.diff(ensemble.bounds))
+    diffusivity = np.repeat([one.diffusivity if one else 0.0 for one in terms], np.diff(ensemble.bounds))
     variance = 2 * diffusivity * inside.share * (1 - inside.share) * inside.lasting
     spread = np.where(inside.adrift, np.sqrt(variance), 0.0)
     after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()

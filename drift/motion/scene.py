@@ -52,11 +52,10 @@ class Scene:
 
     def between(self, ensemble: Ensemble, inside: Inside) -> tuple[Array, Array]:
         """Return where an ensemble's particles are at a time inside a step: lon, lat [binary angle], (n,)."""
-        models = list(dict.fromkeys(model for model, _ in self.motions))
-        terms = tuple(terms for _, terms in self.motions)
-        lon, lat = models[0].between(ensemble, terms, self.place, inside)
-        for model in models[1:]:  # each knows its own particles
-            mine = np.repeat([one.model is model for one in self.motions], np.diff(ensemble.bounds))
+        lon, lat = inside.before
+        for model in dict.fromkeys(model for model, _ in self.motions):
+            terms = tuple(terms if own is model else None for own, terms in self.motions)
+            mine = np.repeat([own is model for own, _ in self.motions], np.diff(ensemble.bounds))
             there = model.between(ensemble, terms, self.place, inside)
             lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
         return lon, lat
