@@ -46,21 +46,20 @@ class Model:
 
     columns: tuple[Column, ...]  # that a particle has besides the core
     terms: Callable[[Errors, Scenario], Terms]
-    draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]  # the columns' first values, of a scenario's slots
-    mover: Callable[
-        [Ensemble, Slots, Waters, Terms, int], kernel.Move
-    ]  # moves a scenario's slots; int: direction in time
-    between: Callable[
-        [Ensemble, tuple[Terms, ...], kernel.Place, Inside], tuple[Array, Array]
-    ]  # lon, lat inside a step
-    still: Callable[[Terms], Terms]  # terms that leave nothing to chance, so that the error of a step can be measured
-    longest: Callable[[Errors], Mapping[str, float]]  # [s] steps that the model bears at most, each with what it is
-    usual: Callable[
-        [Drifter, float], float
-    ]  # [m/s] how fast an object goes through the water in a wind, to draw its box
-    fastest: Callable[
-        [Drifter, float, float], float
-    ]  # the same beyond which none goes, so many standard deviations out
+    # Draws the columns' first values, of a scenario's slots.
+    draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]
+    # Returns what moves a scenario's slots over a step; int: direction in time.
+    mover: Callable[[Ensemble, Slots, Waters, Terms, int], kernel.Move]
+    # Returns lon, lat [binary angle] inside a step; terms by scenario, None for those that move by another model.
+    between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Place, Inside], tuple[Array, Array]]
+    # Returns terms that leave nothing to chance, so that the error of a step can be measured.
+    still: Callable[[Terms], Terms]
+    # Returns the longest steps [s] that the model bears, each with what it is.
+    longest: Callable[[Errors], Mapping[str, float]]
+    # Returns how fast an object usually goes through the water in a wind [m/s], to draw its box.
+    usual: Callable[[Drifter, float], float]
+    # Returns the speed that none exceeds in a wind [m/s]; float: so many standard deviations out.
+    fastest: Callable[[Drifter, float, float], float]
 
 
 class Motion(NamedTuple):
