@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from drift.cli import terminal
-from drift.motion import forcing_spec
 from drift.output import interrupt
 from geo.errors import UserError
 
@@ -412,6 +411,7 @@ def _info(given: argparse.Namespace) -> None:
         options: dict[str, Any] = {}
         if given.changes:
             from drift.case import file as case_file
+            from drift.motion import forcing_spec
 
             spec = case_file.source(given.quantity or "current", given.files, _changes(given))
             options = forcing_spec.options(spec)
