@@ -23,10 +23,11 @@ from matplotlib.patches import Patch
 from drift.backtrack import backward
 from drift.backtrack.backward import Origin
 from drift.forecast import areas, density, effective, layers
-from drift.maps import chart, labels, page
+from drift.maps import chart, labels, page, sheet
 from drift.maps.chart import GREY, INK, Frame
 from drift.maps.imprint import Imprint
 from drift.maps.marks import Mark
+from drift.maps.sheet import Badge, Page, Row, Sheet
 from geo import notation
 from geo.cells import Array
 from geo.notation import NMI
@@ -53,9 +54,12 @@ FIND: dict[str, Any] = {
 }
 BADGE = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": layers.LAST_KNOWN, "linewidth": 1.2}
 LISTED = 12  # finds whose names are told
-WIDTH, HEIGHT = 11.7, 8.3  # [in]
 MAP = (0.055, 0.17, 0.57, 0.69)  # left, bottom, width, height, of the figure
 LEFT, RIGHT = 0.66, 0.985  # of what stands beside the map
+SHEET = Sheet(
+    11.7, 8.3, 140, left=MAP[0], title=sheet.heading(0.955, 15, 95), lines=(Row(0.922, 12), Row(0.892, 9.5)),
+    caution=Badge(RIGHT, 0.922, side="right"), rough=Badge(MAP[0] + 0.003, 0.877 - ROW), footer=sheet.small(0.017, 7.5, 190),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -81,11 +85,12 @@ def draw(
     polygons: shapely land polygons [deg]. marks: the finds, their labels beginning with their numbers: what follows is listed
     beside the map ("1 first box, 031516Z").
     """
-    figure, canvas = page.figure(WIDTH, HEIGHT)
+    on = sheet.begin(SHEET)
+    figure = on.figure
     shown = _shown(found)
     high = MAP[3] - ROW * backward.count(found).few
     ax = figure.add_axes((*MAP[:3], high))
-    here = _extent(found, shown, marks, MAP[2] * WIDTH / (high * HEIGHT))
+    here = _extent(found, shown, marks, MAP[2] * SHEET.width / (high * SHEET.height))
     chart.prepare(ax, here)
     norm = PowerNorm(0.5, 0, _top(shown))
     corners = here.project(*np.meshgrid(backward.edges(found.lon), backward.edges(found.lat)))
@@ -100,17 +105,15 @@ def draw(
         layers.rings(ax, here, outline, layers.unsure(LINES[share]) if few else LINES[share])
     if few:
         layers.rough(ax, here, shown.areas[max(shown.areas)][0])
-    _points(ax, canvas, here, found, shown, marks)
+    _points(ax, on.canvas, here, found, shown, marks)
     _bar(figure, mesh)
-    _words(figure, found, imprint.title, imprint.caution)
+    _words(on, found, imprint)
     _legend(figure, shown, len(marks), land is not None, few)
     _times(figure, found)
     _figures(figure, found)
     _names(figure, marks)
-    figure.text(MAP[0], 0.045, CAVEAT, fontsize=9.5, weight="bold", color=INK)
-    if imprint.footer:
-        figure.text(MAP[0], 0.017, page.fit(imprint.footer, 190), fontsize=7.5, color=GREY)
-    page.save(canvas, path, imprint.title, imprint.attributes, dpi=140)
+    sheet.say(on, sheet.heading(0.045, 9.5), CAVEAT)
+    sheet.end(on, path, imprint)
 
 
 def _shown(found: Origin) -> _Shown:
@@ -187,28 +190,17 @@ def _points(
 
 
 def _bar(figure: Figure, mesh: Any) -> None:
-    bar = figure.add_axes((MAP[0] + 0.24, 0.106, MAP[2] - 0.24, 0.016))
-    figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="max")
-    per, unit = labels.scale(mesh.norm.vmax)
-    ticks = labels.ticks(mesh.norm.vmax * per)
-    bar.set_xticks(ticks / per, labels=[labels.plain(tick) for tick in ticks])
-    bar.minorticks_off()
+    bar, unit = sheet.density_bar(figure, (MAP[0] + 0.24, 0.106, MAP[2] - 0.24, 0.016), mesh)
     bar.tick_params(labelsize=8, colors=INK, length=3, pad=2)
     figure.text(MAP[0], 0.114, f"Probability density [% per {unit}]", fontsize=8.5, va="center", color=INK)
 
 
-def _words(figure: Figure, found: Origin, title: str, caution: str) -> None:
+def _words(on: Page, found: Origin, imprint: Imprint) -> None:
     """Write over the map what it is, and how much it stands on."""
-    figure.text(MAP[0], 0.955, page.fit(title, 95), fontsize=15, weight="bold", color=INK)
-    figure.text(MAP[0], 0.922, "Release proposed by tracks back from the finds", fontsize=12, color=INK)
     worlds = f"{found.worlds:,} worlds, effective {found.effective:,.0f}"
-    figure.text(MAP[0], 0.892, worlds, fontsize=9.5, color=INK)
+    sheet.head(on, imprint, "Release proposed by tracks back from the finds", worlds)
     if backward.count(found).few:
-        page.banner(
-            figure, MAP[0] + 0.003, 0.877 - ROW, "left", 10, effective.banner(backward.count(found), backward.ROUGH)
-        )
-    if caution:
-        page.banner(figure, RIGHT, 0.922, "right", 10, caution)
+        sheet.rough(on, effective.banner(backward.count(found), backward.ROUGH))
 
 
 def _legend(figure: Figure, shown: _Shown, finds: int, land: bool, few: bool) -> None:
@@ -225,16 +217,14 @@ def _legend(figure: Figure, shown: _Shown, finds: int, land: bool, few: bool) ->
         rows.append((Line2D([], [], **FIND), "Find, with its number"))
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
-    figure.legend(
-        [symbol for symbol, _ in rows],
-        [text for _, text in rows],
+    sheet.legend(
+        figure,
+        rows,
         loc="upper left",
         bbox_to_anchor=(LEFT, MAP[1] + MAP[3]),
-        frameon=False,
         fontsize=9,
         labelspacing=0.55,
         handlelength=2.8,
-        labelcolor=INK,
         borderaxespad=0,
         borderpad=0,
     )
@@ -266,15 +256,13 @@ def _times(figure: Figure, found: Origin) -> None:
         spine.set(color=INK, linewidth=0.8)
     figure.text(LEFT, 0.642, f"Release time, UTC: % in each {_span(step)}", fontsize=9, weight="bold", color=INK)
     middle = Line2D([], [], color=INK, linewidth=1.2, marker="D", markersize=5, markerfacecolor="white")
-    figure.legend(
-        [Patch(**BELIEVED), Patch(**ASSUMED), middle],
-        ["by the finds", "prior", "10 - 50 - 90 %"],
+    sheet.legend(
+        figure,
+        [(Patch(**BELIEVED), "by the finds"), (Patch(**ASSUMED), "prior"), (middle, "10 - 50 - 90 %")],
         loc="upper left",
         bbox_to_anchor=(LEFT, 0.444),
         ncols=3,
-        frameon=False,
         fontsize=8,
-        labelcolor=INK,
         borderaxespad=0,
         borderpad=0,
         columnspacing=1.4,

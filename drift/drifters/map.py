@@ -9,25 +9,26 @@ from matplotlib.axes import Axes
 from drift.drifters import text as verification_text
 from drift.drifters import verification
 from drift.drifters.verification import Verification
-from drift.maps import page
+from drift.maps import sheet
 from drift.maps.chart import GREY, INK
 from drift.maps.imprint import Imprint
+from drift.maps.sheet import Row, Sheet
 from geo.notation import NMI
 
 BLUE, RED, SAND = "#0b4f8a", "#a33b20", "#b9802a"
 MARKS = (("#5b8db8", "s"), (BLUE, "o"), (RED, "^"), (SAND, "D"))  # colours and marks of areas, in order of their shares
+SHEET = Sheet(
+    11.7, 8.3, 120, left=0.05, title=sheet.heading(0.955, 15, 90), lines=(Row(0.922, 12), sheet.small(0.895, 9, 150)),
+    footer=sheet.small(0.02, 7, 170),
+)  # fmt: skip
 
 
 def draw(result: Verification, path: Path, imprint: Imprint) -> None:
     """Draw a verification into a PNG."""
-    figure, canvas = page.figure(11.7, 8.3)
-    figure.text(0.05, 0.955, page.fit(imprint.title, 90), fontsize=15, weight="bold", color=INK)
-    figure.text(0.05, 0.922, verification_text.headline(result), fontsize=12, color=INK)
-    about = verification_text.facts(result)["forecasts"]
-    doubt = verification_text.doubt(result)
-    figure.text(
-        0.05, 0.895, page.fit(f"forecasts: {about}{f'; {doubt}' if doubt else ''}", 150), fontsize=9, color=GREY
-    )
+    on = sheet.begin(SHEET)
+    figure, doubt = on.figure, verification_text.doubt(result)
+    about = f"forecasts: {verification_text.facts(result)['forecasts']}{f'; {doubt}' if doubt else ''}"
+    sheet.head(on, imprint, verification_text.headline(result), about)
     _distances(figure.add_axes((0.07, 0.5, 0.40, 0.33)), result)
     _held(figure.add_axes((0.56, 0.5, 0.40, 0.33)), result)
     last = f"after {result.leads[-1]:g} h"
@@ -37,8 +38,7 @@ def draw(result: Verification, path: Path, imprint: Imprint) -> None:
         (result.across, f"Rank across the drift {last}", "drifter to the left", "to the right"),
     )):  # fmt: skip
         _ranks(figure.add_axes((0.07 + 0.315 * k, 0.11, 0.26, 0.26)), result, ranks[:, -1], title, low, high)
-    figure.text(0.05, 0.02, page.fit(imprint.footer, 170), fontsize=7, color=GREY)
-    page.save(canvas, path, f"{imprint.title}: forecasts of drifters", imprint.attributes, dpi=120)
+    sheet.end(on, path, imprint, f"{imprint.title}: forecasts of drifters")
 
 
 def _distances(axes: Axes, result: Verification) -> None:

@@ -3,6 +3,7 @@
 import math
 import textwrap
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,11 @@ from matplotlib.patches import Patch
 
 from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
-from drift.maps import chart, labels, page
-from drift.maps.chart import GREY, INK, Frame
+from drift.maps import chart, labels, page, sheet
+from drift.maps.chart import INK, Frame
 from drift.maps.imprint import Imprint
 from drift.maps.marks import Line, Mark
+from drift.maps.sheet import Badge, Page, Row, Sheet
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
@@ -31,13 +33,16 @@ from geo.cells import Array
 from geo.notation import KNOT, NMI
 
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
-SIZE = (11.7, 8.3)  # [in]
 POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
 BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
 ROW = 0.03  # of the page, a row of warnings over the map
 FIGURES = 2.72  # [em] that "0.12  " is wide
 TITLED = 0.65  # of the page, where a title ends that has a warning right of it
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
+SHEET = Sheet(
+    11.7, 8.3, 140, left=0.055, title=sheet.heading(0.955, 15), lines=(sheet.heading(0.92, 12.5), Row(0.887, 9.5, 120)),
+    caution=Badge(0.985, 0.96, side="right"), rough=Badge(0.058, 0.876 - ROW), footer=sheet.small(0.012, 7.5, 190),
+)  # fmt: skip
 
 
 def draw(
@@ -58,7 +63,8 @@ def draw(
     i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
     at = forecast.data.isel(time=i)
     now = at["time"].values[()]
-    figure, canvas = page.figure(*SIZE)
+    on = sheet.begin(SHEET)
+    figure = on.figure
     count = effective.at(forecast.data, i, particles)
     least = count if count.few else min(_stood_on(plan, count), key=lambda one: one.number)
     high = MAP[3] - ROW * least.few
@@ -81,36 +87,33 @@ def draw(
         style = layers.line(outline.share, forecast, count.few)
         layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
     ashore = layers.ashore_marks(ax, here, forecast, i)
-    _plan(ax, canvas, here, forecast, plan, i, marks)
+    _plan(ax, on.canvas, here, forecast, plan, i, marks)
 
-    _title(figure, canvas, imprint.title, TITLED if imprint.caution else 0.985)
-    figure.text(0.055, 0.92, f"Plan: {plan_text.worth(plan)}", fontsize=12.5, weight="bold", color=INK)
     when = f"Probability at {notation.group(now)}, given that all searches until then have failed"
     many = "" if particles is None else f"   ·   {particles:,} particles"
-    figure.text(0.055, 0.887, page.fit(when + many, 120), fontsize=9.5, color=INK)
-    if imprint.caution:
-        page.banner(figure, 0.985, 0.96, "right", 10, imprint.caution)
+    title = _cut(on, imprint.title, TITLED if imprint.caution else 0.985)
+    sheet.head(on, replace(imprint, title=title), f"Plan: {plan_text.worth(plan)}", when + many)
     if least.few:
-        page.banner(figure, 0.058, 0.876 - ROW, "left", 10, effective.banner(least, "areas and POS are rough"))
+        sheet.rough(on, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):
-        red: dict[str, Any] = {"weight": "bold", "color": layers.LAST_KNOWN}
-        figure.text(0.055, 0.875 - ROW * k, text, fontsize=9, **red)
+        sheet.say(on, sheet.warning(0.875 - ROW * k, 9), text)
     _legend(figure, plan, forecast, outlines, len(marks), ashore, land is not None, count.few)
     _panel(figure, plan)
     _bar(figure, mesh)
-    if imprint.footer:
-        figure.text(0.055, 0.012, page.fit(imprint.footer, 190), fontsize=7.5, color=GREY)
-    page.save(canvas, path, imprint.title, imprint.attributes, dpi=140)
+    sheet.end(on, path, imprint)
 
 
-def _title(figure: Figure, canvas: FigureCanvasAgg, title: str, right: float) -> None:
-    """Write the title, cut where it would reach beyond a place on the page."""
-    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
-    written = figure.text(0.055, 0.955, title, fontsize=15, weight="bold", color=INK)
+def _cut(on: Page, title: str, right: float) -> str:
+    """Return a title, cut where it would reach beyond a place on the page."""
+    renderer = on.canvas.get_renderer()  # type: ignore[no-untyped-call]
+    row = on.sheet.title
+    tried = on.figure.text(on.sheet.left, row.y, title, fontsize=row.size, weight=row.weight)
     words = title.split()
-    while len(words) > 1 and written.get_window_extent(renderer).x1 > right * figure.bbox.width:
+    while len(words) > 1 and tried.get_window_extent(renderer).x1 > right * on.figure.bbox.width:
         words.pop()
-        written.set_text(f"{' '.join(words)} …")
+        tried.set_text(f"{' '.join(words)} …")
+    tried.remove()
+    return str(tried.get_text())
 
 
 def nearest(forecast: Forecast, plan: Plan) -> int:
@@ -132,7 +135,7 @@ def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high:
     rings = [ring(one) for one in plan.taskings]
     lines = [Line(around[:, 0].tolist(), around[:, 1].tolist(), "") for around in rings]
     one = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
-    times, aspect = [one.data["time"].values[0]], MAP[2] * SIZE[0] / (high * SIZE[1])
+    times, aspect = [one.data["time"].values[0]], MAP[2] * SHEET.width / (high * SHEET.height)
     here = layers.extent(one, times, marks, lines, aspect)
     bases = [Mark(*place) for t in plan.taskings for place in (t.unit.base, t.unit.return_to)]
     whole = layers.extent(one, times, [*marks, *bases], lines, aspect)
@@ -273,26 +276,22 @@ def _legend(
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: few particles"))
     if marks:
-        style = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
-        ring = Line2D([], [], marker="o", markersize=7, markerfacecolor="white", **style)
-        rows.append(((ring, Line2D([], [], marker="+", markersize=11, **style)), "Position known or reported"))
+        rows.append((layers.mark_symbol(7, 11), "Position known or reported"))
     if ashore >= labels.TINY:
         style = {"color": layers.ASHORE, "linestyle": "none", "markeredgecolor": "white"}
         rows.append((Line2D([], [], marker="^", markersize=8, **style), f"Ashore, {labels.percent(ashore)}"))
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
-    figure.legend(
-        [symbol for symbol, _ in rows],
-        [text for _, text in rows],
+    sheet.legend(
+        figure,
+        rows,
         loc="lower left",
         bbox_to_anchor=(0.672, 0.035),
         ncols=2,
-        frameon=False,
         fontsize=7.8,
         labelspacing=0.6,
         handlelength=2.4,
         columnspacing=1.2,
-        labelcolor=INK,
         borderaxespad=0,
     )
 
@@ -331,20 +330,15 @@ def _panel(figure: Figure, plan: Plan) -> None:
     step = min(0.0215, (top - bottom) / sum(high for _, high, _, _ in lines))
     size, y = min(9.0, 9.0 * step / 0.0205), top
     for text, high, weight, indent in lines:
-        x = 0.672 + indent * size / 72 / SIZE[0]
+        x = 0.672 + indent * size / 72 / SHEET.width
         figure.text(x, y, text, fontsize=size, weight=weight, color=INK, va="top")
         y -= step * high
 
 
 def _bar(figure: Figure, mesh: Any) -> None:
-    bar = figure.add_axes((0.675, 0.225, 0.215, 0.016))
-    figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="max")
-    per, unit = labels.scale(mesh.norm.vmax)
-    ticks = labels.ticks(mesh.norm.vmax * per)
+    bar, unit = sheet.density_bar(figure, (0.675, 0.225, 0.215, 0.016), mesh)
     bar.set_title(f"Probability density [% per {unit}]", fontsize=8.5, loc="left", color=INK, pad=4)
     bar.tick_params(labelsize=7.5)
-    bar.set_xticks(ticks / per, labels=[labels.plain(v) for v in ticks])
-    bar.minorticks_off()
 
 
 def short(time: np.datetime64) -> str:

@@ -7,6 +7,7 @@ them. A search with more points than fit goes on on further pages.
 import math
 import textwrap
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from drift.maps import chart, labels, page
-from drift.maps.chart import GREY, INK, Frame
+from drift.maps import chart, labels, page, sheet
+from drift.maps.chart import INK, Frame
 from drift.maps.imprint import Imprint
+from drift.maps.sheet import Badge, Row, Sheet
 from drift.planner import daylight, subareas
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text
@@ -32,7 +34,10 @@ from geo import notation, sphere
 from geo.box import Box
 from geo.cells import Array
 
-SIZE = (8.27, 11.69)  # [in] A4
+SHEET = Sheet(  # A4
+    8.27, 11.69, 150, left=0.06, title=sheet.heading(0.962, 17), lines=(Row(0.943, 9.5, 100), Row(0.928, 9.5)),
+    caution=Badge(0.95, 0.968, 8.5, "right"), rough=Badge(0.95, 0.945, 8.5, "right"), footer=sheet.small(0.012, 6.5, 150),
+)  # fmt: skip
 MAP = (0.085, 0.535, 0.865, 0.37)  # of the page
 INSET = (0.665, 0.30, 0.285, 0.20)
 COLUMNS, ROWS, MORE = 3, 28, 105  # of the table: on the first page, and rows on those after it
@@ -75,30 +80,25 @@ def draw(
     """Draw page `number` of the sheet of tasking `which`."""
     name, one = subareas.names(plan)[which], plan.taskings[which]
     way = subareas.route(name, one)
-    figure, canvas = page.figure(*SIZE)
+    on = sheet.begin(SHEET)
+    figure = on.figure
     head = f"{name}  {page.fit(one.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
-    figure.text(0.06, 0.962, head, fontsize=17, weight="bold", color=INK)
-    figure.text(0.06, 0.943, page.fit(imprint.title, 100), fontsize=9.5, color=INK)
     when = (
         f"On scene {notation.group(one.on_scene)} to {plan_map.short(one.off_scene)}. Times are UTC, directions true."
     )
-    figure.text(0.06, 0.928, when, fontsize=9.5, color=INK)
-    if imprint.caution:
-        page.banner(figure, 0.95, 0.968, "right", 8.5, imprint.caution)
+    sheet.head(on, replace(imprint, title=head), imprint.title, when)
     if plan_text.rough(plan):
-        page.banner(figure, 0.95, 0.945, "right", 8.5, "Few particles: areas and POS are rough")
+        sheet.rough(on, "Few particles: areas and POS are rough")
     if number == 1:
         land = np.array(list(polygons), dtype=object)
-        _chart(figure, canvas, one, way, land)
+        _chart(figure, on.canvas, one, way, land)
         _inset(figure, one, land)
         _facts(figure, plan, name, one)
         _table(figure, way[: COLUMNS * ROWS], TABLE, ROWS)
     else:
         first = COLUMNS * (ROWS + MORE * (number - 2))
         _table(figure, way[first : first + COLUMNS * MORE], 0.9, MORE)
-    if imprint.footer:
-        figure.text(0.06, 0.012, page.fit(imprint.footer, 150), fontsize=6.5, color=GREY)
-    page.save(canvas, path, f"{name} {one.unit.name}: {imprint.title}", imprint.attributes, dpi=150)
+    sheet.end(on, path, imprint, f"{name} {one.unit.name}: {imprint.title}")
 
 
 def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[Waypoint], land: Array) -> None:
@@ -107,7 +107,7 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[
     inner = [point for point in way if point.what in ("csp", "leg", "turn", "off")]
     lon = np.concatenate([ring[:, 0], [_by(point.lon, ring[0, 0]) for point in inner]])
     lat = np.concatenate([ring[:, 1], [point.lat for point in inner]])
-    here = chart.frame(lon, lat, MAP[2] * SIZE[0] / (MAP[3] * SIZE[1]), margin=0.05)
+    here = chart.frame(lon, lat, MAP[2] * SHEET.width / (MAP[3] * SHEET.height), margin=0.05)
     ax = figure.add_axes(MAP)
     chart.prepare(ax, here)
     chart.draw_land(ax, chart.land_path(here, land, 1500))
@@ -136,9 +136,9 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[
     ]
     if one.sortie.legs is not None and not all(one.sortie.legs.searching):
         handles.insert(1, (Line2D([], [], **{**search_layers.TRANSIT, "linewidth": 1.1}), "Way round land, no search"))
-    figure.legend(
-        *zip(*handles, strict=True), loc="upper left", bbox_to_anchor=(MAP[0] - 0.005, MAP[1] - 0.021), ncols=len(handles),
-        frameon=False, fontsize=7.5, borderaxespad=0, labelcolor=INK,
+    sheet.legend(
+        figure, handles, loc="upper left", bbox_to_anchor=(MAP[0] - 0.005, MAP[1] - 0.021), ncols=len(handles),
+        fontsize=7.5, borderaxespad=0,
     )  # fmt: skip
 
 
@@ -153,7 +153,7 @@ def _inset(figure: Figure, one: Tasking, land: Array) -> None:
     ways = subareas.transits(one)
     places = np.concatenate([ring, *ways, [one.unit.base, one.unit.return_to]])
     lon = np.array([_by(v, ring[0, 0]) for v in places[:, 0]])
-    here = chart.frame(lon, places[:, 1], INSET[2] * SIZE[0] / (INSET[3] * SIZE[1]), margin=0.1)
+    here = chart.frame(lon, places[:, 1], INSET[2] * SHEET.width / (INSET[3] * SHEET.height), margin=0.1)
     ax = figure.add_axes(INSET)
     chart.prepare(ax, here)
     chart.draw_land(ax, chart.land_path(here, land, 600))

@@ -24,10 +24,11 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
 from drift.forecast import effective, layers
-from drift.maps import chart, labels, page
+from drift.maps import chart, labels, page, sheet
 from drift.maps.chart import GREY, INK, Frame
 from drift.maps.imprint import Imprint
 from drift.maps.marks import Mark
+from drift.maps.sheet import Badge, Page, Row, Sheet
 from drift.spill import washup
 from geo import notation, sphere
 from geo.cells import Array
@@ -37,7 +38,10 @@ WORST = 10
 LEAST = 0.01  # probability of any arrival under which a stretch is not drawn, unless hardly any has more
 DECADES = 2.5  # of the expected number on the colour scale
 ROW = 0.032  # of the figure, the row of a warning over the maps
-WIDTH, HEIGHT = 13.0, 9.4  # [in]
+SHEET = Sheet(
+    13.0, 9.4, 140, left=0.03, title=sheet.heading(0.966, 15, 95), lines=(Row(0.939, 11.5), Row(0.9155, 9)),
+    caution=Badge(0.967, 0.917, side="right"), rough=Badge(0.0325, 0.878 - ROW), footer=sheet.small(0.012, 7.5, 190),
+)  # fmt: skip
 MAP = (0.46, 0.405)  # of the figure
 PATROL, PATROL_INK = "#4fa3d1", "#0b4f8a"
 TOLD = 8  # patrols beside which day, time and detection are written
@@ -98,7 +102,8 @@ def draw(
     name, day, time and detection; patrolled: what they are called. near: the maps show what is patrolled, and of the rest what lies
     about it, and the table lists that. warning: printed on the page, in red.
     """
-    figure, canvas = page.figure(WIDTH, HEIGHT)
+    on = sheet.begin(SHEET)
+    figure = on.figure
     near = near and any(one.segments for one in patrols)
     shown = _shown(data, segments, {int(k) for one in patrols for k in one.segments} if near else None)
     bottom, count = 0.465, _count(data)
@@ -107,7 +112,7 @@ def draw(
         [np.array(part.coords) for k in one.segments for part in shapely.get_parts(segments.lines[k])]
         for one in patrols
     ]
-    here = _extent(segments, shown, marks, walked, MAP[0] * WIDTH / (high * HEIGHT), near)
+    here = _extent(segments, shown, marks, walked, MAP[0] * SHEET.width / (high * SHEET.height), near)
     land = chart.land_path(here, polygons, 1000)
     most = float(shown.number.max(initial=0.0)) or 1.0
     numbers = (most / 10**DECADES, most)
@@ -132,7 +137,7 @@ def draw(
             fx[some], fy[some], "^", markersize=7, markerfacecolor="white", markeredgecolor=layers.LAST_KNOWN, zorder=9
         )
         beside = _told(here, patrols, walked) if left < 0.1 else []
-        _points(ax, canvas, here, data, shown, marks, finds, beside)
+        _points(ax, on.canvas, here, data, shown, marks, finds, beside)
     if len(shown.index):
         bar = _bar(
             figure, norm, _dark_is_more(), 0.03, "min", "Expected, not yet found" if finds else "Expected number ashore"
@@ -158,20 +163,15 @@ def draw(
             f"None of the {_spills(data)} simulated spills puts any object ashore by {_moment(data['time'].values[-1])}"
         )
         figure.text(0.5, 0.25, text, fontsize=13, weight="bold", ha="center", color=INK)
-    _words(figure, data, imprint.title, imprint.caution)
-    if imprint.footer:
-        figure.text(0.03, 0.012, page.fit(imprint.footer, 190), fontsize=7.5, color=GREY)
+    _words(on, data, imprint)
     if finds:
         told = f"▲ after {len(finds)} find{'s' * (len(finds) > 1)}: numbers are of those not yet found"
         figure.text(0.967, 0.945, told, fontsize=9, color=layers.LAST_KNOWN, ha="right", va="center")
     if count.few:
-        page.banner(
-            figure, 0.0325, 0.878 - ROW, "left", 10, effective.banner(count, "numbers, ranges and times are rough")
-        )
+        sheet.rough(on, effective.banner(count, "numbers, ranges and times are rough"))
     if warning:
-        told = page.fit(warning, 210)
-        figure.text(0.03, 0.879, told, fontsize=7.5, weight="bold", color=layers.LAST_KNOWN, va="center")
-    page.save(canvas, path, imprint.title, imprint.attributes, dpi=140)
+        sheet.say(on, sheet.warning(0.879, 7.5, 210, "center"), warning)
+    sheet.end(on, path, imprint)
 
 
 def _shown(data: xr.Dataset, segments: Segments, told: set[int] | None) -> _Shown:
@@ -389,23 +389,17 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
         (medians, "medians"),
     ]
     if marks[1]:
-        style: dict[str, Any] = {"color": layers.LAST_KNOWN, "linestyle": "none", "markeredgewidth": 1.6}
-        symbol = (
-            Line2D([], [], marker="o", markersize=7, markerfacecolor="white", **style),
-            Line2D([], [], marker="+", markersize=11, **style),
-        )
+        symbol = layers.mark_symbol(7, 11)
         rows.append((symbol, marks[0] if marks[1] == 1 else f"{marks[0]}s"))
     if patrolled:
         rows.append((Line2D([], [], color=PATROL, alpha=0.55, linewidth=8), patrolled))
-    figure.legend(
-        [symbol for symbol, _ in rows],
-        [text for _, text in rows],
+    sheet.legend(
+        figure,
+        rows,
         loc="center left",
         bbox_to_anchor=(0.024, 0.042),
         ncols=len(rows),
-        frameon=False,
         fontsize=8,
-        labelcolor=INK,
         borderaxespad=0,
         columnspacing=1.4,
         handler_map={medians: HandlerTuple(None)},
@@ -422,18 +416,14 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     )
 
 
-def _words(figure: Figure, data: xr.Dataset, title: str, caution: str) -> None:
+def _words(on: Page, data: xr.Dataset, imprint: Imprint) -> None:
     """Write title, valid time, basis and account over the maps."""
-    figure.text(0.03, 0.966, page.fit(title, 95), fontsize=15, weight="bold", color=INK)
     begin, end = data["start"].values[()], data["time"].values[-1]
     hours = (end - begin) / np.timedelta64(1, "h")
     valid = f"Washup by {_moment(end)}, {hours:g} h after the start, {notation.group(begin)}"
-    figure.text(0.03, 0.939, valid, fontsize=11.5, color=INK)
-    figure.text(0.03, 0.9155, _basis(data), fontsize=9, color=INK)
+    sheet.head(on, imprint, valid, _basis(data))
     account = _account(data)
-    figure.text(0.03, 0.8905, account, fontsize=min(9.5, 1320 / len(account)), weight="bold", color=INK)
-    if caution:
-        page.banner(figure, 0.967, 0.917, "right", 10, caution)
+    sheet.say(on, sheet.heading(0.8905, min(9.5, 1320 / len(account))), account)
 
 
 def _basis(data: xr.Dataset) -> str:
