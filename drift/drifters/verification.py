@@ -121,12 +121,13 @@ def verify(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> Verification:
-    """Forecast drifters from many starts, and return how well that went; with `out` write the results there.
+    """Forecast drifters from many starts, and return how well that went.
 
-    files: a file of tracks, or tracks. every: time between starts [s]; hours: length of a forecast; error: radius [m]
-    that holds half of the starts' errors. columns: {"current_east": "u", ..}: the model's values at the drifter's
-    place, from columns of its file, which are then used everywhere about it. gap: longest time between fixes [s] that a
-    forecast may span; fastest: speed [m/s] beyond which a fix is not believed. Raises UserError.
+    With `out` the results are written there. files: a file of tracks, or tracks. every: time between starts [s]; hours:
+    length of a forecast; error: radius [m] that holds half of the starts' errors. columns: {"current_east": "u", ..}:
+    the model's values at the drifter's place, from columns of its file, which are then used everywhere about it. gap:
+    longest time between fixes [s] that a forecast may span; fastest: speed [m/s] beyond which a fix is not believed.
+    Raises UserError.
     """
     from drift.drifters import files as verification_files
 
