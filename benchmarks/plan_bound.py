@@ -31,8 +31,7 @@ from rich.table import Table
 from drift.case.record import Case
 from drift.job import opened
 from drift.motion.scenario import Survival
-from drift.planner import availability as reaches
-from drift.planner import bound, follow, joint, optimiser, planner, rectangle
+from drift.planner import availability, bound, follow, joint, optimiser, planner, rectangle
 from drift.planner import planning_tracks as record
 from drift.planner.planning_tracks import Tracks
 from drift.search.records import Law, PlanSpec, Unit
@@ -121,7 +120,7 @@ def by_hand(
     for u, unit in enumerate(units):
         if unit.law.kind == "random" or unit.daylight:  # which has no legs; whose legs would have to wait for the day
             continue
-        can = reaches.reach(unit, spec, (plane.lon, plane.lat))
+        can = availability.of_unit(unit, spec, (plane.lon, plane.lat))
         crew = rectangle.crew(unit, can, plane, float(tracks.time[0]), factor[u])
         base = np.array([float(v) for v in plane.flat(*np.radians(unit.base))])
         width, speed = max(unit.sweep_width), unit.search_speed
@@ -133,7 +132,7 @@ def by_hand(
             return here, np.stack([x[k + 1, few] - x[k, few], y[k + 1, few] - y[k, few]]) / (time[k + 1] - time[k])
 
         hope, now = left[few].copy(), float(can.leaves - tracks.time[0])
-        end = float(spec.until.astype(np.int64)) - tracks.time[0] - reaches.MARGIN
+        end = float(spec.until.astype(np.int64)) - tracks.time[0] - availability.MARGIN
         nodes: list[tuple[float, float, float, float]] = []  # (time, x, y, whether it seeks)
         spot = base
         while now < end - 60:

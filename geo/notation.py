@@ -16,9 +16,9 @@ MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", 
 
 
 def group(moment: Any) -> str:
-    """Return a time (np.datetime64, UTC) as a date-time group (ACP 121), 211830ZNOV26; seconds are dropped.
+    """Return a time (np.datetime64, UTC) as a date-time group (ACP 121), 211830ZNOV26.
 
-    The year has two digits in this century, which a reader assumes, and four in any other.
+    Seconds are dropped. The year has two digits in this century, which a reader assumes, and four in any other.
     """
     when: datetime = np.asarray(moment).astype("datetime64[s]").item()
     year = f"{when.year % 100:02d}" if 2000 <= when.year < 2100 else f"{when.year:04d}"
@@ -53,7 +53,10 @@ def iso(time: Any) -> str:
 
 
 def position(lon: float, lat: float) -> str | None:
-    """Return a position [deg] in degrees and decimal minutes, 28-42.0N 087-30.0W; None where it is not finite."""
+    """Return a position [deg] in degrees and decimal minutes, 28-42.0N 087-30.0W.
+
+    Returns None where it is not finite.
+    """
     if not (np.isfinite(lon) and np.isfinite(lat)):
         return None
     lon = sphere.wrap_degrees(lon)

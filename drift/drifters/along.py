@@ -243,7 +243,10 @@ def over(case: Case, tracks: Sequence[Track]) -> Case:
 
 
 def scenario(case: Case) -> Mapping[str, Any]:
-    """Return the scenario table of a case; raise UserError where several have different objects or sources."""
+    """Return the scenario table of a case.
+
+    Raises UserError where several have different objects or sources.
+    """
     tables: list[Mapping[str, Any]] = list(case.tables.get("scenario", ()))
     if not tables:
         raise UserError(f"{case.path.name}: has a [spill]; drifters are compared with a case of one [[scenario]]")

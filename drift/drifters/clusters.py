@@ -33,7 +33,10 @@ class Estimate:
 
 
 def _variance(residual: Array, cluster: Array) -> float:
-    """Return the variance of a mean by G clusters, with the small-sample factor G / (G - 1); NaN for one cluster."""
+    """Return the variance of a mean by G clusters, with the small-sample factor G / (G - 1).
+
+    It is NaN for one cluster.
+    """
     _, code = np.unique(cluster, return_inverse=True)
     sums = np.bincount(code.ravel(), residual)
     if sums.size < 2:
@@ -42,10 +45,11 @@ def _variance(residual: Array, cluster: Array) -> float:
 
 
 def mean(values: npt.ArrayLike, drifter: npt.ArrayLike, day: npt.ArrayLike, *, share: bool = False) -> Estimate:
-    """Return the mean of values (n,) with its clustered standard error; drifter, day: the clusters of each, (n,).
+    """Return the mean of values (n,) with its clustered standard error.
 
-    share: values are 0 or 1. Their standard error is then at least that of n independent trials with the probability
-    (k + 1) / (n + 2), because none or all of a few do not prove an error of 0. With one drifter the clusters are days.
+    drifter, day: the clusters of each, (n,). share: values are 0 or 1. Their standard error is then at least that of n
+    independent trials with the probability (k + 1) / (n + 2), because none or all of a few do not prove an error of 0.
+    With one drifter the clusters are days.
     """
     value = np.asarray(values, np.float64)
     drifters, days = np.asarray(drifter), np.asarray(day)

@@ -35,12 +35,12 @@ class Law:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Residuals of many drifters' fixes, padded to the longest; a stretch is a run of fixes without a long gap.
+    """Residuals of many drifters' fixes, padded to the longest.
 
-    step: time since the fix before [s], shape (drifters, fixes); 0 at a first fix. fresh: whether a fix begins a
-    stretch. there: whether a fix is one of the drifter's, not padding. data: how far the drifter went beyond the model
-    since the stretch's begin, east and north [m], shape (drifters, fixes, 2). regressors: how much a unit of each
-    unknown of the mean adds to that, shape (drifters, fixes, 2, unknowns).
+    A stretch is a run of fixes without a long gap. step: time since the fix before [s], shape (drifters, fixes); 0 at a
+    first fix. fresh: whether a fix begins a stretch. there: whether a fix is one of the drifter's, not padding. data:
+    how far the drifter went beyond the model since the stretch's begin, east and north [m], shape (drifters, fixes, 2).
+    regressors: how much a unit of each unknown of the mean adds to that, shape (drifters, fixes, 2, unknowns).
     """
 
     step: Array
@@ -186,7 +186,10 @@ def _regressed(scaled: Array, log_variance: Array) -> Likelihood:
 
 
 def joined(pieces: Sequence[tuple[Array, Array, Array, Array]]) -> Tracks:
-    """Return drifters as one record; pieces: (step (n,), fresh (n,), data (n, 2), regressors (n, 2, unknowns))."""
+    """Return drifters as one record.
+
+    pieces: (step (n,), fresh (n,), data (n, 2), regressors (n, 2, unknowns)).
+    """
     longest = max((len(piece[0]) for piece in pieces), default=0)
 
     def padded(values: Array) -> Array:

@@ -171,7 +171,10 @@ def _free(ways: Sequence[Ways]) -> list[str]:
 
 
 def _parameters(law: Law, tracks: Tracks, free: Sequence[str], best: float) -> tuple[dict[str, Parameter], bool]:
-    """Return the parameters of the likeliest law, and whether their errors are clustered; best: its log likelihood."""
+    """Return the parameters of the likeliest law, and whether their errors are clustered.
+
+    best: its log likelihood.
+    """
     errors, curvature, clustered = _errors(law, tracks, free)
     parameters = dict.fromkeys(NAMES, Parameter(math.nan, math.nan, math.nan, told=False))
     for name in free:
@@ -183,7 +186,10 @@ def _parameters(law: Law, tracks: Tracks, free: Sequence[str], best: float) -> t
 
 
 def _held_out(ways: Sequence[Ways], wind: bool) -> Held:
-    """Return how a law fitted to one half of the ways suits the other; raise UserError where a half is too small."""
+    """Return how a law fitted to one half of the ways suits the other.
+
+    Raises UserError where a half is too small.
+    """
     halves = hold_out.split(ways)
     if min(along.residuals(half, wind).increments for half in (halves.fitted, halves.held)) < FEWEST:
         raise UserError(
@@ -296,7 +302,10 @@ def _mean_errors(best: error_law.Likelihood, clustered: bool) -> Array:
 
 
 def _limit(law: Law, tracks: Tracks, free: Sequence[str], name: str, best: float) -> float:
-    """Return the upper limit (95 %) of a parameter by its profile likelihood; inf where the data allow the largest."""
+    """Return the upper limit (95 %) of a parameter by its profile likelihood.
+
+    It is inf where the data allow the largest.
+    """
     low, high = math.log(max(getattr(law, name), BOUNDS[name][0])), math.log(BOUNDS[name][1])
 
     def drop(candidate: float) -> float:

@@ -63,7 +63,10 @@ def _plain(name: str) -> str:
 
 
 def _column(header: Sequence[str], what: str) -> int | None:
-    """Return which column holds the id, time, lon or lat: that with the first common name; None where there is none."""
+    """Return which column holds the id, time, lon or lat: that with the first common name.
+
+    Returns None where there is none.
+    """
     plain = [_plain(name) for name in header]
     return next((plain.index(name) for name in NAMES[what] if name in plain), None)
 
@@ -126,14 +129,20 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
 
 
 def _split(whole: Track, name: Array) -> tuple[Track, ...]:
-    """Return the tracks of several drifters, in the order of their first fixes; name: the drifter of each fix, (n,)."""
+    """Return the tracks of several drifters, in the order of their first fixes.
+
+    name: the drifter of each fix, (n,).
+    """
     names, first_fix, number = np.unique(name, return_index=True, return_inverse=True)
     fixes_of = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
     return tuple(replace(selected(whole, fixes_of[k]), name=str(names[k])) for k in np.argsort(first_fix))
 
 
 def _numbers(texts: Iterable[str], comma: bool) -> Array:
-    """Return texts as numbers, NaN where one is no number; comma: whether a comma may stand for the decimal point."""
+    """Return texts as numbers, NaN where one is no number.
+
+    comma: whether a comma may stand for the decimal point.
+    """
 
     def number(text: str) -> float:
         try:
@@ -315,7 +324,10 @@ def _seconds(column: xr.DataArray) -> Array:
 
 
 def mapped(text: str) -> Mapping[str, str]:
-    """Return {"current_east": "u", ..} from "current_east=u, .."; raise UserError where the text is something else."""
+    """Return {"current_east": "u", ..} from "current_east=u, ..".
+
+    Raises UserError where the text is something else.
+    """
     allowed = [f"{quantity}_{side}" for quantity in QUANTITIES for side in ("east", "north")]
     columns: dict[str, str] = {}
     for part in filter(None, (p.strip() for p in text.split(","))):

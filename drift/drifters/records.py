@@ -44,7 +44,10 @@ class Track:
         return np.degrees(x), np.degrees(y)
 
     def silent(self, begin: float, end: float) -> float:
-        """Return the longest gap [s] between fixes that overlaps begin to end [s since 1970]; inf beyond the track."""
+        """Return the longest gap [s] between fixes that overlaps begin to end [s since 1970].
+
+        It is inf beyond the track.
+        """
         if begin < self.time[0] or end > self.time[-1]:
             return np.inf
         first = int(np.searchsorted(self.time, begin, "right")) - 1
@@ -116,7 +119,10 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _reachable(track: Track, fastest: float) -> Array:
-    """Return which fixes can be reached and left at a believable speed; both ends of a lone leap count as reachable."""
+    """Return which fixes can be reached and left at a believable speed.
+
+    Both ends of a lone leap count as reachable.
+    """
     keep = np.arange(track.time.size)
     while keep.size > 2:
         excess = _excess(track, keep[:-1], keep[1:], fastest)

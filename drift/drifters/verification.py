@@ -125,12 +125,13 @@ def verify(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> Verification:
-    """Forecast drifters from many starts, and return how well that went; with `out` write the results there.
+    """Forecast drifters from many starts, and return how well that went.
 
-    files: a file of tracks, or tracks. every: time between starts [s]; hours: length of a forecast; error: radius [m]
-    that holds half of the starts' errors. columns: {"current_east": "u", ..}: the model's values at the drifter's
-    place, from columns of its file, which are then used everywhere about it. gap: longest time between fixes [s] that a
-    forecast may span; fastest: speed [m/s] beyond which a fix is not believed. Raises UserError.
+    With `out` the results are written there. files: a file of tracks, or tracks. every: time between starts [s]; hours:
+    length of a forecast; error: radius [m] that holds half of the starts' errors. columns: {"current_east": "u", ..}:
+    the model's values at the drifter's place, from columns of its file, which are then used everywhere about it. gap:
+    longest time between fixes [s] that a forecast may span; fastest: speed [m/s] beyond which a fix is not believed.
+    Raises UserError.
     """
     from drift.drifters import chapter  # here: it knows what a verification is
 
@@ -141,17 +142,7 @@ def verify(
     names = dict(columns or {})
     believed = drifter_records.believed(fitting.read(files, names), fastest)
     notes = list(believed.notes)
-    starts, silent = _starts(believed.tracks, every, hours * 3600, gap, fastest)
-    if silent:
-        notes.append(
-            f"{silent} starts left out: the drifter is silent for more than {gap / 3600:.3g} h, or leaps, "
-            "before the end"
-        )
-    if not starts:
-        raise UserError(
-            f"--drifters: no drifter can be followed for {hours:g} h without a gap of more than {gap / 3600:.3g} h "
-            f"({'; '.join(notes) or 'their tracks are shorter'}); give fewer --hours, or a longer --max-gap"
-        )
+    starts = _known_starts(believed.tracks, every, hours, gap, fastest, notes)
     case, times = _with_errors(case, names), _times(hours)
     cases = {
         (track, start): _case(case, believed.tracks[track], start, times, error, particles, names, number)
@@ -199,6 +190,27 @@ def _times(hours: float) -> Array:
     """Return hours after the start at which a forecast is scored: every three, the leads, and the end."""
     step = POINT / 3600
     return np.unique(np.concatenate([np.arange(step, hours + 1e-9, step), [t for t in LEADS if t < hours], [hours]]))
+
+
+def _known_starts(
+    tracks: Sequence[Track], every: float, hours: float, gap: float, fastest: float, notes: list[str]
+) -> list[tuple[int, int]]:
+    """Return (number of the track, start [s since 1970]) of all forecasts, and add a note on those left out.
+
+    Raises UserError where no start is left.
+    """
+    starts, silent = _starts(tracks, every, hours * 3600, gap, fastest)
+    if silent:
+        notes.append(
+            f"{silent} starts left out: the drifter is silent for more than {gap / 3600:.3g} h, or leaps, "
+            "before the end"
+        )
+    if not starts:
+        raise UserError(
+            f"--drifters: no drifter can be followed for {hours:g} h without a gap of more than {gap / 3600:.3g} h "
+            f"({'; '.join(notes) or 'their tracks are shorter'}); give fewer --hours, or a longer --max-gap"
+        )
+    return starts
 
 
 def _starts(

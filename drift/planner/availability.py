@@ -1,4 +1,4 @@
-"""When each unit can search where: ready, on its way, by daylight, before the plan ends, and no longer than it lasts."""
+"""When each unit can search where: after it has arrived, by daylight, until its endurance or the plan ends."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,55 +14,57 @@ from geo import notation, sphere
 
 Array = npt.NDArray[Any]
 
-MARGIN = 5.0  # [s] legs in whole seconds on the sphere take so much longer than on the plane, at most
-SHARE = 0.85  # of the endurance on scene is search (Joint Pub 3-50, National Search and Rescue Supplement)
+MARGIN = 5.0  # [s] at most so much longer legs take in whole seconds on the sphere than on the plane
+SHARE = 0.85  # of the endurance on scene that is search (Joint Pub 3-50, National Search and Rescue Supplement)
 
 
 def moment(time: float) -> np.datetime64:
-    """Return seconds since 1970 as a time, to the second."""
+    """Return seconds since 1970 as a time, rounded to whole seconds."""
     return np.datetime64(round(time), "s")
 
 
 @dataclass(frozen=True)
-class Reach:
-    """What a unit can do. Times in seconds since 1970."""
+class Availability:
+    """When and for how long a unit can search where; times are seconds since 1970."""
 
     base: tuple[float, float]  # (lon, lat) [rad]
-    leaves: float  # earliest
+    leaves: float  # earliest departure
     transit_speed: float  # [m/s]
     spans: tuple[tuple[float, float], ...]  # in which it may search, in order
     search: float  # [s] of search in a sortie
-    way: Callable[[npt.ArrayLike, npt.ArrayLike], Array] | None = (
-        None  # length [m] of the way to positions [rad]; None: straight
-    )
+    # length [m] of the way to positions (lon, lat) [rad]; None: all ways are straight
+    way: Callable[[npt.ArrayLike, npt.ArrayLike], Array] | None = None
 
     def arrival(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-        """Return when it can be at positions [rad] at the earliest."""
+        """Return the earliest times at which the unit can be at positions [rad]."""
         way = sphere.distance(*self.base, lon, lat) if self.way is None else self.way(lon, lat)
         return np.asarray(self.leaves + way / self.transit_speed)
 
     def slot(self, earliest: npt.ArrayLike) -> tuple[Array, Array]:
-        """Return when a search that may begin at `earliest` begins, and for how long [s] it lasts, 0 if it cannot."""
+        """Return when a search begins that may not begin before `earliest`, and how long [s] it lasts, 0 for none."""
         earliest = np.asarray(earliest, np.float64)
         start, length = earliest.copy(), np.zeros(earliest.shape)
         free = np.ones(earliest.shape, bool)
         for begin, end in self.spans:
-            here = free & (earliest < end)
-            start = np.where(here, np.maximum(earliest, begin), start)
-            length = np.where(here, np.minimum(end - start, self.search), length)
-            free &= ~here
+            in_span = free & (earliest < end)
+            start = np.where(in_span, np.maximum(earliest, begin), start)
+            length = np.where(in_span, np.minimum(end - start, self.search), length)
+            free &= ~in_span
         return start, length
 
     def within(self, begin: Array, end: Array, arrival: Array) -> Array:
-        """Return the time [s] between `begin` and `end` in which it can search where it arrives at `arrival`."""
+        """Return how long [s] between two times the unit can search at a place where it arrives at `arrival`."""
         total = np.zeros(np.broadcast_shapes(np.shape(begin), np.shape(arrival)))
         for first, last in self.spans:
             total += np.maximum(np.minimum(end, last) - np.maximum(np.maximum(begin, first), arrival), 0.0)
         return total
 
 
-def reach(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float | None = None) -> Reach:
-    """Return what a unit can do from its base round a place (lon, lat) [rad]; `after`: it leaves no earlier than that."""
+def of_unit(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float | None = None) -> Availability:
+    """Return the availability of a unit.
+
+    place: (lon, lat) [rad] whose daylight counts; after: earliest departure.
+    """
     begin, until = float(notation.epoch(spec.begin)), float(notation.epoch(spec.until))
     leaves = max(begin, float(notation.epoch(unit.ready)), after if after is not None else -np.inf)
     spans = [(begin, until)]
@@ -71,4 +73,4 @@ def reach(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float |
     if laws.of(unit.law).detects != "anywhere":  # which has no legs
         spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
     base = tuple(float(v) for v in np.radians(unit.base))
-    return Reach((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)
+    return Availability((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)

@@ -1,4 +1,4 @@
-"""Plans that a plan is compared with, on the same particles: what is done by hand."""
+"""Other plans with which a plan is compared on the same particles: the one that is made by hand."""
 
 import math
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ from drift.planner.rectangle import Crew
 
 Array = npt.NDArray[Any]
 
-SIZES = np.geomspace(0.4, 3.0, 12)  # of the square's side, in roots of the area that would be swept
+SIZES = np.geomspace(0.4, 3.0, 12)  # sides of the square that are tried, in roots of the area that would be swept
 
 
 def by_hand(crews: Sequence[Crew], stage: Stage, whole: Stage) -> list[tuple[str, Plan]]:
-    """Return the plan of manuals: one square round the mean position, cut into strips by effort, of the best size for that."""
+    """Return the plan of manuals: the best square round the mean position, divided into strips by effort."""
     able, times = [], []
     for crew in crews:
         start, duration = crew.reach.slot(crew.reach.arrival(crew.plane.lon, crew.plane.lat))
@@ -35,28 +35,23 @@ def by_hand(crews: Sequence[Crew], stage: Stage, whole: Stage) -> list[tuple[str
     for size in np.sqrt(effort.sum()) * SIZES:
         strips, west = [], x - size / 2
         for (crew, track), share in zip(able, effort / effort.sum(), strict=True):
-            wide = size * share
-            legs = max(math.floor((track + wide) / size), 1)
-            spacing = max(wide / legs, crew.unit.least_spacing, 1.0)
-            row = np.array(
-                [west + wide / 2, y, 0.0, math.log(spacing), math.log(track / legs / (legs * spacing)), 0.0, -1.0, -1.0]
-            )
+            strip_width = size * share
+            legs = max(math.floor((track + strip_width) / size), 1)
+            spacing = max(strip_width / legs, crew.unit.least_spacing, 1.0)
+            aspect = math.log(track / legs / (legs * spacing))
+            row = np.array([west + strip_width / 2, y, 0.0, math.log(spacing), aspect, 0.0, -1.0, -1.0])
             strips.append(candidates.choose(crew, row, stage))
-            west += wide
-        made: Plan = [choice if choice.flown.possible[0] else None for choice in strips]
-        sizes.append((candidates.value(made, stage), made))
-    return [
-        (
-            "one square round the mean position, shared out by effort",
-            candidates.moved(max(sizes, key=lambda one: one[0])[1], whole),
-        )
-    ]
+            west += strip_width
+        strips_plan: Plan = [choice if choice.flown.possible[0] else None for choice in strips]
+        sizes.append((candidates.value(strips_plan, stage), strips_plan))
+    best = max(sizes, key=lambda candidate: candidate[0])[1]
+    return [("one square round the mean position, shared out by effort", candidates.at_stage(best, whole))]
 
 
-def against(name: str, rival: Plan, gain: Array, weight: Array, nodes: Array) -> Alternative:
-    """Return another plan beside what this one finds of each particle."""
-    finds = [choice.find for choice in rival if choice is not None]
-    other = joint.worth(finds, nodes) if finds else np.zeros_like(gain)
-    difference = float(weight @ (gain - other))
-    error = math.sqrt(float(weight**2 @ (gain - other - difference) ** 2))
-    return Alternative(name, float(weight @ other), difference, error)
+def alternative(name: str, other_plan: Plan, gain: Array, weight: Array, nodes: Array) -> Alternative:
+    """Return what another plan finds beside this one; gain: what this plan finds of each particle, (m,)."""
+    finds = [choice.find for choice in other_plan if choice is not None]
+    other_gain = joint.worth(finds, nodes) if finds else np.zeros_like(gain)
+    difference = float(weight @ (gain - other_gain))
+    error = math.sqrt(float(weight**2 @ (gain - other_gain - difference) ** 2))
+    return Alternative(name, float(weight @ other_gain), difference, error)

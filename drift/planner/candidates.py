@@ -1,4 +1,4 @@
-"""Rectangles chosen for units, what they find at a stage of the optimiser, and the taskings that they become."""
+"""Rectangles chosen for units, what they find at a stage of the optimiser, and the taskings made of them."""
 
 import math
 from collections.abc import Sequence
@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.planner import availability as reaches
-from drift.planner import courses, joint, rectangle
+from drift.planner import availability, courses, joint, rectangle
 from drift.planner.joint import Find
 from drift.planner.records import Tasking
 from drift.planner.rectangle import Crew, Flown
@@ -23,17 +22,15 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Stage:
-    """Particles and how a rectangle is scored on them."""
+    """Particles, and how a rectangle is scored on them."""
 
     m: int
     swarm: rectangles.Swarm
     weight: Array  # (m,)
     nodes: Array  # (nodes,) weights of the joint nodes
-    executed: bool  # legs as flown; else smeared out
-    separation: float  # [m]
-    price: float = (
-        math.inf
-    )  # share of what is found that being too near costs, by its share of a unit's size; inf: forbidden
+    executed: bool  # whether legs are scored as flown or smeared out
+    separation: float  # [m] that units keep apart
+    price: float = math.inf  # share of the gain lost by being a whole size too near to another unit; inf: forbidden
 
 
 @dataclass(frozen=True)
@@ -46,11 +43,11 @@ class Choice:
     find: Find
 
 
-Plan = list[Choice | None]  # one a unit; None: it cannot search, or has not been given anything
+Plan = list[Choice | None]  # one for each unit; None: it cannot search, or has no rectangle yet
 
 
 def choose(crew: Crew, row: Array, stage: Stage) -> Choice:
-    """Return a rectangle with what it finds at this stage."""
+    """Return a rectangle with what it finds at a stage."""
     flown = rectangle.fly(crew, row[None, :], stage.executed)
     if stage.executed and not crew.random:
         chance, worth = sweeps.found(
@@ -64,10 +61,10 @@ def choose(crew: Crew, row: Array, stage: Stage) -> Choice:
     return Choice(crew, row, flown, Find(float(flown.start[0] + flown.duration[0] / 2), chance, worth))
 
 
-def moved(plan: Plan, stage: Stage) -> Plan:
-    """Return the same rectangles with what they find at another stage; those that are not possible there are dropped."""
-    made = [choice and choose(choice.crew, choice.row, stage) for choice in plan]
-    return [choice if choice and choice.flown.possible[0] else None for choice in made]
+def at_stage(plan: Plan, stage: Stage) -> Plan:
+    """Return the same rectangles with what they find at another stage, without those that are not possible there."""
+    chosen = [choice and choose(choice.crew, choice.row, stage) for choice in plan]
+    return [choice if choice and choice.flown.possible[0] else None for choice in chosen]
 
 
 def value(plan: Plan, stage: Stage) -> float:
@@ -76,57 +73,64 @@ def value(plan: Plan, stage: Stage) -> float:
     return float(stage.weight @ joint.worth(finds, stage.nodes)) if finds else 0.0
 
 
-def near(choice: Choice, rows: Array, flown: Flown, stage: Stage) -> Array:
-    """Return by how much [m] rectangles are too near another unit's, 0 where they are not."""
+def too_near(choice: Choice, rows: Array, flown: Flown, stage: Stage) -> Array:
+    """Return by how much [m] rectangles are too near to another unit's, 0 where they are not."""
     if stage.separation <= 0:
         return np.zeros(len(rows))
     return np.maximum(stage.separation - rectangle.apart(rows, flown, choice.row, choice.flown), 0.0)
 
 
 def taskings(chosen: Sequence[Choice], weight: Array, nodes: Array) -> tuple[Tasking, ...]:
-    """Return rectangles as they are flown, in the order of their middles; each POS given that those before failed."""
+    """Return taskings in order of the middle of their search.
+
+    Each POS is given that the searches before failed.
+    """
     ordered = sorted(chosen, key=lambda choice: choice.find.time)
-    left = np.broadcast_to(nodes, ordered[0].find.chance.shape).copy()
-    made = []
+    undetected = np.broadcast_to(nodes, ordered[0].find.chance.shape).copy()
+    result = []
     for choice in ordered:
-        missed = left * (1 - choice.find.chance)
-        before = float(weight @ left.sum(axis=1))
-        made.append(_tasking(choice, 1 - float(weight @ missed.sum(axis=1)) / before if before > 0 else 0.0))
-        left = missed
-    return tuple(made)
+        missed = undetected * (1 - choice.find.chance)
+        before = float(weight @ undetected.sum(axis=1))
+        result.append(_tasking(choice, 1 - float(weight @ missed.sum(axis=1)) / before if before > 0 else 0.0))
+        undetected = missed
+    return tuple(result)
 
 
 def _tasking(choice: Choice, pos: float) -> Tasking:
+    """Return a rectangle as a tasking with its legs and times."""
     crew, flown, unit = choice.crew, choice.flown, choice.crew.unit
-    whole = rectangle.laid(crew, choice.row, flown, 0)
+    laid = rectangle.laid(crew, choice.row, flown, 0)
     spacing, length, width = (float(v[0]) for v in (flown.spacing, flown.length, flown.width))
-    legs, cut = whole.pattern.legs, tuple[int, ...]()
+    legs, cut = laid.pattern.legs, tuple[int, ...]()
     start = float(legs.time[0])
     if flown.sailed[0] is not None:
-        (made,) = rectangle.cut(crew, [whole])
-        assert made is not None  # it was made of the same legs before
-        legs = polyline.through(start + made.elapsed, made.lon, made.lat, made.searching.tolist())
-        # Every other leg of a pattern is a cross leg
-        cut = tuple(sorted({k // 2 + 1 for k in made.cut if k % 2 == 0}))
+        (sailed,) = rectangle.cut(crew, [laid])
+        assert sailed is not None  # the same legs could be sailed before
+        legs = polyline.through(start + sailed.elapsed, sailed.lon, sailed.lat, sailed.searching.tolist())
+        # Every other leg of a pattern is a cross leg, which is not counted.
+        cut = tuple(sorted({k // 2 + 1 for k in sailed.cut if k % 2 == 0}))
     end = min(start + float(flown.duration[0]), crew.reach.spans[-1][1]) if crew.random else legs.time[-1]
     coverage = tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in unit.sweep_width)
+    first, last = availability.moment(start), availability.moment(math.ceil(end))
     sortie = Sortie(
-        name=unit.name, kind=unit.kind, start=reaches.moment(start), end=reaches.moment(math.ceil(end)), law=unit.law,
-        sweep_width=unit.sweep_width, shape=unit.shape, group=unit.group, area=whole.pattern.area,
+        name=unit.name, kind=unit.kind, start=first, end=last, law=unit.law,
+        sweep_width=unit.sweep_width, shape=unit.shape, group=unit.group, area=laid.pattern.area,
         coverage=coverage if crew.random else (), legs=None if crew.random else legs,
         speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
     )  # fmt: skip
     ends = [(legs.lon[k], legs.lat[k]) for k in (0, -1)]
     ways: tuple[tuple[Place, ...], tuple[Place, ...]] = ((), ())
     if crew.course is not None:
-        ways = courses.both(crew.course, *ends)
-    there, back = (
+        ways = courses.out_and_home(crew.course, *ends)
+    way_out, way_home = (
         polyline.way(way or straight) / unit.transit_speed
         for way, straight in zip(ways, ((unit.base, ends[0]), (ends[1], unit.return_to)), strict=True)
     )
+    takeoff = availability.moment(max(math.floor(start - way_out), math.ceil(crew.reach.leaves)))
+    home = availability.moment(math.ceil(end + way_home))
     return Tasking(
-        unit=unit, round=1, sortie=sortie, takeoff=reaches.moment(max(math.floor(start - there), math.ceil(crew.reach.leaves))), on_scene=sortie.start,
-        off_scene=sortie.end, home=reaches.moment(math.ceil(end + back)), centre=whole.centre, length=length, width=width,
-        orientation=whole.turn, creep=(whole.turn - whole.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
+        unit=unit, round=1, sortie=sortie, takeoff=takeoff, on_scene=sortie.start, off_scene=sortie.end, home=home,
+        centre=laid.centre, length=length, width=width,
+        orientation=laid.turn, creep=(laid.turn - laid.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
         legs=int(flown.legs[0]), pos=pos, out=ways[0], back=ways[1], cut=cut,
     )  # fmt: skip

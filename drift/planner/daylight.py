@@ -1,8 +1,8 @@
 """When there is daylight at a place: sunrise to sunset.
 
-The sun's place is that of low accuracy in Meeus 1998, Astronomical Algorithms, chapters 25 and 28 (NOAA's solar calculator uses
-the same): 0.01 degrees from 1900 to 2100, so that sunrise is right to a minute below 65 degrees of latitude, where refraction is
-as usual. Polar day is one window, polar night none.
+The sun's position is that of low accuracy in Meeus 1998, Astronomical Algorithms, chapters 25 and 28 (NOAA's solar
+calculator uses the same). It is right to 0.01 degrees from 1900 to 2100, so that sunrise is right to a minute below 65
+degrees of latitude under normal refraction. Polar day is one window, polar night none.
 """
 
 from typing import Any
@@ -14,9 +14,9 @@ from geo import sphere
 
 Array = npt.NDArray[Any]
 
-HORIZON = -0.833  # [deg] elevation of the sun's centre when its upper limb is seen to rise: half a sun and refraction
+HORIZON = -0.833  # [deg] elevation of the sun's centre when its upper limb seems to rise: its radius and refraction
 J2000 = 946_728_000.0  # [s since 1970] noon of 1 January 2000
-SAMPLE = 300.0  # [s] at which the elevation is sampled; straight in between, its zero is right to a second
+SAMPLE = 300.0  # [s] between samples of the elevation; with lines between them its zero is right to a second
 
 
 def sun(time: npt.ArrayLike) -> tuple[Array, Array]:
@@ -47,7 +47,7 @@ def elevation(time: npt.ArrayLike, lon: float, lat: float) -> Array:
 
 
 def windows(begin: float, end: float, lon: float, lat: float, horizon: float = HORIZON) -> list[tuple[float, float]]:
-    """Return the spans (from, until) [s since 1970] of daylight at a place [deg] within [begin, end], in order."""
+    """Return the spans (begin, end) [s since 1970] of daylight at a place [deg] between two times, in order."""
     if end <= begin:
         return []
     time = np.linspace(begin, end, int(np.ceil((end - begin) / SAMPLE)) + 1)

@@ -1,8 +1,9 @@
-"""A rectangle for each unit: those that together find most of particles that move.
+"""Rectangles for units, one each, that together find most of the particles, which move.
 
-Each unit in turn is given the rectangle that adds most to what the others find (block-coordinate ascent), again and again, from
-several beginnings. A rectangle is sought among many drawn where the particles are, then around the best of them in ever
-smaller steps (an evolution strategy): first with its legs smeared out, on few particles, then with its legs as flown, on many.
+Each unit in turn gets the rectangle that adds most to what the others find (block-coordinate ascent), again and again,
+from several beginnings. A rectangle is searched for among many drawn where the particles are, then around the best of
+them in ever smaller steps (an evolution strategy): first with its legs smeared out, on few particles, then with its
+legs as flown, on many.
 """
 
 import math
@@ -14,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.motion.scenario import Survival
-from drift.planner import availability as reaches
-from drift.planner import baselines, bound, candidates, joint, rectangle
+from drift.planner import availability, baselines, bound, candidates, joint, rectangle
 from drift.planner import planning_tracks as record
 from drift.planner.candidates import Choice, Plan, Stage
 from drift.planner.courses import Course
@@ -28,22 +28,22 @@ from kernels import noise, rectangles, sweeps
 
 Array = npt.NDArray[Any]
 
-BINS = 10  # of time, at most, while legs are smeared out
-FEW, MORE, MANY = 2_500, 8_000, 10_000  # particles of the first, second and third stage
+BINS = 10  # most bins of time while legs are smeared out
+FEW, MORE, MANY = 2_500, 8_000, 10_000  # particles in the first, second and third stage
 BEGINNINGS = 3
 KICKS = 8  # times that two units of the best plan are tasked anew
-ROUNDS = 4  # of all units in the first stage, at most
-DRAWN = 768  # rectangles at the beginning of a search
+ROUNDS = 4  # most rounds over all units in the first stage
+DRAWN = 768  # rectangles drawn at the beginning of a search
 PATIENCE = 5e-3  # share of what is found that an hour of waiting must add
-PRICES = (0.0, 0.1, 0.3, 1.0)  # of being too near, one after the other
-NEAR = 0.998  # of what a plan was worth, which a new rectangle may cost where that saves waiting
-SLACK = rectangle.SHORTEST  # [s] that waiting leaves for search
-CHILDREN, PARENTS = 96, 12
+PRICES = (0.0, 0.1, 0.3, 1.0)  # prices of being too near to another unit, used one after the other
+NEAR = 0.998  # a new rectangle that saves waiting may lower the plan's worth to this share
+SLACK = rectangle.SHORTEST  # [s] waiting leaves at least this time for search
+CHILDREN, PARENTS = 96, 12  # rectangles in each generation
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """What each unit is to do, by takeoff, and what that would find on the tracks that it was made on."""
+    """What each unit is to do, by takeoff, and what that would find of the tracks for which it was made."""
 
     taskings: tuple[Tasking, ...]
     seen: float
@@ -59,10 +59,10 @@ def plan(
     tell: Callable[[float], None] | None = None,
     at_sea: Mapping[str, Course] | None = None,
 ) -> Proposal:
-    """Return one sortie for each unit that can search, so that together they find most of the tracks' particles.
+    """Return one sortie for each unit that can search, such that together they find most of the tracks' particles.
 
-    survival: of each scenario; used where spec.objective is "alive". tell: called with the share that is done. at_sea: the
-    courses of boats near land, by name of unit; all others go straight on.
+    survival: of each scenario; used where spec.objective is "alive". tell: called with the share that is done. at_sea:
+    courses of boats near land, by name of unit; all other units go straight.
     """
     at_sea = at_sea or {}
     tell = tell or (lambda share: None)
@@ -71,26 +71,27 @@ def plan(
     factor, nodes = joint.nodes(units)
     crews = _crews(units, spec, plane, float(tracks.time[0]), factor, at_sea)
 
-    def stage(some: Tracks, executed: bool) -> Stage:
-        return Stage(some.m, _swarm(some, spec, survival, plane), some.weight, nodes, executed, spec.separation)
+    def stage(sampled: Tracks, executed: bool) -> Stage:
+        swarm = _swarm(sampled, spec, survival, plane)
+        return Stage(sampled.m, swarm, sampled.weight, nodes, executed, spec.separation)
 
-    coarse = record.coarser(tracks, BINS)
-    few, more = (stage(record.sample(coarse, min(tracks.m, n)), False) for n in (FEW, MORE))
-    found = _begun(crews, few, spec.separation > 0, rng, tell)
-    polished = _polished([begun for _, begun in found[:6]], crews, more, rng)
+    coarse_tracks = record.coarser(tracks, BINS)
+    coarse, finer = (stage(record.sample(coarse_tracks, min(tracks.m, n)), False) for n in (FEW, MORE))
+    starts = _begun(crews, coarse, spec.separation > 0, rng, tell)
+    smeared = _polished([start for _, start in starts[:6]], crews, finer, rng)
     tell(0.7)
-    many, whole = stage(record.sample(tracks, min(tracks.m, MANY)), True), stage(tracks, True)
-    best = _as_flown(polished, crews, many, rng)
+    executed, full = stage(record.sample(tracks, min(tracks.m, MANY)), True), stage(tracks, True)
+    best = _as_flown(smeared, crews, executed, rng)
     tell(0.9)
-    best = candidates.moved(best, whole)
+    best = candidates.at_stage(best, full)
     chosen = [choice for choice in best if choice is not None]
     if not chosen:
         return Proposal((), 0.0, ())
     gain = joint.worth([choice.find for choice in chosen], nodes)
-    alone = _alone(crews, few, many, rng)
-    ignoring = [("each unit where it alone finds most, ignoring the others", candidates.moved(alone, whole))]
-    others = [*(ignoring if len(crews) > 1 else []), *baselines.by_hand(crews, many, whole)]
-    alternatives = tuple(baselines.against(name, rival, gain, tracks.weight, nodes) for name, rival in others)
+    alone = _alone(crews, coarse, executed, rng)
+    ignoring = [("each unit where it alone finds most, ignoring the others", candidates.at_stage(alone, full))]
+    others = [*(ignoring if len(crews) > 1 else []), *baselines.by_hand(crews, executed, full)]
+    alternatives = tuple(baselines.alternative(name, rival, gain, tracks.weight, nodes) for name, rival in others)
     tell(1.0)
     return Proposal(candidates.taskings(chosen, tracks.weight, nodes), float(tracks.weight @ gain), alternatives)
 
@@ -98,10 +99,13 @@ def plan(
 def _crews(
     units: Sequence[Unit], spec: PlanSpec, plane: Plane, zero: float, factor: Array, at_sea: Mapping[str, Course]
 ) -> list[Crew]:
-    """Return the units with when and where each can search; zero: of the tracks' time [s since 1970]; factor: of W at the nodes."""
+    """Return the units with when and where each can search.
+
+    zero: first time of the tracks [s since 1970]; factor: of the sweep width at each joint node, (units, nodes).
+    """
     crews = []
     for u, unit in enumerate(units):
-        course, reach = at_sea.get(unit.name), reaches.reach(unit, spec, (plane.lon, plane.lat))
+        course, reach = at_sea.get(unit.name), availability.of_unit(unit, spec, (plane.lon, plane.lat))
         if course is not None:
             reach = replace(reach, way=course.arrival)
         crews.append(rectangle.crew(unit, reach, plane, zero, factor[u], course))
@@ -109,85 +113,90 @@ def _crews(
 
 
 def _begun(
-    crews: list[Crew], few: Stage, apart: bool, rng: np.random.Generator, tell: Callable[[float], None]
+    crews: list[Crew], coarse: Stage, apart: bool, rng: np.random.Generator, tell: Callable[[float], None]
 ) -> list[tuple[float, Plan]]:
-    """Return plans from several beginnings, with legs smeared out on few particles: (what each finds, plan), the best first.
+    """Return (what it finds, plan) from several beginnings, the best first, with legs smeared out, on few particles.
 
-    apart: whether units must keep apart. They would shut each other out: they are first moved apart by a price, then by force.
+    apart: whether units must keep apart. Because they would shut each other out, a growing price moves them apart
+    first; only then is it forbidden to be too near.
     """
     prices = [*(PRICES if apart else ()), *[math.inf] * ROUNDS]
-    found: list[tuple[float, Plan]] = []
+    starts: list[tuple[float, Plan]] = []
     for k in range(BEGINNINGS):
-        begun: Plan = [None] * len(crews)
+        current: Plan = [None] * len(crews)
         order = _order(crews, rng, k)
         for price in prices:
-            before = candidates.value(begun, few)
+            before = candidates.value(current, coarse)
             for u in order:
-                drawn = DRAWN if begun[u] is None else DRAWN // 3
-                begun = _improve(begun, u, crews, replace(few, price=price), rng, drawn, 4)
-            if math.isinf(price) and candidates.value(begun, few) < before * 1.002:
+                drawn = DRAWN if current[u] is None else DRAWN // 3
+                current = _improve(current, u, crews, replace(coarse, price=price), rng, drawn, 4)
+            if math.isinf(price) and candidates.value(current, coarse) < before * 1.002:
                 break
-        found.append((candidates.value(begun, few), begun))
+        starts.append((candidates.value(current, coarse), current))
         tell(0.3 * (k + 1) / BEGINNINGS)
-    found.sort(key=lambda one: -one[0])
+    starts.sort(key=lambda candidate: -candidate[0])
     for k in range(KICKS if len(crews) > 1 else 0):
-        kicked = _kick(found[0][1], crews, few, rng, prices[: -ROUNDS + 1])
-        found.append((candidates.value(kicked, few), kicked))
-        found.sort(key=lambda one: -one[0])
+        kicked = _kick(starts[0][1], crews, coarse, rng, prices[: -ROUNDS + 1])
+        starts.append((candidates.value(kicked, coarse), kicked))
+        starts.sort(key=lambda candidate: -candidate[0])
         tell(0.3 + 0.3 * (k + 1) / KICKS)
-    return found
+    return starts
 
 
-def _polished(plans: list[Plan], crews: list[Crew], more: Stage, rng: np.random.Generator) -> Plan:
-    """Return the best of some plans, the best two of which have been improved on more particles."""
-    again = sorted((candidates.moved(begun, more) for begun in plans), key=lambda one: -candidates.value(one, more))
+def _polished(plans: list[Plan], crews: list[Crew], finer: Stage, rng: np.random.Generator) -> Plan:
+    """Return the better of the best two plans, both improved on more particles."""
+    staged = (candidates.at_stage(start, finer) for start in plans)
+    ranked = sorted(staged, key=lambda candidate: -candidates.value(candidate, finer))
     polished = []
-    for now in again[:2]:
+    for current in ranked[:2]:
         for _ in range(2):
             for u in range(len(crews)):
-                now = _improve(now, u, crews, more, rng, 0, 3)
-        polished.append((candidates.value(now, more), now))
-    return max(polished, key=lambda one: one[0])[1]
+                current = _improve(current, u, crews, finer, rng, 0, 3)
+        polished.append((candidates.value(current, finer), current))
+    return max(polished, key=lambda candidate: candidate[0])[1]
 
 
-def _as_flown(plan: Plan, crews: list[Crew], many: Stage, rng: np.random.Generator) -> Plan:
-    """Return a plan improved with its legs as they are flown."""
-    best = candidates.moved(plan, many)
+def _as_flown(plan: Plan, crews: list[Crew], executed: Stage, rng: np.random.Generator) -> Plan:
+    """Return a plan improved with its legs as flown."""
+    best = candidates.at_stage(plan, executed)
     for turn in range(2):
         for u in range(len(crews)):
-            best = _settle(best, u, crews, many, rng, 3 if turn == 0 else 2)
+            best = _settle(best, u, crews, executed, rng, 3 if turn == 0 else 2)
             if best[u] is None:
-                best = _improve(best, u, crews, many, rng, DRAWN // 3, 3)
+                best = _improve(best, u, crews, executed, rng, DRAWN // 3, 3)
     return best
 
 
-def _alone(crews: list[Crew], few: Stage, many: Stage, rng: np.random.Generator) -> Plan:
-    """Return each unit's choice as if no other searched."""
-    none: Plan = [None] * len(crews)
+def _alone(crews: list[Crew], coarse: Stage, executed: Stage, rng: np.random.Generator) -> Plan:
+    """Return each unit's choice as if no other unit searched."""
+    empty: Plan = [None] * len(crews)
     alone: Plan = []
     for u in range(len(crews)):
-        begun = _improve(none, u, crews, few, rng, DRAWN, 4)
-        alone.append(_settle(candidates.moved(begun, many), u, crews, many, rng, 2)[u])
+        start = _improve(empty, u, crews, coarse, rng, DRAWN, 4)
+        alone.append(_settle(candidates.at_stage(start, executed), u, crews, executed, rng, 2)[u])
     return alone
 
 
 def _swarm(tracks: Tracks, spec: PlanSpec, survival: Sequence[Survival | None], plane: Plane) -> rectangles.Swarm:
+    """Return tracks as kernels take them: positions on the plane, and what finding each particle is worth."""
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     value = np.where(tracks.adrift, bound.worth(tracks, survival, spec.objective), -1.0)
     return rectangles.swarm(tracks.time - tracks.time[0], x, y, value, tracks.scenario)
 
 
 def _order(crews: Sequence[Crew], rng: np.random.Generator, k: int) -> list[int]:
-    """Return the order in which units are first given something: the strongest first, then at random."""
+    """Return the order in which units get their first rectangles: the strongest first, after beginning 0 at random."""
     strength = [crew.widest * crew.unit.search_speed * crew.reach.search for crew in crews]
     return sorted(range(len(crews)), key=lambda u: -strength[u]) if k == 0 else rng.permutation(len(crews)).tolist()
 
 
-def _kick(now: Plan, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, prices: Sequence[float]) -> Plan:
-    """Return the plan with two units tasked anew from nothing, the others moved along."""
-    gone = rng.permutation(len(crews))[:2].tolist()
-    kicked: Plan = [None if u in gone else choice for u, choice in enumerate(now)]
-    for u in gone:
+def _kick(
+    current: Plan, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, prices: Sequence[float]
+) -> Plan:
+    """Return the plan with two units tasked anew from nothing, and the others improved after that."""
+    redone = rng.permutation(len(crews))[:2].tolist()
+    kicked: Plan = [None if u in redone else choice for u, choice in enumerate(current)]
+    for u in redone:
         kicked = _improve(kicked, u, crews, replace(stage, price=prices[0]), rng, DRAWN // 2, 3)
     for price in prices:
         for u in rng.permutation(len(crews)).tolist():
@@ -197,26 +206,26 @@ def _kick(now: Plan, crews: Sequence[Crew], stage: Stage, rng: np.random.Generat
 
 
 def _improve(
-    now: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, drawn: int, times: int
+    current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, drawn: int, times: int
 ) -> Plan:
     """Return the plan with unit u's rectangle replaced where a better one is found."""
-    score, rows, old = _scorer(now, u, crews[u], stage, lambda left: _draw(crews[u], stage, left, rng, drawn))
+    score, rows, present = _scorer(current, u, crews[u], stage, lambda left: _draw(crews[u], stage, left, rng, drawn))
     if len(rows) == 0:
-        return now
+        return current
     scores = score(rows)
     for turn in range(times):
         keep = np.argsort(-scores, kind="stable")[:PARENTS]
         rows, scores = rows[keep], scores[keep]
         children = _vary(rows[rng.integers(len(rows), size=CHILDREN)], crews[u], rng, 0.5**turn)
         rows, scores = np.concatenate([rows, children]), np.concatenate([scores, score(children)])
-    return _accept(now, u, crews[u], stage, rows, scores, old)
+    return _accept(current, u, crews[u], stage, rows, scores, present)
 
 
-def _settle(now: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, times: int) -> Plan:
-    """Return the plan with unit u's rectangle moved a little, and commenced at its best corner."""
-    score, rows, old = _scorer(now, u, crews[u], stage, lambda left: np.empty((0, 8)))
+def _settle(current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, times: int) -> Plan:
+    """Return the plan with unit u's rectangle moved a little and begun at its best corner."""
+    score, rows, present = _scorer(current, u, crews[u], stage, lambda left: np.empty((0, 8)))
     if len(rows) == 0:
-        return now
+        return current
     rows = np.repeat(rows, 4, axis=0)
     rows[:, ALONG], rows[:, ACROSS] = [1, 1, -1, -1], [1, -1, 1, -1]
     scores = score(rows)
@@ -225,74 +234,79 @@ def _settle(now: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.rand
         rows, scores = rows[keep], scores[keep]
         children = _vary(rows[rng.integers(len(rows), size=24)], crews[u], rng, 0.25 * 0.5**turn)
         rows, scores = np.concatenate([rows, children]), np.concatenate([scores, score(children)])
-    return _accept(now, u, crews[u], stage, rows, scores, old)
+    return _accept(current, u, crews[u], stage, rows, scores, present)
 
 
 def _scorer(
-    now: Plan, u: int, crew: Crew, stage: Stage, draw: Callable[[Array], Array]
+    current: Plan, u: int, crew: Crew, stage: Stage, draw: Callable[[Array], Array]
 ) -> tuple[Callable[[Array], Array], Array, Choice | None]:
-    """Return how rectangles of unit u score beside the others, rectangles to begin with, and the one it has."""
-    rest = [choice for k, choice in enumerate(now) if choice is not None and k != u]
-    old = now[u]
-    time = old.find.time if old else math.inf
-    before, later = joint.others([choice.find for choice in rest], time, stage.nodes, stage.m)
-    left = stage.weight[:, None] * before
-    rows = draw(left.sum(axis=1))
-    if old:
-        rows = np.concatenate([old.row[None, :], rows])
+    """Return a function that scores rectangles of unit u beside the others', rectangles to begin with, and its own.
+
+    draw: returns rectangles, given the probability of each particle that the others leave, (m,).
+    """
+    others = [choice for k, choice in enumerate(current) if choice is not None and k != u]
+    present = current[u]
+    time = present.find.time if present else math.inf
+    undetected_share, later = joint.others([choice.find for choice in others], time, stage.nodes, stage.m)
+    undetected = stage.weight[:, None] * undetected_share
+    rows = draw(undetected.sum(axis=1))
+    if present:
+        rows = np.concatenate([present.row[None, :], rows])
     smeared = not stage.executed or crew.random
 
-    level = candidates.value(now, stage) or 1.0
+    level = candidates.value(current, stage) or 1.0
 
     def score(rows: Array) -> Array:
         flown = rectangle.fly(crew, rows, stage.executed)
-        good = flown.possible.copy()
+        allowed = flown.possible.copy()
         cost = np.zeros(len(rows))
-        for choice in rest:
-            near = candidates.near(choice, rows, flown, stage)
+        for other in others:
+            near = candidates.too_near(other, rows, flown, stage)
             if math.isinf(stage.price):
-                good &= near == 0
+                allowed &= near == 0
             else:
                 cost += stage.price * near / np.sqrt(flown.length * flown.width + 1)
         scores = np.full(len(rows), -1.0)
-        at = np.flatnonzero(good)
-        if len(at) == 0:
+        scored = np.flatnonzero(allowed)
+        if len(scored) == 0:
             return scores
         if smeared:
-            table, coverage = rectangle.smeared(crew, rows[at], Flown(*(v[at] for v in flown)))
-            scores[at] = rectangles.gains(
-                stage.swarm, crew.random, table, coverage, crew.factor, rectangle.STEP, crew.curve, left, later
+            table, coverage = rectangle.smeared(crew, rows[scored], Flown(*(v[scored] for v in flown)))
+            scores[scored] = rectangles.gains(
+                stage.swarm, crew.random, table, coverage, crew.factor, rectangle.STEP, crew.curve, undetected, later
             )
         else:
-            paths = [rectangle.path(crew, rows[k], flown, int(k)) for k in at]
-            scores[at] = sweeps.gains(stage.swarm, crew.table, paths, crew.width, crew.factor, left, later)
-        return np.where(good, np.maximum(scores * (1 - PATIENCE * rows[:, WAIT] / 3600) - level * cost, -0.5), -1.0)
+            paths = [rectangle.path(crew, rows[k], flown, int(k)) for k in scored]
+            scores[scored] = sweeps.gains(stage.swarm, crew.table, paths, crew.width, crew.factor, undetected, later)
+        return np.where(allowed, np.maximum(scores * (1 - PATIENCE * rows[:, WAIT] / 3600) - level * cost, -0.5), -1.0)
 
-    return score, rows, old
+    return score, rows, present
 
 
-def _accept(now: Plan, u: int, crew: Crew, stage: Stage, rows: Array, scores: Array, old: Choice | None) -> Plan:
+def _accept(
+    current: Plan, u: int, crew: Crew, stage: Stage, rows: Array, scores: Array, present: Choice | None
+) -> Plan:
     """Return the plan with the best rectangle for unit u, unless the plan is worth less with it."""
     best = int(np.argmax(scores))
     if scores[best] <= -1:
-        return now if old is None else [*now[:u], None, *now[u + 1 :]]
-    new: Plan = [*now[:u], candidates.choose(crew, rows[best], stage), *now[u + 1 :]]
-    # With worth that falls the score takes the order of sorties for fixed: the whole tells.
-    if math.isfinite(stage.price):
-        return new
-    return (
-        new
-        if old is None or scores[0] < 0 or candidates.value(new, stage) >= NEAR * candidates.value(now, stage)
-        else now
-    )
+        return current if present is None else [*current[:u], None, *current[u + 1 :]]
+    improved: Plan = [*current[:u], candidates.choose(crew, rows[best], stage), *current[u + 1 :]]
+    if math.isfinite(stage.price) or present is None or scores[0] < 0:
+        return improved
+    # Where worth falls with time, scores assume a fixed order of sorties: only the plan's value decides.
+    better = candidates.value(improved, stage) >= NEAR * candidates.value(current, stage)
+    return improved if better else current
 
 
-def _draw(crew: Crew, stage: Stage, left: Array, rng: np.random.Generator, count: int) -> Array:
-    """Return rectangles, (count, 8), round particles that are left, at times when they can be searched."""
-    if count == 0 or left.sum() <= 0 or not crew.reach.spans:
+def _draw(crew: Crew, stage: Stage, undetected: Array, rng: np.random.Generator, count: int) -> Array:
+    """Return rectangles, (count, 8), round undetected particles at times when they can be searched.
+
+    undetected: probability of each particle, (m,), that it is there and the other units do not find it.
+    """
+    if count == 0 or undetected.sum() <= 0 or not crew.reach.spans:
         return np.empty((0, 8))
     edges = stage.swarm.time.shape[0]
-    share = np.cumsum(left) / left.sum()
+    share = np.cumsum(undetected) / undetected.sum()
     i = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
     x, y = (v.reshape(stage.m, edges) for v in (stage.swarm.x, stage.swarm.y))
     arrival = crew.reach.arrival(*crew.plane.round(x[i, edges // 2], y[i, edges // 2]))
@@ -300,7 +314,7 @@ def _draw(crew: Crew, stage: Stage, left: Array, rng: np.random.Generator, count
     wait = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * slack)
     start, duration = crew.reach.slot(arrival + wait)
     middle = np.clip(np.searchsorted(stage.swarm.time, start - crew.zero + duration / 2) - 1, 0, edges - 1)
-    # A corner is tried beside the middle: half of the centres lie between two particles.
+    # Half of the centres are particles; the others lie between two particles.
     j = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
     between = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * 0.5)
     rows = np.zeros((count, 8))
@@ -316,18 +330,18 @@ def _draw(crew: Crew, stage: Stage, left: Array, rng: np.random.Generator, count
 
 
 def _vary(rows: Array, crew: Crew, rng: np.random.Generator, size: float) -> Array:
-    """Return rectangles near others: steps are shares of their own size."""
-    new = rows.copy()
+    """Return rectangles varied at random; size: of the steps, as a share of the rectangles' own sizes."""
+    varied = rows.copy()
     count = len(rows)
     step = rng.standard_normal((count, 6)) * size
-    step *= rng.random((count, 6)) < 0.6  # some numbers stay, so that one can be bettered without the others
+    step *= rng.random((count, 6)) < 0.6  # some numbers stay, so that one can be improved without the others
     side = np.sqrt(np.exp(rows[:, SPACING]) * crew.unit.search_speed * crew.reach.search)
-    new[:, X] += 0.3 * side * step[:, 0]
-    new[:, Y] += 0.3 * side * step[:, 1]
-    new[:, TURN] += 0.5 * step[:, 2]
-    new[:, SPACING] = np.maximum(new[:, SPACING] + 0.3 * step[:, 3], math.log(max(crew.unit.least_spacing, 1.0)))
-    new[:, ASPECT] += 0.5 * step[:, 4]
-    new[:, WAIT] = np.maximum(new[:, WAIT] + 5400.0 * step[:, 5], 0.0)
-    new[:, ALONG] *= np.where(rng.random(count) < 0.1, -1, 1)
-    new[:, ACROSS] *= np.where(rng.random(count) < 0.1, -1, 1)
-    return new
+    varied[:, X] += 0.3 * side * step[:, 0]
+    varied[:, Y] += 0.3 * side * step[:, 1]
+    varied[:, TURN] += 0.5 * step[:, 2]
+    varied[:, SPACING] = np.maximum(varied[:, SPACING] + 0.3 * step[:, 3], math.log(max(crew.unit.least_spacing, 1.0)))
+    varied[:, ASPECT] += 0.5 * step[:, 4]
+    varied[:, WAIT] = np.maximum(varied[:, WAIT] + 5400.0 * step[:, 5], 0.0)
+    varied[:, ALONG] *= np.where(rng.random(count) < 0.1, -1, 1)
+    varied[:, ACROSS] *= np.where(rng.random(count) < 0.1, -1, 1)
+    return varied

@@ -1,4 +1,4 @@
-"""Tracks of particles that a plan is made on: where each is at the edges of time bins, straight in between."""
+"""Tracks of particles for which a plan is made: positions at the edges of time bins, with straight lines in between."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,13 +15,13 @@ LEVELS = 12  # of the space-filling curve: a side of 4096
 
 @dataclass(frozen=True)
 class Tracks:
-    """Particles (m) at bin edges (b + 1), given all that was seen and not seen before the plan begins."""
+    """Particles (m) at bin edges (b + 1), given all that was found and not found before the plan begins."""
 
     time: Array  # float64 [s since 1970] (b + 1,)
     lon: Array  # int32 binary angle (b + 1, m)
     lat: Array
-    adrift: Array  # bool (b + 1, m): it can be detected (adrift or ashore)
-    weight: Array  # float64 (m,), of sum 1
+    adrift: Array  # bool (b + 1, m): the particle can be detected (it is adrift or ashore)
+    weight: Array  # float64 (m,), with the sum 1
     scenario: Array  # int32 (m,)
     release: Array  # float64 [s since 1970] (m,)
 
@@ -38,7 +38,7 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Plane:
-    """The tangent plane that a plan is worked out on: distances from its origin and bearings there are true."""
+    """The azimuthal equidistant plane on which a plan is computed: true distances and bearings from its origin."""
 
     lon: float  # [rad] origin
     lat: float
@@ -53,7 +53,10 @@ class Plane:
 
 
 def plane(tracks: Tracks) -> Plane:
-    """Return the plane round the mean of all positions; 300 km off, lengths across are 0.04 % too long there."""
+    """Return the plane round the mean of all positions.
+
+    300 km from it, lengths across are 0.04 % too long.
+    """
     lon, lat = tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT
     mean = [
         float(np.mean(v @ tracks.weight)) for v in (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
@@ -62,7 +65,7 @@ def plane(tracks: Tracks) -> Plane:
 
 
 def take(tracks: Tracks, index: Array, weight: Array) -> Tracks:
-    """Return some of the particles with new weights, which are brought to sum 1."""
+    """Return some of the particles with new weights, which are scaled to the sum 1."""
     lon, lat, adrift = (np.ascontiguousarray(v[:, index]) for v in (tracks.lon, tracks.lat, tracks.adrift))
     return replace(
         tracks, lon=lon, lat=lat, adrift=adrift, weight=weight / weight.sum(), scenario=tracks.scenario[index],
@@ -71,23 +74,23 @@ def take(tracks: Tracks, index: Array, weight: Array) -> Tracks:
 
 
 def order(tracks: Tracks) -> Array:
-    """Return the particles' order by scenario, then along a space-filling curve where they are half way: strata."""
+    """Return the particles' order by strata: by scenario, then along a space-filling curve at half time."""
     x, y = plane(tracks).flat(*(v[tracks.bins // 2] * sphere.UNIT for v in (tracks.lon, tracks.lat)))
     return np.lexsort((morton(x, y, *square(x, y)), tracks.scenario))
 
 
 def sort(tracks: Tracks) -> Tracks:
     """Return the same particles in the order of strata, so that neighbours in memory are neighbours at sea."""
-    at = order(tracks)
-    return take(tracks, at, tracks.weight[at])
+    strata = order(tracks)
+    return take(tracks, strata, tracks.weight[strata])
 
 
 def sample(tracks: Tracks, count: int) -> Tracks:
     """Return `count` particles of equal weight, drawn systematically in proportion to weight along strata."""
-    at = order(tracks)
-    cumulative = np.cumsum(tracks.weight[at])
+    strata = order(tracks)
+    cumulative = np.cumsum(tracks.weight[strata])
     ticks = (np.arange(count) + 0.5) / count * cumulative[-1]
-    return take(tracks, at[np.minimum(np.searchsorted(cumulative, ticks), tracks.m - 1)], np.ones(count))
+    return take(tracks, strata[np.minimum(np.searchsorted(cumulative, ticks), tracks.m - 1)], np.ones(count))
 
 
 def coarser(tracks: Tracks, most: int) -> Tracks:
@@ -105,10 +108,10 @@ def square(x: Array, y: Array) -> tuple[float, float, float]:
 
 
 def morton(x: Array, y: Array, west: float, south: float, side: float) -> Array:
-    """Return the place, int64, of points in the square along Morton's curve of 4^LEVELS cells."""
+    """Return the positions, int64, of points [m] along Morton's curve of 4^LEVELS cells in a square [m]."""
     code = np.zeros(np.shape(x), np.int64)
-    for shift, v in enumerate(((x - west) / side, (y - south) / side)):
-        spread = np.clip((v * 2**LEVELS).astype(np.int64), 0, 2**LEVELS - 1)
+    for shift, share in enumerate(((x - west) / side, (y - south) / side)):
+        spread = np.clip((share * 2**LEVELS).astype(np.int64), 0, 2**LEVELS - 1)
         for gap, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
             spread = (spread | (spread << gap)) & mask
         code |= spread << shift

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.planner import courses
-from drift.planner.availability import Reach
+from drift.planner.availability import Availability
 from drift.planner.courses import Course, Sailed
 from drift.planner.planning_tracks import Plane
 from drift.search import laws, patterns
@@ -40,7 +40,7 @@ class Crew:
     """A unit as the optimiser takes it."""
 
     unit: Unit
-    reach: Reach
+    reach: Availability
     plane: Plane
     zero: float  # [s since 1970] that times are counted from
     width: Array  # (scenarios,) sweep width [m]
@@ -60,7 +60,9 @@ class Crew:
         return float(np.max(self.width))
 
 
-def crew(unit: Unit, reach: Reach, plane: Plane, zero: float, factor: Array, course: Course | None = None) -> Crew:
+def crew(
+    unit: Unit, reach: Availability, plane: Plane, zero: float, factor: Array, course: Course | None = None
+) -> Crew:
     """Return a unit as the optimiser takes it."""
     curve = laws.pod(unit.law, np.arange(round(MOST / STEP) + 1) * STEP)
     table = None

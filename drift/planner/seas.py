@@ -1,12 +1,13 @@
-"""Where a boat may go: the sea of a region, kept off the shore, and the shortest ways on it.
+"""Where a boat may go: the sea of a region, at a distance from the shore, and the shortest ways on it.
 
-The shore of full resolution, grown by the distance that a boat keeps from it, is the barrier. Whether a straight way is clear of
-it is told exactly, by the integers of `kernels.coast`; straight is a great circle, which is followed in pieces. Distances from
-a place come from Dijkstra's algorithm (SciPy) on a grid with sixteen directions, none of whose arcs touches the barrier:
-such a distance is never too short, and at most 2.8 % too long, but for what hides between the nodes. A way is then pulled taut among
-the corners of the barrier that are near it, with Dijkstra on their visibility graph, so that it turns at corners alone.
-The way round what lies across a leg is sought among all corners of an ellipse: it is the shortest there is.
-Works on a plane round the region's middle, some 500 km wide at the most; refuses nothing.
+The barrier is the shore in full resolution, grown by the distance that a boat keeps from it. The integers of
+`kernels.coast` tell exactly whether a straight way is clear of it; a straight way is a great circle, which is followed
+in pieces. Distances from a place come from Dijkstra's algorithm (SciPy) on a grid with sixteen directions, none of
+whose arcs touches the barrier: such a distance is never too short, and at most 2.8 % too long, except for passages
+narrower than the grid. A way is then pulled taut among the corners of the barrier near it, with Dijkstra's algorithm on
+their visibility graph, so that it turns only at corners. The way round what lies across a leg is searched for among all
+corners in an ellipse, so that it is the shortest of all. All this works on a plane round the region's middle, at most
+some 500 km wide; nothing is refused.
 """
 
 import functools
@@ -31,18 +32,18 @@ from kernels import coast as crossing
 
 Array = npt.NDArray[Any]
 
-CLEAR = 25.0  # [m] that every boat keeps from the shore: a way that touches it is none
-ROUNDING = 2.0  # [m] more, for what a straight piece of PIECE is off its great circle in longitude and latitude
-SKIN = 10.0  # [m] outside the barrier: where ways turn and legs are cut, so that both are clear of it
-PIECE = 4_000.0  # [m] up to 80 degrees of latitude straight to 1.8 m: L^2 tan(lat) / (8 R)
-FINEST = 75.0  # [m] between nodes, at least
-NODES = 600_000  # at most
+CLEAR = 25.0  # [m] that every boat keeps from the shore; a way that touches the shore is not clear
+ROUNDING = 2.0  # [m] added to that, because straight pieces in longitude and latitude leave the great circle
+SKIN = 10.0  # [m] outside the barrier ways turn and legs are cut, so that both are clear of it
+PIECE = 4_000.0  # [m] longest piece; up to 80 degrees of latitude it is straight to 1.8 m: L^2 tan(lat) / (8 R)
+FINEST = 75.0  # [m] smallest distance between nodes
+NODES = 600_000  # most nodes
 ARCS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # (east, north); their opposites too
-CORNERS = 240  # that a way is pulled taut among, at most
-FEW = 64  # of a way round what cuts a leg, which is looked for often
-BAND = 3.0  # [nodes] from a way in which it is pulled taut
-RAYS = 4096  # by which it is told what a point sees
-TILE = 200  # vertices of a piece of the barrier, at most
+CORNERS = 240  # most corners among which a way is pulled taut
+FEW = 64  # most corners for a way round what cuts a leg; such ways are computed often
+BAND = 3.0  # [nodes] corners nearer than this to a way count when it is pulled taut
+RAYS = 4096  # rays that decide what is visible from a point
+TILE = 200  # most vertices of a piece of the barrier
 
 
 @dataclass(frozen=True)
@@ -50,18 +51,18 @@ class Sea:
     """The sea of a region, on a plane [m]."""
 
     plane: Plane
-    keeps: float  # [m] from the shore
-    wet: crossing.DeviceCoast  # its land is the barrier
+    keeps: float  # [m] distance that the boat keeps from the shore
+    wet: crossing.DeviceCoast  # a coast whose land is the barrier
     skin: Array  # shapely polygons [m]: the barrier and SKIN round it, in pieces
     tree: shapely.STRtree  # of the skin
     corners: Array  # (c, 2) [m] convex corners of the skin, in open water
     near: spatial.KDTree  # of the corners
-    west: float  # [m] of node (0, 0)
-    south: float
+    west: float  # [m] x of node (0, 0)
+    south: float  # [m] y of node (0, 0)
     step: float  # [m] between nodes
     open: Array  # bool (ny, nx): a node is in the water
     graph: sparse.csr_array  # (ny * nx, ny * nx) lengths of clear arcs [m], each in one direction
-    part: Array  # int (ny * nx,) number of the water that a node belongs to
+    part: Array  # int (ny * nx,) number of the connected water to which a node belongs
 
     def flat(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
         """Return points (n, 2) [m] of positions [deg]."""
@@ -69,7 +70,7 @@ class Sea:
         return np.column_stack([x, y])
 
     def round(self, points: Array) -> Array:
-        """Return positions (n, 2) of lon, lat [deg] of points [m]."""
+        """Return positions (n, 2), lon and lat [deg], of points (n, 2) [m]."""
         return np.asarray(np.degrees(np.column_stack(self.plane.round(points[:, 0], points[:, 1]))))
 
     def holds(self, points: Array) -> bool:
@@ -79,13 +80,13 @@ class Sea:
         return bool(np.all((points >= low) & (points <= low + self.step * (np.array([nx, ny]) - 1))))
 
     def at(self, node: Array) -> Array:
-        """Return places [m] of nodes, (n, 2)."""
+        """Return positions [m] of nodes, (n, 2)."""
         nx = self.open.shape[1]
         return np.column_stack([self.west + self.step * (node % nx), self.south + self.step * (node // nx)])
 
     @property
     def nodes(self) -> Array:
-        """Places of all nodes [m], (ny * nx, 2)."""
+        """Positions of all nodes [m], (ny * nx, 2)."""
         ny, nx = self.open.shape
         x, y = np.meshgrid(self.west + self.step * np.arange(nx), self.south + self.step * np.arange(ny))
         return np.column_stack([x.ravel(), y.ravel()])
@@ -102,7 +103,7 @@ class Region:
 
 
 def region(plane: Plane, places: Array, margin: float) -> Region:
-    """Return the region of places (n, 2) [m] on a plane and a margin [m] about them."""
+    """Return the region of places (n, 2) [m] on a plane, with a margin [m] about them."""
     low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
     rim = np.linspace(0, 1, 33)
     edge = low + (high - low) * np.concatenate(
@@ -121,17 +122,17 @@ def build(
 ) -> Sea | None:
     """Return the sea of a region; None without land in it.
 
-    polygons: of the land [deg], full resolution; keeps: distance [m] from the shore, CLEAR at the least; shoals: polygons [deg] of
-    water that is too shallow.
+    polygons: land [deg] in full resolution; keeps: distance [m] from the shore, at least CLEAR; shoals: polygons [deg]
+    of water that is too shallow.
     """
     plane, low, high, box = where.plane, where.low, where.high, where.box
     keeps = max(keeps, CLEAR)
     far = float(np.abs([low, high]).max())
-    grown = [_grown(shore.clip(np.asarray(polygons, object), box), plane, keeps + ROUNDING, far)]
+    grown_parts = [_grown(shore.clip(np.asarray(polygons, object), box), plane, keeps + ROUNDING, far)]
     if shoals is not None and len(shoals):
-        grown.append(_grown(shore.clip(shoals, box), plane, ROUNDING, 0.0))
+        grown_parts.append(_grown(shore.clip(shoals, box), plane, ROUNDING, 0.0))
     frame = shapely.box(*(low - 2 * SKIN), *(high + 2 * SKIN))
-    whole = shapely.intersection(shapely.union_all(np.concatenate(grown)), frame)
+    whole = shapely.intersection(shapely.union_all(np.concatenate(grown_parts)), frame)
     barrier = _polygons(whole)
     if not barrier.size:
         return None
@@ -147,71 +148,73 @@ def build(
     step = max(FINEST, math.sqrt(float(np.prod(high - low)) / NODES))
     nx, ny = (int(v) + 1 for v in np.floor((high - low) / step))
     x, y = np.meshgrid(low[0] + step * np.arange(nx), low[1] + step * np.arange(ny))
-    open_ = _wet(device, plane, np.column_stack([x.ravel(), y.ravel()])).reshape(ny, nx)
-    graph = _graph(device, plane, x, y, open_, step)
+    open_water = _wet(device, plane, np.column_stack([x.ravel(), y.ravel()])).reshape(ny, nx)
+    graph = _graph(device, plane, x, y, open_water, step)
     corners = _convex(skin)
     corners = corners[np.all((corners > low) & (corners < high), axis=1)]
     corners = corners[_wet(device, plane, corners)]
     pieces = _tiles(skin)
     return Sea(
         plane=plane, keeps=keeps, wet=device, skin=pieces, tree=shapely.STRtree(pieces), corners=corners,
-        near=spatial.KDTree(corners.reshape(-1, 2)), west=float(low[0]), south=float(low[1]), step=step, open=open_, graph=graph,
-        part=csgraph.connected_components(graph, directed=False)[1],
+        near=spatial.KDTree(corners.reshape(-1, 2)), west=float(low[0]), south=float(low[1]), step=step,
+        open=open_water, graph=graph, part=csgraph.connected_components(graph, directed=False)[1],
     )  # fmt: skip
 
 
 def _grown(polygons: Array, plane: Plane, by: float, far: float) -> Array:
-    """Return polygons [deg] on the plane, grown by a distance [m]: at least by that everywhere up to `far` from its origin."""
+    """Return polygons [deg] on the plane, grown by at least a distance [m] wherever within `far` [m] of its origin."""
     if not polygons.size:
         return polygons
 
     def flat(points: Array) -> Array:
         return np.column_stack(plane.flat(*np.radians(points.T)))
 
-    # Across the way to the origin the plane is too long by c / sin(c): a distance on it is less on the sphere
+    # Across the direction of the origin, lengths on the plane are c / sin(c) times those on the sphere.
     angle = min(math.sqrt(2) * far / sphere.RADIUS, 1.0)
     shapes = shapely.transform(shapely.segmentize(polygons, 0.01), flat)
-    made = shapely.buffer(
+    grown = shapely.buffer(
         shapes, by * (angle / math.sin(angle) if angle > 0 else 1.0), join_style="mitre", mitre_limit=2.0
     )
-    return np.asarray(made)
+    return np.asarray(grown)
 
 
 def _polygons(shape: Any) -> Array:
+    """Return the polygons in geometries and collections."""
     parts = shapely.get_parts(shapely.get_parts(shape))
     return np.asarray(parts[(shapely.get_type_id(parts) == 3) & ~shapely.is_empty(parts)])
 
 
 def _tiles(polygons: Array) -> Array:
-    """Return polygons cut up, so that none has many vertices."""
-    done, rest = [], polygons
-    while rest.size:
-        many = shapely.get_num_coordinates(rest) > TILE
-        done.append(rest[~many])
-        rest = rest[many]
-        west, south, east, north = shapely.bounds(rest).T
+    """Return polygons cut into pieces of at most TILE vertices."""
+    tiles, large = [], polygons
+    while large.size:
+        too_many = shapely.get_num_coordinates(large) > TILE
+        tiles.append(large[~too_many])
+        large = large[too_many]
+        west, south, east, north = shapely.bounds(large).T
         wide = east - west > north - south
         x, y = np.where(wide, (west + east) / 2, east), np.where(wide, north, (south + north) / 2)
-        lower = shapely.intersection(rest, shapely.box(west, south, x, y))
-        upper = shapely.intersection(rest, shapely.box(np.where(wide, x, west), np.where(wide, south, y), east, north))
-        rest = _polygons(np.concatenate([lower, upper]))
-    return np.concatenate(done) if done else polygons
+        lower = shapely.intersection(large, shapely.box(west, south, x, y))
+        upper = shapely.intersection(large, shapely.box(np.where(wide, x, west), np.where(wide, south, y), east, north))
+        large = _polygons(np.concatenate([lower, upper]))
+    return np.concatenate(tiles) if tiles else polygons
 
 
 def _convex(polygons: Array) -> Array:
     """Return the corners at which a taut way may turn round polygons, (c, 2)."""
     rings = shapely.get_rings(shapely.orient_polygons(polygons))
     points, ring = shapely.get_coordinates(rings, return_index=True)
-    found = []
-    for k in np.split(np.arange(len(points)), np.flatnonzero(np.diff(ring)) + 1):
-        own = points[k[:-1]]  # the last is the first
-        before, after = own - np.roll(own, 1, axis=0), np.roll(own, -1, axis=0) - own
-        # Outer rings run counterclockwise, holes clockwise: land is to the left of both
-        found.append(own[before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] > 0])
-    return np.concatenate(found) if found else np.empty((0, 2))
+    corners = []
+    for vertices in np.split(np.arange(len(points)), np.flatnonzero(np.diff(ring)) + 1):
+        ring_points = points[vertices[:-1]]  # the last vertex repeats the first
+        before, after = ring_points - np.roll(ring_points, 1, axis=0), np.roll(ring_points, -1, axis=0) - ring_points
+        # Outer rings run counterclockwise and holes clockwise, so that land is to the left of both.
+        corners.append(ring_points[before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] > 0])
+    return np.concatenate(corners) if corners else np.empty((0, 2))
 
 
 def _binary(plane: Plane, points: Array) -> tuple[Array, Array]:
+    """Return (lon, lat) of points (n, 2) [m] as binary angles."""
     lon, lat = plane.round(points[:, 0], points[:, 1])
     return sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat))
 
@@ -221,18 +224,18 @@ def _wet(device: crossing.DeviceCoast, plane: Plane, points: Array) -> Array:
 
 
 def _graph(
-    device: crossing.DeviceCoast, plane: Plane, x: Array, y: Array, open_: Array, step: float
+    device: crossing.DeviceCoast, plane: Plane, x: Array, y: Array, open_water: Array, step: float
 ) -> sparse.csr_array:
-    """Return the lengths of the arcs between nodes that are clear of the barrier."""
-    ny, nx = open_.shape
+    """Return the lengths [m] of the arcs between nodes that are clear of the barrier."""
+    ny, nx = open_water.shape
     lon, lat = _binary(plane, np.column_stack([x.ravel(), y.ravel()]))
     number = np.arange(ny * nx).reshape(ny, nx)
     rows, columns, lengths = [], [], []
     for east, north in ARCS:
-        here = (slice(max(-north, 0), ny - max(north, 0)), slice(0, nx - east))
-        there = (slice(max(north, 0), ny - max(-north, 0)), slice(east, nx))
-        both = open_[here] & open_[there]
-        a, b = number[here][both], number[there][both]
+        from_ = (slice(max(-north, 0), ny - max(north, 0)), slice(0, nx - east))
+        to = (slice(max(north, 0), ny - max(-north, 0)), slice(east, nx))
+        both = open_water[from_] & open_water[to]
+        a, b = number[from_][both], number[to][both]
         free = np.isinf(crossing.meets(device, lon[a], lat[a], lon[b] - lon[a], lat[b] - lat[a]))
         rows.append(a[free])
         columns.append(b[free])
@@ -247,37 +250,46 @@ def wet(sea: Sea, points: Array) -> Array:
 
 
 def clear(sea: Sea, begin: Array, end: Array) -> Array:
-    """Return whether great circles between points [m], (n, 2) each, keep clear of the barrier, bool (n,); begins are in the water."""
+    """Return whether great circles between points (n, 2) [m] are clear of the barrier, bool (n,).
+
+    The points at which they begin must be in the water.
+    """
     number = np.arange(len(begin))
     return sees(sea, np.concatenate([begin, end]), number, number + len(begin))
 
 
 def sees(sea: Sea, points: Array, i: Array, j: Array) -> Array:
-    """Return whether great circles from points[i] to points[j] [m], (n,) each, keep clear; those from which they begin are in the water."""
+    """Return whether great circles from points[i] to points[j] [m] are clear of the barrier, bool (n,).
+
+    The points at which they begin must be in the water.
+    """
     if not len(i):
         return np.zeros(0, bool)
-    which, lon, lat = followed(sea, points, i, j)
+    circle, lon, lat = great_circles(sea, points, i, j)
     x, y = sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat))
-    step = np.flatnonzero(which[1:] == which[:-1])
+    step = np.flatnonzero(circle[1:] == circle[:-1])
     hit = np.isfinite(crossing.meets(sea.wet, x[step], y[step], x[step + 1] - x[step], y[step + 1] - y[step]))
-    return np.asarray(np.bincount(which[step], hit, len(i)) == 0)
+    return np.asarray(np.bincount(circle[step], hit, len(i)) == 0)
 
 
-def followed(sea: Sea, points: Array, i: Array, j: Array) -> tuple[Array, Array, Array]:
-    """Return which great circle, from 0, and (lon, lat) [rad] of points at most PIECE apart along those from points[i] to points[j] [m]."""
+def great_circles(sea: Sea, points: Array, i: Array, j: Array) -> tuple[Array, Array, Array]:
+    """Return (number, lon, lat) [rad] of points along the great circles from points[i] to points[j] [m].
+
+    They are at most PIECE apart; number: of the great circle of each, from 0.
+    """
     lon, lat = sea.plane.round(*points.T)
-    # On the plane lengths are at least what they are on the sphere
+    # Lengths on the plane are never shorter than those on the sphere.
     count = np.maximum(np.ceil(np.hypot(*(points[j] - points[i]).T) / PIECE).astype(int), 1)
-    which = np.repeat(np.arange(len(i)), count + 1)
-    k = np.arange(len(which)) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
-    end = np.where(k == count[which], j[which], i[which])
+    circle = np.repeat(np.arange(len(i)), count + 1)
+    k = np.arange(len(circle)) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
+    end = np.where(k == count[circle], j[circle], i[circle])
     x, y = lon[end], lat[end]
-    between = (k > 0) & (k < count[which])
+    between = (k > 0) & (k < count[circle])
     if between.any():
-        share, a, b = (k / count[which])[between], i[which[between]], j[which[between]]
+        share, a, b = (k / count[circle])[between], i[circle[between]], j[circle[between]]
         east, north = sphere.offset(lon[a], lat[a], lon[b], lat[b])
         x[between], y[between] = sphere.destination(lon[a], lat[a], share * east, share * north)
-    return which, x, y
+    return circle, x, y
 
 
 def length(sea: Sea, points: Array) -> float:
@@ -292,167 +304,186 @@ def apart(sea: Sea, a: Array, b: Array) -> Array:
 
 
 def taut(sea: Sea, begin: Array, end: Array, corners: Array) -> Array | None:
-    """Return the shortest way (k, 2) from a point to another that turns at some of these corners only; None without one."""
+    """Return the shortest way (k, 2) [m] from point to point that turns only at these corners.
+
+    Returns None without one.
+    """
     return _taut(sea, [np.concatenate([[begin, end], corners])])[0][0]
 
 
 def _taut(sea: Sea, several: Sequence[Array]) -> list[tuple[Array | None, float]]:
-    """Return for each set of points (k, 2) the shortest way from the first to the second by others of it, None without one, and its length."""
+    """Return the shortest way, None without one, and its length [m] for each set of points (k, 2) [m].
+
+    It leads from the first point of a set to the second and turns only at others of the set.
+    """
     points = np.concatenate(several)
-    size = np.array([len(one) for one in several])
+    size = np.array([len(group) for group in several])
     begin = np.cumsum(size) - size
     pairs = [_pairs(int(n)) for n in size]
-    i, j = (np.concatenate([pair[k] + at for pair, at in zip(pairs, begin, strict=True)]) for k in (0, 1))
+    i, j = (np.concatenate([pair[k] + start for pair, start in zip(pairs, begin, strict=True)]) for k in (0, 1))
     free = sees(sea, points, i, j)
     i, j = i[free], j[free]
     graph = sparse.csr_array((np.maximum(apart(sea, points[i], points[j]), 1e-3), (i, j)), shape=(len(points),) * 2)
     far, before = csgraph.dijkstra(graph, directed=False, indices=begin, return_predecessors=True)
-    found: list[tuple[Array | None, float]] = []
-    for row, at in enumerate(begin):
-        way = [int(at) + 1]
+    ways: list[tuple[Array | None, float]] = []
+    for row, start in enumerate(begin):
+        way = [int(start) + 1]
         while before[row, way[-1]] >= 0:
             way.append(int(before[row, way[-1]]))
-        found.append((points[way[::-1]] if way[-1] == at else None, float(far[row, at + 1])))
-    return found
+        ways.append((points[way[::-1]] if way[-1] == start else None, float(far[row, start + 1])))
+    return ways
 
 
 @functools.cache
 def _pairs(count: int) -> tuple[Array, Array]:
-    """Return all pairs of so many numbers, the lower first: asked for often, and for few counts."""
+    """Return all pairs of so many numbers, the lower first.
+
+    They are cached, because few counts are needed very often.
+    """
     i, j = np.triu_indices(count, 1)
     return i, j
 
 
-def near(sea: Sea, begin: Array, end: Array, most: float, blocked: bool = False) -> Array | None:
-    """Return the shortest way between points [m] that are near each other; None if it is longer than `most` [m]. See `nears`."""
-    return nears(sea, begin[None], end[None], np.array([most]), np.array([blocked]))[0]
+def short_way(sea: Sea, begin: Array, end: Array, most: float, blocked: bool = False) -> Array | None:
+    """Return the shortest way between two points [m] near each other.
 
-
-def nears(sea: Sea, begin: Array, end: Array, most: Array, blocked: Array) -> list[Array | None]:
-    """Return the shortest ways between pairs of points [m], (n, 2) each, that are near each other; None for one longer than `most` [m].
-
-    All ways of at most a length lie in the ellipse whose foci are their ends: with all of its corners the way is the shortest. Where
-    there are more than FEW, those nearest to the straight line are tried, and a longer way may be found, or none. blocked: it is known
-    that the straight line is.
+    Returns None above a length `most` [m] (`short_ways`).
     """
-    found: list[Array | None] = [None] * len(begin)
+    return short_ways(sea, begin[None], end[None], np.array([most]), np.array([blocked]))[0]
+
+
+def short_ways(sea: Sea, begin: Array, end: Array, most: Array, blocked: Array) -> list[Array | None]:
+    """Return the shortest ways between pairs of near points (n, 2) [m].
+
+    Returns None for those longer than `most` [m]. All ways up to a length lie in the ellipse whose foci are their ends,
+    so that a way among all of its corners is the shortest. Where there are more than FEW corners, those nearest to the
+    straight line are tried; the result may then be a longer way, or none. blocked: whether it is known that the
+    straight line is not clear, bool (n,).
+    """
+    ways: list[Array | None] = [None] * len(begin)
     straight = np.hypot(*(end - begin).T)
-    left = np.flatnonzero(straight <= most)
-    ask = left[~blocked[left]]
-    direct = ask[clear(sea, begin[ask], end[ask])]
-    for k in direct:
-        found[k] = np.stack([begin[k], end[k]])
-    left = np.setdiff1d(left, direct)
+    open_pairs = np.flatnonzero(straight <= most)
+    untested = open_pairs[~blocked[open_pairs]]
+    sighted = untested[clear(sea, begin[untested], end[untested])]
+    for k in sighted:
+        ways[k] = np.stack([begin[k], end[k]])
+    open_pairs = np.setdiff1d(open_pairs, sighted)
     for times, more in ((1.15, 0.0), (1.5, 200.0), (2.5, 1000.0), (math.inf, 0.0)):
-        if not left.size:
+        if not open_pairs.size:
             break
-        reach = np.minimum(times * straight[left] + more, most[left])
-        sets, last = [], reach == most[left]
-        middle = (begin[left] + end[left]) / 2
-        for row, at in enumerate(sea.near.query_ball_point(middle, reach / 2)):
-            a, b, points = begin[left[row]], end[left[row]], sea.corners[np.array(at, int)]
+        reach = np.minimum(times * straight[open_pairs] + more, most[open_pairs])
+        sets, final = [], reach == most[open_pairs]
+        middle = (begin[open_pairs] + end[open_pairs]) / 2
+        for row, candidates in enumerate(sea.near.query_ball_point(middle, reach / 2)):
+            a, b, points = begin[open_pairs[row]], end[open_pairs[row]], sea.corners[np.array(candidates, int)]
             points = points[np.hypot(*(points - a).T) + np.hypot(*(points - b).T) <= reach[row]]
             if len(points) > FEW:
-                last[row] = True
-                away = shapely.distance(shapely.points(points), shapely.LineString([a, b]))
-                points = points[np.argsort(away, kind="stable")[:FEW]]
+                final[row] = True
+                distance = shapely.distance(shapely.points(points), shapely.LineString([a, b]))
+                points = points[np.argsort(distance, kind="stable")[:FEW]]
             sets.append(np.concatenate([[a, b], points]))
-        for k, most_of, (way, size) in zip(left, reach, _taut(sea, sets), strict=True):
-            if size <= most_of:
-                found[k] = way
-                last[left == k] = True
-        left = left[~last]
-    return found
+        for k, limit, (way, size) in zip(open_pairs, reach, _taut(sea, sets), strict=True):
+            if size <= limit:
+                ways[k] = way
+                final[open_pairs == k] = True
+        open_pairs = open_pairs[~final]
+    return ways
 
 
 def distances(sea: Sea, begin: int) -> tuple[Array, Array]:
-    """Return how far [m] each node is from a node by sea (inf where there is no way), and by which node the way comes, (n,) each."""
+    """Return distances [m] by sea from a node to all nodes, inf without a way, and the node before each, (n,) each."""
     far, before = csgraph.dijkstra(sea.graph, directed=False, indices=begin, return_predecessors=True)
     return np.asarray(far), np.asarray(before)
 
 
 def along(sea: Sea, before: Array, node: int) -> Array:
-    """Return the way (k, 2) [m] over nodes to a node, from where distances were reckoned."""
+    """Return the way (k, 2) [m] over nodes to a node from where `distances` began."""
     way = [node]
     while before[way[-1]] >= 0:
         way.append(int(before[way[-1]]))
     return sea.nodes[way[::-1]]
 
 
-def pulled(sea: Sea, way: Array) -> Array:
-    """Return a way (k, 2) [m], all of it clear, pulled taut: the shortest that passes land on the same sides, if not a shorter."""
+def pulled_taut(sea: Sea, way: Array) -> Array:
+    """Return a clear way (k, 2) [m] pulled taut: at most as long as the shortest that passes land on the same sides."""
     way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]
     if len(way) < 2:
         return way
     way = _shortcut(sea, way)
     for _ in range(4):
         corners = _beside(sea, way)
-        # The turns that it has are kept: a way is found always, and it is no longer than this one
-        found = taut(sea, way[0], way[-1], np.concatenate([way[1:-1], corners]))
-        if found is None or length(sea, found) > length(sea, way) - 1.0:
-            return way if found is None else found
-        way = found
+        # The way's own turns are among the corners, so that a way is always found, and it is no longer than this one.
+        shorter = taut(sea, way[0], way[-1], np.concatenate([way[1:-1], corners]))
+        if shorter is None or length(sea, shorter) > length(sea, way) - 1.0:
+            return way if shorter is None else shorter
+        way = shorter
     return way
 
 
 def _shortcut(sea: Sea, way: Array) -> Array:
-    """Return a way with what can be cut short by straight lines cut out: from each point to the farthest that it sees."""
+    """Return a way shortened by straight lines, from each kept point to the farthest that is visible from it."""
     kept, k = [0], 0
     while k < len(way) - 1:
-        rest = way[k + 1 :]
-        seen = np.flatnonzero(clear(sea, np.broadcast_to(way[k], rest.shape), rest))
-        k += 1 + int(seen.max(initial=0))
+        ahead = way[k + 1 :]
+        visible = np.flatnonzero(clear(sea, np.broadcast_to(way[k], ahead.shape), ahead))
+        k += 1 + int(visible.max(initial=0))
         kept.append(k)
     return way[kept]
 
 
 def _beside(sea: Sea, way: Array) -> Array:
-    """Return the corners nearest to a way, as many as are tried."""
+    """Return the corners nearest to a way, at most CORNERS of them."""
     band, line = BAND * sea.step, shapely.LineString(way)
     if not len(sea.corners):
         return sea.corners
     bounds = shapely.bounds(line)
     within = np.all((sea.corners > bounds[:2] - band) & (sea.corners < bounds[2:] + band), axis=1)
     points = sea.corners[within]
-    away = shapely.distance(shapely.points(points), line)
-    return points[np.argsort(away, kind="stable")[:CORNERS]]
+    distance = shapely.distance(shapely.points(points), line)
+    return points[np.argsort(distance, kind="stable")[:CORNERS]]
 
 
-def seen(sea: Sea, point: Array) -> Array:
-    """Return which nodes a point [m] sees, bool (nodes,): by RAYS rays, between which a rock may hide.
+def visible_nodes(sea: Sea, point: Array) -> Array:
+    """Return which nodes are visible from a point [m], bool (nodes,), by RAYS rays, between which a rock may hide.
 
-    What is reckoned with it is only where to look; ways and times of a plan are told by `clear`.
+    The result serves only to search for rectangles; `clear` decides on the ways and times of a plan.
     """
     nodes = sea.nodes
     lon, lat = sea.plane.round(*point)
     east, north = sphere.offset(lon, lat, *sea.plane.round(*nodes.T))
-    away = np.hypot(east, north)
+    distance = np.hypot(east, north)
     bearing = np.arange(RAYS) * (2 * math.pi / RAYS)
-    count = math.ceil(float(away.max()) / PIECE) + 1
+    count = math.ceil(float(distance.max()) / PIECE) + 1
     far = np.arange(count + 1) * PIECE
     x, y = sphere.destination(lon, lat, np.outer(np.sin(bearing), far), np.outer(np.cos(bearing), far))
     x, y = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
     a, b = (x[:, :-1].ravel(), y[:, :-1].ravel()), (x[:, 1:].ravel(), y[:, 1:].ravel())
-    met = crossing.meets(sea.wet, *a, b[0] - a[0], b[1] - a[1]).astype(float)
-    ends = met.reshape(RAYS, count) * PIECE + far[:-1]
-    reach = ends.min(axis=1)
+    share_met = crossing.meets(sea.wet, *a, b[0] - a[0], b[1] - a[1]).astype(float)
+    ray_ends = share_met.reshape(RAYS, count) * PIECE + far[:-1]
+    reach = ray_ends.min(axis=1)
     reach = np.minimum(np.minimum(np.roll(reach, 1), np.roll(reach, -1)), reach)
-    which = np.rint(np.arctan2(east, north) * (RAYS / (2 * math.pi))).astype(int) % RAYS
-    return np.asarray(away < reach[which])
+    ray = np.rint(np.arctan2(east, north) * (RAYS / (2 * math.pi))).astype(int) % RAYS
+    return np.asarray(distance < reach[ray])
 
 
 def filled(sea: Sea, far: Array) -> Array:
-    """Return distances of nodes, (ny, nx): where there is none (on land, say) that of the nearest that has one, and straight on."""
+    """Return distances [m] of all nodes, (ny, nx).
+
+    A node without one (on land, say) gets that of the nearest node with one and the straight line to it.
+    """
     grid = far.reshape(sea.open.shape)
-    lost = ~np.isfinite(grid)
-    if lost.all():
+    missing = ~np.isfinite(grid)
+    if missing.all():
         return grid
-    away, (row, column) = ndimage.distance_transform_edt(lost, return_indices=True)
-    return np.asarray(grid[row, column] + sea.step * away)
+    distance, (row, column) = ndimage.distance_transform_edt(missing, return_indices=True)
+    return np.asarray(grid[row, column] + sea.step * distance)
 
 
 def sampled(sea: Sea, grid: Array, points: Array) -> Array:
-    """Return how far [m] points (n, 2) [m] are by filled distances of the four nodes round each."""
+    """Return distances [m] of points (n, 2) [m] by the best of the four nodes round each.
+
+    grid: from `filled`.
+    """
     ny, nx = grid.shape
     column = np.clip(np.floor((points[:, 0] - sea.west) / sea.step).astype(int), 0, nx - 2)
     row = np.clip(np.floor((points[:, 1] - sea.south) / sea.step).astype(int), 0, ny - 2)
@@ -463,8 +494,8 @@ def sampled(sea: Sea, grid: Array, points: Array) -> Array:
     return best
 
 
-def around(sea: Sea, far: Array, point: Array) -> Array:
-    """Return the nodes about a point [m] that have a distance."""
+def nodes_near(sea: Sea, far: Array, point: Array) -> Array:
+    """Return the nodes about a point [m] that have a distance, (k,)."""
     ny, nx = sea.open.shape
     column, row = (math.floor((v - w) / sea.step) for v, w in zip(point, (sea.west, sea.south), strict=True))
     j, i = np.meshgrid(np.arange(column - 2, column + 4), np.arange(row - 2, row + 4))
@@ -472,11 +503,14 @@ def around(sea: Sea, far: Array, point: Array) -> Array:
     return np.asarray(node[np.isfinite(far[node])])
 
 
-def joined(sea: Sea, far: Array, point: Array) -> int | None:
-    """Return the node by which a point [m] is nearest to where distances were reckoned from, of those that it sees near by; None without."""
-    node = around(sea, far, point)
+def nearest_visible_node(sea: Sea, far: Array, point: Array) -> int | None:
+    """Return the visible node near a point [m] by which its distance is shortest.
+
+    Returns None where none is visible.
+    """
+    node = nodes_near(sea, far, point)
     places = sea.at(node)
-    # Nodes are in the water: a point on land sees none
+    # No node is visible from a point on land, because nodes are in the water.
     total = np.where(
         clear(sea, np.broadcast_to(point, places.shape), places), far[node] + np.hypot(*(places - point).T), np.inf
     )

@@ -34,9 +34,10 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Coast:
-    """Shoreline edges by cell; positions and lengths are binary angle units, rows of cells run from south to north.
+    """Shoreline edges by cell.
 
-    cell: low 7 bits: chessboard distance to a cell with edges; high bit: whether the reference point is on land.
+    Positions and lengths are binary angle units, rows of cells run from south to north. cell: low 7 bits: chessboard
+    distance to a cell with edges; high bit: whether the reference point is on land.
     """
 
     lon0: int  # south-west corner of cell (0, 0)
@@ -54,7 +55,10 @@ class Coast:
 
 
 def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
-    """Return the coast of a box; its grid covers the box, rounded outward to cells, in at most max_cells cells."""
+    """Return the coast of a box.
+
+    Its grid covers the box, rounded outward to cells, in at most max_cells cells.
+    """
     if shore.box and shore.box.east - shore.box.west >= 360:  # the shore is not cut, so the grid goes round as well
         box = Box(-180.0, box.south, 180.0, box.north)
     if shore.box and not (
@@ -166,18 +170,19 @@ def covers(coast: Coast, box: Box) -> bool:
 
 
 def nearest_coast(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, float, float] | None:
-    """Return (lon [deg], lat [deg], distance [m]) of the nearest point of the coast in the grid; None without coast.
+    """Return (lon [deg], lat [deg], distance [m]) of the nearest point of the coast in the grid.
 
-    The nearest edge is found in the plane tangent to the parallel: exact nearby, off by some percent at 500 km.
+    Returns None without coast. The nearest edge is found in the plane tangent to the parallel: exact nearby, off by
+    some percent at 500 km.
     """
     nearest = _nearest(coast, lon_deg, lat_deg, 1)
     return _with_distance(lon_deg, lat_deg, *nearest[0]) if nearest else None
 
 
 def nearest_water(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, float, float] | None:
-    """Return (lon [deg], lat [deg], distance [m]) of water near a point; some 50 m off the coast where possible.
+    """Return (lon [deg], lat [deg], distance [m]) of water near a point.
 
-    A point in water is returned itself; None where no water is found.
+    It lies some 50 m off the coast where possible. A point in water is returned itself; None where no water is found.
     """
     lon, lat = sphere.to_binary(lon_deg), sphere.to_binary(lat_deg)
     if not is_land(coast, lon, lat):
@@ -237,7 +242,10 @@ def _runs(start: Array, count: Array) -> Ints:
 
 
 def _cells(box: Box, shift: int) -> tuple[int, int, int, int]:
-    """Return (west, south, columns, rows) of the cells that cover a box, also its edges; west is not wrapped [unit]."""
+    """Return (west, south, columns, rows) of the cells that cover a box, also its edges.
+
+    West and south are in units; west is not wrapped.
+    """
     size = 1 << shift
     units = TURN / 360.0
     west, east = (int(np.floor(box.west * units / size)), int(np.floor(box.east * units / size)) + 1)

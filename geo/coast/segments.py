@@ -90,7 +90,10 @@ def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) ->
 
 
 def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) -> tuple[int, float]:
-    """Return (segment, distance [m]) of the shoreline nearest to a point; (-1, inf) where there is no coast."""
+    """Return (segment, distance [m]) of the shoreline nearest to a point.
+
+    They are (-1, inf) where there is no coast.
+    """
     edge = shoreline.edges(coast)
     if not len(edge):
         return -1, np.inf
@@ -108,7 +111,10 @@ def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) ->
 
 
 def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], length: float) -> Segments:
-    """Return the segments; owner: (edges,) feature of each edge, -1 for those that are cut by a length [m]."""
+    """Return the segments.
+
+    owner: (edges,) feature of each edge, -1 for those that are cut by a length [m].
+    """
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"length of a segment: {length} m; must be more than 0")
     order, chain, closed = _chains(edge, owner)
@@ -221,7 +227,10 @@ def _midpoints(edge: Array, number: Array, size: Array) -> tuple[Floats, Floats]
 
 
 def _lines(coast: Coast, edge: Array, number: Array) -> Array:
-    """Return each segment's line or lines [deg]; edges sorted by segment, in running order where they are joined."""
+    """Return each segment's line or lines [deg].
+
+    The edges are sorted by segment, in running order where they are joined.
+    """
     if not len(edge):
         return np.empty(0, object)
     centre = np.int64(coast.lon0) + (coast.nx << coast.shift) // 2

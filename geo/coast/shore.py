@@ -260,7 +260,10 @@ def _gshhg() -> Polygons:
 
 
 def _read(path: Path, word: str, wanted: str) -> _Contents:
-    """Return a file's polygons; word: "shoreline" or "lakes", wanted: what a user may give, both for messages."""
+    """Return a file's polygons.
+
+    word: "shoreline" or "lakes", wanted: what a user may give, both for messages.
+    """
     label = f'{word} "{path}"'
     if not path.is_file():
         raise UserError(f"{label}: no such file; give {wanted}")
@@ -307,10 +310,10 @@ _HEADER = re.compile(r'\s*"([^"]*)"\s*,\s*"([^"]*)"\s*,\s*(-?\d{1,12})\s*$')
 
 
 def _read_bna(path: Path, word: str, label: str) -> _Contents:
-    """Return the polygons of NOAA's .bna: records of type 1 are land, of type 2 lakes; a negative count is a line.
+    """Return the polygons of NOAA's .bna: records of type 1 are land, of type 2 lakes.
 
-    "Map Bounds" and "SpillableArea" (names of NOAA's GNOME) are frames, not land: a note says that the file knows
-    nothing outside the map bounds.
+    A negative count is a line. "Map Bounds" and "SpillableArea" (names of NOAA's GNOME) are frames, not land: a note
+    says that the file knows nothing outside the map bounds.
     """
     lines = path.read_text(encoding="latin-1").splitlines()
     shores: list[Any] = []

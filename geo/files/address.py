@@ -88,7 +88,10 @@ class Line:
 
     @contextlib.contextmanager
     def _turn(self) -> Iterator[None]:
-        """Hold the process for this thread; any error inside ends it, because an answer may still be under way."""
+        """Hold the process for this thread.
+
+        Any error inside ends it, because an answer may still be under way.
+        """
         with waiting.turn(self._lock):
             try:
                 yield
@@ -232,7 +235,10 @@ class Values(BackendArray):
 
 
 def pieces(shape: tuple[int, ...], most: int) -> Iterator[tuple[slice, ...]]:
-    """Give slices that together cover an array once, each of at most `most` values; none where it is empty."""
+    """Give slices that together cover an array once, each of at most `most` values.
+
+    There are no slices where it is empty.
+    """
     if 0 in shape:
         return
     lengths, left = [1] * len(shape), most

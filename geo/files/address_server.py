@@ -86,7 +86,10 @@ def header(data: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return an attribute as JSON can write it; numbers keep their type, because fill values must be exact."""
+    """Return an attribute as JSON can write it.
+
+    Numbers keep their type, because fill values must be exact.
+    """
     import numpy as np
 
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biuf":

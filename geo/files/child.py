@@ -111,7 +111,10 @@ class Child:
 
 
 def _write_questions(pipe: Any, questions: "queue.SimpleQueue[tuple[dict[str, Any], bytes] | None]") -> None:
-    """Write questions; a thread does this, because a process that hangs takes in no more than the pipe holds."""
+    """Write questions.
+
+    A thread does this, because a process that hangs takes in no more than the pipe holds.
+    """
     with contextlib.suppress(OSError):
         while (question := questions.get()) is not None:
             send(pipe, *question)
@@ -137,7 +140,10 @@ def _end(
     busy: threading.Event,
     scratch: str | None,
 ) -> None:
-    """End a process; one that waits for a question ends when its input does, so that it closes what it holds."""
+    """End a process.
+
+    One that waits for a question ends when its input does, so that it closes what it holds.
+    """
     if owner != os.getpid():  # it serves the process from which this one was forked
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
@@ -180,7 +186,10 @@ def _read_questions(questions: "queue.SimpleQueue[Message | None]", leave: Calla
 
 
 def limit(**most: int) -> None:
-    """Bound what libraries may take, by the names of `resource` (RLIMIT_AS); crashes then leave no core dump."""
+    """Bound what libraries may take, by the names of `resource` (RLIMIT_AS).
+
+    Crashes then leave no core dump.
+    """
     try:
         import resource
     except ImportError:  # Windows

@@ -161,7 +161,10 @@ def _answer(what: str, message: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def _present_keys(eccodes: Any, handle: Any, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return those keys that a message has; a name ends in :d or :i where the key is read as float or integer."""
+    """Return those keys that a message has.
+
+    A name ends in :d or :i where the key is read as float or integer.
+    """
     present = {}
     for name in names:
         bare, _, kind = name.partition(":")

@@ -32,7 +32,10 @@ def start(paths: Iterable[str]) -> None:
 
 
 def of(path: str) -> str:
-    """Return "sha256:..." of the bytes of a file or a folder of files; raise OSError where it cannot be read."""
+    """Return "sha256:..." of the bytes of a file or a folder of files.
+
+    Raises OSError where it cannot be read.
+    """
     start([path])
     key = _key(path)
     if key is None:

@@ -176,7 +176,10 @@ def _alike(one: Points, other: Points) -> bool:
 
 
 def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
-    """Return a message with what its header says; names: keys already looked up, by product, to which it adds."""
+    """Return a message with what its header says.
+
+    names: keys already looked up, by product, to which it adds.
+    """
     try:
         keys = decoder.keys(message.header)
         if message.product not in names:
@@ -308,7 +311,10 @@ def _points(message: Message) -> Points:
 
 
 def _plane(keys: Mapping[str, Any], lon: Array, lat: Array) -> tuple[dict[str, Any], Array, Array] | None:
-    """Return a projection's attributes and axes; None where they miss the points by over a thousandth of a cell."""
+    """Return a projection's attributes and axes.
+
+    Returns None where they miss the points by over a thousandth of a cell.
+    """
     mapping = _mapping(keys)
     if mapping is None or min(lon.shape) < 2:
         return None
@@ -463,7 +469,10 @@ class Block:
 
 
 def _fields_at(path: str, name: str, group: list[Field]) -> dict[tuple[int, float, int], Field]:
-    """Return fields of one name by (member, level, time); raise UserError where two with other values share a place."""
+    """Return fields of one name by (member, level, time).
+
+    Raises UserError where two with other values share a place.
+    """
     fields_at: dict[tuple[int, float, int], Field] = {}
     for field in group:
         key = field.member, field.level, field.time

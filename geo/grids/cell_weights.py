@@ -39,7 +39,10 @@ def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matri
 
 
 def _bilinear(lon: Array, lat: Array, corners: Index, grid: Grid, sign: Array) -> list[Part]:
-    """Return weights in cells whose corners are points (m, 4) in turn; sign: of the weight on each corner, (4,)."""
+    """Return weights in cells whose corners are points (m, 4) in turn.
+
+    sign: of the weight on each corner, (4,).
+    """
     parts: list[Part] = []
     for cell, node, x, y, px, py in _candidates(lon[corners], lat[corners], grid):
         s, t = _inverse_bilinear(px, py, x, y)

@@ -65,10 +65,10 @@ def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
 
 
 def _connectivity(data: xr.Dataset, dim: str, mesh: Mesh | None, nodes: int | None) -> tuple[Index, bool] | None:
-    """Return cells (m, k) of node indices from 0, and whether `dim` counts the cells; None without connectivity.
+    """Return cells (m, k) of node indices from 0, and whether `dim` counts the cells.
 
-    Cells with fewer nodes end in -1. nodes: how many nodes there are, where that is known: larger indices are fill
-    values that the file does not declare.
+    Returns None without connectivity. Cells with fewer nodes end in -1. nodes: how many nodes there are, where that is
+    known: larger indices are fill values that the file does not declare.
     """
     names = [mesh.connectivity] if mesh is not None and mesh.connectivity else []
     names += [str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "face_node_connectivity"]

@@ -21,9 +21,10 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Axes:
-    """A rectilinear grid: lon (nx,) and lat (ny,) [deg], both ascending; columns, rows: their indices in the file.
+    """A rectilinear grid: lon (nx,) and lat (ny,) [deg], both ascending.
 
-    round: whether the columns go round the Earth; each longitude then stands once.
+    columns, rows: their indices in the file. round: whether the columns go round the Earth; each longitude then stands
+    once.
     """
 
     lon: Array
@@ -82,10 +83,10 @@ class Curved:
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles: lon, lat (n,) [deg] of nodes, cells (m, 3) indices of nodes; first: index in the file of point 0.
+    """Triangles: lon, lat (n,) [deg] of nodes, cells (m, 3) indices of nodes.
 
-    With lonc, latc (m,) the values stand at the cells' centres, and cells may have more corners, (m, k); those with
-    fewer end in -1.
+    first: index in the file of point 0. With lonc, latc (m,) the values stand at the cells' centres, and cells may have
+    more corners, (m, k); those with fewer end in -1.
     """
 
     lon: Array
@@ -212,7 +213,10 @@ def within(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]
 
 
 def crop(layout: Layout, box: Box | None) -> Layout | None:
-    """Return the part of a layout that covers a box and two more nodes around it; None where they do not meet."""
+    """Return the part of a layout that covers a box and two more nodes around it.
+
+    Returns None where they do not meet.
+    """
     if box is None:
         return layout
     if isinstance(layout, Axes):

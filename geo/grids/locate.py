@@ -125,7 +125,10 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
 
 
 def _fit(component: Component, other: str) -> float | None:
-    """Return a score of how well coordinates of this name suit a component's points; None where they do not."""
+    """Return a score of how well coordinates of this name suit a component's points.
+
+    Returns None where they do not.
+    """
     data, dims = component.data, component.dims
     variable = data[other]
     if not variable.ndim or not np.issubdtype(variable.dtype, np.number):
@@ -259,7 +262,10 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
 
 
 def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, notes: list[str]) -> Array | None:
-    """Return the file's own angle of the x axis from east [rad], (ny, nx); None where none fits the points."""
+    """Return the file's own angle of the x axis from east [rad], (ny, nx).
+
+    Returns None where none fits the points.
+    """
     name = str(chosen.get("angle", "angle"))
     if name not in data.variables:
         if "angle" in chosen:

@@ -36,7 +36,10 @@ def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
 
 
 def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return values at a layout's points carried to a grid's nodes; missing where too few of them are present."""
+    """Return values at a layout's points carried to a grid's nodes.
+
+    They are missing where too few values are present.
+    """
     source = np.ravel(values).astype(np.float32)
     present = np.isfinite(source)
     total = matrix @ np.where(present, source, np.float32(0))
@@ -61,7 +64,10 @@ def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
 
 
 def _band(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
-    """Return the matrix of linear interpolation along one axis; nodes beyond `count` wrap to the first ones."""
+    """Return the matrix of linear interpolation along one axis.
+
+    Nodes beyond `count` wrap to the first ones.
+    """
     i, fraction, inside = _line(nodes, where)
     k = np.arange(len(where))
     keep = np.nonzero(inside)[0]

@@ -86,7 +86,10 @@ def plane_axes(plane: Plane, lon: Array, lat: Array) -> NDArray[np.float32]:
 
 
 def turn(x: Array, y: Array, directions: NDArray[np.float32] | None) -> tuple[Array, Array]:
-    """Return (east, north) of vectors from components along axes; directions None: those are east and north."""
+    """Return (east, north) of vectors from components along axes.
+
+    With directions None the axes are east and north.
+    """
     if directions is None:
         return x, y
     d = directions

@@ -73,7 +73,10 @@ def _touches(curved: Curved) -> bool:
 
 
 def _folded(curved: Curved, notes: list[str]) -> Curved:
-    """Return a grid round the Earth, joined with itself across its fold where it has one; its last row ends there."""
+    """Return a grid round the Earth, joined with itself across its fold where it has one.
+
+    Its last row ends there.
+    """
     ny, nx = curved.lon.shape
     if np.nanmean(np.abs(curved.lat[0])) > np.nanmean(
         np.abs(curved.lat[-1])

@@ -85,7 +85,10 @@ def offsets(
 
 
 def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
-    """Return the offset [cells] that the case states; raise UserError with the choices where it states none."""
+    """Return the offset [cells] that the case states.
+
+    Raises UserError with the choices where it states none.
+    """
     if "stagger" not in chosen:
         raise UserError(
             f'"{name}" stands half a cell beside the points of "{lon_name}", and nothing says on which side; set '
@@ -98,7 +101,10 @@ def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
 
 
 def _shift(data: xr.Dataset, dim: str, other: str) -> float | None:
-    """Return how far [cells] a dimension's points lie after another's; None where no c_grid_axis_shift tells it."""
+    """Return how far [cells] a dimension's points lie after another's.
+
+    Returns None where no c_grid_axis_shift tells it.
+    """
     if dim == other:
         return 0.0
     shifts = [data[d].attrs.get("c_grid_axis_shift") if d in data.variables else None for d in (dim, other)]

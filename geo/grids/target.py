@@ -49,7 +49,10 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
 
 
 def _latitudes(item: Layout, lat: Array) -> tuple[float, float]:
-    """Return a layout's (south, north) [deg], given its points' latitudes; where a cell holds a pole, it counts."""
+    """Return a layout's (south, north) [deg], given its points' latitudes.
+
+    Where a cell holds a pole, it counts.
+    """
     south, north = float(lat.min()), float(lat.max())
     if not isinstance(item, Curved) or max(-south, north) < POLAR:
         return south, north
@@ -85,7 +88,10 @@ def _grid(west: float, south: float, width: float, height: float, dlon: float, d
 
 
 def _hull(lon: Array, gap: float) -> tuple[float, float]:
-    """Return (west, width) [deg] of the shortest arc with all longitudes; 360 wide where no gap is wider than `gap`."""
+    """Return (west, width) [deg] of the shortest arc with all longitudes.
+
+    It is 360 wide where no gap is wider than `gap`.
+    """
     turned = np.unique(np.round(lon % 360.0, 9))
     gaps = np.diff(np.concatenate((turned, turned[:1] + 360.0)))
     widest = int(np.argmax(gaps))
@@ -96,7 +102,10 @@ def _hull(lon: Array, gap: float) -> tuple[float, float]:
 
 
 def _target_of_axes(several: Sequence[Axes]) -> Grid:
-    """Return a grid with the axes that are uniform and shared; others get half of their lower-quartile step."""
+    """Return a grid with the axes that are uniform and shared.
+
+    Others get half of their lower-quartile step.
+    """
     first = several[0]
 
     def line(key: str) -> tuple[float, float, float]:

@@ -10,8 +10,7 @@ from plans import HOUR, NMI, PLACE, cloud, moving, spec, speed_for, tracks, unit
 from scipy import integrate, optimize, special
 
 from drift.motion.scenario import Survival
-from drift.planner import availability as reaches
-from drift.planner import bound, concave, optimiser, quadtree, rectangle
+from drift.planner import availability, bound, concave, optimiser, quadtree, rectangle
 from drift.planner import planning_tracks as record
 from drift.planner.planning_tracks import Tracks
 from drift.search import laws
@@ -276,7 +275,7 @@ def chased(some: Tracks, one: Unit, hours: float, against: bool) -> float:
     plane = record.plane(some)
     x, y = plane.flat(some.lon * record.sphere.UNIT, some.lat * record.sphere.UNIT)
     time = some.time - some.time[0]
-    can = reaches.reach(one, spec(hours), (plane.lon, plane.lat))
+    can = availability.of_unit(one, spec(hours), (plane.lon, plane.lat))
     crew = rectangle.crew(one, can, plane, float(some.time[0]), np.ones(1))
     rng = np.random.default_rng(1)
     few = rng.integers(some.m, size=400)
@@ -364,7 +363,7 @@ def test_a_prior_along_a_line_much_narrower_than_long(name: str) -> None:
     for law in (Law(), Law("definite_range")):
         one = unit(way[-1] / (2 * HOUR), 2, 3 * std * NMI, law)
         crew = rectangle.crew(
-            one, reaches.reach(one, spec(), (plane.lon, plane.lat)), plane, float(some.time[0]), np.ones(1)
+            one, availability.of_unit(one, spec(), (plane.lon, plane.lat)), plane, float(some.time[0]), np.ones(1)
         )
         seen = sweeps.found(swarm, crew.table, one_way, crew.width, np.ones(1))[0][:, 0]
         assert some.weight @ seen <= bound.bound(some, [one], spec(), [None]).value

@@ -10,8 +10,7 @@ from plans import BEGIN, HOUR, NMI, PLACE, cloud, spec, speed_for, unit
 from scipy import special
 
 from drift.motion.scenario import Survival
-from drift.planner import availability as reaches
-from drift.planner import bound, candidates, joint, optimiser, rectangle
+from drift.planner import availability, bound, candidates, joint, optimiser, rectangle
 from drift.planner import planning_tracks as record
 from drift.search.records import Law
 from geo import polyline, sphere
@@ -147,7 +146,7 @@ def test_daylight_and_spacing() -> None:
 def test_a_unit_that_comes_when_all_is_found_finds_nothing() -> None:
     """Definite range, far wider than the cloud: the first finds all. The second found 1 - 0 / 0, which is no probability."""
     one, place = unit(30.0, 2, 5 * NMI, Law("definite_range")), record.Plane(*np.radians(PLACE))
-    crew = rectangle.crew(one, reaches.reach(one, spec(), PLACE), place, float(BEGIN.astype(int)), np.ones(1))
+    crew = rectangle.crew(one, availability.of_unit(one, spec(), PLACE), place, float(BEGIN.astype(int)), np.ones(1))
     x, y = np.random.default_rng(6).normal(0, 100, (2, 50))
     swarm = rectangles.swarm(
         np.array([0, 4 * HOUR]), x + np.zeros((2, 1)), y + np.zeros((2, 1)), np.ones((2, 50)), np.zeros(50)
@@ -250,7 +249,7 @@ def test_smeared_legs_are_the_mean_of_legs() -> None:
     rng = np.random.default_rng(6)
     x, y = rng.uniform(-40, 40, (2, 20_000)) * NMI
     time = np.linspace(0, 4 * HOUR, 9)
-    crew = rectangle.crew(one, reaches.reach(one, spec(), PLACE), plane, float(BEGIN.astype(int)), np.ones(1))
+    crew = rectangle.crew(one, availability.of_unit(one, spec(), PLACE), plane, float(BEGIN.astype(int)), np.ones(1))
     row = np.array([1000.0, -2000, 0.4, math.log(1.3 * NMI), math.log(1.5), 0, 1, -1])
     for drift in (-0.5, 0.0, 0.8):
         east, north = drift * math.cos(0.4), -drift * math.sin(0.4)

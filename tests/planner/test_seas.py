@@ -54,11 +54,11 @@ def sea(shapes: list[shapely.Polygon], ends: np.ndarray, keeps: float = 0.0) -> 
 
 def by_grid(where: seas.Sea, begin: np.ndarray, end: np.ndarray) -> tuple[float, np.ndarray]:
     """Return the distance on the nodes, and the way that is pulled taut."""
-    start = seas.joined(where, np.where(where.open.ravel(), 0.0, np.inf), begin)
+    start = seas.nearest_visible_node(where, np.where(where.open.ravel(), 0.0, np.inf), begin)
     far, before = seas.distances(where, start)
-    last = seas.joined(where, far, end)
+    last = seas.nearest_visible_node(where, far, end)
     way = np.concatenate([begin[None], seas.along(where, before, last), end[None]])
-    return seas.length(where, way), seas.pulled(where, way)
+    return seas.length(where, way), seas.pulled_taut(where, way)
 
 
 BEGIN, END = np.array([-11_300.0, -1_900.0]), np.array([9_700.0, 2_300.0])
@@ -159,7 +159,7 @@ def test_ways_among_many_islands_against_brute_force() -> None:
         assert least * (1 - 1e-5) < seas.length(where, way) < most * 1.028
         assert seas.length(where, way) <= found * (1 + 1e-5)
         shares.append(seas.length(where, way) / most)
-        near = seas.near(where, begin, end, 3 * most)
+        near = seas.short_way(where, begin, end, 3 * most)
         if near is not None and len(near) > 2:
             exact += 1
             assert least * (1 - 1e-5) < seas.length(where, near) < most * (1 + 1e-4)
@@ -172,8 +172,8 @@ def test_a_way_round_an_islet_is_the_shortest() -> None:
     where = sea([islet], np.array([BEGIN, END]))
     begin, end = np.array([-900.0, 130.0]), np.array([1100.0, 60.0])
     least, most = shortest([islet], begin, end)
-    assert least < seas.length(where, seas.near(where, begin, end, 9000.0)) < most * (1 + 1e-5)
-    assert seas.near(where, begin, end, 2010.0) is None  # any way round is longer
+    assert least < seas.length(where, seas.short_way(where, begin, end, 9000.0)) < most * (1 + 1e-5)
+    assert seas.short_way(where, begin, end, 2010.0) is None  # any way round is longer
 
 
 BASE, OUT = (4.95, 60.60), (4.55, 60.72)
@@ -199,9 +199,9 @@ def test_no_metre_on_land_among_skerries(norway: np.ndarray, keeps: float) -> No
     places = np.array([OUT, (4.75, 60.42)])
     course, _ = courses.prepare(boat(clear_of_land=keeps), lambda box: norway, places)
     assert course is not None
-    out, home = courses.both(course, OUT, (4.75, 60.42))
+    out, home = courses.out_and_home(course, OUT, (4.75, 60.42))
     plane = local((4.9, 60.6))
-    assert courses.both(course, OUT, (4.75, 60.42)) == (out, home)
+    assert courses.out_and_home(course, OUT, (4.75, 60.42)) == (out, home)
     assert home[-1] == pytest.approx(out[0], abs=1e-9)
     for way, far in ((out, OUT), (home, (4.75, 60.42))):
         assert courses.on_land(norway, *np.array(way).T) == 0
