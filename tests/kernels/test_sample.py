@@ -95,3 +95,33 @@ def test_a_steady_vector_covers_the_globe() -> None:
     tiles.blend([(0.0, 0.0)])
     lon, lat = points(-180, 180, -90, 90)
     assert tiles.at(0, 1, lon, lat, 0.9) == pytest.approx(np.tile([0.25, -0.5, 1.0], (lon.size, 1)), rel=1e-6)
+
+
+@pytest.mark.parametrize("lon0", [0.0, -180.0, 20.3, 359.9])
+@pytest.mark.parametrize("nlon", [361, 4321])
+def test_no_unit_of_longitude_falls_between_the_ends_of_a_global_tile(lon0: float, nlon: int) -> None:
+    grid = Grid(lon0, -1.0, 360 / (nlon - 1), 1.0, nlon, 3)
+    tiles = Tiles([grid])
+    wave = np.stack([np.sin(np.radians(grid.lon)), np.cos(np.radians(grid.lon))], axis=-1)
+    values = np.broadcast_to(wave, (3, nlon, 2)).astype(np.float32)
+    tiles.place(0, values, later=False)
+    tiles.place(0, values, later=True)
+    tiles.blend([(0.0, 0.0)])
+    near = int(sphere.to_binary(lon0)) + np.arange(-600, 600)
+    lon = ((near + 2**31) % 2**32 - 2**31).astype(np.int32)
+    found = tiles.at(0, 1, lon, np.zeros(lon.size, np.int32), 0.0)
+    assert (found[:, 2] == 1).all()
+    # bilinear: h^2 / 8 of the second derivative; float32 coordinates: 2^-24 of a turn
+    bound = np.radians(grid.dlon) ** 2 / 8 + 2 * np.pi * 2**-24 + 1e-6
+    assert np.abs(found[:, 0] - np.sin(lon * sphere.UNIT)).max() < bound
+
+
+def test_a_tile_just_east_of_a_particle_is_silent() -> None:
+    grid = Grid(179.7, 50.0, 0.1, 0.1, 7, 7)
+    tiles = Tiles([grid])
+    for later in (False, True):
+        tiles.place(0, np.ones((7, 7, 2), np.float32), later=later)
+    tiles.blend([(0.0, 0.0)])
+    lon = (sphere.to_binary(179.7) - np.array([0, 1, 2, 1000, 10**6])).astype(np.int32)
+    found = tiles.at(0, 1, lon, np.full(5, int(sphere.to_binary(50.3)), np.int32), 0.0)
+    assert found[:, 2].tolist() == [1, 0, 0, 0, 0]

@@ -55,3 +55,22 @@ def test_deposits_are_exact_and_blind_to_order_and_wrap() -> None:
     order = RNG.permutation(n)
     assert (kernel.deposit(lon, lat, amount, cells) == expected).all()
     assert (kernel.deposit(lon[order], lat[order], amount[order], cells) == expected).all()
+
+
+def test_account_of_wild_weights() -> None:
+    """float64 sums as the oracle; blocks of 1024 float32 terms: relative error below 1024 * 6e-8."""
+    rng = np.random.default_rng(1)
+    n = 50_001
+    ensemble = record.empty(1, (0, 1000, 1000, 30_000, n), COLUMNS)
+    weight = rng.normal(0, 30, n).astype(np.float32)
+    weight[rng.random(n) < 0.3] = -np.inf
+    weight[:1000] = -np.inf
+    status = rng.integers(0, 6, n).astype(np.int32)
+    ensemble.log_weight.from_numpy(weight)
+    ensemble.status.from_numpy(status)
+    p = np.exp(weight.astype(float) - weight.max())
+    p /= p.sum()
+    exact = [[p[a:b][status[a:b] == s].sum() for s in range(6)] for a, b in ensemble.scenarios]
+    account = record.account(ensemble)
+    assert account.by_status == pytest.approx(np.array(exact), rel=6e-5, abs=1e-12)
+    assert account.ess == pytest.approx(1 / (p * p).sum(), rel=6e-5)
