@@ -20,8 +20,8 @@ import lazy_loader as _lazy
 
 from geo.errors import UserError
 
-# Where public names live. Each is imported at its first use (Scientific Python's SPEC 1), so that `drift --help` does not wait for
-# Taichi; their types stand in __init__.pyi.
+# Where public names live. Each is imported at its first use (Scientific Python's SPEC 1), so that `drift --help` does
+# not wait for Taichi; their types stand in __init__.pyi.
 _HOMES = {
     "case.file": ["load", "vary"],
     "case.record": ["Case"],

@@ -82,8 +82,8 @@ def run(
 ) -> Result:
     """Forecast a case; with `out`, write the results there, complete or not at all.
 
-    datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is being
-    done and how much of it is done. Raises UserError for all that the user can mend.
+    datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is
+    being done and how much of it is done. Raises UserError for all that the user can mend.
     """
     job = opened(case, out, datasets, threads, backend, overwrite, report)
     result = forecasted(job)
@@ -169,7 +169,8 @@ def write(
 ) -> None:
     """Write all that a forecast hands out, complete or not at all.
 
-    more: chapters of what was made from the forecast. planned: sorties that are still to be flown, where it is the forecast of their failure.
+    more: chapters of what was made from the forecast. planned: sorties that are still to be flown, where it is the
+    forecast of their failure.
     """
     with clock.phase("write"):
         case, after, updates, told = result.case, result.aftermath, result.updates, suspension(result, planned)

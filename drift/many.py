@@ -1,9 +1,9 @@
 """Many forecasts in one process, one after another: from many starts and places, with many seeds, errors or objects.
 
-What the cases have in common is made once: their files are opened, surveyed and decoded once, their coast is built once. A
-forecast of many is the forecast that `drift.run` makes of its case alone, bit for bit, whoever else is among them and
-in whatever order. Forecasts come one by one, so that ten thousand need no more memory than one (with maps: three); one that is refused says
-why, and the next goes on.
+What the cases have in common is made once: their files are opened, surveyed and decoded once, their coast is built
+once. A forecast of many is the forecast that `drift.run` makes of its case alone, bit for bit, whoever else is among
+them and in whatever order. Forecasts come one by one, so that ten thousand need no more memory than one (with maps:
+three); one that is refused says why, and the next goes on.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,10 +22,10 @@ from drift.motion import scene, simulate, snapshot
 from drift.motion.spool import Spool
 from drift.waters import Waters, divide
 from geo import sphere
+from geo.array import Array
 from geo.errors import UserError
 from kernels import deposit, runtime
 
-Array = npt.NDArray[Any]
 Report = Callable[[str, float], None]
 Maps = bool | Literal["last"]
 
@@ -63,11 +63,11 @@ def run_many(
 ) -> Iterator[Brief]:
     """Give the forecasts of cases, in their order, each as soon as it is made.
 
-    cases: of `drift.load` and `drift.vary`; they need have nothing in common. datasets: the xarray.Datasets that any of them
-    names. maps: False for particles alone, "last" for the map of each forecast's last output, True for all its maps, as
-    `drift.run` makes them; maps are made while the next forecasts drift, so that a forecast comes when AHEAD more have
-    drifted. report is told what is being done and how many forecasts are done, as a share.
-    A case that cannot be forecast gives a Brief with `error`, a UserError, and the others go on. Spills have no forecast in
+    cases: of `drift.load` and `drift.vary`; they need have nothing in common. datasets: the xarray.Datasets that any of
+    them names. maps: False for particles alone, "last" for the map of each forecast's last output, True for all its
+    maps, as `drift.run` makes them; maps are made while the next forecasts drift, so that a forecast comes when AHEAD
+    more have drifted. report is told what is being done and how many forecasts are done, as a share. A case that cannot
+    be forecast gives a Brief with `error`, a UserError, and the others go on. Spills have no forecast in
     brief: theirs is such an error. Raises UserError where no case can run, for the backend say.
     """
     if maps not in (False, True, "last"):

@@ -76,7 +76,8 @@ def open_for(
 ) -> Environment:
     """Return the environment of a case.
 
-    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a function says;
+    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a
+    function says;
     common: what is shared with other cases. Raises UserError as `environment.open_for` does.
     """
     asked = environment_spec(case)
@@ -137,8 +138,8 @@ def search(case: Case, begin: Start) -> Search | None:
 def check_end(case: Case, where: Environment, begin: Start, end: Snapshot, search: Search | None) -> None:
     """Refuse a run that lost more than the case allows, by weights as if no sortie had been flown.
 
-    What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not to be refused
-    for that.
+    What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not
+    to be refused for that.
     """
     if search is not None:
         end = replace(end, probability=shares(search.unsearched))

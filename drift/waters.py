@@ -1,9 +1,9 @@
 """Waters that many cases share: their sources are opened once, slices that were read stay in memory, one coast serves all.
 
-Each case still sees the box, the crop and the grid that it would have alone: what is shared is what does not depend on them. Cases
-near each other have the same crop (environment.part): its slices are turned, regridded and filled once for all.
-A coast is exact wherever its grid begins, as long as its cells are of the finest size; a case whose prior reaches beyond the
-coast that it would have alone, or whose waters are too wide for the finest cells, gets its own.
+Each case still sees the box, the crop and the grid that it would have alone: what is shared is what does not depend on
+them. Cases near each other have the same crop (environment.part): its slices are turned, regridded and filled once for
+all. A coast is exact wherever its grid begins, as long as its cells are of the finest size; a case whose prior reaches
+beyond the coast that it would have alone, or whose waters are too wide for the finest cells, gets its own.
 """
 
 from collections.abc import Mapping, Sequence

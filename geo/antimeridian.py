@@ -1,18 +1,15 @@
 """Shapes across the antimeridian: cut there, for formats whose longitudes end at 180 degrees.
 
-Our shapes have unwrapped longitudes, which say how they run. The library `antimeridian` (0.4.9) guesses that from jumps of more
-than 180 degrees: it returns invalid polygons for what touches the line from the east, refuses a hole across it, and does not cut
-unwrapped lines.
+Our shapes have unwrapped longitudes, which say how they run. The library `antimeridian` (0.4.9) guesses that from jumps
+of more than 180 degrees: it returns invalid polygons for what touches the line from the east, refuses a hole across it,
+and does not cut unwrapped lines.
 """
 
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
-
-Array = npt.NDArray[Any]
 
 TURNS = (-720, -360, 0, 360, 720)  # [deg] that unwrapped longitudes may have gone round
 

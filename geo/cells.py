@@ -8,17 +8,14 @@ of threads.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from geo import sphere
+from geo.array import Array
 
-Array = npt.NDArray[Any]
-
-# [binary angle unit] 0.15 m, of which the cells of a stated grid are a whole number: maps are made on cells of half, down to 1/16, the
-# size.
+# [binary angle unit] 0.15 m, of which the cells of a stated grid are a whole number: maps are made on cells of half,
+# down to 1/16, the size.
 QUANTUM = 16
 ONE = 2**50  # probability 1 in fixed point; sums stay below 2^53, so float64 adds them exactly
 

@@ -7,15 +7,14 @@ so that they have no jumps. Times are seconds since 1970.
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from geo import sphere
+from geo.array import Array
 
-Array = npt.NDArray[Any]
-Place = tuple[float, float]  # (lon, lat) [deg]
+LonLat = tuple[float, float]  # (lon, lat) [deg]
 
 SAME = 0.01  # [m] points closer than this count as one point
 
@@ -84,7 +83,7 @@ def lengths(legs: Legs) -> Array:
     return _steps(np.array(legs.lon), np.array(legs.lat))
 
 
-def way(points: Sequence[Place]) -> float:
+def way(points: Sequence[LonLat]) -> float:
     """Return the length [m] of great circles through points [deg]."""
     return float(_steps(*np.array(points).T).sum())
 
@@ -121,7 +120,7 @@ def between(legs: Legs, first: float, last: float) -> Legs:
     return through([first, *time[inside], last], lon, lat, legs.searching[begin : finish + 1])
 
 
-def place(legs: Legs, time: float) -> Place:
+def place(legs: Legs, time: float) -> LonLat:
     """Return (lon, lat) [deg] where legs are at a time [s since 1970] on them."""
     k = min(max(int(np.searchsorted(legs.time, time, "right")) - 1, 0), len(legs.time) - 2)
     share = (time - legs.time[k]) / (legs.time[k + 1] - legs.time[k])

@@ -4,16 +4,17 @@ Angles are radians and distances metres unless a name says otherwise. Everything
 antimeridian and at the poles. Vector formulas (no haversine cancellation near the antipode) are used throughout.
 """
 
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
+
+from geo.array import Array
 
 RADIUS = 6_371_008.8  # [m] mean radius R1 of GRS80 (Moritz 2000, doi:10.1007/s001900050278)
 TURN = 2**32  # binary angle units in one turn: 9.3 mm at the equator
 UNIT = 2 * np.pi / TURN  # [rad] one binary angle unit
 
-Array = npt.NDArray[Any]
 Degrees = TypeVar("Degrees", float, Array)
 
 

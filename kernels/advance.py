@@ -1,12 +1,13 @@
 """One lattice step of all particles: drift through currents, wind and waves, with errors, diffusion and a coast.
 
 A step from position (lon, lat) integrates dlon/dt = u / (R cos lat), dlat/dt = v / R by an explicit Runge-Kutta scheme;
-adds a random walk; and ends at its first crossing of the shore, or goes on along it. Positions are integers; within the step everything is
-float32 on differences from the position at its begin. Writing of the increment is one rounding of at most 5 mm.
+adds a random walk; and ends at its first crossing of the shore, or goes on along it. Positions are integers; within the
+step everything is float32 on differences from the position at its begin. Writing of the increment is one rounding of at
+most 5 mm.
 
-One launch does it all, so that the columns are read once. The parts are point functions, which another model of motion shares:
-kernels.life says what of the step a particle moves, errors what chance does to it, integrate leads it along any field of velocity,
-shore says what the coast does to it; velocity.drift is this model's own.
+One launch does it all, so that the columns are read once. The parts are point functions, which another model of motion
+shares: kernels.life says what of the step a particle moves, errors what chance does to it, integrate leads it along any
+field of velocity, shore says what the coast does to it; velocity.drift is this model's own.
 """
 
 from collections.abc import Callable
@@ -286,9 +287,10 @@ def mover(
 ) -> Move:
     """Return a function that moves the slots [first, last) of an ensemble over one lattice step, in place.
 
-    ensemble: a drift.motion.ensemble.Ensemble. ranges: first and last tile of currents, winds and Stokes drift. direction: of all
-    its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can be measured on an analytic flow.
-    A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the forcing or the domain.
+    ensemble: a drift.motion.ensemble.Ensemble. ranges: first and last tile of currents, winds and Stokes drift.
+    direction: of all its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can
+    be measured on an analytic flow. A particle moves only while adrift, from its release on; it ends ashore, sunk,
+    outside the forcing or the domain.
     """
     seed0, seed1 = noise.key(ensemble.seed)
     args = (

@@ -1,6 +1,7 @@
 """What effort that is spread over cells finds, and what a little more of it in each cell would add.
 
-Particles (m) are in one cell a time bin, or in none (-1); cells of different bins are different. Effort is by unit and cell.
+Particles (m) are in one cell a time bin, or in none (-1); cells of different bins are different. Effort is by unit and
+cell.
 """
 
 import numpy as np
@@ -104,9 +105,10 @@ def _gain(
 class Field:
     """Particles in cells, and the curve that turns coverage into probability; on the host, as the kernels take them.
 
-    cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much finding a particle after a bin is worth less, (b, m) (POS: 1 at the last bin, else
-    0); pace: speed of a particle [m/s] (b, m); sweep: sweep width times speed [m2/s] (scenarios, units); slowness:
-    one over the speed of each unit [s/m], 0 where a particle's own pace does not count; curve: value, slope and conjugate of drift.planner.concave, and its step of coverage.
+    cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much finding a particle after
+    a bin is worth less, (b, m) (POS: 1 at the last bin, else 0); pace: speed of a particle [m/s] (b, m); sweep: sweep
+    width times speed [m2/s] (scenarios, units); slowness: one over the speed of each unit [s/m], 0 where a particle's
+    own pace does not count; curve: value, slope and conjugate of drift.planner.concave, and its step of coverage.
     """
 
     def __init__(self, cell, cells: int, fall, pace, scenario, weight, sweep, slowness, curve, step: float):

@@ -191,8 +191,8 @@ def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
 
     Without a hit: (0, where the step leads, 1.0, -1). With one: the last lattice point in water before the crossing
     (verified: the way to it touches no edge; at worst the start), the crossing's fraction of the step, and the number
-    of the shoreline edge. In open sea it costs one look-up: a cell's byte says how far the coast is. A kernel that asks several
-    times asks in a loop: each place where this is written costs it half a second of compilation.
+    of the shoreline edge. In open sea it costs one look-up: a cell's byte says how far the coast is. A kernel that asks
+    several times asks in a loop: each place where this is written costs it half a second of compilation.
     """
     hit = 0
     stop_lon = lon + dlon

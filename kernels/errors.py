@@ -53,8 +53,8 @@ def draw(
 ):
     """Return (error, walk) of particle i over dt [s] of a lattice step, and move its own errors and its side on to the step's end.
 
-    error: of current and wind, east and north [m/s], the mean of those at begin and end of the step; walk: east and north [m].
-    own, physics, terms: see kernels.advance.
+    error: of current and wind, east and north [m/s], the mean of those at begin and end of the step; walk: east and
+    north [m]. own, physics, terms: see kernels.advance.
     """
     error, walk = f32x4(0.0), f32x2(0.0)
     if ti.static(features & (DIFFUSION | ERRORS)):

@@ -1,7 +1,9 @@
 """A step along a field of velocity, by an explicit Runge-Kutta scheme in lon and lat, and the field's divergence.
 
-A velocity is a `ti.func` (features, sea, own, lon, lat, fraction) -> (east, north, valid) [m/s], as `kernels.velocity.drift` is:
-features: what it is compiled for; sea: kernels.sample.Sea; own: what of the particle it depends on; lon, lat [binary angle];
+A velocity is a `ti.func` (features, sea, own, lon, lat, fraction) -> (east, north, valid) [m/s], as
+`kernels.velocity.drift` is:
+features: what it is compiled for; sea: kernels.sample.Sea; own: what of the particle it depends on; lon, lat [binary
+angle];
 fraction: of the lattice step.
 """
 
@@ -50,12 +52,14 @@ def integrate(
 ) -> f32x4:
     """Return (dlon, dlat, valid, sets off) [binary angle units] over dt [s, signed], a share of the step from `begin` on.
 
-    scheme: MIDPOINT, of order 2, or CLASSICAL, of order 4 (Kutta 1901), in the coordinates lon and lat themselves: stages of
-    east and north metres, added up and wrapped afterwards, would be of first order. c0, s0: cosine and sine of lat. Where a stage
-    finds no forcing, valid is 0 and the way is that of the last stage that did: where the coast may still stop it.
+    scheme: MIDPOINT, of order 2, or CLASSICAL, of order 4 (Kutta 1901), in the coordinates lon and lat themselves:
+    stages of east and north metres, added up and wrapped afterwards, would be of first order. c0, s0: cosine and sine
+    of lat. Where a stage finds no forcing, valid is 0 and the way is that of the last stage that did: where the coast
+    may still stop it.
 
-    beached: whether a particle may lie on a beach; then off (east, north) leads off it, as long as the drift has to do so to set
-    the particle off, and is zero for a particle that is afloat. Where it does not set off, the way means nothing.
+    beached: whether a particle may lie on a beach; then off (east, north) leads off it, as long as the drift has to do
+    so to set the particle off, and is zero for a particle that is afloat. Where it does not set off, the way means
+    nothing.
     """
     scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
     dlon, dlat, sum_lon, sum_lat, valid, sets_off = 0.0, 0.0, 0.0, 0.0, 1.0, 1.0

@@ -1,7 +1,8 @@
 """Arguments of kernels in groups, and a kernel with its arguments set once, to be launched again and again: Taichi looks at all of
 them anew at every launch, which takes longer than a step of some thousand particles.
 
-It leans on what Taichi 1.7.4 does inside (kernel_impl.Kernel.launch_kernel); elsewhere than on a CPU it launches as Taichi does.
+It leans on what Taichi 1.7.4 does inside (kernel_impl.Kernel.launch_kernel); elsewhere than on a CPU it launches as
+Taichi does.
 """
 
 from collections.abc import Callable
@@ -41,9 +42,9 @@ class Pack(ArgPack):
 def pack(kind: ArgPackType, *values: Any) -> Pack:
     """Return a group of arguments of a kind (`ti.types.argpack`), in the order of its members; it keeps its arrays alive.
 
-    Numbers in it cost 12 us and some 30 bytes that Taichi never gives back: what is packed for each ensemble holds none.
-    Taichi 1.7.4 knows the members by their names alone: two groups of one kernel must not share one, nor may the kernel give one to
-    a variable of its own.
+    Numbers in it cost 12 us and some 30 bytes that Taichi never gives back: what is packed for each ensemble holds
+    none. Taichi 1.7.4 knows the members by their names alone: two groups of one kernel must not share one, nor may the
+    kernel give one to a variable of its own.
     """
     return Pack(kind, dict(zip(kind.members, values, strict=True)))
 
@@ -51,7 +52,8 @@ def pack(kind: ArgPackType, *values: Any) -> Pack:
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
     """Return a function that launches a kernel with these arguments, but for whole numbers named in `changing`, which it takes.
 
-    Arrays are `ti.Ndarray`s, and stay alive as long as the function does, alone or in a `pack`; a structure comes as a dict.
+    Arrays are `ti.Ndarray`s, and stay alive as long as the function does, alone or in a `pack`; a structure comes as a
+    dict.
     """
     primal = kernel._primal
     names = [argument.name for argument in primal.arguments]

@@ -1,7 +1,7 @@
 """A particle's life: its states, and what of a step it moves, before the step is made and after.
 
-Times are whole seconds after the run's start, also of a run backward in time. A particle waits for its release, drifts, and ends
-ashore, outside of the forcing, outside of the domain or sunk; what refloats goes on from the beach.
+Times are whole seconds after the run's start, also of a run backward in time. A particle waits for its release, drifts,
+and ends ashore, outside of the forcing, outside of the domain or sunk; what refloats goes on from the beach.
 """
 
 import taichi as ti
@@ -16,9 +16,9 @@ LONGEST = 2.0e9  # [s] longest wait on a beach that whole seconds can hold
 def ahead(status: ti.i32, release: ti.i32, due: ti.i32, sink_time: ti.i32, elapsed: ti.i32, duration: ti.i32):
     """Return (moves, left, finish) of the step that begins at `elapsed`: whether a particle moves in it, from when to when [s].
 
-    due: when its wait on the beach ends, `NEVER` where nothing refloats; sink_time: when it sinks, `NEVER` where nothing does. A
-    particle that is already to sink when it would begin to move has finish equal to left: adrift it sinks there and then, on the
-    beach it stays, waterlogged.
+    due: when its wait on the beach ends, `NEVER` where nothing refloats; sink_time: when it sinks, `NEVER` where
+    nothing does. A particle that is already to sink when it would begin to move has finish equal to left: adrift it
+    sinks there and then, on the beach it stays, waterlogged.
     """
     end = elapsed + duration
     begins = release
@@ -40,8 +40,9 @@ def behind(
 ):
     """Return (seen, left, finish, gone) of the step that has just been made, begun at `elapsed` [s]; not for what is pending.
 
-    The particle was there to be seen from `seen` until `gone`, and moved straight from `left` to `finish`: not before its release,
-    nor before it refloated (`moving_since`), nor after it ended (`status_since`). What lies ashore is still there to be seen.
+    The particle was there to be seen from `seen` until `gone`, and moved straight from `left` to `finish`: not before
+    its release, nor before it refloated (`moving_since`), nor after it ended (`status_since`). What lies ashore is
+    still there to be seen.
     """
     finish = elapsed + duration
     gone = finish

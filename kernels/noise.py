@@ -1,8 +1,8 @@
 """Random numbers as a function of (seed, stream, slot, step): Philox-4x32-10.
 
 Salmon, Moraes, Dror and Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3", doi:10.1145/2063384.2063405.
-No state: the same call gives the same bits on any thread, in any order, in any shard. The integer stream is the same on every
-backend; normals differ between backends in the last bits of log, sin and cos.
+No state: the same call gives the same bits on any thread, in any order, in any shard. The integer stream is the same on
+every backend; normals differ between backends in the last bits of log, sin and cos.
 """
 
 import enum
@@ -61,8 +61,8 @@ def normals(a: ti.u32, b: ti.u32) -> f32x2:
     r = ti.sqrt(-ti.log(uniform(a)))  # sqrt(-2 log u), times the diagonal's sqrt(1/2)
     t = 4.0 * uniform(b)
     quadrant = ti.cast(t, ti.i32)
-    # Cosine and sine of the angle from the quadrant's diagonal, at most 45 degrees, by their series: error 3e-8, no call
-    # of libm, and so the same on every backend.
+    # Cosine and sine of the angle from the quadrant's diagonal, at most 45 degrees, by their series: error 3e-8, no
+    # call of libm, and so the same on every backend.
     x = (t - ti.cast(quadrant, ti.f32) - 0.5) * 1.5707963267948966
     y = x * x
     c = 1.0 - y * (1 / 2 - y * (1 / 24 - y * (1 / 720 - y * (1 / 40320))))

@@ -48,8 +48,8 @@ def draw_position(
 ):
     """Draw positions [binary angle] around (lon0, lat0): a bivariate normal, then a displacement of its own.
 
-    major, minor [m] and orientation [rad from north]: standard deviations of the report. nearest, farthest [m]: range of
-    a uniform distance; bearing, sector [rad]: begin and width of a uniform direction. tries[0] += candidates drawn,
+    major, minor [m] and orientation [rad from north]: standard deviations of the report. nearest, farthest [m]: range
+    of a uniform distance; bearing, sector [rad]: begin and width of a uniform direction. tries[0] += candidates drawn,
     tries[1] += slots that found no water.
     """
     for i in range(first, last):
@@ -157,8 +157,9 @@ def draw_trackline(
     """Draw a share of the voyage done at the time of distress, the place on the track there, and a cross-track error.
 
     points [lon0, lat0, ...]: begins of short great-circle pieces; courses [rad], lengths [m] and ends (share of the
-    voyage done at the piece's end), one a piece. The share is uniform over [earliest, latest], or triangular with its peak at
-    mode if mode >= 0. release [s after start] = departure + share * voyage. cross_track: standard deviation [m].
+    voyage done at the piece's end), one a piece. The share is uniform over [earliest, latest], or triangular with its
+    peak at mode if mode >= 0. release [s after start] = departure + share * voyage. cross_track: standard deviation
+    [m].
     """
     for i in range(first, last):
         found = 0

@@ -1,8 +1,9 @@
 """What rectangles that are searched by parallel sweeps find of moving particles, leg by leg left out.
 
-Swept laws: the legs are smeared out into a front that creeps across the rectangle. A particle is covered where the front passes it,
-with W / S times the creep's speed over the front's speed past the particle: what drifts along with the creep is covered
-more. Random search: the share of the search time that the particle spends inside. Tracks are straight within a bin, in a plane.
+Swept laws: the legs are smeared out into a front that creeps across the rectangle. A particle is covered where the
+front passes it, with W / S times the creep's speed over the front's speed past the particle: what drifts along with the
+creep is covered more. Random search: the share of the search time that the particle spends inside. Tracks are straight
+within a bin, in a plane.
 """
 
 from typing import NamedTuple
@@ -150,8 +151,9 @@ def gains(
 ) -> np.ndarray:  # fmt: skip
     """Return what each rectangle finds, the sum of before * (worth - later) * b over particles and nodes, float64 (c,).
 
-    rectangle: (c, PARAMETERS), SI; coverage: (c, scenarios) of its pattern; factor: of the sweep width at each node; curve: b at
-    multiples of a step of coverage; before, later: (m, nodes), the weight that is left, and what it will still bring.
+    rectangle: (c, PARAMETERS), SI; coverage: (c, scenarios) of its pattern; factor: of the sweep width at each node;
+    curve: b at multiples of a step of coverage; before, later: (m, nodes), the weight that is left, and what it will
+    still bring.
     """
     m = particles.scenario.shape[0]
     sums = np.zeros(len(rectangle) * -(-m // BLOCK), np.float32)

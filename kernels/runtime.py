@@ -65,8 +65,8 @@ def _quota() -> float | None:
 def start(backend: str = "cpu", threads: int | None = None) -> None:
     """Start Taichi on a backend with a number of CPU threads (default and most: `cores()`); once started, keep it.
 
-    Raises UserError when the backend is unknown or this machine lacks it, when another one runs already, or on a graphics
-    card from another thread than the one that started it.
+    Raises UserError when the backend is unknown or this machine lacks it, when another one runs already, or on a
+    graphics card from another thread than the one that started it.
     """
     if backend not in BACKENDS:
         raise UserError(f"--backend: unknown backend {backend!r}; allowed: {', '.join(BACKENDS)}")
@@ -86,14 +86,15 @@ def start(backend: str = "cpu", threads: int | None = None) -> None:
                     default_fp=ti.f32,
                     default_ip=ti.i32,
                     fast_math=False,
-                    # What it finds in a kernel the machine's compiler finds again; it takes the square of the kernel's length.
+                    # What it finds in a kernel the machine's compiler finds again; it takes the square of the kernel's
+                    # length.
                     cfg_optimization=False,
                     log_level=ti.ERROR,
                     offline_cache=True,
                     cpu_max_num_threads=count,
                 )
-                # Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the first
-                # launch, in whatever thread; kernels are compiled and launched from any.
+                # Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the
+                # first launch, in whatever thread; kernels are compiled and launched from any.
                 impl.get_runtime().materialize()
         except Exception as error:
             raise UserError(
@@ -124,8 +125,8 @@ def backend() -> str:
 class Column(ti.ScalarNdarray):
     """A device array of scalars, which a CPU reads and writes where it lies: Taichi launches a kernel for each copy.
 
-    Made without the trace of the caller that Taichi's own keeps for its messages: that takes most of the time it takes to
-    make one.
+    Made without the trace of the caller that Taichi's own keeps for its messages: that takes most of the time it takes
+    to make one.
     """
 
     def __init__(self, dtype, n: int) -> None:

@@ -1,13 +1,14 @@
 """Current, wind and Stokes drift at a point: bilinear in space, linear in time, from several tiles by priority, or added.
 
 All tiles of a run lie in one flat array. A node holds four numbers side by side: (east, north) at the earlier and at
-the later of two times, so that one look-up fetches both. A missing value is NaN. The tiles of a quantity stand in groups:
-of a group the first tile that knows the point answers, and the answers of all groups are added up; where a whole group is
-silent the answer is not valid, never zero.
+the later of two times, so that one look-up fetches both. A missing value is NaN. The tiles of a quantity stand in
+groups: of a group the first tile that knows the point answers, and the answers of all groups are added up; where a
+whole group is silent the answer is not valid, never zero.
 
-Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, and the tile after the last
-one of its group; `scale` (float32) SCALE numbers: nodes per unit east and north, the last node's coordinates (nlon - 1, nlat - 1; negative: nothing for this
-step), and the weight of the later slice at the begin of the step and its change over the step.
+Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, and the tile after the
+last one of its group; `scale` (float32) SCALE numbers: nodes per unit east and north, the last node's coordinates (nlon
+- 1, nlat - 1; negative: nothing for this step), and the weight of the later slice at the begin of the step and its
+change over the step.
 """
 
 import numpy as np

@@ -77,9 +77,10 @@ def facing(lon, lat, c, number, coast: ti.template()) -> f32x3:
 def touch(lon, lat, dlon, dlat, chance, c, coast: ti.template()):
     """(touched, before, after, east, north): whether the bridge over a step that ends in water met the shore.
 
-    A Brownian bridge over a time t between points at distances d1 and d2 on one side of a line meets it with probability
-    exp(-d1 d2 / (D t)) (Karatzas and Shreve 1991, eq. 4.3.40); chance [m2] = -D t log(u), u uniform, so that it does where
-    d1 d2 < chance. The line is the shore's tangent at the point nearest to either end. before, after: d1, d2 [m]; east,
+    A Brownian bridge over a time t between points at distances d1 and d2 on one side of a line meets it with
+    probability exp(-d1 d2 / (D t)) (Karatzas and Shreve 1991, eq. 4.3.40); chance [m2] = -D t log(u), u uniform, so
+    that it does where d1 d2 < chance. The line is the shore's tangent at the point nearest to either end. before,
+    after: d1, d2 [m]; east,
     north: the line's unit normal towards the water.
     """
     sx = ti.cast(dlon, ti.f32) * (c * ti.f32(METRES))
@@ -125,9 +126,9 @@ def landing(fraction, before, variance, normal, uniform):
 def pushed(sx, sy, before, nx, ny, chance) -> f32x2:
     """Return a step (sx, sy) [m], pushed off the shore's line at distance `before`, normal (nx, ny), by as much as it went over it.
 
-    chance [m2]: as of `touch`; 0 without diffusion. Its bridge's lowest point is then that of its law, and the push makes it
-    reflected Brownian motion in a half-plane, exact in law (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H); without diffusion
-    it is the projection onto the shore.
+    chance [m2]: as of `touch`; 0 without diffusion. Its bridge's lowest point is then that of its law, and the push
+    makes it reflected Brownian motion in a half-plane, exact in law (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H);
+    without diffusion it is the projection onto the shore.
     """
     after = before + sx * nx + sy * ny
     lowest = 0.5 * (before + after - ti.sqrt((before - after) * (before - after) + 4.0 * chance))
@@ -201,12 +202,13 @@ def meet(
 ):
     """(met, lon, lat, part, edge number): how a step (dlon, dlat) from a point in water ends, and whether it ends on the shore.
 
-    walks: whether it is a random walk of variance [m2] = 2 D t, of the noise of a slot and a step, else it is straight. A walk's
-    way is a Brownian bridge, walked in pieces of at most PIECE, so that a shore smaller than the step's spread is met as often as
-    at small steps; each piece is tested for a crossing and for a touch. part: share of the step [1] after which the shore is met.
+    walks: whether it is a random walk of variance [m2] = 2 D t, of the noise of a slot and a step, else it is straight.
+    A walk's way is a Brownian bridge, walked in pieces of at most PIECE, so that a shore smaller than the step's spread
+    is met as often as at small steps; each piece is tested for a crossing and for a touch. part: share of the step [1]
+    after which the shore is met.
 
-    slides: what meets the shore never ends there, but goes on along it: `pushed` off its line and, at further edges, `along` each
-    in turn.
+    slides: what meets the shore never ends there, but goes on along it: `pushed` off its line and, at further edges,
+    `along` each in turn.
     """
     k = ti.f32(METRES)
     pieces, near = 1, True

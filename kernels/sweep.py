@@ -1,7 +1,8 @@
 """What a sensor's track has done to each particle: exposure along relative tracks, and what it makes of weights.
 
-A stretch of a step is given by nodes: times [s after the step's begin] and places of the sensor, straight in between. The
-particle goes straight from where the step began to where it ended. All is worked out in the frame of the particle, in metres.
+A stretch of a step is given by nodes: times [s after the step's begin] and places of the sensor, straight in between.
+The particle goes straight from where the step began to where it ended. All is worked out in the frame of the particle,
+in metres.
 """
 
 from typing import Any, NamedTuple
@@ -29,8 +30,8 @@ HAZARD, SHARE, MISS = range(
 def relative(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32, c: ti.f32, bend: ti.f32) -> f32x2:
     """Return the way [m] east and north from a sensor to a particle, in the particle's tangent plane, to second order.
 
-    c: cosine of the sensor's latitude; bend: half its sine times its cosine, per unit of binary angle. Great circles past the
-    particle are straight in this plane up to terms of third order: 0.1 m within 20 km.
+    c: cosine of the sensor's latitude; bend: half its sine times its cosine, per unit of binary angle. Great circles
+    past the particle are straight in this plane up to terms of third order: 0.1 m within 20 km.
     """
     dlon, dlat = ti.cast(x - at_lon, ti.f32), ti.cast(y - at_lat, ti.f32)
     return f32x2(dlon * c, dlat - dlon * dlon * bend) * ti.f32(METRES)
@@ -40,8 +41,8 @@ def relative(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32, c: ti.f32, be
 def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
     """Return the integral of ds / (2 r^3) [1/m2] along the relative track from a to b, of lengths far_a and far_b.
 
-    It is 1/2 1/x^2 [s / r] between the ends, x the lateral range; written as the field of a wire, |b - a| (ra + rb) / (2 ra rb
-    (ra rb + a.b)), it needs no lateral range and loses no digits where that is small.
+    It is 1/2 1/x^2 [s / r] between the ends, x the lateral range; written as the field of a wire, |b - a| (ra + rb) /
+    (2 ra rb (ra rb + a.b)), it needs no lateral range and loses no digits where that is small.
     """
     d = b - a
     product, dot = far_a * far_b, a[0] * b[0] + a[1] * b[1]
@@ -56,8 +57,8 @@ def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
 def lateral(a: f32x2, b: f32x2, along_a: ti.f32, along_b: ti.f32) -> ti.f32:
     """Return the lateral range [m] of the relative track from a to b, or -1 unless the particle comes abeam on it.
 
-    along: way along the leg's own course from the particle to the sensor; it is abeam where that changes sign, either way, on
-    one side of a joint only, however a leg is cut.
+    along: way along the leg's own course from the particle to the sensor; it is abeam where that changes sign, either
+    way, on one side of a joint only, however a leg is cut.
     """
     x = -1.0
     if (along_a < 0.0) != (along_b < 0.0):
@@ -298,9 +299,10 @@ def expose(
     """Add to the exposure of slots [first, last) what a sensor does on a stretch of the step that has just been made.
 
     ensemble: a drift.motion.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
-    kind: CUBE adds the integral of ds / 2 r^3 [1/m2]; ABEAM the log of a miss wherever it comes abeam, for each factor of W, table
-    a lateral range curve and scale 1 / W by factor [1/m]; ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the
-    time inside the ring `table` [m] round the track, times scale. exposure: device, (n,), for ABEAM (factors * n,).
+    kind: CUBE adds the integral of ds / 2 r^3 [1/m2]; ABEAM the log of a miss wherever it comes abeam, for each factor
+    of W, table a lateral range curve and scale 1 / W by factor [1/m]; ZONES hazards, table radii in pairs [m] and scale
+    rates [1/s]; INSIDE the time inside the ring `table` [m] round the track, times scale. exposure: device, (n,), for
+    ABEAM (factors * n,).
     """
     e = ensemble
     _expose(
@@ -370,10 +372,10 @@ def fail(
 ) -> None:
     """Multiply the weights of slots [first, last) by the chance that a sortie missed each, in place.
 
-    meaning: of exposure: HAZARD (miss = exp(-exposure * coefficient)), SHARE (miss = 1 - exposure * coefficient), or MISS (the log
-    of the miss itself, one column a factor). coefficient, chances: by factor of the sweep width, float32 (factors,). shared: device
-    (factors * n,), the logs of the misses of all sorties that share the unknown factor, so far; used only for several factors, whose
-    mean is taken after their product.
+    meaning: of exposure: HAZARD (miss = exp(-exposure * coefficient)), SHARE (miss = 1 - exposure * coefficient), or
+    MISS (the log of the miss itself, one column a factor). coefficient, chances: by factor of the sweep width, float32
+    (factors,). shared: device (factors * n,), the logs of the misses of all sorties that share the unknown factor, so
+    far; used only for several factors, whose mean is taken after their product.
     """
     tables = (np.asarray(x, np.float32) for x in (coefficient, chances))
     _fail(meaning, *slots, exposure, *tables, shared, log_weight, log_weight.shape[0])

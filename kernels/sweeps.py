@@ -1,7 +1,7 @@
 """What legs that are flown find of moving particles whose tracks are kept: the exact detection that a plan is refined on.
 
-The same point mathematics as of the search itself (kernels.sweep), in a plane instead of on the sphere: two straight motions at a
-time, of a leg and of a particle within a time bin.
+The same point mathematics as of the search itself (kernels.sweep), in a plane instead of on the sphere: two straight
+motions at a time, of a leg and of a particle within a time bin.
 """
 
 import numpy as np
@@ -156,8 +156,9 @@ def gains(
 ) -> np.ndarray:  # fmt: skip
     """Return what each path finds, the sum of before * (worth - later) * (1 - miss) over particles and nodes, float64.
 
-    table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time [s], x, y [m], whether the
-    leg to the next one searches), straight in between; what is far from all of one (FAR) is left out; width: sweep width [m] by scenario; factor: of it at each node; before, later: (m, nodes).
+    table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time [s], x, y [m], whether
+    the leg to the next one searches), straight in between; what is far from all of one (FAR) is left out; width: sweep
+    width [m] by scenario; factor: of it at each node; before, later: (m, nodes).
     """
     start = np.concatenate([[0], np.cumsum([len(p) for p in paths])]).astype(np.int32)
     extent = np.concatenate([_extent(p[:, 1:3]) for p in paths]).astype(np.float32)

@@ -36,7 +36,8 @@ def drift(
 ) -> f32x3:
     """Return (east, north, valid) [m/s] of a drifting object: current + Stokes drift + leeway + errors.
 
-    sea: kernels.sample.Sea; own: a `Drifter`; lon, lat [binary angle]; fraction: of the step. valid: 0 where forcing is missing.
+    sea: kernels.sample.Sea; own: a `Drifter`; lon, lat [binary angle]; fraction: of the step. valid: 0 where forcing is
+    missing.
     """
     u, v, valid = own.error[0], own.error[1], 1.0
     if ti.static(features & CURRENT):

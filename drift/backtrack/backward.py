@@ -1,9 +1,9 @@
 """Where a spill came from: release place and time from its finds, by a run backward in time that says where to look.
 
 As a function of the release (x, t), the density p(find | x, t) obeys the backward Kolmogorov equation. With s the time
-before the find it reads dp/ds = v . grad p + D lap p, and particles moved by -v with diffusion D have a density rho with
-drho/ds = div(v rho) + D lap rho: they differ by div(v) p, so p is rho with log weights -integral of div(v) ds along the
-tracks (Thomson 1987, doi:10.1017/S0022112087001940; Flesch et al. 1995,
+before the find it reads dp/ds = v . grad p + D lap p, and particles moved by -v with diffusion D have a density rho
+with drho/ds = div(v rho) + D lap rho: they differ by div(v) p, so p is rho with log weights -integral of div(v) ds
+along the tracks (Thomson 1987, doi:10.1017/S0022112087001940; Flesch et al. 1995,
 doi:10.1175/1520-0450(1995)034<1320:BTLSDM>2.0.CO;2, for flows without divergence). Errors of current and wind and jibes
 are reversible in time, so backward they follow the same laws.
 
@@ -22,7 +22,6 @@ one that is equally likely to come from anywhere in the box of the prior.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,15 +45,13 @@ from drift.spill import worlds as drawn_worlds
 from drift.spill.records import Spill
 from drift.spill.worlds import Worlds
 from geo import notation, sphere
+from geo.array import Array, Real
 from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.errors import UserError
 from kernels import advance, noise
 from kernels import coast as device_coast
 from kernels.noise import Purpose
-
-Array = npt.NDArray[Any]
-Real = npt.NDArray[np.float64]
 
 DRAWS = 2**19  # of the prior, for its share in every cell
 TAIL = 1e-4  # of the prior beyond each side of the grid

@@ -1,7 +1,7 @@
 """The picture of where and when a spill may have been released: the posterior of its place as a map, of its time as bars.
 
-Dark is more, lines differ by their dashes and bars by their fill, so that it reads in grey. Land comes from the polygons
-handed in; nothing is downloaded.
+Dark is more, lines differ by their dashes and bars by their fill, so that it reads in grey. Land comes from the
+polygons handed in; nothing is downloaded.
 """
 
 import itertools
@@ -29,7 +29,7 @@ from drift.maps.imprint import Imprint
 from drift.maps.marks import Mark
 from drift.maps.sheet import Badge, Page, Row, Sheet
 from geo import notation
-from geo.cells import Array
+from geo.array import Array
 from geo.notation import NMI
 
 CAVEAT = (
@@ -82,8 +82,8 @@ def draw(
 ) -> None:
     """Draw what drift.backtrack.backward.backward found.
 
-    polygons: shapely land polygons [deg]. marks: the finds, their labels beginning with their numbers: what follows is listed
-    beside the map ("1 first box, 031516Z").
+    polygons: shapely land polygons [deg]. marks: the finds, their labels beginning with their numbers: what follows is
+    listed beside the map ("1 first box, 031516Z").
     """
     on = sheet.begin(SHEET)
     figure = on.figure

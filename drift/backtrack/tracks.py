@@ -7,10 +7,8 @@ law of waits for a report, weighted by the patrols that missed it. Particles tha
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import special
 
 from drift.motion import drift
@@ -23,15 +21,13 @@ from drift.spill import evidence, release
 from drift.spill.records import Find, Kind, Spill
 from drift.spill.worlds import Worlds
 from geo import sphere
+from geo.array import Array, Real
 from geo.coast import edges as shoreline
 from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 from kernels import noise, runtime
 from kernels import prior as kernel
 from kernels.noise import Purpose
-
-Array = npt.NDArray[Any]
-Real = npt.NDArray[np.float64]
 
 OFFING = (50.0, 100.0)  # [m] off the beach where the track of a find ashore begins
 FEWEST = 10  # particles of a find, a class and a world
@@ -62,8 +58,8 @@ def begin(
 ) -> tuple[Ensemble, list[Group]]:
     """Return the particles of a run backward, all pending, and how they belong to finds and classes.
 
-    spec: its period starts at the last find and runs backward. stretch: the segment of each find, -1 at sea. per_find: particles
-    of a find in a world, at least FEWEST of each class that it may be of.
+    spec: its period starts at the last find and runs backward. stretch: the segment of each find, -1 at sea. per_find:
+    particles of a find in a world, at least FEWEST of each class that it may be of.
     """
     groups, bounds = _groups(spill, shared.size, per_find)
     ensemble = _equip(spec, spill, shared, groups, bounds)

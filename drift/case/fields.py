@@ -1,6 +1,7 @@
 """Types of the case file's fields: what is written, checked and turned into SI at once.
 
-Each is an annotated type for a pydantic model. A refusal says what was given and what is allowed; messages.py says where.
+Each is an annotated type for a pydantic model. A refusal says what was given and what is allowed; messages.py says
+where.
 """
 
 import difflib
@@ -30,8 +31,8 @@ class Table(BaseModel):
     def known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
         """Refuse unknown keys with the nearest known one, together with all else that is wrong in the table.
 
-        What only follows from an unknown key is left out: that the key it stands for is missing, and what the table as a
-        whole would lack.
+        What only follows from an unknown key is left out: that the key it stands for is missing, and what the table as
+        a whole would lack.
         """
         if isinstance(data, cls):
             return handler(data)

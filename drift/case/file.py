@@ -67,10 +67,10 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
 def vary(case: Case, changes: Mapping[str, Any]) -> Case:
     """Return a case with some places of its file changed, validated as a file is.
 
-    changes: {"start": np.datetime64("2026-11-21T18:30"), "scenario.0.position.at": [4.33, 60.17], "seed": 7}: places as in
-    `load`, with the values that TOML would have there, lists, tables and times of NumPy among them; None takes a key away.
-    What the case states in relation to its start, such as a release "+2 h", goes along with it.
-    Raises one UserError for whatever is wrong with it, a line for each mistake.
+    changes: {"start": np.datetime64("2026-11-21T18:30"), "scenario.0.position.at": [4.33, 60.17], "seed": 7}: places as
+    in `load`, with the values that TOML would have there, lists, tables and times of NumPy among them; None takes a key
+    away. What the case states in relation to its start, such as a release "+2 h", goes along with it. Raises one
+    UserError for whatever is wrong with it, a line for each mistake.
     """
     data, text, wrong = deepcopy(dict(case.tables)), case.text, Mistakes()
     for key, value in changes.items():

@@ -4,8 +4,8 @@ Reads track points, or where there are none route points, or waypoints, in the f
 each other with a gap that was not searched. Elements are known by their names in any namespace; a document type, with
 which a file could pull in others, is refused.
 
-The library gpxpy (1.6.2) reads UTF-8 alone, takes a time that it cannot read for none, and finds nothing in a file whose elements
-have a prefix, or in one that is no GPX at all; what it would save are twenty lines.
+The library gpxpy (1.6.2) reads UTF-8 alone, takes a time that it cannot read for none, and finds nothing in a file
+whose elements have a prefix, or in one that is no GPX at all; what it would save are twenty lines.
 """
 
 import math

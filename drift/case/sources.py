@@ -1,7 +1,7 @@
 """Where a case takes its winds and currents from: files, a dataset in memory, a constant, a table, or a built-in flow.
 
-Nothing is opened here; geo.forcing.sources does that. A constant or a table is what was reported on scene, so that the first
-hour of a case needs no file. Currents go toward, winds come from; the case file says which with the key it uses.
+Nothing is opened here; geo.forcing.sources does that. A constant or a table is what was reported on scene, so that the
+first hour of a case needs no file. Currents go toward, winds come from; the case file says which with the key it uses.
 """
 
 import glob

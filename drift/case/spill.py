@@ -2,7 +2,8 @@
 
 Holds the records that the engine takes (SI, UTC) and the tables of the case file that they are made from. What all
 objects of one spill share (release, bias of windage and current, share destroyed, sinking rate, readiness to report) is
-drawn once for each *world*; the objects are drawn within it. The probability model: drift.spill.worlds, drift.spill.finds.
+drawn once for each *world*; the objects are drawn within it. The probability model: drift.spill.worlds,
+drift.spill.finds.
 """
 
 import math

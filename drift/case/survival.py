@@ -6,8 +6,8 @@ It says when an average adult's core falls to 30 degC, by heat alone: not who dr
 from drift.case import units
 
 # Hayward, Eckerson and Collis 1975, Thermal balance and survival time prediction of man in cold water, Can. J. Physiol.
-# Pharmacol. 53, 21-32: adults of average build, lightly clothed, in lifejackets, holding still in sea water of 4.6 to 18.2
-# degC; survival time [min] = 15 + 7.2 / (0.0785 - 0.0034 T), T [degC].
+# Pharmacol. 53, 21-32: adults of average build, lightly clothed, in lifejackets, holding still in sea water of 4.6 to
+# 18.2 degC; survival time [min] = 15 + 7.2 / (0.0785 - 0.0034 T), T [degC].
 SOURCE = "Hayward, Eckerson and Collis 1975"
 COLDEST, WARMEST = 4.6, 18.2  # [degC] measured in
 ONSET, LOSS, COOLING, WARMTH = 15.0, 7.2, 0.0785, 0.0034  # [min], [degC], [degC/min], [1/min]

@@ -1,7 +1,7 @@
 """How wrong winds and currents may be: the [uncertainty] table, what holds where a case is silent, and how that is told.
 
-A default holds for a quantity that is read from gridded files of a model, and for no other: whoever types a constant, or a table,
-knows how sure it is. Where each number comes from, and what to do instead, is in docs/errors.md.
+A default holds for a quantity that is read from gridded files of a model, and for no other: whoever types a constant,
+or a table, knows how sure it is. Where each number comes from, and what to do instead, is in docs/errors.md.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from drift.motion.forcing_error import CASE, DEFAULT, HOUR, NOWHERE, RIVALS, For
 from drift.motion.forcing_spec import ForcingSpec
 from geo.errors import UserError
 
-# Residuals of two regional ocean models against 248 drifters: 0.30 to 0.34 m/s a component, e-folding after 10 to 14 h, correlated by
-# 0.07 to 0.19 after 24 to 48 h. These have 0.32 m/s, 12 h, and 0.17 (24 h), 0.07 (48 h).
+# Residuals of two regional ocean models against 248 drifters: 0.30 to 0.34 m/s a component, e-folding after 10 to 14 h,
+# correlated by 0.07 to 0.19 after 24 to 48 h. These have 0.32 m/s, 12 h, and 0.17 (24 h), 0.07 (48 h).
 CURRENT = ForcingError(0.31, 11 * HOUR, 0.08, (DEFAULT, DEFAULT, DEFAULT))
 # Between the random error of short forecasts and what searches have used (docs/errors.md).
 WIND = ForcingError(2.0, 12 * HOUR, 0.0, (DEFAULT, DEFAULT, DEFAULT))
@@ -77,7 +77,8 @@ def error(
 ) -> ForcingError:
     """Return the error of a quantity: what the case says of it, and for the rest the default; reason: see `silent`.
 
-    A table with a std states how large the error is: it has no bias but a stated one. Raises UserError where a table says nothing.
+    A table with a std states how large the error is: it has no bias but a stated one. Raises UserError where a table
+    says nothing.
     """
     held = replace(default, std=0.0, bias=0.0, by=(reason, DEFAULT, reason)) if reason else default
     if table is None:

@@ -1,7 +1,7 @@
 """The command line `drift`: run, plan, verify or check a case, fit its errors, list cases and objects, say how a forcing file was understood.
 
-Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing heavy is imported before
-the command that needs it, so that help and lists come at once.
+Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing
+heavy is imported before the command that needs it, so that help and lists come at once.
 """
 
 import argparse

@@ -19,10 +19,11 @@ from drift.case import file as case_file
 from drift.case.record import Case
 from drift.drifters import error_law
 from drift.drifters.error_law import Tracks
-from drift.drifters.records import Array, Track, breaks
+from drift.drifters.records import Track, breaks
 from drift.motion.forcing import QUANTITIES, Forcing
 from drift.motion.forcing_spec import ForcingSpec
 from geo import sphere
+from geo.array import Array
 from geo.errors import UserError
 
 PIECE = 3600.0  # [s] longest piece of a drifter's way for one quadrature

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.drifters.records import Array
+from geo.array import Array
 
 FEW = 10  # clusters; with fewer of a kind their spread is a rough guess
 

@@ -11,12 +11,11 @@ few.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 NAMES = ("std", "time", "bias", "diffusivity", "noise")
 SMALL = 1e-2  # for shorter steps, in decorrelation times, a series replaces differences of nearly equal numbers

@@ -7,10 +7,10 @@ import xarray as xr
 
 from drift.drifters import text as verification_text
 from drift.drifters.clusters import Estimate
-from drift.drifters.records import Array
 from drift.drifters.verification import Verification
 from drift.output import formats
 from geo import notation
+from geo.array import Array
 
 Variable = tuple[tuple[str, ...], Array, dict[str, str]]  # dimensions, values and attributes
 

@@ -23,8 +23,9 @@ from drift.drifters import records as drifter_records
 from drift.drifters.along import Ways
 from drift.drifters.error_law import NAMES, Law, Tracks
 from drift.drifters.hold_out import Held
-from drift.drifters.records import Array, Track
+from drift.drifters.records import Track
 from drift.job import in_turn
+from geo.array import Array
 from geo.errors import UserError
 from kernels import runtime
 

@@ -9,7 +9,7 @@ from drift.drifters import along, clusters, error_law
 from drift.drifters.along import Ways
 from drift.drifters.clusters import Estimate
 from drift.drifters.error_law import Law, Likelihood
-from drift.drifters.records import Array
+from geo.array import Array
 
 BLOCK = 3 * 86_400.0  # [s] of one drifter's track that is held out together: longer than errors are correlated
 LEADS = (3.0, 6.0, 12.0, 24.0)  # [h]

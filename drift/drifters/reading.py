@@ -19,8 +19,9 @@ import numpy as np
 import xarray as xr
 
 from drift.case import units
-from drift.drifters.records import Array, Track, selected
+from drift.drifters.records import Track, selected
 from geo import notation
+from geo.array import Array
 from geo.errors import UserError
 from geo.files import small
 from geo.forcing.quantity import QUANTITIES

@@ -6,14 +6,12 @@ are left out, and notes say how many and why. Where a drifter was silent for too
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from geo import sphere
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 FASTEST = 3.0  # [m/s] nothing drifts faster for long
 JUMP = 500.0  # [m] that two fixes may be farther apart than at that speed, because positions have errors too

@@ -10,8 +10,8 @@ holds the drifter, its containment. By position along and across the drift, it t
 import numpy as np
 from scipy import ndimage
 
-from drift.drifters.records import Array
 from geo import sphere
+from geo.array import Array
 
 CELLS = 160  # cells on each side of the grid on which densities are estimated
 EDGE = 5.0  # [standard deviations] from the middle of that grid to its edges

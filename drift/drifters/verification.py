@@ -20,12 +20,13 @@ from drift.case.record import Case
 from drift.drifters import along, clusters, fitting, scores
 from drift.drifters import records as drifter_records
 from drift.drifters.clusters import Estimate
-from drift.drifters.records import Array, Track
+from drift.drifters.records import Track
 from drift.job import in_turn
 from drift.motion.forcing_error import NOWHERE, ForcingError
 from drift.motion.status import Status
 from drift.output import writer
 from geo import sphere
+from geo.array import Array
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 from kernels import noise

@@ -11,7 +11,8 @@ import shapely
 from drift.forecast import density
 from drift.forecast.shares import SHARES
 from geo import sphere
-from geo.cells import Array, Cells
+from geo.array import Array
+from geo.cells import Cells
 
 MANY = 20_000  # effective particles from which one half alone tells which bandwidth is best
 
@@ -37,8 +38,9 @@ class Area:
     probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
     containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
     areas: [m2] of the shares; held_out: share of unseen particles inside them; thresholds: logarithms of their least
-    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen. coarse: calibration of the map summed into
-    the cells that all times share: along a shore, where half of what is smoothed lies beside the cells that hold all, it is another.
+    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen. coarse: calibration of the map
+    summed into the cells that all times share: along a shore, where half of what is smoothed lies beside the cells that
+    hold all, it is another.
     """
 
     cells: Cells
@@ -87,9 +89,10 @@ def _choose(
 ) -> tuple[float, More]:
     """Return the number of particles per kernel under which each half best foretells the other.
 
-    Climbs a ladder of factors 2 from `start`. A rung finer than that must beat the coarser one by two standard errors of the
-    paired difference: sharp edges alone are no reason to speckle all the rest. Then kernels are made wider where the map is
-    dense, by `more`, unless that foretells worse by as much: along a thin filament say. Returned as None where it does.
+    Climbs a ladder of factors 2 from `start`. A rung finer than that must beat the coarser one by two standard errors
+    of the paired difference: sharp edges alone are no reason to speckle all the rest. Then kernels are made wider where
+    the map is dense, by `more`, unless that foretells worse by as much: along a thin filament say. Returned as None
+    where it does.
     """
     effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
     pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
@@ -231,9 +234,9 @@ def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> sh
     """Return the outline of what is denser [1/m2] than a threshold, given as its logarithm: about so large an area [m2].
 
     The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
-    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge. Along a shore,
-    a cell or two wide, it keeps nearer to the shoreline than its cells do, and holds more than they: 50 % of 20,000 stranded particles
-    on a wavy shore 58 %, 75 % 76, 95 % 98; of 60 % of them 54, 75 and 95.
+    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge.
+    Along a shore, a cell or two wide, it keeps nearer to the shoreline than its cells do, and holds more than they: 50
+    % of 20,000 stranded particles on a wavy shore 58 %, 75 % 76, 95 % 98; of 60 % of them 54, 75 and 95.
     """
     near = height > np.exp(threshold - 3)  # no line is drawn farther out than from a cell of these to the next
     rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))

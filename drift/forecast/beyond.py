@@ -11,7 +11,7 @@ from drift.forecast.words import TELLING
 from drift.maps import labels
 from drift.maps.chart import Frame
 from geo import notation, sphere
-from geo.cells import Array
+from geo.array import Array
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 NEARLY = 0.9  # of what is left out: so much is told of as if it were all
@@ -21,8 +21,8 @@ NAMED = 3  # places that are told by name
 def told(here: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
     """Return in a sentence what a frame leaves out of the map at a time; empty if that is little and no place.
 
-    at: a forecast's data (drift.forecast.dataset) at one time. places: by name, the shapes (n, 2) [deg] of what is told where no point of
-    it is in the frame. Of the probability more than labels.TELLING is told.
+    at: a forecast's data (drift.forecast.dataset) at one time. places: by name, the shapes (n, 2) [deg] of what is told
+    where no point of it is in the frame. Of the probability more than labels.TELLING is told.
     """
     parts = [_probability(here, at), named(here, places or {})]
     return "; ".join(part for part in parts if part)
@@ -84,7 +84,8 @@ def _probability(here: Frame, at: Any) -> str:
 def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
     """Return the mean position (lon, lat) [deg] of the place that holds most, and whether it is the only one.
 
-    A place is made of connected cells. Of all cells the densest count that hold NEARLY all: smoothing leaves a trace everywhere.
+    A place is made of connected cells. Of all cells the densest count that hold NEARLY all: smoothing leaves a trace
+    everywhere.
     """
     height = (mass / at["cell_area"].values).ravel()
     order = np.argsort(-height, kind="stable")

@@ -21,7 +21,8 @@ from drift.forecast.shares import SHARES
 from drift.motion.snapshot import Snapshot, mapped
 from drift.motion.status import Status
 from geo import cells, sphere
-from geo.cells import QUANTUM, Array, Cells, Deposit, IsLand
+from geo.array import Array
+from geo.cells import QUANTUM, Cells, Deposit, IsLand
 from geo.errors import UserError
 
 __all__ = ["Contour", "Forecast", "Snapshot", "build"]
@@ -105,8 +106,8 @@ def build(
     scenarios: names, in order of their numbers.
     is_land: int32 binary angles (lon, lat), each (n,) -> bool (n,); particles' own cells always count as reachable.
     deposit: (lon, lat, weight, cells) -> int64 (nlat, nlon), as `cells.deposit`.
-    shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are made on cells
-    that divide its cells, as far as there is anything: areas and containment count what lies outside it.
+    shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are
+    made on cells that divide its cells, as far as there is anything: areas and containment count what lies outside it.
     """
     return begin(snapshots, scenarios=scenarios, is_land=is_land, deposit=deposit, shares=shares, grid=grid)()
 

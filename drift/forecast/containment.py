@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from geo import notation, sphere
+from geo.array import Array
 from geo.errors import UserError
-
-Array = npt.NDArray[Any]
 
 LEAST = 1e-6  # 1 - containment of a cell of the rim, whose logarithm is finite so
 
@@ -16,9 +15,10 @@ LEAST = 1e-6  # 1 - containment of a cell of the rim, whose logarithm is finite 
 def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
     """Return the containment at points [deg], shape (n,), at one of a forecast's output times; 1 where nothing is.
 
-    data: a drift.forecast.dataset, of a run or from forecast.nc. Between the centres of cells that hold any probability the logarithm
-    of 1 - containment is bilinear: for a bivariate normal that is the logarithm of density, which the contours are drawn by.
-    A cell's own reading is noise of up to its difference from its neighbours; the point's is not.
+    data: a drift.forecast.dataset, of a run or from forecast.nc. Between the centres of cells that hold any probability
+    the logarithm of 1 - containment is bilinear: for a bivariate normal that is the logarithm of density, which the
+    contours are drawn by. A cell's own reading is noise of up to its difference from its neighbours; the point's is
+    not.
     """
     times = data["time"].values
     found = np.flatnonzero(times == np.datetime64(time, "ns"))

@@ -11,7 +11,8 @@ from drift.forecast import areas, effective
 from drift.motion.snapshot import Means, Snapshot, mapped, means
 from drift.motion.status import Status
 from geo import sphere
-from geo.cells import Array, Cells
+from geo.array import Array
+from geo.cells import Cells
 
 AREA = "area: cell_area"
 COUNTED = "of what was drawn anew, that of the particles from which it descends"
@@ -133,7 +134,8 @@ def build(
 ) -> xr.Dataset:
     """Return the forecast as a dataset; times without any probability on the map have zeros and NaN.
 
-    bandwidths: [binary angle unit] that suit the densest particles of each snapshot, on a grid that does not follow them.
+    bandwidths: [binary angle unit] that suit the densest particles of each snapshot, on a grid that does not follow
+    them.
     """
     counted = [_counted(one, len(scenarios)) for one in snapshots]
     values = {

@@ -6,7 +6,8 @@ doi:10.1214/aos/1176345986: bandwidth as density to the power -1/2), on a pyrami
 below: mass climbs until its neighbourhood is populous enough, is smoothed there by one cell and comes down again
 by linear interpolation. So dense cores stay sharp while thin tails are smoothed, and a map costs a few passes.
 
-- Where the map is dense, kernels hold up to WIDER times as many: there the density is nearly level, so that noise is what
+- Where the map is dense, kernels hold up to WIDER times as many: there the density is nearly level, so that noise is
+what
   orders the cells, and a wider kernel costs little. How many follows the cell's rank in a first, wide map.
 - `m` is chosen by the log likelihood of held-out particles, both halves in turn; the search starts where bandwidth
   goes as n^(-1/6).
@@ -19,13 +20,11 @@ may reach across a spit narrower than itself: it knows water from land, not a wa
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage, spatial
 
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
 FEW = 8  # times as many cells has a grid, and it is worth while to look at those alone that count
@@ -172,7 +171,8 @@ def histogram(
 ) -> Histogram:
     """Return the pyramids of deposited weights w and of w^2 in cells (flat indices), each (n,).
 
-    The effective number is that over `more` (see `wider`; as they are without it): so many times as many are then in a kernel.
+    The effective number is that over `more` (see `wider`; as they are without it): so many times as many are then in a
+    kernel.
     """
     numbers = []
     for level, reach in enumerate(where.reach):
@@ -191,8 +191,8 @@ def histogram(
 def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Array | None = None) -> Array:
     """Return mass in cells (flat indices, n) as a map (nlat, nlon), smoothed by kernels that hold `m` effective particles of the guide.
 
-    at: flat indices of the cells whose values alone are wanted, and returned, (k,). Linear in mass: the maps of scenarios add up to
-    that of all. The total is kept to rounding.
+    at: flat indices of the cells whose values alone are wanted, and returned, (k,). Linear in mass: the maps of
+    scenarios add up to that of all. The total is kept to rounding.
     """
     staying: list[tuple[Array, Array]] = []  # by level: in which cells mass is smoothed there, and how much
     for number in guide.number[:-1]:

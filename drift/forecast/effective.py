@@ -1,8 +1,9 @@
 """How many particles or worlds count, and whether these are few: the one place that says so, for every file and picture.
 
-Weights make a few particles count for all of them: their effective number is one over the sum of their squared shares (Kong
-1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle that it descends from: copies know no more than it
-did, however many there are. Objects of one world share all that nobody knows of it, so that a spill stands on its worlds.
+Weights make a few particles count for all of them: their effective number is one over the sum of their squared shares
+(Kong 1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle that it descends from: copies know no more
+than it did, however many there are. Objects of one world share all that nobody knows of it, so that a spill stands on
+its worlds.
 """
 
 import math
@@ -11,12 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion import weights
 from geo import notation
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 FEW = {"particles": 200.0, "worlds": 50.0}  # fewer than so many, and figures are rough
 SLACK = 1e-6  # of a number: what misses it by rounding reaches it
@@ -125,8 +124,8 @@ def parts(data: Any, time: int) -> list[str]:
 def of_run(data: Any, particles: int, since: np.datetime64 | None = None, left: float = 0.0) -> list[str]:
     """Return the warnings of a forecast: at which outputs few particles count, and of which parts at its end.
 
-    since, left: where it has been told already that `left` particles count from a time on, outputs from then on are told of only if
-    fewer than half as many count there.
+    since, left: where it has been told already that `left` particles count from a time on, outputs from then on are
+    told of only if fewer than half as many count there.
     """
     told = []
     times = data["time"].values

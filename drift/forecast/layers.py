@@ -21,7 +21,7 @@ from drift.maps import chart, labels
 from drift.maps.chart import Frame
 from drift.maps.marks import Line, Mark
 from geo import notation, sphere
-from geo.cells import Array
+from geo.array import Array
 from geo.notation import NMI
 
 INNERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"}

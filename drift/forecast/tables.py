@@ -109,7 +109,8 @@ def track(forecast: Forecast, run: str) -> str:
 def ashore(forecast: Forecast, run: str) -> str:
     """Return where the object may be ashore at the end, cell by cell, likeliest first, and by when, as CSV.
 
-    run: its run_id, in the last column. first_time is the first output time at which half of the cell's final probability had landed there.
+    run: its run_id, in the last column. first_time is the first output time at which half of the cell's final
+    probability had landed there.
     effective_particles: how many of those ashore count, in all cells together.
     """
     data = forecast.data

@@ -11,7 +11,7 @@ from drift.forecast.build import Forecast
 from drift.motion.status import Status
 from drift.output import formats
 from geo import notation, sphere
-from geo.cells import Array
+from geo.array import Array
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from matplotlib.path import Path as Outline
 from matplotlib.transforms import Bbox
 
 from geo import sphere
-from geo.cells import Array
+from geo.array import Array
 from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"

@@ -9,7 +9,7 @@ import numpy as np
 
 from drift.maps import chart, page
 from drift.maps.chart import INK, Frame
-from geo.cells import Array
+from geo.array import Array
 
 
 def draw_field(

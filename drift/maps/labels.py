@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.transforms import Bbox
 
-from geo.cells import Array
+from geo.array import Array
 from geo.notation import NMI
 
 HALO = (patheffects.withStroke(linewidth=2.5, foreground="white"),)

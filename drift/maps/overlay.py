@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from drift.maps.chart import Frame
-from geo.cells import Array
+from geo.array import Array
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """A sheet: what every picture has on its page, and where. A map adds its own layers to it.
 
-Places are shares of the page from its lower left corner, sizes of letters typographic points. Where there is room for so many letters
-only, longer texts are cut.
+Places are shares of the page from its lower left corner, sizes of letters typographic points. Where there is room for
+so many letters only, longer texts are cut.
 """
 
 from collections.abc import Sequence

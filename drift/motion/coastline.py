@@ -37,7 +37,8 @@ def opened(
 ) -> tuple[Shore, shoreline.Coast | None]:
     """Return the land in a box, and its coast, None where there is none; raise UserError for a report from land.
 
-    seen: what of the land's detail is wanted, all unless a function says; shared: land and coast, where others have them.
+    seen: what of the land's detail is wanted, all unless a function says; shared: land and coast, where others have
+    them.
     """
     if shared:
         whole, coast = shared

@@ -56,8 +56,8 @@ def reach(spec: EnsembleSpec) -> Box:
 def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """Return a box that nothing of a run leaves: speeds that nowhere last, or as fast as the case says, and errors beyond chance.
 
-    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs. What
-    should leave it all the same has left the domain, and is told so.
+    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs.
+    What should leave it all the same has left the domain, and is told so.
     """
     wind = _fastest(asked.winds, UTMOST_WIND) + FARTHEST * spec.errors.wind.std
     leeway = max((model.fastest(one, wind, FARTHEST) for model, one in _all(spec)), default=0.0)

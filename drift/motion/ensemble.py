@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion import weights
 from drift.motion.status import Status
+from geo.array import Array
 from kernels import runtime, weigh
 
-Array = npt.NDArray[Any]
 Device = Any  # a one-dimensional array on the device
 
 

@@ -60,7 +60,8 @@ def open_for(
 ) -> Environment:
     """Return the environment of a run.
 
-    held: datasets in memory that its sources name; seen: what of the land's detail is wanted, all unless a function says;
+    held: datasets in memory that its sources name; seen: what of the land's detail is wanted, all unless a function
+    says;
     common: what is shared with other runs.
 
     Raises UserError when a file can't be understood, when sources leave part of the run without forcing, or when a
@@ -99,7 +100,8 @@ def open_for(
 def part(box: Box) -> Box:
     """Return what is read of a source for a box: all of it, out to the next lines of a lattice at most an eighth as wide as the box.
 
-    So runs that begin near each other see the same part of a source, on the same grid: for many forecasts it is made ready once.
+    So runs that begin near each other see the same part of a source, on the same grid: for many forecasts it is made
+    ready once.
     """
 
     def outward(low: float, high: float) -> tuple[float, float]:

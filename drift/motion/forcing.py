@@ -1,8 +1,9 @@
 """The winds and currents of a run on the device: which tiles each scenario sees, kept in step with the clock.
 
 Sources of a quantity stand in order of priority. A particle takes the first that knows its place as it is; then the
-first that knows it once missing values next to the coast are filled. So with several sources each has two tiles. Sources
-that are added to these are filled each by itself, and each must know the place: a sum with a missing term is missing.
+first that knows it once missing values next to the coast are filled. So with several sources each has two tiles.
+Sources that are added to these are filled each by itself, and each must know the place: a sum with a missing term is
+missing.
 """
 
 from collections.abc import Mapping

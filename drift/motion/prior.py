@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion import ensemble as record
 from drift.motion import models, resample
@@ -19,12 +18,11 @@ from drift.motion.period import Period
 from drift.motion.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
 from drift.motion.status import Status
 from geo import sphere
+from geo.array import Array
 from geo.errors import UserError
 from kernels import noise, runtime
 from kernels import prior as kernel
 from kernels.coast import DeviceCoast, open_sea
-
-Array = npt.NDArray[Any]
 
 LEAST_SHARE = 0.1  # of an equal share of the particles
 PIECE = 20_000.0  # [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N

@@ -1,21 +1,20 @@
 """Drawing particles anew in proportion to their weights: who has how many offspring.
 
-Within a scenario, so that no story dies by chance. Systematic: N offspring, the smallest spread (Kitagawa 1996; Douc, Cappe and
-Moulines 2005, arXiv:cs/0507025). Kahn's Russian roulette and splitting (Kahn 1955, RAND P-766): each particle on its own, so
-that their number floats; held at N it would be biased. Either way a particle's expected offspring are N times its share.
+Within a scenario, so that no story dies by chance. Systematic: N offspring, the smallest spread (Kitagawa 1996; Douc,
+Cappe and Moulines 2005, arXiv:cs/0507025). Kahn's Russian roulette and splitting (Kahn 1955, RAND P-766): each particle
+on its own, so that their number floats; held at N it would be biased. Either way a particle's expected offspring are N
+times its share.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion import weights
+from geo.array import Array
 from kernels import noise
 from kernels.noise import Purpose
-
-Array = npt.NDArray[Any]
 
 SPARE = 4.0  # slots to spare for Kahn's way, in units of sqrt(N); the spread is at most half of one
 
@@ -71,7 +70,8 @@ def offspring(
 ) -> tuple[Array, Array, Array]:
     """Return each slot's ancestor, its log weight (-inf: nobody), and which slots are left over; each of shape (n,).
 
-    scenarios: first and last slot of each; target: how many particles each aims at; seeds: of the run, and number of the event.
+    scenarios: first and last slot of each; target: how many particles each aims at; seeds: of the run, and number of
+    the event.
     """
     weight, scale = weights.relative(log_weight), float(log_weight.max())
     ancestors, spare = np.arange(len(log_weight)), np.zeros(len(log_weight), bool)

@@ -5,14 +5,11 @@ Records in SI, radians and UTC. Three kinds of prior: around a reported position
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.leeway import Drifter
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,8 @@
 """Which sources have no value where particles are: at a place and time, and where forcing ended for those that are lost."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.clock import Clock
 from drift.motion.ensemble import Ensemble
@@ -12,8 +10,8 @@ from drift.motion.forcing import QUANTITIES, Forcing, Term
 from drift.motion.snapshot import Snapshot
 from drift.motion.status import Status
 from geo import sphere
+from geo.array import Array
 
-Array = npt.NDArray[Any]
 Shares = dict[tuple[str, tuple[str, ...]], float]  # by quantity and the names of a term's sources
 
 MOST = 24  # steps looked at: those that lost most stand for all

@@ -9,18 +9,17 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.clock import Clock
 from drift.motion.ensemble import Ensemble
 from drift.motion.model import Inside
 from drift.motion.scene import Scene
 from drift.motion.status import Status
+from geo.array import Array
 from kernels import advance as kernel
 from kernels import noise
 from kernels.noise import Purpose
 
-Array = npt.NDArray[Any]
 Progress = Callable[[float], None]
 Watch = Callable[[int], None]
 
@@ -79,8 +78,8 @@ def run(
 ) -> Iterator[Moment]:
     """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
 
-    progress is told the share of the run that is done, after every step; watch when the step began [s since start]; search
-    looks on and changes weights.
+    progress is told the share of the run that is done, after every step; watch when the step began [s since start];
+    search looks on and changes weights.
     """
 
     def here(which: Ensemble, before: Any, time: int) -> tuple[Array, Array]:
@@ -154,7 +153,8 @@ def _inside(
 ) -> tuple[Array, Array]:
     """Return positions at a time inside a step that has just been made: on each particle's bridge between its ends.
 
-    before: where they were at `since`, the step's begin or a time in it. debris: tells it apart from the object, 0, which has the same seed.
+    before: where they were at `since`, the step's begin or a time in it. debris: tells it apart from the object, 0,
+    which has the same seed.
     """
     end = step.elapsed + step.duration
     release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.status_since, ensemble.status))

@@ -1,16 +1,14 @@
 """The particles at one time, as products see them, and their mean positions."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from drift.motion.status import Status
 from geo import sphere
+from geo.array import Array
 from geo.cells import ONE
-
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

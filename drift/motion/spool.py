@@ -5,10 +5,9 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion import ensemble as record
 from drift.motion import weights
@@ -16,9 +15,8 @@ from drift.motion.ensemble import Ensemble
 from drift.motion.period import Period
 from drift.motion.simulate import Moment
 from drift.motion.snapshot import Snapshot
+from geo.array import Array
 from geo.errors import UserError
-
-Array = npt.NDArray[Any]
 
 BYTES = 13  # a particle and time: two positions, its status, its weight
 

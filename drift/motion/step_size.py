@@ -2,10 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion import ensemble as record
 from drift.motion.clock import Clock, lattice
@@ -15,11 +13,10 @@ from drift.motion.period import ClockSpec, Period
 from drift.motion.scene import Scene
 from drift.motion.status import Status
 from geo import notation, sphere
+from geo.array import Array
 from geo.errors import UserError
 from geo.forcing.sources import Source
 from kernels import advance as kernel
-
-Array = npt.NDArray[Any]
 
 LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
 RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # of the ladder that are tried together: often the first one will do
@@ -69,10 +66,10 @@ def choose_step(
 ) -> Trial:
     """Return the largest step of the ladder whose error stays under a tolerance [m a day].
 
-    The ladder's steps divide `divisor` [s], the forcing's interval, and are at most `longest` [s]; lattices pass through
-    `origin` [s since 1970], one of its times. The error of a step is the distance between tracks of a sample with that
-    step and with half of it, noise off, over at most a day: its 95th percentile among those adrift to the end with both
-    (step halving; Hairer, Norsett and Wanner 1993, II.4), or ashore if hardly any is.
+    The ladder's steps divide `divisor` [s], the forcing's interval, and are at most `longest` [s]; lattices pass
+    through `origin` [s since 1970], one of its times. The error of a step is the distance between tracks of a sample
+    with that step and with half of it, noise off, over at most a day: its 95th percentile among those adrift to the end
+    with both (step halving; Hairer, Norsett and Wanner 1993, II.4), or ashore if hardly any is.
     """
     ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [_largest_divisor(divisor, longest)]
     chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))

@@ -1,11 +1,8 @@
 """Weights and their logarithms on the host, in float64 and one order: what evidence, shares and effective sizes are made from."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 
 def relative(log_weight: Array, scale: Array | None = None) -> Array:

@@ -1,8 +1,8 @@
 """Hidden folders in which runs make their results: whose each is, and whether its owner lives.
 
-The owner holds a lock on a file in its folder, which the kernel gives back at the owner's death, however it died. Where a file
-system's locks say nothing, as between the machines of some networks, the owner's machine and process stand in the folder's
-name; a folder whose owner cannot be asked counts as owned until nothing has changed in it for a day.
+The owner holds a lock on a file in its folder, which the kernel gives back at the owner's death, however it died. Where
+a file system's locks say nothing, as between the machines of some networks, the owner's machine and process stand in
+the folder's name; a folder whose owner cannot be asked counts as owned until nothing has changed in it for a day.
 """
 
 import contextlib

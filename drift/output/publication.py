@@ -1,13 +1,14 @@
 """A run's files in their folder: the whole old result or the whole new one, whatever happens in between.
 
-New files are made in a hidden folder, in the target where that is there (it may be a mount or a link, and what is beside it not
-writable), else beside it. A target that is not there yet comes into being by one rename. In one that is, the old run's files
-are moved aside into the hidden folder, its manifest first; the new ones are moved in, their manifest last: with that the new
-result is whole, and the old files go. A journal in the hidden folder says what was to be moved. If the process dies before
-the new manifest stands, whoever comes next, another run or a reader, puts the old files back by the journal. Each step is one
-rename, and putting back may be cut short as well.
+New files are made in a hidden folder, in the target where that is there (it may be a mount or a link, and what is
+beside it not writable), else beside it. A target that is not there yet comes into being by one rename. In one that is,
+the old run's files are moved aside into the hidden folder, its manifest first; the new ones are moved in, their
+manifest last: with that the new result is whole, and the old files go. A journal in the hidden folder says what was to
+be moved. If the process dies before the new manifest stands, whoever comes next, another run or a reader, puts the old
+files back by the journal. Each step is one rename, and putting back may be cut short as well.
 
-What no manifest of ours lists is never moved: a folder, a link or somebody else's file in the way is refused beforehand.
+What no manifest of ours lists is never moved: a folder, a link or somebody else's file in the way is refused
+beforehand.
 """
 
 import contextlib
@@ -122,8 +123,8 @@ def _clean(ground: Path) -> None:
 def publish(stage: Stage, run_id: str, overwrite: bool = False) -> list[Path]:
     """Move all that was staged into the target, complete or not at all, with its manifest; return the files' paths.
 
-    With `overwrite` what an earlier run wrote into the target, and this one does not, is taken away. Where another run has
-    published there since the stage was made, that one stands and this one is refused.
+    With `overwrite` what an earlier run wrote into the target, and this one does not, is taken away. Where another run
+    has published there since the stage was made, that one stands and this one is refused.
     """
     listed = manifest.of(run_id, sorted(stage.new.iterdir()))
     _write(stage.new / manifest.NAME, manifest.text(listed))

@@ -1,7 +1,7 @@
 """How what a run hands out is written: one folder, complete or not there at all (see drift.output.publication).
 
-It knows no topic: files, pictures and numbers come in chapters. summary.json holds their numbers, manifest.json lists all files. Data
-depend on the chapters alone; the date of creation stands in attributes only.
+It knows no topic: files, pictures and numbers come in chapters. summary.json holds their numbers, manifest.json lists
+all files. Data depend on the chapters alone; the date of creation stands in attributes only.
 """
 
 import json
@@ -33,9 +33,9 @@ def check_folder(folder: Path, overwrite: bool = False, names: Iterable[str] = (
 def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False) -> list[Path]:
     """Write all that the chapters of a run hand out into a folder, complete or not at all, and return the paths of its files.
 
-    Their numbers become the summary. To their facts, which every file carries (title, case, seed, versions, forcing), `run_id`,
-    `history` and `date_created` are added. With `overwrite` what an earlier run wrote into the folder and this one does not is
-    taken away.
+    Their numbers become the summary. To their facts, which every file carries (title, case, seed, versions, forcing),
+    `run_id`, `history` and `date_created` are added. With `overwrite` what an earlier run wrote into the folder and
+    this one does not is taken away.
     """
     publication.check(folder, overwrite)
     whole = chapter.joined(chapters)

@@ -1,10 +1,11 @@
 """Which stretches to patrol next: the expected number of objects that the teams of a spill's case find, as large as it can be.
 
 An object that lies on a stretch when a team comes is found with the team's detection, unless it was reported, buried,
-refloated or found before: SPILL's model (drift.spill.exposure), over the worlds as the finds weigh them. Stretches are then worth what
-the visits to each are worth, with diminishing returns: a choice of one set of visits a stretch under each team's length of
-shore a day, solved as an integer programme (HiGHS). What refloats and lands anew may be counted on two stretches by that; the
-figures told are reckoned without, over all visits at once, and the bound holds all the more.
+refloated or found before: SPILL's model (drift.spill.exposure), over the worlds as the finds weigh them. Stretches are
+then worth what the visits to each are worth, with diminishing returns: a choice of one set of visits a stretch under
+each team's length of shore a day, solved as an integer programme (HiGHS). What refloats and lands anew may be counted
+on two stretches by that; the figures told are reckoned without, over all visits at once, and the bound holds all the
+more.
 """
 
 import itertools
@@ -12,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.period import Period
 from drift.spill import estimate, evidence, exposure, finds
@@ -20,10 +20,9 @@ from drift.spill.exposure import Exposure
 from drift.spill.records import Spill, Team
 from drift.spill.renewal import Aftermath
 from geo import notation, sphere
+from geo.array import Real
 from geo.coast.segments import Segments
 from geo.errors import UserError
-
-Real = npt.NDArray[np.float64]
 
 VISITS = 3  # of one stretch that a plan has at most
 CHOICES = 6_000  # sets of visits that are chosen from at once; of more, day by day

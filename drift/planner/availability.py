@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +10,7 @@ from drift.planner import daylight
 from drift.search import laws
 from drift.search.records import PlanSpec, Unit
 from geo import notation, sphere
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 MARGIN = 5.0  # [s] at most so much longer legs take in whole seconds on the sphere than on the plane
 SHARE = 0.85  # of the endurance on scene that is search (Joint Pub 3-50, National Search and Rescue Supplement)

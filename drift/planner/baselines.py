@@ -2,17 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.planner import candidates, joint, rectangle
 from drift.planner.candidates import Plan, Stage
 from drift.planner.records import Alternative
 from drift.planner.rectangle import Crew
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 SIZES = np.geomspace(0.4, 3.0, 12)  # sides of the square that are tried, in roots of the area that would be swept
 

@@ -24,10 +24,8 @@ about a point.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.scenario import Survival
 from drift.planner import availability, concave, quadtree
@@ -36,9 +34,8 @@ from drift.planner.planning_tracks import Tracks
 from drift.search import laws
 from drift.search.records import PlanSpec, Unit
 from geo import sphere
+from geo.array import Array
 from kernels import allocate
-
-Array = npt.NDArray[Any]
 
 BOXES = 160  # fewest boxes in a bin, where there are particles enough
 # Fewest effective particles in a box: boxes of 8 are too dense by two thirds, boxes of 64 are too wide (test_bound.py).

@@ -3,10 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.planner import availability, courses, joint, rectangle
 from drift.planner.joint import Find
@@ -14,10 +12,9 @@ from drift.planner.records import Tasking
 from drift.planner.rectangle import Crew, Flown
 from drift.search.records import Sortie
 from geo import polyline
-from geo.polyline import Place
+from geo.array import Array
+from geo.polyline import LonLat
 from kernels import rectangles, sweeps
-
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
         speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
     )  # fmt: skip
     ends = [(legs.lon[k], legs.lat[k]) for k in (0, -1)]
-    ways: tuple[tuple[Place, ...], tuple[Place, ...]] = ((), ())
+    ways: tuple[tuple[LonLat, ...], tuple[LonLat, ...]] = ((), ())
     if crew.course is not None:
         ways = courses.out_and_home(crew.course, *ends)
     way_out, way_home = (

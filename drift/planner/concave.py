@@ -1,35 +1,36 @@
 """How much any legs find at a coverage: the curve that the upper bound of a plan is made from.
 
 A set of legs gives a particle at x the hazard H(x), the sum over legs of -log(1 - chance); it is found with the chance
-1 - e^-H = integral over h of e^-h min(H, h), exactly. min(., h) of a sum is at most the sum of min(., h) of its parts, and one leg
-of length L adds W L g(h) to the integral of min(H, h) over the sea, with g(h) the integral of min(-log(1 - p(r)), h) across the leg,
-over W. Where the legs' W L come to the coverage C of an area the mean of min(H, h) is therefore at most C g(h), and at most h:
+1 - e^-H = integral over h of e^-h min(H, h), exactly. min(., h) of a sum is at most the sum of min(., h) of its parts,
+and one leg of length L adds W L g(h) to the integral of min(H, h) over the sea, with g(h) the integral of min(-log(1 -
+p(r)), h) across the leg, over W. Where the legs' W L come to the coverage C of an area the mean of min(H, h) is
+therefore at most C g(h), and at most h:
 
     b(C) = integral over h of e^-h min(h, C g(h))
 
-bounds every set of legs, parallel or not, long or short, of one law or (with the greatest g) of several. It is concave in C. Random search
-has g = 1, for its hazard is its coverage: b = 1 - e^-C. Definite range: g = h, b = min(C, 1). Inverse cube: g = 2 sqrt(h / pi), b =
-1 - exp(-4 C^2 / pi) + C erfc(2 C / sqrt(pi)): 0.831 at C = 1, where parallel sweeps find 0.790. M-beta by itself finds at most
-what whole numbers of looks can, which is what its parallel sweeps find.
+bounds every set of legs, parallel or not, long or short, of one law or (with the greatest g) of several. It is concave
+in C. Random search has g = 1, for its hazard is its coverage: b = 1 - e^-C. Definite range: g = h, b = min(C, 1).
+Inverse cube: g = 2 sqrt(h / pi), b = 1 - exp(-4 C^2 / pi) + C erfc(2 C / sqrt(pi)): 0.831 at C = 1, where parallel
+sweeps find 0.790. M-beta by itself finds at most what whole numbers of looks can, which is what its parallel sweeps
+find.
 
-Of a leg of inverse cube that ends, the integral is 2 sqrt(h / pi) W L + W^2 / 4 at the most (laws.ENDS): what lies ahead and astern.
+Of a leg of inverse cube that ends, the integral is 2 sqrt(h / pi) W L + W^2 / 4 at the most (laws.ENDS): what lies
+ahead and astern.
 
-Unknown sweep widths: factors T of mean 1, one a group. E b(sum T_g C_g) is highest, in the convex order, when all groups are as
-sure as the surest and C is shared evenly among them: then the factor is gamma of the sum of their shapes. That bounds any share.
+Unknown sweep widths: factors T of mean 1, one a group. E b(sum T_g C_g) is highest, in the convex order, when all
+groups are as sure as the surest and C is shared evenly among them: then the factor is gamma of the sum of their shapes.
+That bounds any share.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.search import laws
 from drift.search.records import Law
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 STEP = 0.01  # of coverage
 MOST = 20.0  # coverage beyond which nothing is gained
@@ -69,7 +70,8 @@ def curve(used: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
     # The conjugate of straight pieces is taken at a corner: where the piece to the right is no steeper than y.
     pieces = np.diff(b) / STEP
     at = np.searchsorted(-pieces, -y, side="left")
-    # Within a piece b is above the straight line, but below those that go on from the pieces beside it: as high as their triangle.
+    # Within a piece b is above the straight line, but below those that go on from the pieces beside it: as high as
+    # their triangle.
     beside = np.concatenate([[2 * pieces[0] - pieces[1]], pieces, [pieces[-1]]])
     bend, more = beside[:-2] - pieces, pieces - beside[2:]
     peak = STEP * bend * more / np.maximum(bend + more, 1e-30)

@@ -8,7 +8,6 @@ coast it starts at the nearest water within HARBOUR. Aircraft fly straight and n
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +18,9 @@ from drift.planner.planning_tracks import Plane
 from drift.planner.seas import Sea
 from drift.search.records import Unit
 from geo import notation, sphere
+from geo.array import Array
 from geo.box import Box
-from geo.polyline import Place
-
-Array = npt.NDArray[Any]
+from geo.polyline import LonLat
 
 HARBOUR = 1852.0  # [m] largest distance from a boat's base to the water where it starts
 ROOM = 0.56  # margin of the region, in longest straight ways: ways up to half as long again (an ellipse) fit into it
@@ -41,7 +39,7 @@ class Harbour:
     approach: way from the first point in the water to where the boat can keep its distance; it has at least this point.
     """
 
-    place: Place
+    place: LonLat
     approach: Array  # (k, 2) [m]
     ashore: float  # [m] from the place to the first point of the approach
     close: float  # [m] length of the approach, which is nearer to land, or shallower, than the boat keeps
@@ -140,7 +138,7 @@ def _main(sea: Sea, targets: Array) -> Array:
     return np.asarray((sea.part == int(part.argmax())) & sea.open.ravel())
 
 
-def _harbour(sea: Sea, inshore: Sea, place: Place, main: Array) -> Harbour:
+def _harbour(sea: Sea, inshore: Sea, place: LonLat, main: Array) -> Harbour:
     """Return a harbour; raise ValueError where it has no way to the water of `main`."""
     point = sea.flat(*np.array([place]).T)[0]
     node, approach, ashore = seas.nearest_visible_node(sea, np.where(main, 0.0, np.inf), point), point[None], 0.0
@@ -201,7 +199,7 @@ def _remarks(verb: str, harbour: Harbour, sea: Sea) -> str:
     return " ".join(sentences)
 
 
-def way(course: Course, harbour: Harbour, point: Place) -> Array | None:
+def way(course: Course, harbour: Harbour, point: LonLat) -> Array | None:
     """Return the way (k, 2) in lon, lat [deg] from a harbour to a position [deg].
 
     Returns None where there is none.
@@ -216,7 +214,7 @@ def way(course: Course, harbour: Harbour, point: Place) -> Array | None:
     return _unwrapped(sea.round(np.concatenate([harbour.approach[:-1], path])))
 
 
-def out_and_home(course: Course, first: Place, last: Place) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+def out_and_home(course: Course, first: LonLat, last: LonLat) -> tuple[tuple[LonLat, ...], tuple[LonLat, ...]]:
     """Return the ways from the base to a first position [deg], and from a last one to where a boat returns.
 
     Where the boat cannot get to a position (as to the centre, on an island, of an area without legs), the way leads to
@@ -236,7 +234,7 @@ def out_and_home(course: Course, first: Place, last: Place) -> tuple[tuple[Place
     return ways[0], ways[1][::-1]
 
 
-def distance(course: Course, harbour: Harbour, point: Place) -> float:
+def distance(course: Course, harbour: Harbour, point: LonLat) -> float:
     """Return an upper bound [m] of the way from a harbour to a position [deg]; inf without a way."""
     return float(distances(course, harbour, course.sea.flat(*np.array([point]).T))[0])
 

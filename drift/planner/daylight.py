@@ -5,14 +5,11 @@ calculator uses the same). It is right to 0.01 degrees from 1900 to 2100, so tha
 degrees of latitude under normal refraction. Polar day is one window, polar night none.
 """
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from geo import sphere
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 HORIZON = -0.833  # [deg] elevation of the sun's centre when its upper limb seems to rise: its radius and refraction
 J2000 = 946_728_000.0  # [s since 1970] noon of 1 January 2000

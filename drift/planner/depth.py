@@ -1,22 +1,21 @@
 """Where water is too shallow for a boat: from a grid of depths or elevations in a netCDF file.
 
-Between the points of the grid water is taken to be as shallow as the shallowest of the four round it, and shallow where one has no
-value: never deeper than the grid says. Beyond the grid nothing is known, and nothing is shut. Tides are not known: depths are below
-the datum of the grid.
+Between the points of the grid water is taken to be as shallow as the shallowest of the four round it, and shallow where
+one has no
+value: never deeper than the grid says. Beyond the grid nothing is known, and nothing is shut. Tides are not known:
+depths are below the datum of the grid.
 """
 
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from drift.case.record import Depth
 from geo import sphere
+from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
-
-Array = npt.NDArray[Any]
 
 UP = ("height", "altitude", "elevation", "topography")
 DOWN = ("depth", "bathymetry")

@@ -166,8 +166,8 @@ def _xml(root: ET.Element) -> str:
 def toml(plan: Plan, taken: Sequence[str] = ()) -> str:
     """Return the plan's sorties as [[sortie]] tables that can be appended to its case.
 
-    taken: names of the case's own sorties, from which these are kept apart. A sortie is written as its pattern; where its
-    legs are not those of the pattern, as waypoints with times.
+    taken: names of the case's own sorties, from which these are kept apart. A sortie is written as its pattern; where
+    its legs are not those of the pattern, as waypoints with times.
     """
     used, parts = set(taken), [
         "# The plan's sorties. Append them to the case once they were flown and found nothing; say what was done with",

@@ -4,10 +4,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.case.record import Case, Depth
 from drift.motion.environment import Environment
@@ -17,11 +15,10 @@ from drift.planner.planning_tracks import Tracks
 from drift.planner.records import Tasking
 from drift.search.records import PlanSpec, Unit
 from geo import notation, sphere
+from geo.array import Array
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore
-
-Array = npt.NDArray[Any]
 
 PLACES = 4_000  # positions of particles that tell where a boat may have to search
 

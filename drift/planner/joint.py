@@ -1,21 +1,19 @@
 """What several sorties find together of the same particles, and what one more would add to the others.
 
-Sorties miss independently given the unknown factors of the sweep widths; those are taken at joint nodes (k). With what finding is
-worth falling in time, sorties count in the order of their middles: two at the same time are taken one after the other.
+Sorties miss independently given the unknown factors of the sweep widths; those are taken at joint nodes (k). With what
+finding is worth falling in time, sorties count in the order of their middles: two at the same time are taken one after
+the other.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.search import laws
 from drift.search.records import Unit
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 NODES = {0: 1, 1: 6, 2: 4, 3: 3}  # of each unknown factor, by how many there are; more: 2
 MOST_GROUPS = 6  # unknown factors that are told apart

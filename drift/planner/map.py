@@ -29,7 +29,7 @@ from drift.planner.records import Plan, Tasking
 from drift.search import layers as search_layers
 from drift.search import shapes as search_shapes
 from geo import notation, sphere
-from geo.cells import Array
+from geo.array import Array
 from geo.notation import KNOT, NMI
 
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page

@@ -9,10 +9,8 @@ legs as flown, on many.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.scenario import Survival
 from drift.planner import availability, baselines, bound, candidates, joint, rectangle
@@ -24,9 +22,8 @@ from drift.planner.records import Alternative, Tasking
 from drift.planner.rectangle import ACROSS, ALONG, ASPECT, SPACING, TURN, WAIT, Crew, Flown, X, Y
 from drift.search.records import PlanSpec, Unit
 from geo import sphere
+from geo.array import Array
 from kernels import noise, rectangles, sweeps
-
-Array = npt.NDArray[Any]
 
 BINS = 10  # most bins of time while legs are smeared out
 FEW, MORE, MANY = 2_500, 8_000, 10_000  # particles in the first, second and third stage

@@ -1,7 +1,7 @@
 """The next search: planned on particles of its own, scored by executing it on the case's, written as crews read it.
 
-Several rounds are planned one after the other, each on the failure of those before. The score of a plan is one minus the
-evidence of its having failed: the same run that a debrief would make.
+Several rounds are planned one after the other, each on the failure of those before. The score of a plan is one minus
+the evidence of its having failed: the same run that a debrief would make.
 """
 
 import math

@@ -1,14 +1,12 @@
 """Tracks of particles for which a plan is made: positions at the edges of time bins, with straight lines in between."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from geo import sphere
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 LEVELS = 12  # of the space-filling curve: a side of 4096
 

@@ -3,12 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from geo.array import Array
+
 Shape = Callable[[Array], tuple[Array, Array]]  # returns points in the axes of boxes, and the boxes' proportions
 
 # Differences of mean logarithms of density:

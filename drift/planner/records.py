@@ -1,15 +1,12 @@
 """A plan: what each unit is to do next, what that is worth, and an estimated bound of what any plan is."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.forecast.effective import Count
 from drift.search.records import PlanSpec, Sortie, Unit
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 
 @dataclass(frozen=True)

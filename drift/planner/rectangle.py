@@ -1,17 +1,17 @@
 """Rectangles that a unit can search by parallel sweeps: from free numbers to what is flown in the time there is.
 
-A rectangle is a row (x, y, orientation, log spacing, log of length over width, wait, along, across): centre [m] on the plane,
-orientation [rad], seconds waited beyond the earliest arrival, and the corner of commencement (-1 or 1 each, as drift.search.patterns).
-Legs are whole: n legs of L - S and n - 1 cross legs of S are n L - S of track, which the search time fills.
+A rectangle is a row (x, y, orientation, log spacing, log of length over width, wait, along, across): centre [m] on the
+plane, orientation [rad], seconds waited beyond the earliest arrival, and the corner of commencement (-1 or 1 each, as
+drift.search.patterns). Legs are whole: n legs of L - S and n - 1 cross legs of S are n L - S of track, which the search
+time fills.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.planner import courses
 from drift.planner.availability import Availability
@@ -20,9 +20,8 @@ from drift.planner.planning_tracks import Plane
 from drift.search import laws, patterns
 from drift.search.patterns import Pattern
 from drift.search.records import Unit
+from geo.array import Array
 from geo.polyline import Legs
-
-Array = npt.NDArray[Any]
 
 X, Y, TURN, SPACING, ASPECT, WAIT, ALONG, ACROSS = range(8)
 SHORTEST = 600.0  # [s] of search that is worth a sortie

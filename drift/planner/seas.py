@@ -24,13 +24,12 @@ from scipy.sparse import csgraph
 
 from drift.planner.planning_tracks import Plane
 from geo import sphere
+from geo.array import Array
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore
 from geo.coast.shore import Shore
 from kernels import coast as crossing
-
-Array = npt.NDArray[Any]
 
 CLEAR = 25.0  # [m] that every boat keeps from the shore; a way that touches the shore is not clear
 ROUNDING = 2.0  # [m] added to that, because straight pieces in longitude and latitude leave the great circle

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.forecast.effective import Count
 from drift.planner.records import Plan, Tasking
 from drift.search import laws, patterns
 from drift.search import shapes as search_shapes
 from geo import polyline, sphere
+from geo.array import Array
 from geo.notation import KNOT, NMI
 from geo.polyline import Legs
-
-Array = npt.NDArray[Any]
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 

@@ -1,7 +1,7 @@
 """The sheet of a unit, A4 upright: its legs at a scale at which they can be told apart, what it is told, every turning point.
 
-Turning points are numbered on the chart and in the table, which has their positions to a thousandth of a minute, as plotters take
-them. A search with more points than fit goes on on further pages.
+Turning points are numbered on the chart and in the table, which has their positions to a thousandth of a minute, as
+plotters take them. A search with more points than fit goes on on further pages.
 """
 
 import math
@@ -31,8 +31,8 @@ from drift.planner.subareas import Waypoint
 from drift.search import layers as search_layers
 from drift.search import shapes as search_shapes
 from geo import notation, sphere
+from geo.array import Array
 from geo.box import Box
-from geo.cells import Array
 
 SHEET = Sheet(  # A4
     8.27, 11.69, 150, left=0.06, title=sheet.heading(0.962, 17), lines=(Row(0.943, 9.5, 100), Row(0.928, 9.5)),

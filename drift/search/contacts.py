@@ -4,17 +4,14 @@ Gaussian fixes, bearings, ranges and areas, each with the sensor's chance of det
 """
 
 import math
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.search import patterns, sensor_path
 from drift.search.records import Contact
 from geo import sphere
+from geo.array import Array
 from geo.polyline import Area
-
-Array = npt.NDArray[Any]
 
 LOG_TURN = math.log(2 * math.pi)
 BEYOND = 6.0  # standard deviations: 2e-9 of a normal
@@ -23,8 +20,9 @@ BEYOND = 6.0  # standard deviations: 2e-9 of a normal
 def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log likelihood of a contact at binary angles lon, lat, float64, shape (n,); -inf where it is impossible.
 
-    A density: per m2 for positions and areas, per radian for bearings, per metre for ranges; belief and false contacts are left out.
-    Beyond 6 standard deviations, where no error is normal, it is impossible: a wrong digit must not look like a discovery.
+    A density: per m2 for positions and areas, per radian for bearings, per metre for ranges; belief and false contacts
+    are left out. Beyond 6 standard deviations, where no error is normal, it is impossible: a wrong digit must not look
+    like a discovery.
     """
     with np.errstate(divide="ignore"):
         return LIKELIHOODS[contact.kind](contact, lon, lat)

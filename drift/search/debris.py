@@ -4,9 +4,6 @@ They drift beside the object's, slot by slot, until they are last asked for; whe
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
-
-import numpy.typing as npt
 
 from drift.motion import drift, models, prior
 from drift.motion.ensemble import Ensemble
@@ -14,10 +11,9 @@ from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import Drifter
 from drift.motion.scene import Scene
 from drift.search.records import Contact
+from geo.array import Array
 from kernels import noise
 from kernels.noise import Purpose
-
-Array = npt.NDArray[Any]
 
 
 @dataclass

@@ -26,7 +26,7 @@ from drift.search import shapes as search_shapes
 from drift.search import tables as search_tables
 from drift.search.updates import Update, Updates
 from geo import notation
-from geo.cells import Array
+from geo.array import Array
 
 A_LINE = 4  # scenarios in a line of the legend
 HUGE = 1e6  # Bayes factor beyond which its figure says no more
@@ -53,7 +53,8 @@ STROKES: tuple[tuple[str, Any, str], ...] = (  # colour, dashes, marker
     ("#7f9464", (0, (8, 1, 2, 1)), "<"),
     ("#3f6b3a", (0, (3, 3)), ">"),
 )
-# Kass and Raftery (1995), Bayes factors, J. Am. Stat. Assoc. 90, 773-795, doi:10.1080/01621459.1995.10476572, section 3.2
+# Kass and Raftery (1995), Bayes factors, J. Am. Stat. Assoc. 90, 773-795, doi:10.1080/01621459.1995.10476572, section
+# 3.2
 STRENGTH = ((1.2, ""), (3.0, "weak"), (20.0, "positive"), (150.0, "strong"), (math.inf, "very strong"))
 
 

@@ -1,7 +1,7 @@
 """A sortie as it is flown: what its sensor has done to each particle so far, and what its failure does to weights.
 
-An area counts the time inside it, legs the hazard along relative tracks or the passes abeam, a watch the time in its zones.
-All of it is kept on the device, in columns that go when the sortie is over.
+An area counts the time inside it, legs the hazard along relative tracks or the passes abeam, a watch the time in its
+zones. All of it is kept on the device, in columns that go when the sortie is over.
 """
 
 import math
@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.ensemble import Ensemble
 from drift.motion.forcing import Forcing
@@ -17,9 +16,9 @@ from drift.search import laws, markers, sensor_path
 from drift.search.markers import Marker, Tracked
 from drift.search.records import Sortie
 from geo import notation
+from geo.array import Array
 from kernels import runtime, sweep
 
-Array = npt.NDArray[Any]
 Device = Any
 
 CERTAIN = 1 - 1e-12  # a watch's chance of detection of which a hazard can be told
@@ -118,8 +117,8 @@ class Flown:
     def fail(self, ensemble: Ensemble, columns: list[Device], shared: Device, log_weight: Device) -> None:
         """Multiply weights by the chance that it has missed each particle, in place.
 
-        columns: what it has done to them. shared: logs of the misses so far of all sorties that share its unknown factor of
-        sweep width.
+        columns: what it has done to them. shared: logs of the misses so far of all sorties that share its unknown
+        factor of sweep width.
         """
         for scenario, slots in enumerate(ensemble.scenarios):
             meaning, coefficient = self._coefficients(scenario)

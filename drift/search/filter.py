@@ -1,8 +1,8 @@
 """The filter: what sorties that found nothing, and contacts, do to the weights of an ensemble while it moves.
 
-The clock of the forecast tells it of every step. A sortie's exposure grows as it is flown and changes weights when it ends;
-an output in between sees what it has done so far. Evidence is the mean weight after over that before. A sortie that does
-nothing changes no bit.
+The clock of the forecast tells it of every step. A sortie's exposure grows as it is flown and changes weights when it
+ends; an output in between sees what it has done so far. Evidence is the mean weight after over that before. A sortie
+that does nothing changes no bit.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion import ensemble as record
 from drift.motion import resample, weights
@@ -25,11 +24,11 @@ from drift.search.exposure import Flown
 from drift.search.records import Contact, Resampling, Sortie
 from drift.search.standing import Standing, standing
 from drift.search.updates import Update, Updates
+from geo.array import Array
 from geo.errors import UserError
 from kernels import runtime
 from kernels.advance import Step
 
-Array = npt.NDArray[Any]
 Device = Any
 
 FARTHEST = 20.0  # that the log of the sum of weights may be off before they are brought back
@@ -245,7 +244,8 @@ class Search:
         status, ended = e.status.to_numpy(), e.status_since.to_numpy()
         e.status.from_numpy(np.where(spare, int(Status.LEFT), status).astype(np.int32))
         if self._scene.place.beach.stay > 0:
-            # The wait of what lies ashore is a function of slot and landing. It has no memory: copies begin theirs anew.
+            # The wait of what lies ashore is a function of slot and landing. It has no memory: copies begin theirs
+            # anew.
             e.status_since.from_numpy(np.where(status == Status.ASHORE, until, ended).astype(np.int32))
         return ancestors
 

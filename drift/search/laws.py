@@ -1,24 +1,24 @@
 """Laws of detection: each one entry of a table, from coverage to probability of detection and back.
 
-Coverage C is sweep width times track over area. Sources: Koopman 1980, Search and Screening, chapter 3 (inverse cube, random
-search, definite range); Washburn 2014, Search and Detection, chapter 2; the M-beta law is SAROPS' way to put a sweep width
-into a chance and a range.
+Coverage C is sweep width times track over area. Sources: Koopman 1980, Search and Screening, chapter 3 (inverse cube,
+random search, definite range); Washburn 2014, Search and Detection, chapter 2; the M-beta law is SAROPS' way to put a
+sweep width into a chance and a range.
 
-A new law is one entry of LAWS; a law with numbers of its own adds them to drift.search.records.Law and its keys to drift.case.sensor.
+A new law is one entry of LAWS; a law with numbers of its own adds them to drift.search.records.Law and its keys to
+drift.case.sensor.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from drift.search.records import Law
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 NODES = 16  # of the quadrature over an unknown sweep width
 OFFSETS = 2000  # at which endless sweeps by a curve are averaged
@@ -187,8 +187,9 @@ LAWS = {
 def factors(shape: float, count: int = NODES) -> tuple[Array, Array]:
     """Return nodes and weights of the unknown factor of a sweep width: gamma of a shape, mean 1; one node where W is known.
 
-    Gauss-Laguerre by the eigenvalues of its Jacobi matrix (Golub and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1); SciPy's
-    roots_genlaguerre gives weights that are not numbers for shapes above 171, a sweep width known to 7.6 % or better.
+    Gauss-Laguerre by the eigenvalues of its Jacobi matrix (Golub and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1);
+    SciPy's roots_genlaguerre gives weights that are not numbers for shapes above 171, a sweep width known to 7.6 % or
+    better.
     """
     if math.isinf(shape):
         return np.ones(1), np.ones(1)

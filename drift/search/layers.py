@@ -13,7 +13,7 @@ from drift.maps.marks import Line
 from drift.maps.overlay import Overlay
 from drift.search import shapes as search_shapes
 from drift.search.records import Contact, Sortie
-from geo.cells import Array
+from geo.array import Array
 
 AREA: dict[str, Any] = {"color": "#003b36", "linewidth": 1.6, "linestyle": "-"}
 LEGS: dict[str, Any] = {"color": "#003b36", "linewidth": 0.7, "linestyle": "-"}

@@ -5,16 +5,13 @@ without its errors: by Runge-Kutta steps on the host, one a step of the run.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.forcing import Forcing
 from geo import sphere
+from geo.array import Array
 from geo.polyline import Legs
-
-Array = npt.NDArray[Any]
 
 
 @dataclass

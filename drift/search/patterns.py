@@ -11,14 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from geo import sphere
-from geo.polyline import (
-    Area,
-    Array,
-    Legs,
-    Place,
-    fly,
-    unwrap,
-)
+from geo.array import Array
+from geo.polyline import Area, Legs, LonLat, fly, unwrap
 
 MOST_LEGS = 10_000  # of a pattern
 ROUND = 36  # corners of a circle's outline
@@ -32,7 +26,7 @@ class Pattern:
     area: Area | None
 
 
-def at(centre: Place, orientation: float, along: npt.ArrayLike, across: npt.ArrayLike) -> tuple[Array, Array]:
+def at(centre: LonLat, orientation: float, along: npt.ArrayLike, across: npt.ArrayLike) -> tuple[Array, Array]:
     """Return (lon, lat) [deg] of points [m] along an orientation [rad] and across it, to its right; lon runs on."""
     along, across = np.asarray(along, np.float64), np.asarray(across, np.float64)
     sin, cos = math.sin(orientation), math.cos(orientation)
@@ -41,7 +35,7 @@ def at(centre: Place, orientation: float, along: npt.ArrayLike, across: npt.Arra
     return unwrap(np.degrees(lon), centre[0]), np.degrees(lat)
 
 
-def rectangle(centre: Place, length: float, width: float, orientation: float) -> Area:
+def rectangle(centre: LonLat, length: float, width: float, orientation: float) -> Area:
     """Return a rectangle whose length [m] lies along an orientation [rad]."""
     along, across = np.array([-1, 1, 1, -1]) * length / 2, np.array([-1, -1, 1, 1]) * width / 2
     return _area(*at(centre, orientation, along, across))
@@ -60,7 +54,7 @@ def square_metres(area: Area) -> float:
 
 
 def parallel(
-    centre: Place,
+    centre: LonLat,
     length: float,
     width: float,
     orientation: float,
@@ -91,7 +85,7 @@ def parallel(
 
 
 def creeping(
-    centre: Place,
+    centre: LonLat,
     length: float,
     width: float,
     orientation: float,
@@ -112,7 +106,7 @@ def leg_count(width: float, spacing: float) -> int:
     return max(1, math.floor(width / spacing + 0.5))
 
 
-def square(datum: Place, spacing: float, orientation: float, legs: int, start: float, speed: float) -> Pattern:
+def square(datum: LonLat, spacing: float, orientation: float, legs: int, start: float, speed: float) -> Pattern:
     """Return an expanding square search (SS): S, S, 2 S, 2 S, 3 S, ... from the datum, all turns 90 deg to starboard."""
     import shapely
 
@@ -137,7 +131,7 @@ def square_legs(spacing: float, distance: float) -> int:
     return number
 
 
-def sector(datum: Place, radius: float, sectors: int, orientation: float, start: float, speed: float) -> Pattern:
+def sector(datum: LonLat, radius: float, sectors: int, orientation: float, start: float, speed: float) -> Pattern:
     """Return a sector search (VS) of 1 to 6 sectors through the datum.
 
     A sector is an equilateral triangle: out along its radius, a chord, back, all turns 120 deg to starboard, straight
@@ -156,7 +150,7 @@ def sector(datum: Place, radius: float, sectors: int, orientation: float, start:
     return Pattern(fly(*at(datum, orientation, along, across), start, speed), _area(*outline))
 
 
-def trackline(waypoints: list[Place], offset: float, back: bool, start: float, speed: float) -> Pattern:
+def trackline(waypoints: list[LonLat], offset: float, back: bool, start: float, speed: float) -> Pattern:
     """Return a trackline search (TS): along a route, `offset` [m] to its right, and back on its other side if `back`."""
     lon, lat = _beside(waypoints, offset)
     if back:
@@ -165,7 +159,7 @@ def trackline(waypoints: list[Place], offset: float, back: bool, start: float, s
     return Pattern(fly(lon, lat, start, speed), None)
 
 
-def _beside(route: list[Place], offset: float) -> tuple[Array, Array]:
+def _beside(route: list[LonLat], offset: float) -> tuple[Array, Array]:
     """Return a route [deg] displaced to its right by a distance [m]: mitred at turns below 90 deg, else round the corner."""
     lon, lat = np.radians(np.array(route)).T
     if offset == 0:

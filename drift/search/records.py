@@ -6,15 +6,12 @@ depends on the object looked for has one entry a scenario, in the order of the c
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.leeway import Drifter
 from geo.polyline import Area, Legs
-
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,14 @@ What a kernel needs of them for one stretch of a step is a `kernels.sweep.Track`
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from geo import sphere
+from geo.array import Array
 from geo.polyline import Area, Legs
 from kernels.sweep import Track
 
-Array = npt.NDArray[Any]
 Moved = Callable[[Array], tuple[Array, Array]]  # times [s after start] -> where a marker is, lon and lat [rad]
 
 PIECE = (
@@ -40,7 +38,8 @@ class Path:
     ) -> Track | None:
         """Return the way from begin to end [s after the run's start], within the step from `elapsed` on; None for none.
 
-        moved: where a marker is that takes it along, as far and in the direction from it as from its datum (lon, lat) [deg].
+        moved: where a marker is that takes it along, as far and in the direction from it as from its datum (lon, lat)
+        [deg].
         """
         begin, end = max(begin, float(self.time[0])), min(end, float(self.time[-1]))
         if begin >= end:

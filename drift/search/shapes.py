@@ -9,14 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from drift.search.records import Contact, Sortie
 from geo import antimeridian, polyline, sphere
+from geo.array import Array
 from geo.polyline import Area, Legs
 
-Array = npt.NDArray[Any]
 Shape = tuple[str, Array]  # what it is, and its points
 
 LONGEST = 20_000.0  # [m] between points of an edge: at 60 degrees of latitude a chord is 14 m off the great circle

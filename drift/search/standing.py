@@ -5,12 +5,10 @@ What it takes to say how likely somebody is alive at any time, of millions of pa
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 BINS = 400  # of release times: a thousandth of a window of 40 h is 6 minutes, and each has its own mean
 

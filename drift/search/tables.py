@@ -5,16 +5,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.output import formats
 from drift.search import shapes as search_shapes
 from drift.search.records import Contact, Sortie
 from drift.search.updates import Update, Updates
 from geo import notation
+from geo.array import Array
 from geo.notation import NMI
-
-Array = npt.NDArray[Any]
 
 ALL = "all"
 HEADER = [
@@ -159,8 +157,9 @@ def geojson(
 ) -> dict[str, Any]:
     """Return areas, legs as flown and contacts as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian.
 
-    A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its end), or of a contact
-    point, region or line. What drifts with a marker is where it was over the ground if the marker's track is known.
+    A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its end), or of a
+    contact point, region or line. What drifts with a marker is where it was over the ground if the marker's track is
+    known.
     """
     known = {(update.kind, update.name): update for update in updates.all}
     features = []

@@ -1,15 +1,13 @@
 """What each sortie and contact did to the probability: the record that tables, pictures and the debrief are made from."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.search.records import Sortie
 from drift.search.standing import Standing
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 
 @dataclass(frozen=True)

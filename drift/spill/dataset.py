@@ -9,7 +9,7 @@ import xarray as xr
 from drift.motion import weights
 from drift.output import formats
 from geo import notation
-from geo.cells import Array
+from geo.array import Array
 from geo.coast.segments import Segments
 
 SHARES = (0.1, 0.5, 0.9)

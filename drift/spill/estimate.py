@@ -7,7 +7,7 @@ NaN where too few worlds speak to tell.
 
 import numpy as np
 
-from geo.cells import Array
+from geo.array import Array
 
 UNSEEN = 4.0  # worlds that may have been missed: the square of the two standard errors that are to hold
 ALIKE = 25.0  # worlds on either side, in order of how often a group is hit, that tell how much one of them brings
@@ -38,14 +38,15 @@ def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Arr
 def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
     """Return what worlds that were not seen leave open of a mean, a standard error to add in squares, (groups, k).
 
-    hits, count: weight and number of the worlds that are not 0, (groups, k). square: sum over them of w (w x)^2, w their
-    weights and x their values. many: effective worlds.
+    hits, count: weight and number of the worlds that are not 0, (groups, k). square: sum over them of w (w x)^2, w
+    their weights and x their values. many: effective worlds.
 
-    The spread over worlds cannot know of those that did not come: 3 of 2,000 seen may be 8 in truth, and those 5 may bring
-    a hundred objects each where the 3 brought one. Of a Poisson number k of hits two errors sqrt(k + 4) hold the mean at
-    least 95 % of the time, whatever it is, two of a normal number 95.4 % (at k = 0 they are the upper bound of Wilson's score
-    interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is taken as the root mean
-    square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on either side where there are so
+    The spread over worlds cannot know of those that did not come: 3 of 2,000 seen may be 8 in truth, and those 5 may
+    bring a hundred objects each where the 3 brought one. Of a Poisson number k of hits two errors sqrt(k + 4) hold the
+    mean at least 95 % of the time, whatever it is, two of a normal number 95.4 % (at k = 0 they are the upper bound of
+    Wilson's score interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is
+    taken as the root mean square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on
+    either side where there are so
     many: groups that are rare for like reasons are taken as alike.
     """
     order = np.argsort(hits, axis=0, kind="stable")

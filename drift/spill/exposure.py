@@ -1,8 +1,8 @@
 """What objects lying ashore go through: being reported, buried or taken away, and searched for by patrols.
 
-An object on stretch s is reported by the public at the rate h, buried or taken away unreported at the rate rho, and found
-by each patrol of the stretch with its detection probability. From these every particle has a probability of having been
-found, and a density of being found at a stated stretch and time, both in closed form between patrols.
+An object on stretch s is reported by the public at the rate h, buried or taken away unreported at the rate rho, and
+found by each patrol of the stretch with its detection probability. From these every particle has a probability of
+having been found, and a density of being found at a stated stretch and time, both in closed form between patrols.
 """
 
 from dataclasses import dataclass
@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.spill.fates import FOREVER, Array, Fates
-
-Real = npt.NDArray[np.float64]
+from drift.spill.fates import FOREVER, Fates
+from geo.array import Array, Real
 
 LEAST = -700.0  # log of the chance that a certain detection misses: e^-700 is 0 to any sum, yet differences stay finite
 

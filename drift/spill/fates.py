@@ -5,13 +5,11 @@ the fates of its N objects.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 Ints = npt.NDArray[np.int32]
-Array = npt.NDArray[Any]
 
 FOREVER = 2**31 - 1  # [s]
 

@@ -1,15 +1,16 @@
 """What finds and patrols say about a spill: a likelihood for every world, and what follows for its unknowns.
 
-With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N - F): g is the density
-with which an object that was not destroyed is found there and then, q its probability of having been found by now, d the
-share destroyed at once. A product over classes; a sum over N, d, the class of finds where it is unknown, and which finds
-are none of ours. g and q come from a world's particles and are noisy: drift.spill.shrinkage draws them toward other worlds'.
+With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N - F): g is the
+density with which an object that was not destroyed is found there and then, q its probability of having been found by
+now, d the share destroyed at once. A product over classes; a sum over N, d, the class of finds where it is unknown, and
+which finds are none of ours. g and q come from a world's particles and are noisy: drift.spill.shrinkage draws them
+toward other worlds'.
 
 A find at sea enters by g alone: nobody says where else at sea was looked.
-A find that is none of ours with probability p has the density p / (1 - p) * B, where B is what true finds have on average:
-before any find, as many as expected, spread over the coast as length times reporting rate and evenly over the time since
-the first release (by a patrol: over its stretches as their length; at sea: over an ellipse as wide as what is adrift).
-Without finds and without patrols nothing is said, not even that nothing was found.
+A find that is none of ours with probability p has the density p / (1 - p) * B, where B is what true finds have on
+average: before any find, as many as expected, spread over the coast as length times reporting rate and evenly over the
+time since the first release (by a patrol: over its stretches as their length; at sea: over an ellipse as wide as what
+is adrift). Without finds and without patrols nothing is said, not even that nothing was found.
 """
 
 from collections.abc import Mapping
@@ -25,9 +26,9 @@ from drift.spill import exposure, shrinkage
 from drift.spill.exposure import Exposure, Patrol, Reporting
 from drift.spill.fates import Fates
 from geo import sphere
+from geo.array import Real
 from geo.errors import UserError
 
-Real = npt.NDArray[np.float64]
 Counts = tuple[int, ...]  # finds that are ours, by class
 
 FAR = 6.0  # radii beyond which a find at sea has no weight
@@ -48,9 +49,9 @@ class AtSea:
 class Find:
     """An object found.
 
-    kind: number of its class, None: unknown. place: number of its stretch, or at sea. time [s after start]; latest: found
-    at an unknown time not later than that. by: number of the patrol, None: the public. false: probability that it is none
-    of ours.
+    kind: number of its class, None: unknown. place: number of its stretch, or at sea. time [s after start]; latest:
+    found at an unknown time not later than that. by: number of the patrol, None: the public. false: probability that it
+    is none of ours.
     """
 
     name: str
@@ -108,8 +109,9 @@ class Posterior:
     """Worlds weighed by finds, and their unknown numbers.
 
     log_likelihood, weight: (W,). effective: number of worlds that count. objects, destroyed: posteriors of the numbers'
-    grids. counts: possible numbers of our finds by class; chosen: their probabilities (len(counts), W). found: chance of
-    every particle to have been found, (n,); share: of every world and class, (W, classes), drawn toward other worlds'.
+    grids. counts: possible numbers of our finds by class; chosen: their probabilities (len(counts), W). found: chance
+    of every particle to have been found, (n,); share: of every world and class, (W, classes), drawn toward other
+    worlds'.
     """
 
     known: Known
@@ -128,8 +130,8 @@ class Posterior:
 class Surprise:
     """How a find was expected, given all before it.
 
-    probability: that the next find turns up on this stretch (at sea: within its radius of this place, if at sea); tail: of
-    a stretch (place) at most as probable. Small tails are odd finds.
+    probability: that the next find turns up on this stretch (at sea: within its radius of this place, if at sea); tail:
+    of a stretch (place) at most as probable. Small tails are odd finds.
     """
 
     find: Find

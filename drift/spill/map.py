@@ -31,7 +31,7 @@ from drift.maps.marks import Mark
 from drift.maps.sheet import Badge, Page, Row, Sheet
 from drift.spill import washup
 from geo import notation, sphere
-from geo.cells import Array
+from geo.array import Array
 from geo.coast.segments import Segments
 
 WORST = 10
@@ -97,10 +97,11 @@ def draw(
 ) -> None:
     """Draw a washup (see drift.spill.washup.build) at its last output time.
 
-    polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. finds: where objects
-    were found, each labelled by its number; numbers are of those not yet found. patrols: drawn beside the coast, the last of them with
-    name, day, time and detection; patrolled: what they are called. near: the maps show what is patrolled, and of the rest what lies
-    about it, and the table lists that. warning: printed on the page, in red.
+    polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. finds: where
+    objects were found, each labelled by its number; numbers are of those not yet found. patrols: drawn beside the
+    coast, the last of them with name, day, time and detection; patrolled: what they are called. near: the maps show
+    what is patrolled, and of the rest what lies about it, and the table lists that. warning: printed on the page, in
+    red.
     """
     on = sheet.begin(SHEET)
     figure = on.figure

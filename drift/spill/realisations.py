@@ -1,14 +1,16 @@
 """Complete simulated spills of those not yet found: which of a world's particles are its objects.
 
-A world's particles are exchangeable, so objects are drawn from them without replacement; those not found by now are drawn
-in proportion to the chance of not having been found. Where there are more objects than particles some stand for several.
+A world's particles are exchangeable, so objects are drawn from them without replacement; those not found by now are
+drawn in proportion to the chance of not having been found. Where there are more objects than particles some stand for
+several.
 """
 
 import numpy as np
 import numpy.typing as npt
 
-from drift.spill.fates import Array, Fates, Realisation
+from drift.spill.fates import Fates, Realisation
 from drift.spill.finds import Numbers, Posterior, joint_of
+from geo.array import Array
 from kernels import noise
 from kernels.noise import Purpose
 
@@ -66,8 +68,8 @@ def _numbers(rng: np.random.Generator, numbers: Numbers, posterior: Posterior) -
 def _deal(rng: np.random.Generator, chance: Array, wanted: Ints) -> Array:
     """Return how many objects each particle stands for, (count, W, n): `wanted` (count, W) of a world's in proportion.
 
-    Particles are passed in random order, round after round, and taken with their chance (W, n) relative to the likeliest;
-    every realisation goes on where the one before it ended.
+    Particles are passed in random order, round after round, and taken with their chance (W, n) relative to the
+    likeliest; every realisation goes on where the one before it ended.
     """
     count, worlds = wanted.shape
     order = np.argsort(rng.random(chance.shape), axis=1)

@@ -1,8 +1,8 @@
 """Records of a spill: many objects from one place, of one or several classes, and what nobody knows of them.
 
-All is SI and UTC. What all objects of one spill share (release, bias of windage and current, share destroyed, sinking rate,
-readiness to report) is drawn once for each *world*; the objects are drawn within it. The probability model: drift.spill.worlds,
-drift.spill.finds.
+All is SI and UTC. What all objects of one spill share (release, bias of windage and current, share destroyed, sinking
+rate, readiness to report) is drawn once for each *world*; the objects are drawn within it. The probability model:
+drift.spill.worlds, drift.spill.finds.
 """
 
 import math

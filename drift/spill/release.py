@@ -12,7 +12,8 @@ from drift.motion.forcing_error import Errors
 from drift.motion.leeway import AIR_IN_WATER
 from drift.motion.period import Period
 from drift.spill.records import FEWEST_PARTICLES, Spill
-from drift.spill.worlds import Real, Worlds
+from drift.spill.worlds import Worlds
+from geo.array import Real
 from geo.errors import UserError
 from kernels import noise, runtime
 from kernels import prior as kernel

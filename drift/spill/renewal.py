@@ -31,8 +31,6 @@ from geo import notation
 from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 
-Array = npt.NDArray[Any]
-
 FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn anew
 NARROWING = 20.0  # times fewer worlds than are drawn may count where a proposal is made: what one renewal narrows down
 ENOUGH = 10.0  # effective worlds a latent that a proposal is made from at least
@@ -98,7 +96,8 @@ def settle(
         if told.effective >= FEWEST or len(rounds) > spill.renewals or not (known.finds or known.patrols):
             break
         least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
-        # From where these worlds were drawn (exponent 0) towards where the finds have them (1): never back to the prior.
+        # From where these worlds were drawn (exponent 0) towards where the finds have them (1): never back to the
+        # prior.
         aim = told.log_likelihood + drawn.log_weight
         about = worlds.around(drawn, weights.shares(finds.tempered(aim, least) * aim))
         done = renew(about, len(rounds))

@@ -1,10 +1,11 @@
 """Figures of single worlds, with strength borrowed from all worlds: empirical Bayes for means over few particles.
 
-A world's probability of something is estimated from its few hundred particles, and the likelihood of many finds multiplies
-many such estimates: their noise would then decide between worlds. So each is drawn toward what worlds like it have: a
-quadratic in the worlds' latent unknowns, fitted to all worlds at once and corrected by each one's neighbours, is the mean
-of a prior whose width the worlds themselves tell (Fay and Herriot 1979, doi:10.1080/01621459.1979.10482505; Clayton and Kaldor 1987, doi:10.2307/2532003).
-Where these are right a world's own particles hardly count; elsewhere they decide.
+A world's probability of something is estimated from its few hundred particles, and the likelihood of many finds
+multiplies many such estimates: their noise would then decide between worlds. So each is drawn toward what worlds like
+it have: a quadratic in the worlds' latent unknowns, fitted to all worlds at once and corrected by each one's
+neighbours, is the mean of a prior whose width the worlds themselves tell (Fay and Herriot 1979,
+doi:10.1080/01621459.1979.10482505; Clayton and Kaldor 1987, doi:10.2307/2532003). Where these are right a world's own
+particles hardly count; elsewhere they decide.
 """
 
 from collections.abc import Callable
@@ -14,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import spatial, special
 
-Real = npt.NDArray[np.float64]
+from geo.array import Real
 
 NEIGHBOURS = 24  # nearest worlds that correct the quadratic
 STEPS = 40  # of Newton's method at most
@@ -53,8 +54,8 @@ def likeness(latent: Real) -> Likeness:
 def rates(total: Real, squares: Real, n: int, alike: Likeness, one: float = 1.0) -> Real:
     """Return every world's mean over its n particles (W,), drawn toward the means of worlds like it.
 
-    total, squares: sums over a world's particles of values and of squared values, (W,). one: the value of a particle that
-    counts in full, for where none does.
+    total, squares: sums over a world's particles of values and of squared values, (W,). one: the value of a particle
+    that counts in full, for where none does.
 
     Sums are taken as overdispersed Poisson in units of sum(squares) / sum(total).
     """

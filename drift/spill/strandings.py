@@ -5,16 +5,13 @@ after every step.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.motion.ensemble import Ensemble
 from drift.motion.status import Status
 from drift.spill.fates import FOREVER, Stays
-
-Array = npt.NDArray[Any]
+from geo.array import Array
 
 
 @dataclass

@@ -12,7 +12,7 @@ from drift.motion import weights
 from drift.spill import estimate
 from drift.spill.dataset import SHARES
 from drift.spill.fates import Fates, Realisation
-from geo.cells import Array
+from geo.array import Array
 
 CELLS = 2_000_000  # rows (a stretch of a world) by output time that are worked on together
 

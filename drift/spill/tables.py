@@ -9,7 +9,7 @@ import xarray as xr
 from drift.output import formats
 from drift.spill import washup
 from geo import antimeridian, notation, sphere
-from geo.cells import Array
+from geo.array import Array
 from geo.coast.segments import Segments
 
 DIGITS = 7  # decimals of a degree: 1 cm

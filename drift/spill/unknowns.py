@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.output import formats
 from drift.spill import finds
 from drift.spill.worlds import Worlds
 from geo import notation
-
-Real = npt.NDArray[np.float64]
+from geo.array import Real
 
 SHARES = (0.1, 0.5, 0.9)
 

@@ -1,8 +1,8 @@
 """Fates of a spill's objects -> what a responder reads: how many come ashore on each stretch of coast, and when.
 
 Every world of every realisation is one complete simulated spill: N whole objects. Figures are means and quantiles over
-these, weighted; standard errors are over worlds (see drift.spill.estimate). An object lies on a stretch at a time if a stay
-of it contains the time; one that refloats counts where it lies, and has arrived wherever it ever lay. What was
+these, weighted; standard errors are over worlds (see drift.spill.estimate). An object lies on a stretch at a time if a
+stay of it contains the time; one that refloats counts where it lies, and has arrived wherever it ever lay. What was
 destroyed or found is in the account at all times, as if gone from the beginning, and on no stretch.
 """
 
@@ -16,7 +16,7 @@ from drift.spill import dataset as washup_dataset
 from drift.spill import estimate, stretches
 from drift.spill.dataset import SHARES
 from drift.spill.fates import Fates, Realisation
-from geo.cells import Array
+from geo.array import Array
 from geo.coast.segments import Segments
 
 

@@ -9,7 +9,6 @@ doi:10.1198/106186004X12803). Works on NumPy float64; nothing here touches the d
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,12 +18,11 @@ from scipy import special
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.spill.records import Spill
 from geo import notation, sphere
+from geo.array import Array, Real
 from geo.errors import UserError
 from kernels import noise
 from kernels.noise import Purpose
 
-Array = npt.NDArray[Any]
-Real = npt.NDArray[np.float64]
 IsLand = Callable[[Array, Array], Array]
 
 PIECE = 20_000.0  # [m] of a great-circle leg with one course

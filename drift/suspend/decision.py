@@ -1,10 +1,11 @@
 """What a decision to suspend a search rests on: who may still be alive, what has been searched, what another day could add.
 
-All is given that nothing has been found. Standard errors are of the particles alone, not of the survival times, which are
-less sure than these. The further days are a rough figure, neither a plan nor a bound: random search, its effort divided
-without limit where it adds most (Koopman 1980, Search and Screening, ch. 3; Charnes and Cooper 1958), on one map, which is
-held while the object drifts on. What that does to them is not known, and is more than what the particles do: their text and picture
-bear no error. Within a scenario, when the object went adrift is taken to tell nothing of where it is.
+All is given that nothing has been found. Standard errors are of the particles alone, not of the survival times, which
+are less sure than these. The further days are a rough figure, neither a plan nor a bound: random search, its effort
+divided without limit where it adds most (Koopman 1980, Search and Screening, ch. 3; Charnes and Cooper 1958), on one
+map, which is held while the object drifts on. What that does to them is not known, and is more than what the particles
+do: their text and picture bear no error. Within a scenario, when the object went adrift is taken to tell nothing of
+where it is.
 """
 
 from collections.abc import Sequence
@@ -12,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 import xarray as xr
 
@@ -22,9 +22,8 @@ from drift.search.records import Sortie
 from drift.search.standing import Standing
 from drift.search.updates import Update, Updates
 from geo import sphere
+from geo.array import Array
 from geo.polyline import Area
-
-Array = npt.NDArray[Any]
 
 HOUR, DAY = 3600.0, 86_400.0  # [s]
 ACROSS = 80  # cells along the longer side of the map on which further days are reckoned
@@ -233,8 +232,9 @@ def effort(sortie: Sortie) -> Array | None:
 def spread(mass: Array, swept: Array, cells: Array) -> Array:
     """Return which share of an effort each cell gets, (C,), so that random search over all finds most.
 
-    mass: probability by scenario and cell, (S, C). swept: area swept for each scenario's object, (S,) [m2]. cells: their areas
-    [m2], (C,). What another share would find is the same wherever any is spent, and nowhere more: both by halving intervals.
+    mass: probability by scenario and cell, (S, C). swept: area swept for each scenario's object, (S,) [m2]. cells:
+    their areas [m2], (C,). What another share would find is the same wherever any is spent, and nowhere more: both by
+    halving intervals.
     """
     rate = swept[:, None] / cells
 
@@ -266,8 +266,8 @@ def days(
 ) -> tuple[Further, ...]:
     """Return what searching on by days comes to, the effort of each day spent evenly over it.
 
-    mass, swept, cells: as in `spread`, swept in a day. alive: probability of being alive by scenario in the middle of each of
-    STEPS parts of each day and at its end, (days, STEPS + 1, S). until: end of each day.
+    mass, swept, cells: as in `spread`, swept in a day. alive: probability of being alive by scenario in the middle of
+    each of STEPS parts of each day and at its end, (days, STEPS + 1, S). until: end of each day.
     """
     left, found = mass.copy(), []
     pos = saved = 0.0

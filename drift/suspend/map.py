@@ -140,7 +140,8 @@ def _left(ax: Axes, told: Suspension) -> None:
 def _further(ax: Axes, told: Suspension) -> None:
     """Draw the probability that searching on finds, and finds alive, by its end; that of a plan with two standard errors.
 
-    Days on a map that is held err by more than their particles do, and by how much is not known: whiskers would hide it.
+    Days on a map that is held err by more than their particles do, and by how much is not known: whiskers would hide
+    it.
     """
     _prepare(ax, "Searching on from now")
     if not told.further:

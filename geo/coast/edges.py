@@ -9,7 +9,6 @@ A box that reaches beyond the box to which the polygons were cut is refused: the
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +16,7 @@ import shapely
 from scipy import ndimage
 
 from geo import sphere
+from geo.array import Array
 from geo.box import Box
 from geo.coast.shore import Shore
 
@@ -29,7 +29,6 @@ FAR = 127  # [cells] distances are capped at this number, so that they fit into 
 LAND = 128  # the bit of a cell's byte that says that its reference point is on land
 
 Ints = npt.NDArray[np.int64]
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

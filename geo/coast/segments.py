@@ -19,6 +19,7 @@ import numpy.typing as npt
 import shapely
 
 from geo import notation, sphere
+from geo.array import Array
 from geo.coast import edges as shoreline
 from geo.coast.edges import Coast
 from geo.errors import UserError
@@ -29,7 +30,6 @@ METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
 DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
 UNKNOWN = ""  # kind of a shore of which the user's file says nothing
 
-Array = npt.NDArray[Any]
 Ints = npt.NDArray[np.int32]
 Floats = npt.NDArray[np.float64]
 

@@ -10,9 +10,9 @@ import threading
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geo import waiting
+from geo.array import Real
 from geo.files.child import Child, limit, listen, send
 
 LIMIT = 60.0  # [s] for one answer; a field of a million points takes 0.1 s
@@ -37,8 +37,6 @@ GRID_KEYS = (
     "angleOfRotationInDegrees:d",
 )  # fmt: skip
 
-Array = NDArray[np.float64]
-
 
 class DecodeError(Exception):
     """A message that the library cannot decode; the text says why in a few words."""
@@ -54,7 +52,7 @@ def names(message: bytes) -> dict[str, Any]:
     return _ask("names", message)[0]
 
 
-def points(message: bytes) -> tuple[dict[str, Any], Array, Array]:
+def points(message: bytes) -> tuple[dict[str, Any], Real, Real]:
     """Return the keys of a message's grid, and latitudes and longitudes [deg] in the order of its values.
 
     The keys of a reduced grid include "pl", the number of points of every row.
@@ -64,7 +62,7 @@ def points(message: bytes) -> tuple[dict[str, Any], Array, Array]:
     return grid_keys, coordinates[: coordinates.size // 2], coordinates[coordinates.size // 2 :]
 
 
-def values(message: bytes) -> Array:
+def values(message: bytes) -> Real:
     """Return the values of a message in its order, NaN where missing."""
     return np.frombuffer(_ask("values", message)[1], np.float64)
 

@@ -19,11 +19,10 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from geo import sphere
+from geo.array import Real
 from geo.errors import UserError
 from geo.files import decoder, messages
 from geo.files.messages import Message
-
-Array = NDArray[np.float64]
 
 # which component a field is: (quantity, side) by short name, and by number where eccodes knows no name
 NAMED = {
@@ -93,7 +92,7 @@ class Points:
     """
 
     dims: tuple[str, str]
-    coordinates: Mapping[str, tuple[tuple[str, ...], Array, dict[str, str]]]
+    coordinates: Mapping[str, tuple[tuple[str, ...], Real, dict[str, str]]]
     mapping: dict[str, Any] | None
     shape: tuple[int, int]
     rows: tuple[int, ...]
@@ -310,7 +309,7 @@ def _points(message: Message) -> Points:
     return Points(("y", "x"), axes, mapping, (ny, nx), (), ordered.flags)
 
 
-def _plane(keys: Mapping[str, Any], lon: Array, lat: Array) -> tuple[dict[str, Any], Array, Array] | None:
+def _plane(keys: Mapping[str, Any], lon: Real, lat: Real) -> tuple[dict[str, Any], Real, Real] | None:
     """Return a projection's attributes and axes.
 
     Returns None where they miss the points by over a thousandth of a cell.
@@ -372,7 +371,7 @@ def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def _reduced(
-    message: Message, rows: tuple[int, ...], lon: Array, lat: Array, east: dict[str, str], north: dict[str, str]
+    message: Message, rows: tuple[int, ...], lon: Real, lat: Real, east: dict[str, str], north: dict[str, str]
 ) -> Points:
     """Return the points of a reduced grid filled up: every row starts at longitude 0 and is as long as the longest."""
     starts = np.concatenate(([0], np.cumsum(rows)))
@@ -394,7 +393,7 @@ def _reduced(
     return Points(("latitude", "longitude"), axes, None, (len(rows), columns), rows, (False, False, False))
 
 
-def _arranged(values: Array, grid: Points) -> Array:
+def _arranged(values: Real, grid: Points) -> Real:
     """Return values in a message's order as rows (ny, nx), in which columns grow along the grid's own i."""
     ny, nx = grid.shape
     if grid.rows:
@@ -429,7 +428,7 @@ class Values(BackendArray):  # xarray demands a subclass of its own
         """Return the part that an indexer of xarray's asks for."""
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._part)
 
-    def _part(self, key: tuple[Any, ...]) -> Array:
+    def _part(self, key: tuple[Any, ...]) -> Real:
         before, across = key[: self.fields.ndim], key[self.fields.ndim :]
         chosen = self.fields[before]
         if isinstance(chosen, Message):
@@ -440,7 +439,7 @@ class Values(BackendArray):  # xarray demands a subclass of its own
         return result
 
 
-def _read(message: Message, orders: Mapping[bytes, Points]) -> Array:
+def _read(message: Message, orders: Mapping[bytes, Points]) -> Real:
     """Return the values of a message on its grid, shape (ny, nx)."""
     points = orders[message.shape]
     try:
@@ -454,7 +453,7 @@ def _read(message: Message, orders: Mapping[bytes, Points]) -> Array:
 
 
 @lru_cache(maxsize=4)  # a window across the seam is read in two parts, for each of two components
-def _decoded(message: bytes) -> Array:
+def _decoded(message: bytes) -> Real:
     return decoder.values(message)
 
 

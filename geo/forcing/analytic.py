@@ -9,13 +9,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from geo import sphere
+from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 
-Array = NDArray[np.floating[Any]]
 Velocity = Callable[[float], tuple[Array, Array]]
 Flow = Callable[[ArrayLike, ArrayLike], Velocity]
 
@@ -115,8 +115,9 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     """A Loop-Current-like jet with drifting eddies over the Gulf of Mexico, and a weak daily tide [m/s].
 
     Jet and eddies are the curl of one streamfunction, so they have no divergence: the jet is a tanh of the
-    distance from its axis (a smoothed polyline, whose corners leave kinks of a few degrees), an eddy a Gaussian; the streamfunction goes to zero over the shelf. An invention that
-    looks like the Gulf; it forecasts nothing. Other waters have only its tide.
+    distance from its axis (a smoothed polyline, whose corners leave kinks of a few degrees), an eddy a Gaussian; the
+    streamfunction goes to zero over the shelf. An invention that looks like the Gulf; it forecasts nothing. Other
+    waters have only its tide.
     """
     squeeze = np.cos(np.radians(26.0))  # all is reckoned in a plane about 26 N: x = lon * squeeze * METRES
 
@@ -210,8 +211,8 @@ def breeze(
     """A trade wind [m/s] toward a direction [deg], with a daily sea breeze and a slow synoptic swing [deg].
 
     The sea breeze turns clockwise once a day (northern hemisphere), the swing takes five days, the strength
-    breathes by a tenth over four, and both vary a little over hundreds of kilometres. middle: longitude [deg] whence the
-    swing's wave, 25 degrees long, is counted; it breaks off opposite.
+    breathes by a tenth over four, and both vary a little over hundreds of kilometres. middle: longitude [deg] whence
+    the swing's wave, 25 degrees long, is counted; it breaks off opposite.
     """
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:

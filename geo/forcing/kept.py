@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from geo.grids.layout import Array, Index
+from geo.array import Array
+from geo.grids.layout import Index
 
 # [bytes] Of one component, and of all finished slices; the slice that was last asked for longest ago goes first.
 MOST = 2**28

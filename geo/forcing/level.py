@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from geo.array import Real
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
@@ -41,7 +41,6 @@ HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] from which a wind passes: the logarithmic p
 DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
 # types of level that have no value
 SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean sea level"}
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -55,9 +54,9 @@ class Levels:
 
     name: str
     kind: str
-    values: Array
+    values: Real
     units: str
-    away: Array
+    away: Real
     upwards: bool | None = None
     lone: bool = False
 
@@ -164,7 +163,7 @@ def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
     return _read(dim, coordinate.attrs, values, quantity, False)
 
 
-def _read(name: str, attributes: Mapping[str, Any], values: Array, quantity: str, lone: bool) -> Levels:
+def _read(name: str, attributes: Mapping[str, Any], values: Real, quantity: str, lone: bool) -> Levels:
     """Return levels with their kind and their place, as far as name, units and attributes tell it."""
     units = str(attributes.get("units", "")).strip()
     standard = str(attributes.get("standard_name", "")).strip().lower()
@@ -218,7 +217,7 @@ def _read(name: str, attributes: Mapping[str, Any], values: Array, quantity: str
     return Levels(name, kind, values, units, away, upwards, lone)
 
 
-def _counts(values: Array) -> bool:
+def _counts(values: Real) -> bool:
     """Whether values number levels instead of placing them: 3, 4, 5, ... or a lone whole number other than 0."""
     whole = bool((values == np.round(values)).all()) if np.isfinite(values).all() else False
     return whole and (bool(values[0]) if len(values) == 1 else bool((np.abs(np.diff(values)) == 1).all()))
@@ -232,7 +231,7 @@ def _sigma(name: str, standard: str, units: str) -> bool:
     )
 
 
-def _from_surface(values: Array, quantity: str, upwards: bool | None) -> Array:
+def _from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
     """Return how far sigma lies from the surface, where the atmosphere's is 1 and an ocean's is 0 (-1 at the bottom)."""
     if QUANTITIES[quantity].in_air or (upwards and (values >= 0).all() and values.max() > 0):
         return 1.0 - values

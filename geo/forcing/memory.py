@@ -1,7 +1,8 @@
 """Datasets in memory as forcing: brought to what files would give, so that all that follows is the same.
 
-They come as xarray opens them (times as dates, packing and fill values resolved, coordinates set apart) or raw (decode_cf =
-False). What is lazy stays lazy. The dataset itself is never changed, and nothing keeps it when the run is over.
+They come as xarray opens them (times as dates, packing and fill values resolved, coordinates set apart) or raw
+(decode_cf = False). What is lazy stays lazy. The dataset itself is never changed, and nothing keeps it when the run is
+over.
 """
 
 import datetime

@@ -15,8 +15,9 @@ class Quantity:
     in_air: bool = False  # its levels are heights; it is named by where it comes from, and blows over land too
 
 
-# The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the strongest sustained wind was
-# 96 (Patricia, 2015), which no model's grid resolves; the strongest gust on record was 113. 0.005 of the atmosphere is 40 m.
+# The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the strongest sustained wind
+# was 96 (Patricia, 2015), which no model's grid resolves; the strongest gust on record was 113. 0.005 of the atmosphere
+# is 40 m.
 QUANTITIES = {
     "current": Quantity(
         "current", 8.0, 20.0, 0.1, "the current at most 5 m deep, or within 0.1 of the surface in sigma"

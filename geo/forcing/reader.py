@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from geo import notation, sphere
+from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import dataset
@@ -19,7 +20,7 @@ from geo.forcing.kept import Kept
 from geo.forcing.quantity import QUANTITIES
 from geo.grids import fill, layout, naming
 from geo.grids.grid import Grid
-from geo.grids.layout import Array, Layout
+from geo.grids.layout import Layout
 
 Values = NDArray[np.float32]
 

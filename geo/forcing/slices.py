@@ -7,12 +7,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from geo.array import Array
 from geo.errors import UserError
 from geo.files import dataset
 from geo.forcing import quantities
 from geo.forcing.component import Component
 from geo.forcing.quantity import QUANTITIES
-from geo.grids.layout import Array, Index, Layout, Triangles
+from geo.grids.layout import Index, Layout, Triangles
 
 SENTINELS = (*quantities.NINES, 32767.0, 32768.0)  # fill values that files forget to declare
 ROUNDING = 1e-9  # [m/s] what rounding leaves of a zero

@@ -7,16 +7,15 @@ partly before the first or after the last node, that node's values hold for the 
 
 from bisect import bisect_left, bisect_right
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from geo import notation
+from geo.array import Array
 from geo.forcing.sources import Source
 from geo.grids import fill as filling
-
-Array = npt.NDArray[Any]
 
 LONGEST_GAP = 3  # times the usual interval: a longer one is a hole in the data, not something to interpolate over
 

@@ -1,6 +1,7 @@
 """What a source holds as a whole: how fast it is, the fill values that it does not declare, whether its land is zero.
 
-Judged once a source, from fixed slices and evenly strided points of all that the files hold, never from the part that a case
+Judged once a source, from fixed slices and evenly strided points of all that the files hold, never from the part that a
+case
 needs: so no answer depends on the case's domain. At most READ bytes of values are read.
 """
 
@@ -10,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.array import Array
 from geo.errors import UserError
 from geo.files.dataset import remote
 from geo.forcing import quantities, slices
 from geo.forcing.component import Component
 from geo.forcing.quantity import QUANTITIES
-from geo.grids.layout import Array
 
 READ = 64 * 2**20  # [bytes] of values at most, both components and all slices together
 READ_REMOTE = 4 * 2**20  # [bytes] of them through an address
@@ -113,8 +114,8 @@ def _packed(component: Component) -> tuple[float, ...]:
 def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float, ...] = ()) -> tuple[float, ...]:
     """Return the values that must be fill values: extreme, recurring, and apart from all others by a gap.
 
-    values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves nothing: packed fields
-    saturate. One apart by a gap must also be faster than anything real, or what a packed number is by default.
+    values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves nothing: packed
+    fields saturate. One apart by a gap must also be faster than anything real, or what a packed number is by default.
     """
     known = values[np.isfinite(values)]
     fastest = QUANTITIES[quantity].fastest

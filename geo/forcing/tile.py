@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from geo.array import Array
 from geo.box import Box
 from geo.forcing import slices
 from geo.forcing.component import Component
@@ -18,7 +19,7 @@ from geo.forcing.survey import Survey
 from geo.grids import cost, layout, regrid, rotation, target
 from geo.grids import grid as grids
 from geo.grids.grid import Grid
-from geo.grids.layout import Array, Axes, Curved, Layout, Plane, Triangles, uniform
+from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
 
 Values = NDArray[np.float32]
 

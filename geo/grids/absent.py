@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.grids.layout import Array, Curved
+from geo.array import Array
+from geo.grids.layout import Curved
 
 FARTHEST = (720.0, 90.001)  # [deg] largest longitude and latitude without their signs
 POLE = 89.9  # [deg] beyond this latitude many points may share one longitude and latitude

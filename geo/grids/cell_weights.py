@@ -9,9 +9,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from geo import sphere
+from geo.array import Array
 from geo.grids import layout
 from geo.grids.grid import Grid
-from geo.grids.layout import Array, Curved, Index, Triangles
+from geo.grids.layout import Curved, Index, Triangles
 
 CHUNK = 2_000_000  # candidate pairs of cell and node handled at a time
 NEAR = 0.5  # cosine of the largest angle, 60 degrees, from a cell's middle to its corners; wider cells are left out

@@ -4,9 +4,10 @@ import numpy as np
 import xarray as xr
 
 from geo import sphere
+from geo.array import Array
 from geo.errors import UserError
 from geo.grids import naming
-from geo.grids.layout import Array, Index, Triangles
+from geo.grids.layout import Index, Triangles
 from geo.grids.ugrid import Mesh
 
 LONGEST = 4.0  # times the local shortest edge; without connectivity, longer edges are taken to bridge land

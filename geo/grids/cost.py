@@ -9,10 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from geo import sphere
+from geo.array import Array
 from geo.grids import grid as grids
 from geo.grids import layout
 from geo.grids.grid import Grid
-from geo.grids.layout import Array, Curved, Layout, Triangles
+from geo.grids.layout import Curved, Layout, Triangles
 
 Probe = tuple[tuple[Array, Array], Array]  # ((lon, lat) [deg], value there)
 

@@ -5,15 +5,13 @@ sampler needs to know about the seam.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from geo import sphere
+from geo.array import Array
 from geo.box import Box
-
-Array = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,16 @@ Angles are degrees. Longitudes are unwrapped where neighbours matter, so they ma
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
 
 from geo import sphere
+from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 
-Array = NDArray[np.floating[Any]]
 Index = NDArray[np.int64]
 
 

@@ -8,9 +8,10 @@ import numpy as np
 import xarray as xr
 
 from geo import sphere
+from geo.array import Array
 from geo.errors import UserError
 from geo.grids import absent, connect, naming, projection, rotation, seam, stagger, ugrid
-from geo.grids.layout import Array, Axes, Curved, Layout
+from geo.grids.layout import Axes, Curved, Layout
 
 FINEST = 1e-5  # [deg] a metre; every grid as a whole is larger
 

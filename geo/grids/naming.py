@@ -1,7 +1,8 @@
 """Names and units by which longitudes, latitudes and the parts of a grid are recognised.
 
-CF attributes are asked where they stand, one comparison each. cf_xarray (0.11.3) finds what has them: the pair of components in 11
-of the 21 files of real models that our cases were made with, longitudes in 10. The others need names in common use all the same.
+CF attributes are asked where they stand, one comparison each. cf_xarray (0.11.3) finds what has them: the pair of
+components in 11 of the 21 files of real models that our cases were made with, longitudes in 10. The others need names
+in common use all the same.
 """
 
 import re

@@ -9,8 +9,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from geo import sphere
+from geo.array import Array
 from geo.errors import UserError
-from geo.grids.layout import Array, Plane, points
+from geo.grids.layout import Plane, points
 
 MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "epsg_code")
 

@@ -9,10 +9,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from geo.array import Array
 from geo.grids import cell_weights
 from geo.grids import grid as grids
 from geo.grids.grid import Grid
-from geo.grids.layout import Array, Axes, Curved, Index, Layout, Plane
+from geo.grids.layout import Axes, Curved, Index, Layout, Plane
 
 WET = 0.5  # least weight on present values with which a node has a value
 

@@ -5,7 +5,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from geo import sphere
-from geo.grids.layout import Array, Plane
+from geo.array import Array
+from geo.grids.layout import Plane
 
 LEAST = 0.1  # smallest area that two carried unit axes may span; it is smaller where axes meet, at a pole of the grid
 STEP = 1e-4  # [rad] of a finite difference on the Earth: 640 m; the direction's error is below 1e-8

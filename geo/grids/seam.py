@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from geo.grids.layout import Array, Curved, Index
+from geo.array import Array
+from geo.grids.layout import Curved, Index
 
 HALO = 6  # most columns or rows that a file stores twice
 SAME = 0.02  # of the step between points: points at most so far apart are the same point

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from geo.array import Array
 from geo.errors import UserError
-from geo.grids.layout import Array
 
 STATED = {"after": 0.5, "before": -0.5, "none": 0.0}  # [cells] from rho points to u and v, by what a case may say
 PLACE = re.compile(r"(?:^(?:glam|gphi)|_)(rho|psi|[tuvfw])(?:_?grid)?$|^(?:ulon|ulat)()$|_grid_([tuvfw])(?:_|$)", re.I)

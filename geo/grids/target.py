@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from geo import sphere
+from geo.array import Array
 from geo.box import Box
 from geo.grids import layout as lay
 from geo.grids.grid import Grid
-from geo.grids.layout import Array, Axes, Curved, Layout, Triangles, uniform
+from geo.grids.layout import Axes, Curved, Layout, Triangles, uniform
 
 FINER = 2.0  # times the source's resolution (NorKyst-800: rms error of a component 0.7 %, at its own resolution 1.9 %)
 MOST_NODES = 4_000_000  # of a tile, which is 32 MB a slice

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pyproj
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay
 
-Array = NDArray[Any]
+from geo.array import Array
 
 TIMES = np.array(["2024-03-05T00", "2024-03-05T03", "2024-03-05T06"], "datetime64[ns]")
 LON, LAT = (2.0, 6.0), (58.0, 60.0)  # [deg] every grid covers this
