@@ -102,7 +102,8 @@ def ranks(made: Bank, truth: Truth, known: finds.Known, count: int, end: int, rn
     if count and not np.isfinite(truth.found[order[-1]]):
         return None
     told = tuple(
-        finds.Find(f"{k}", int(truth.kind[i]), int(truth.segment[i]), int(truth.found[i])) for k, i in enumerate(order)
+        finds.Detection(f"{k}", int(truth.kind[i]), int(truth.segment[i]), int(truth.found[i]))
+        for k, i in enumerate(order)
     )
     known = replace(known, finds=told, now=float(truth.found[order[-1]]) if count else 0.0)
     fates, worlds = made.fates, made.worlds

@@ -62,7 +62,7 @@ def move(
     for tile in range(3):
         tiles.place(tile, np.full((3, 3, 2), 0.1, np.float32), later=False)
     tiles.blend([(0.0, 0.1)] * 3)
-    where = kernel.Place(DOMAIN, coast() if coastal else None, **place)
+    where = kernel.Surroundings(DOMAIN, coast() if coastal else None, **place)
     own = ensemble()
     return lambda: kernel.advance(own, (0, N), tiles, ranges, physics, kernel.Step(0, 0, 600, 1), where)
 

@@ -111,7 +111,13 @@ def measure(most: int) -> list[dict[str, object]]:
                 step = kernel.Step(k, 600 * k, 600, 1)
                 shore_or_none = device if coastal else None
                 kernel.advance(
-                    ensemble, (0, n), tiles, ranges, physics, step, kernel.Place(domain, shore_or_none, scheme=scheme)
+                    ensemble,
+                    (0, n),
+                    tiles,
+                    ranges,
+                    physics,
+                    step,
+                    kernel.Surroundings(domain, shore_or_none, scheme=scheme),
                 )
                 runtime.wait()
 

@@ -106,7 +106,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     forcing = Forcing(list(where.scenarios), case.direction)
     try:
         beach, bias = scene.beach(case.coast), case.current_error.bias > 0
-        place = advance.Place(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
+        place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
         made = Scene(forcing, models.motions(case.errors, case.scenarios), place)
         clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, made)
         lost.check_prior(spec, where, case.max_lost, ensemble, made, clock)

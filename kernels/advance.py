@@ -82,7 +82,7 @@ Terms = ti.types.struct(
     seed1=ti.u32,
     stay=ti.f32,  # see Beach
     offing=ti.f32,
-    debris=ti.i32,  # see Place
+    debris=ti.i32,  # see Surroundings
     west=ti.i32,  # see Domain
     south=ti.i32,
     width=ti.u32,
@@ -224,7 +224,7 @@ class Domain(NamedTuple):
     height: int
 
 
-class Place(NamedTuple):
+class Surroundings(NamedTuple):
     """What is the same for all scenarios of a run: where they are, what the coast does, what is asked of a step."""
 
     domain: Domain
@@ -239,7 +239,7 @@ class Place(NamedTuple):
     scheme: str = "rk4"
 
 
-def features(ranges: tuple[int, ...], physics: Physics, place: Place) -> int:
+def features(ranges: tuple[int, ...], physics: Physics, place: Surroundings) -> int:
     """Return the compile-time features that a scenario needs."""
     wind = ranges[3] > ranges[2]
     coastal = place.coast is not None
@@ -268,7 +268,7 @@ def advance(
     ranges: tuple[int, ...],
     physics: Physics,
     step: Step,
-    place: Place,
+    place: Surroundings,
     velocity: Any = drift,
 ) -> None:
     """Move the slots [first, last) of an ensemble over one lattice step, in place: see `mover`."""
@@ -281,7 +281,7 @@ def mover(
     tiles: Tiles,
     ranges: tuple[int, ...],
     physics: Physics,
-    place: Place,
+    place: Surroundings,
     direction: int,
     velocity: Any = drift,
 ) -> Move:

@@ -146,7 +146,7 @@ def backward(
     try:
         shore = device_coast.upload(where.coast) if where.coast else None
         bias, box = spill.current_bias > 0, domain.binary(where.box)
-        place = advance.Place(box, shore, bias=bias, divergence=True, scheme=cut.scheme)
+        place = advance.Surroundings(box, shore, bias=bias, divergence=True, scheme=cut.scheme)
         scene = Scene(forcing, models.motions(spec.errors, spec.scenarios), place)
         clock, _ = step_size.clock_of(back.period, cut, spec.errors, where.sources, ensemble, scene)
         order = np.flatnonzero(elapsed > 0)[::-1]  # the latest release comes first

@@ -71,7 +71,7 @@ def mover(ensemble: Ensemble, slots: Slots, waters: Waters, terms: Physics, dire
 
 
 def between(
-    ensemble: Ensemble, terms: tuple[Physics | None, ...], place: kernel.Place, inside: Inside
+    ensemble: Ensemble, terms: tuple[Physics | None, ...], place: kernel.Surroundings, inside: Inside
 ) -> tuple[Array, Array]:
     """Return where particles are inside a step: on a Brownian bridge between its ends, whose variance is 2 D s (1 - s) T a component."""
     diffusivity = np.repeat([one.diffusivity if one else 0.0 for one in terms], np.diff(ensemble.bounds))

@@ -26,7 +26,7 @@ class Waters(NamedTuple):
 
     tiles: Tiles
     ranges: tuple[int, ...]  # first and last tile of currents, winds and Stokes drift
-    place: kernel.Place
+    place: kernel.Surroundings
 
 
 class Inside(NamedTuple):
@@ -51,7 +51,7 @@ class Model:
     # Returns what moves a scenario's slots over a step; int: direction in time.
     mover: Callable[[Ensemble, Slots, Waters, Terms, int], kernel.Move]
     # Returns lon, lat [binary angle] inside a step; terms by scenario, None for those that move by another model.
-    between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Place, Inside], tuple[Array, Array]]
+    between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], tuple[Array, Array]]
     # Returns terms that leave nothing to chance, so that the error of a step can be measured.
     still: Callable[[Terms], Terms]
     # Returns the longest steps [s] that the model bears, each with what it is.

@@ -23,7 +23,7 @@ class Scene:
 
     forcing: Forcing
     motions: tuple[Motion, ...]  # one a scenario
-    place: kernel.Place
+    place: kernel.Surroundings
 
     def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step) -> None:
         """Move all slots over one step, in place."""

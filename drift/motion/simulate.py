@@ -36,7 +36,7 @@ class Moment:
     ancestors: Array | None = None  # int64 (n,): of the moment before, where particles have been drawn anew since
 
 
-Place = Callable[[Ensemble, tuple[Array, Array] | None, int], tuple[Array, Array]]
+PositionsAt = Callable[[Ensemble, tuple[Array, Array] | None, int], tuple[Array, Array]]
 
 
 class Filter(Protocol):
@@ -51,7 +51,7 @@ class Filter(Protocol):
     def advance(self, low: int, high: int, step: kernel.Step) -> None:
         """Move what else moves over a step."""
 
-    def take_effect(self, time: int, place: Place) -> None:
+    def take_effect(self, time: int, place: PositionsAt) -> None:
         """Change weights by what ends or is seen at a time; place: gives where an ensemble's particles were then."""
 
     def watch(self, until: int) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from drift.planner import availability, courses, joint, rectangle
 from drift.planner.joint import Find
 from drift.planner.records import Tasking
-from drift.planner.rectangle import Crew, Flown
+from drift.planner.rectangle import Crew, Sweeps
 from drift.search.records import Sortie
 from geo import polyline
 from geo.array import Array
@@ -36,7 +36,7 @@ class Choice:
 
     crew: Crew
     row: Array
-    flown: Flown
+    flown: Sweeps
     find: Find
 
 
@@ -70,7 +70,7 @@ def value(plan: Plan, stage: Stage) -> float:
     return float(stage.weight @ joint.worth(finds, stage.nodes)) if finds else 0.0
 
 
-def too_near(choice: Choice, rows: Array, flown: Flown, stage: Stage) -> Array:
+def too_near(choice: Choice, rows: Array, flown: Sweeps, stage: Stage) -> Array:
     """Return by how much [m] rectangles are too near to another unit's, 0 where they are not."""
     if stage.separation <= 0:
         return np.zeros(len(rows))

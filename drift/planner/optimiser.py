@@ -19,7 +19,7 @@ from drift.planner.candidates import Choice, Plan, Stage
 from drift.planner.courses import Course
 from drift.planner.planning_tracks import Plane, Tracks
 from drift.planner.records import Alternative, Tasking
-from drift.planner.rectangle import ACROSS, ALONG, ASPECT, SPACING, TURN, WAIT, Crew, Flown, X, Y
+from drift.planner.rectangle import ACROSS, ALONG, ASPECT, SPACING, TURN, WAIT, Crew, Sweeps, X, Y
 from drift.search.records import PlanSpec, Unit
 from geo import sphere
 from geo.array import Array
@@ -268,7 +268,7 @@ def _scorer(
         if len(scored) == 0:
             return scores
         if smeared:
-            table, coverage = rectangle.smeared(crew, rows[scored], Flown(*(v[scored] for v in flown)))
+            table, coverage = rectangle.smeared(crew, rows[scored], Sweeps(*(v[scored] for v in flown)))
             scores[scored] = rectangles.gains(
                 stage.swarm, crew.random, table, coverage, crew.factor, rectangle.STEP, crew.curve, undetected, later
             )

@@ -70,7 +70,7 @@ def crew(
     return Crew(unit, reach, plane, zero, np.array(unit.sweep_width), factor, curve, table, course)
 
 
-class Flown(NamedTuple):
+class Sweeps(NamedTuple):
     """Rectangles as they would be flown, (c,) each."""
 
     start: Array  # [s] after the crew's zero
@@ -83,7 +83,7 @@ class Flown(NamedTuple):
     sailed: Array  # of objects: nodes of a boat's legs, cut at the coast, as `path` returns them; None: they are whole
 
 
-def fly(crew: Crew, rows: Array, corner: bool = False) -> Flown:
+def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
     """Return what becomes of rectangles when their search time is filled; corner: times by where they commence."""
     spacing = np.exp(rows[:, SPACING])
     x, y = rows[:, X], rows[:, Y]
@@ -99,11 +99,11 @@ def fly(crew: Crew, rows: Array, corner: bool = False) -> Flown:
         length = (track + spacing) / legs
     possible = (duration >= SHORTEST) & (length >= SLIMMEST * spacing) & (spacing >= crew.unit.least_spacing)
     none = np.full(len(rows), None, object)
-    flown = Flown(start - crew.zero, duration, legs, spacing, length, legs * spacing, possible, none)
+    flown = Sweeps(start - crew.zero, duration, legs, spacing, length, legs * spacing, possible, none)
     return _at_sea(crew, rows, flown, corner)
 
 
-def _at_sea(crew: Crew, rows: Array, flown: Flown, sailed: bool) -> Flown:
+def _at_sea(crew: Crew, rows: Array, flown: Sweeps, sailed: bool) -> Sweeps:
     """Return rectangles of a boat: not those that are mostly land; sailed: with legs as it can sail them in the time that it has."""
     if crew.course is None:
         return flown
@@ -111,7 +111,7 @@ def _at_sea(crew: Crew, rows: Array, flown: Flown, sailed: bool) -> Flown:
     flown = flown._replace(possible=possible)
     if not sailed or crew.random:
         return flown
-    flown = Flown(*(np.array(values) for values in flown))
+    flown = Sweeps(*(np.array(values) for values in flown))
     cross = []
     for k in np.flatnonzero(possible):
         legs = laid(crew, rows[k], flown, int(k)).pattern.legs
@@ -123,7 +123,7 @@ def _at_sea(crew: Crew, rows: Array, flown: Flown, sailed: bool) -> Flown:
     return flown
 
 
-def _in_time(crew: Crew, flown: Flown, legs: Legs, k: int) -> bool:
+def _in_time(crew: Crew, flown: Sweeps, legs: Legs, k: int) -> bool:
     """Whether a boat can be where legs begin when they do, and get home from where they end."""
     assert crew.course is not None
     first, last = ((legs.lon[j], legs.lat[j]) for j in (0, -1))
@@ -132,7 +132,7 @@ def _in_time(crew: Crew, flown: Flown, legs: Legs, k: int) -> bool:
     return crew.reach.leaves + there <= crew.zero + float(flown.start[k]) and math.isfinite(home)
 
 
-def _sail(crew: Crew, rows: Array, flown: Flown, which: list[int]) -> None:
+def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
     """Give rectangles legs cut at the coast and a length with which they fill their time; none that is possible if none fits."""
     whole = flown._replace(length=flown.length.copy())
     most = np.full(len(rows), SHORTEST)
@@ -171,7 +171,7 @@ class Laid(NamedTuple):
     pattern: Pattern
 
 
-def laid(crew: Crew, row: Array, flown: Flown, k: int) -> Laid:
+def laid(crew: Crew, row: Array, flown: Sweeps, k: int) -> Laid:
     """Return rectangle k as it is flown, in whole seconds as a case file has them: later to begin."""
     turn, corner = float(row[TURN]) % (2 * math.pi), (int(row[ALONG]), int(row[ACROSS]))
     if turn >= math.pi:  # legs run both ways
@@ -189,7 +189,7 @@ def cut(crew: Crew, whole: Sequence[Laid]) -> list[Sailed | None]:
     return courses.sail(crew.course, legs, crew.unit.search_speed, crew.unit.transit_speed)
 
 
-def share(crew: Crew, rows: Array, flown: Flown) -> Array:
+def share(crew: Crew, rows: Array, flown: Sweeps) -> Array:
     """Return which share of rectangles is sea where the unit can get, (c,)."""
     if crew.course is None:
         return np.ones(len(rows))
@@ -209,7 +209,7 @@ def commence(rows: Array, length: Array, spacing: Array, legs: Array) -> tuple[A
     return rows[:, X] + along * sin + across * cos, rows[:, Y] + along * cos - across * sin
 
 
-def smeared(crew: Crew, rows: Array, flown: Flown) -> tuple[Array, Array]:
+def smeared(crew: Crew, rows: Array, flown: Sweeps) -> tuple[Array, Array]:
     """Return rectangles for kernels.rectangles, (c, 9), and their coverage by scenario, (c, scenarios)."""
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
     duration = np.maximum(flown.duration, 1.0)
@@ -221,7 +221,7 @@ def smeared(crew: Crew, rows: Array, flown: Flown) -> tuple[Array, Array]:
     return table, crew.width * (track / np.maximum(flown.length * flown.width, 1.0))[:, None]
 
 
-def path(crew: Crew, row: Array, flown: Flown, k: int) -> Array:
+def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
     """Return the nodes (time [s after zero], x, y [m], whether the leg to the next searches) of rectangle k, (n, 4)."""
     if flown.sailed[k] is not None:
         return np.asarray(flown.sailed[k])
@@ -242,7 +242,7 @@ def path(crew: Crew, row: Array, flown: Flown, k: int) -> Array:
     )
 
 
-def apart(rows: Array, flown: Flown, row: Array, other: Flown) -> Array:
+def apart(rows: Array, flown: Sweeps, row: Array, other: Sweeps) -> Array:
     """Return the distance [m] of rectangles from one other; inf where the two are not searched at the same time.
 
     Where they overlap it is minus the way that would part them.

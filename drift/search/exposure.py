@@ -24,7 +24,7 @@ Device = Any
 CERTAIN = 1 - 1e-12  # a watch's chance of detection of which a hazard can be told
 
 
-class Flown:
+class SortieExposure:
     """One sortie in one run; times are seconds after the run's start."""
 
     def __init__(self, sortie: Sortie, start: int, scenarios: int) -> None:

@@ -16,11 +16,11 @@ from drift.motion import resample, weights
 from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.scene import Scene
-from drift.motion.simulate import Place
+from drift.motion.simulate import PositionsAt
 from drift.motion.status import Status
 from drift.search import contacts as contact_laws
 from drift.search import debris
-from drift.search.exposure import Flown
+from drift.search.exposure import SortieExposure
 from drift.search.records import Contact, Resampling, Sortie
 from drift.search.standing import Standing, standing
 from drift.search.updates import Update, Updates
@@ -49,7 +49,7 @@ class Search:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`."""
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
         self._start = spec.period.epoch
-        self._all = [Flown(sortie, self._start, len(spec.scenarios)) for sortie in sorties]
+        self._all = [SortieExposure(sortie, self._start, len(spec.scenarios)) for sortie in sorties]
         self._waiting = list(self._all)
         self._contacts = [(spec.period.elapsed(contact.time), contact) for contact in contacts]
         self._shared: dict[tuple[str, float], Device] = {}
@@ -98,15 +98,15 @@ class Search:
                 one.before = one.ensemble.lon.to_numpy(), one.ensemble.lat.to_numpy()
                 one.scene.advance(one.ensemble, low, high, step)
 
-    def _flown(self, until: int) -> list[Flown]:
+    def _flown(self, until: int) -> list[SortieExposure]:
         """Return the sorties that have begun before a time and are not over."""
         return [flown for flown in self._waiting if flown.begin < until]
 
-    def _exposed(self, flown: Flown, until: int, keep: bool) -> list[Device]:
+    def _exposed(self, flown: SortieExposure, until: int, keep: bool) -> list[Device]:
         assert self._before is not None
         return flown.expose(self.ensemble, self._before, self._step, until, keep)
 
-    def take_effect(self, time: int, place: Place) -> None:
+    def take_effect(self, time: int, place: PositionsAt) -> None:
         """Change weights by all that ends or is seen at a time; place: gives where an ensemble's particles were then."""
         for flown in [f for f in self._waiting if f.end == time]:
             self._fail(flown)
@@ -118,7 +118,7 @@ class Search:
             self._contacts.remove((when, contact))
             self._see(contact, time, place)
 
-    def _fail(self, flown: Flown) -> None:
+    def _fail(self, flown: SortieExposure) -> None:
         """Take in that a sortie found nothing."""
         sortie, columns = flown.sortie, self._exposed(flown, flown.end, keep=True)
         before = self.ensemble.log_weight.to_numpy()
@@ -142,7 +142,7 @@ class Search:
         )  # fmt: skip
         self._settle(after.astype(np.float64))
 
-    def _see(self, contact: Contact, time: int, place: Place) -> None:
+    def _see(self, contact: Contact, time: int, place: PositionsAt) -> None:
         """Take in a contact."""
         who, begin = self.ensemble, None
         if contact.drifter is not None:
@@ -254,7 +254,7 @@ class Search:
         found, self._ancestors = self._ancestors, None
         return found
 
-    def _group(self, flown: Flown, columns: dict[tuple[str, float], Device]) -> Device:
+    def _group(self, flown: SortieExposure, columns: dict[tuple[str, float], Device]) -> Device:
         """Return the columns of the misses that share a sortie's unknown factor of sweep width."""
         if len(flown.factors) == 1:
             return self.ensemble.log_weight  # not used: any column will do

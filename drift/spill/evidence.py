@@ -46,7 +46,7 @@ def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds
     )
     kinds, names = [kind.name for kind in spill.kinds], [patrol.name for patrol in spill.patrols]
     found = [
-        finds.Find(
+        finds.Detection(
             one.name,
             kinds.index(one.kind) if one.kind is not None else None,
             finds.AtSea(one.lon, one.lat, one.radius, 1.0) if where < 0 else where,

@@ -46,7 +46,7 @@ class AtSea:
 
 
 @dataclass(frozen=True)
-class Find:
+class Detection:
     """An object found.
 
     kind: number of its class, None: unknown. place: number of its stretch, or at sea. time [s after start]; latest:
@@ -96,7 +96,7 @@ class Known:
     """All that is known of a spill up to `now` [s after start]; adrift: by number of the find at sea."""
 
     numbers: Numbers
-    finds: tuple[Find, ...]
+    finds: tuple[Detection, ...]
     patrols: tuple[Patrol, ...]
     reporting: Reporting
     length: Real  # (S,) of the stretches [m]
@@ -134,7 +134,7 @@ class Surprise:
     of a stretch (place) at most as probable. Small tails are odd finds.
     """
 
-    find: Find
+    find: Detection
     probability: float
     tail: float
 
@@ -245,7 +245,7 @@ def _found_there(known: Known, here: Exposure, number: int) -> tuple[npt.NDArray
     return here.slot[rows], value
 
 
-def _full(known: Known, find: Find) -> float:
+def _full(known: Known, find: Detection) -> float:
     """Return the density with which an object is found that is in the very place at the very time."""
     if isinstance(find.place, AtSea):
         return find.place.chance / (2 * np.pi * find.place.radius**2)

@@ -214,7 +214,7 @@ def numbers(after: Aftermath) -> dict[str, Any]:
     }
 
 
-def position(after: Aftermath, find: finds.Find) -> tuple[float, float]:
+def position(after: Aftermath, find: finds.Detection) -> tuple[float, float]:
     """Return where a find lies (lon, lat) [deg]: as given, or the middle of its stretch."""
     if isinstance(find.place, finds.AtSea):
         return find.place.lon, find.place.lat

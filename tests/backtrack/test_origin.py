@@ -60,7 +60,7 @@ def weights(
     ensemble = record.empty(1, (0, 5), COLUMNS)
     ensemble.lon.from_numpy(sphere.to_binary([0.05, -0.1, 0.0, 0.2, -0.2]))
     ensemble.lat.from_numpy(sphere.to_binary(lat_deg + np.array([0.1, 0.15, -0.12, 0.0, -0.03])))
-    place = kernel.Place(EVERYWHERE, divergence=True, scheme=scheme)
+    place = kernel.Surroundings(EVERYWHERE, divergence=True, scheme=scheme)
     scene = Scene(Forcing([Sources(current=(source,))], direction), (Motion(DRIFT, kernel.Physics()),), place)
     list(simulate.run(ensemble, scene, Clock(T0, duration, direction, 1800), np.array([duration])))
     scene.forcing.close()
@@ -197,7 +197,7 @@ def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.nda
     scene = Scene(
         Forcing([Sources(current=(source,))], 1),
         (Motion(DRIFT, kernel.Physics(diffusivity=DIFFUSIVITY)),),
-        kernel.Place(EVERYWHERE, bias=True),
+        kernel.Surroundings(EVERYWHERE, bias=True),
     )
     order = sorted(SEEN)
     clock = Clock(T0, order[-1][0], 1, 1800)
@@ -237,7 +237,9 @@ def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converge
     mean, error, std = told(found)
     ahead, ahead_error = forward(case, converging(), 6000, 40)
     monkeypatch.setattr(
-        backward.advance, "Place", lambda *a, place=kernel.Place, **k: place(*a, **{**k, "divergence": False})
+        backward.advance,
+        "Surroundings",
+        lambda *a, place=kernel.Surroundings, **k: place(*a, **{**k, "divergence": False}),
     )
     plain, plain_error, _ = told(origin(case, where, None, [-1, -1], **RUN))
     print("exact", truth.mean, truth.std)

@@ -65,7 +65,7 @@ def drift_on(
     scene = Scene(
         Forcing([Sources(current=(source,))], direction),
         (Motion(DRIFT, physics),),
-        kernel.Place(EVERYWHERE, device, **place),
+        kernel.Surroundings(EVERYWHERE, device, **place),
     )
     moments = list(simulate.run(ensemble, scene, Clock(T0, duration, direction, step), np.array(outputs or [duration])))
     scene.forcing.close()
@@ -202,7 +202,7 @@ def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: 
         scene = Scene(
             Forcing([Sources(current=(sources.table("current", times, east, 0 * east),))], 1),
             (Motion(DRIFT, kernel.Physics()),),
-            kernel.Place(EVERYWHERE, device_coast.upload(shore), beach),
+            kernel.Surroundings(EVERYWHERE, device_coast.upload(shore), beach),
         )
         outputs = np.array([7200, 36_000, 86_400])
         moments = list(simulate.run(ensemble, scene, Clock(T0, 86_400, 1, step), outputs))

@@ -34,7 +34,7 @@ def end_of(flow: Flow, scheme: str, step: int, direction: int = 1, start=None) -
             none,
             kernel.Physics(),
             clock,
-            kernel.Place(EVERYWHERE, scheme=scheme),
+            kernel.Surroundings(EVERYWHERE, scheme=scheme),
             flow.velocity,
         )
     return ensemble.lon.to_numpy(), ensemble.lat.to_numpy()

@@ -40,7 +40,7 @@ def drifted(
     tiles = tiles or Tiles([])
     for k in range(HOURS * 3600 // step):
         clock = kernel.Step(k, k * step, step, 1)
-        kernel.advance(ensemble, slots, tiles, ranges, physics, clock, kernel.Place(EVERYWHERE, bias=bias > 0))
+        kernel.advance(ensemble, slots, tiles, ranges, physics, clock, kernel.Surroundings(EVERYWHERE, bias=bias > 0))
     return ensemble
 
 
@@ -118,7 +118,7 @@ def test_a_step_feels_the_mean_of_the_error_at_its_ends(which: str) -> None:
     ensemble.own["down_slope"].fill(slope)
     before = np.array([column.to_numpy() for column in columns], np.float64)
     clock, ranges = kernel.Step(0, 0, step, 1), (0, 0, 0, 1, 0, 0)
-    kernel.advance(ensemble, (0, n), uniform_wind(5.0, -7.0), ranges, physics, clock, kernel.Place(EVERYWHERE))
+    kernel.advance(ensemble, (0, n), uniform_wind(5.0, -7.0), ranges, physics, clock, kernel.Surroundings(EVERYWHERE))
     after = np.array([column.to_numpy() for column in columns], np.float64)
     mean = (before + after) / 2
     wind = np.array([[-7.0], [5.0]])
@@ -162,7 +162,7 @@ def test_a_walk_near_the_pole_has_no_drift_of_its_own() -> None:
     for k in range(24):
         clock = kernel.Step(k, 3600 * k, 3600, 1)
         physics = kernel.Physics(diffusivity=diffusivity)
-        kernel.advance(ensemble, (0, n), Tiles([]), NOWHERE, physics, clock, kernel.Place(EVERYWHERE))
+        kernel.advance(ensemble, (0, n), Tiles([]), NOWHERE, physics, clock, kernel.Surroundings(EVERYWHERE))
     lon, lat = (c.to_numpy() * sphere.UNIT for c in (ensemble.lon, ensemble.lat))
     way = np.array(sphere.offset(*at, lon, lat))
     assert diffusivity * np.tan(at[1]) * 86_400 / sphere.RADIUS > 9 * way[1].std() / np.sqrt(n)
@@ -181,7 +181,7 @@ def test_debris_jibes_and_walks_on_its_own() -> None:
             draw.draw_error(0, n, *columns, which, *key(11), std)
         tiles = uniform_wind(8.0, 3.0)  # no leeway: it moves by the current's error and its walk
         for k in range(12):
-            place = kernel.Place(EVERYWHERE, debris=debris)
+            place = kernel.Surroundings(EVERYWHERE, debris=debris)
             kernel.advance(
                 ensemble, (0, n), tiles, (0, 0, 0, 1, 0, 0), physics, kernel.Step(k, 3600 * k, 3600, 1), place
             )
@@ -244,7 +244,9 @@ def test_no_thread_or_order_of_slots_matters() -> None:
         draw.draw_error(*slots, halves.own["current_bias_east"], halves.own["current_bias_north"], 2, *key(11), 0.1)
         for k in range(HOURS):
             clock = kernel.Step(k, k * 3600, 3600, 1)
-            kernel.advance(halves, slots, Tiles([]), NOWHERE, physics, clock, kernel.Place(EVERYWHERE, bias=True))
+            kernel.advance(
+                halves, slots, Tiles([]), NOWHERE, physics, clock, kernel.Surroundings(EVERYWHERE, bias=True)
+            )
     assert (whole.lon.to_numpy() == halves.lon.to_numpy()).all()
     assert (whole.lat.to_numpy() == halves.lat.to_numpy()).all()
 

@@ -177,7 +177,9 @@ def adrift(ensemble: record.Ensemble, east: float, north: float) -> np.ndarray:
         tiles.place(0, np.full((2, 2, 2), (east, north), np.float32), later=later)
     tiles.blend([(0.0, 0.0)])
     step = advance.Step(0, 0, 3600, 1)
-    advance.advance(ensemble, (0, n), tiles, (0, 0, 0, 1, 0, 0), advance.Physics(), step, advance.Place(EVERYWHERE))
+    advance.advance(
+        ensemble, (0, n), tiles, (0, 0, 0, 1, 0, 0), advance.Physics(), step, advance.Surroundings(EVERYWHERE)
+    )
     lon, lat = (c.to_numpy() * sphere.UNIT for c in (ensemble.lon, ensemble.lat))
     return np.array(sphere.offset(np.radians(179.95), np.radians(-41.0), lon, lat))
 

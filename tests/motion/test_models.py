@@ -38,7 +38,7 @@ def mover(ensemble: Ensemble, slots: tuple[int, int], waters: object, terms: flo
     return move
 
 
-def between(ensemble: Ensemble, terms: object, place: kernel.Place, inside: Inside) -> tuple[Array, Array]:
+def between(ensemble: Ensemble, terms: object, place: kernel.Surroundings, inside: Inside) -> tuple[Array, Array]:
     """Return where it was first: this model stays till the end of a step, and leaps."""
     return inside.before
 
@@ -56,7 +56,9 @@ def both() -> tuple[Ensemble, Scene]:
     ensemble.own["speed"].from_numpy(np.array([0, 0, 0, 3, 6], np.float32))
     current = Sources((sources.constant("current", 1.0, 0.0),))
     scene = Scene(
-        Forcing([current, current], 1), (Motion(DRIFT, kernel.Physics()), Motion(NORTH, 1.5)), kernel.Place(EVERYWHERE)
+        Forcing([current, current], 1),
+        (Motion(DRIFT, kernel.Physics()), Motion(NORTH, 1.5)),
+        kernel.Surroundings(EVERYWHERE),
     )
     return ensemble, scene
 

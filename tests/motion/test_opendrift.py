@@ -45,7 +45,9 @@ def _sources(data: Path) -> Sources:
 def a_day(ensemble: record.Ensemble, sources: Sources, physics: kernel.Physics) -> simulate.Moment:
     """Return the ensemble after 24 hours in open sea."""
     scenarios = len(ensemble.scenarios)
-    world = Scene(Forcing([sources] * scenarios, 1), (Motion(DRIFT, physics),) * scenarios, kernel.Place(EVERYWHERE))
+    world = Scene(
+        Forcing([sources] * scenarios, 1), (Motion(DRIFT, physics),) * scenarios, kernel.Surroundings(EVERYWHERE)
+    )
     (end,) = simulate.run(ensemble, world, Clock(START, 86_400, 1, 600), np.array([86_400]))
     world.forcing.close()
     return end

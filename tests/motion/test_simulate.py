@@ -40,7 +40,9 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
 
 
 def world(*currents: Source, direction: int = 1, physics: kernel.Physics = STILL) -> Scene:
-    return Scene(Forcing([Sources(current=currents)], direction), (Motion(DRIFT, physics),), kernel.Place(EVERYWHERE))
+    return Scene(
+        Forcing([Sources(current=currents)], direction), (Motion(DRIFT, physics),), kernel.Surroundings(EVERYWHERE)
+    )
 
 
 def moved(moment: simulate.Moment, lon: float, lat: float) -> np.ndarray:
@@ -132,7 +134,7 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
     place = Scene(
         Forcing([Sources((first, second), cells={("current", "first"): 3, ("current", "second"): 0})], 1),
         (Motion(DRIFT, STILL),),
-        kernel.Place(EVERYWHERE),
+        kernel.Surroundings(EVERYWHERE),
     )
     place.forcing.set(T0, T0 + 600)
     first_tile, last_tile = place.forcing.ranges[0][:2]
@@ -159,7 +161,7 @@ def test_what_one_quantity_does_not_know_is_not_zero(silent: str) -> None:
     ensemble.lon.from_numpy(sphere.to_binary([-29.5, -26.5]))
     ensemble.own["down_slope"].fill(0.03)
     ranges = (0, 1, 2, 3, 1, 2)  # of currents, winds, Stokes drift
-    kernel.advance(ensemble, (0, 2), tiles, ranges, STILL, kernel.Step(0, 0, 1800, 1), kernel.Place(EVERYWHERE))
+    kernel.advance(ensemble, (0, 2), tiles, ranges, STILL, kernel.Step(0, 0, 1800, 1), kernel.Surroundings(EVERYWHERE))
     assert list(ensemble.status.to_numpy()) == [Status.ADRIFT, Status.OUTSIDE]
     lon, lat = (column.to_numpy()[0] * sphere.UNIT for column in (ensemble.lon, ensemble.lat))
     way = np.array(sphere.offset(*np.radians([-29.5, 31.5]), lon, lat))
@@ -174,7 +176,7 @@ def test_rival_forcing_is_a_matter_of_the_scenario() -> None:
             [Sources((sources.constant("current", 1.0, 0.0),)), Sources((sources.constant("current", 0.0, 1.0),))], 1
         ),
         (Motion(DRIFT, STILL),) * 2,
-        kernel.Place(EVERYWHERE),
+        kernel.Surroundings(EVERYWHERE),
     )
     (end,) = simulate.run(ensemble, place, Clock(T0, 3600, 1, 600), np.array([3600]))
     east, north = moved(end, 0.0, 0.0)
@@ -238,7 +240,7 @@ def test_what_refloats_within_a_step_lies_ashore_until_it_does() -> None:
     moments = list(
         simulate.run(
             ensemble,
-            Tide(None, (Motion(DRIFT, STILL),), kernel.Place(EVERYWHERE)),
+            Tide(None, (Motion(DRIFT, STILL),), kernel.Surroundings(EVERYWHERE)),
             Clock(0, 3600, 1, 3600),
             np.array([1000, 2800, 3600]),
         )

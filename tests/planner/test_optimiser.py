@@ -182,9 +182,9 @@ def test_rectangles_are_as_far_apart_as_shapely_says() -> None:
     rows[:, :2], rows[:, rectangle.TURN] = rng.uniform(-30, 30, (200, 2)), rng.uniform(0, 7, 200)
     sides = rng.uniform(2, 40, (2, 200))
 
-    def flown(k: slice) -> rectangle.Flown:
+    def flown(k: slice) -> rectangle.Sweeps:
         zero = np.zeros(len(rows[k]))
-        return rectangle.Flown(zero, zero + 1, zero, zero, *sides[:, k], zero == 0, zero)
+        return rectangle.Sweeps(zero, zero + 1, zero, zero, *sides[:, k], zero == 0, zero)
 
     def shape(k: int) -> shapely.Polygon:
         sin, cos = np.sin(rows[k, rectangle.TURN]), np.cos(rows[k, rectangle.TURN])

@@ -15,7 +15,7 @@ from drift.motion.status import Status
 from drift.spill import exposure, finds, realisations, shrinkage
 from drift.spill.exposure import Patrol, Reporting
 from drift.spill.fates import FOREVER, Fates
-from drift.spill.finds import Adrift, AtSea, Find, Known, Numbers
+from drift.spill.finds import Adrift, AtSea, Detection, Known, Numbers
 from geo import sphere
 from geo.errors import UserError
 
@@ -28,7 +28,7 @@ def numbers(objects: list[int], shares: list[float] | None = None, destroyed: li
     return Numbers(np.array(objects), even[0], np.array(shares), np.array(destroyed), even[1])
 
 
-def known(count: Numbers, seen: list[Find], patrols: list[Patrol], worlds: int, now: float, **other: Any) -> Known:
+def known(count: Numbers, seen: list[Detection], patrols: list[Patrol], worlds: int, now: float, **other: Any) -> Known:
     reporting = other.pop("reporting", Reporting(np.full(3, RATE), LOSS, np.ones(worlds)))
     return Known(count, tuple(seen), tuple(patrols), reporting, np.full(3, 1e4), now, other.pop("adrift", {}))
 
@@ -44,7 +44,7 @@ def test_the_number_of_carcasses_from_a_search_is_exact() -> None:
     count = numbers(list(range(201)))
     search = Patrol((0,), 10, 0.3)
     still = Reporting(np.zeros(3), 0.0, np.ones(1))
-    seen = [Find(f"{k}", 0, 0, 10, by=0) for k in range(7)]
+    seen = [Detection(f"{k}", 0, 0, 10, by=0) for k in range(7)]
     told = weigh(fates, known(count, seen, [search], 1, 10, reporting=still))
     exact = stats.binom.pmf(7, np.arange(201), 0.3)
     assert told.objects == pytest.approx(exact / exact.sum(), abs=1e-12)
@@ -55,7 +55,7 @@ def test_destroyed_and_undetected_multiply() -> None:
     fates = spill(1, [40], [(k, 0, 0, FOREVER) for k in range(40)])
     grid = [0.0, 0.25, 0.5, 0.75]
     still = Reporting(np.zeros(3), 0.0, np.ones(1))
-    seen = [Find(f"{k}", 0, 0, 10, by=0) for k in range(5)]
+    seen = [Detection(f"{k}", 0, 0, 10, by=0) for k in range(5)]
     told = weigh(fates, known(numbers([30], destroyed=grid), seen, [Patrol((0,), 10, 0.4)], 1, 10, reporting=still))
     exact = stats.binom.pmf(5, 30, 0.4 * (1 - np.array(grid)))
     assert told.destroyed == pytest.approx(exact / exact.sum(), abs=1e-12)
@@ -66,7 +66,7 @@ def test_two_stretches_in_closed_form() -> None:
     n, share = 4000, (0.25, 0.5)
     stays = [(w * n + k, 0 if k < share[w] * n else 1, 0, FOREVER) for w in range(2) for k in range(n)]
     rates = Reporting(np.array([RATE, RATE / 4, RATE]), 0.0, np.ones(2))
-    now, seen = 5 * DAY, [Find("a", 0, 0, 2 * DAY), Find("b", 0, 1, 4 * DAY), Find("c", 0, 0, 5 * DAY)]
+    now, seen = 5 * DAY, [Detection("a", 0, 0, 2 * DAY), Detection("b", 0, 1, 4 * DAY), Detection("c", 0, 0, 5 * DAY)]
     told = weigh(spill(2, [n], stays), known(numbers([60]), seen, [], 2, now, reporting=rates))
     p = np.array(share)
     left = p * np.exp(-RATE * now) + (1 - p) * np.exp(-RATE / 4 * now)
@@ -117,8 +117,8 @@ def test_a_certain_patrol_leaves_nothing() -> None:
 
 
 SEEN = [
-    Find("a", 0, 1, 2 * DAY), Find("b", 1, 0, 4 * DAY), Find("c", None, 1, 5 * DAY, latest=True),
-    Find("d", None, 2, 5 * DAY, false=0.4), Find("e", 0, 1, 6 * DAY, by=0), Find("f", 0, 1, 6 * DAY),
+    Detection("a", 0, 1, 2 * DAY), Detection("b", 1, 0, 4 * DAY), Detection("c", None, 1, 5 * DAY, latest=True),
+    Detection("d", None, 2, 5 * DAY, false=0.4), Detection("e", 0, 1, 6 * DAY, by=0), Detection("f", 0, 1, 6 * DAY),
 ]  # fmt: skip
 SEARCHES = [Patrol((0, 1), 6 * DAY, 0.6), Patrol((2,), 3 * DAY, 0.8)]
 
@@ -137,7 +137,7 @@ def test_the_order_of_particles_in_a_world_does_not_matter() -> None:
     swap = np.concatenate([w * 25 + np.random.default_rng(w).permutation(25) for w in range(30)])
     stays = fates.stays
     moved = list(zip(swap[stays.slot], stays.segment, stays.arrival, stays.leave, strict=True))
-    told = known(numbers([40]), [Find("a", 0, 1, 2 * DAY), Find("b", 0, 2, 4 * DAY)], SEARCHES, 30, 7 * DAY)
+    told = known(numbers([40]), [Detection("a", 0, 1, 2 * DAY), Detection("b", 0, 2, 4 * DAY)], SEARCHES, 30, 7 * DAY)
     one, other = weigh(fates, told), weigh(spill(30, [25], moved), told)
     assert other.log_likelihood == pytest.approx(one.log_likelihood, rel=1e-10)
     assert other.found[swap] == pytest.approx(one.found, abs=1e-14)
@@ -145,7 +145,7 @@ def test_the_order_of_particles_in_a_world_does_not_matter() -> None:
 
 def test_a_patrol_that_finds_nothing_only_lowers_what_may_be_missed() -> None:
     fates = scattered(20, [60])
-    seen = [Find("a", 0, 1, 2 * DAY)]
+    seen = [Detection("a", 0, 1, 2 * DAY)]
     without = weigh(fates, known(numbers([50]), seen, [], 20, 7 * DAY))
     patrolled = weigh(fates, known(numbers([50]), seen, [Patrol((0,), 6 * DAY, 0.7)], 20, 7 * DAY))
     assert (patrolled.found >= without.found - 1e-12).all()
@@ -161,22 +161,22 @@ def test_a_patrol_that_finds_nothing_only_lowers_what_may_be_missed() -> None:
 
 def test_an_unknown_class_is_the_sum_over_classes() -> None:
     fates, count = scattered(20, [30, 20]), numbers([30, 40], [0.5, 0.5], [0.0, 0.5])
-    rest = [Find("a", 0, 1, 2 * DAY), Find("b", 1, 0, 4 * DAY)]
+    rest = [Detection("a", 0, 1, 2 * DAY), Detection("b", 1, 0, 4 * DAY)]
 
     def log(kind: int | None) -> Any:
-        return weigh(fates, known(count, [*rest, Find("c", kind, 2, 5 * DAY)], [], 20, 7 * DAY)).log_likelihood
+        return weigh(fates, known(count, [*rest, Detection("c", kind, 2, 5 * DAY)], [], 20, 7 * DAY)).log_likelihood
 
     assert log(None) == pytest.approx(np.logaddexp(log(0), log(1)), rel=1e-12)
 
 
 def test_a_find_that_may_be_false_is_the_sum_of_both() -> None:
     fates, count = scattered(20, [30]), numbers([35], None, [0.0, 0.5])
-    first, now = Find("a", 0, 1, 2 * DAY), 7 * DAY
+    first, now = Detection("a", 0, 1, 2 * DAY), 7 * DAY
 
-    def log(*seen: Find) -> Any:
+    def log(*seen: Detection) -> Any:
         return weigh(fates, known(count, list(seen), [], 20, now)).log_likelihood
 
-    odd = Find("b", 0, 2, 5 * DAY)
+    odd = Detection("b", 0, 2, 5 * DAY)
     alone, both = log(first), log(first, odd)
     here = exposure.expose(fates, Reporting(np.full(3, RATE), LOSS, np.ones(20)), ())
     public = sum(exposure.reported(here, s, now)[1].sum() for s in range(3))
@@ -198,7 +198,7 @@ def test_a_find_at_sea_prefers_the_world_adrift_there() -> None:
     status = np.where(np.arange(worlds * n) % 2, Status.ADRIFT, Status.SUNK).astype(np.int32)
     adrift = {0: Adrift(sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat)), status)}
     told = weigh(
-        spill(worlds, [n], []), known(numbers([10]), [Find("a", 0, place, 5)], [], worlds, 9, adrift=adrift)
+        spill(worlds, [n], []), known(numbers([10]), [Detection("a", 0, place, 5)], [], worlds, 9, adrift=adrift)
     ).log_likelihood
     variance = spread**2 + radius**2
     exact = np.log(10 * 0.1 * 0.5 / (2 * np.pi * variance)) - np.array([0, 12e3**2]) / (2 * variance)
@@ -228,7 +228,7 @@ def test_the_chance_of_having_been_found_is_one(now: int, rate: float, loss: flo
 
 
 @pytest.mark.parametrize("seen", [SEEN, []])
-def test_every_object_is_accounted_for(seen: list[Find]) -> None:
+def test_every_object_is_accounted_for(seen: list[Detection]) -> None:
     fates, count = scattered(40, [20, 30]), numbers([30, 90], [0.4, 0.6], [0.0, 0.3])
     told = weigh(fates, known(count, seen, SEARCHES, 40, 7 * DAY))
     drawn = realisations.realise(fates, told, 5, 3)
@@ -288,7 +288,7 @@ def test_surprise_is_the_share_of_each_stretch() -> None:
     worlds, n = 3, 100
     stays = [(w * n + k, min(k // 60, 2), 0, FOREVER) for w in range(worlds) for k in range(90)]
     stays += [(w * n + k, 2, 0, FOREVER) for w in range(worlds) for k in range(90, 96)]
-    told = known(numbers([50]), [Find("late", 0, 2, 5 * DAY), Find("early", 0, 0, DAY)], [], worlds, 9 * DAY)
+    told = known(numbers([50]), [Detection("late", 0, 2, 5 * DAY), Detection("early", 0, 0, DAY)], [], worlds, 9 * DAY)
     early, late = finds.surprises(spill(worlds, [n], stays[:-18]), told, np.zeros((worlds, 0)), np.zeros(worlds))
     assert (early.find.name, late.find.name) == ("early", "late")
     assert early.probability == pytest.approx(60 / 90)
@@ -298,7 +298,7 @@ def test_surprise_is_the_share_of_each_stretch() -> None:
 
 def test_more_finds_than_objects_are_refused() -> None:
     fates = scattered(5, [20])
-    seen = [Find(f"{k}", 0, 1, 2 * DAY) for k in range(4)]
+    seen = [Detection(f"{k}", 0, 1, 2 * DAY) for k in range(4)]
     with pytest.raises(UserError, match=r"4 objects were found.*\[spill\] objects"):
         weigh(fates, known(numbers([3]), seen, [], 5, 7 * DAY))
 
