@@ -77,8 +77,7 @@ def open_for(
     """Return the environment of a case.
 
     datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a
-    function says;
-    common: what is shared with other cases. Raises UserError as `environment.open_for` does.
+    function says; common: what is shared with other cases. Raises UserError as `environment.open_for` does.
     """
     asked = environment_spec(case)
     held = environment.hold(asked, datasets, case.path.name)

@@ -3,8 +3,7 @@
 A velocity is a `ti.func` (features, sea, own, lon, lat, fraction) -> (east, north, valid) [m/s], as
 `kernels.velocity.drift` is:
 features: what it is compiled for; sea: kernels.sample.Sea; own: what of the particle it depends on; lon, lat [binary
-angle];
-fraction: of the lattice step.
+angle]; fraction: of the lattice step.
 """
 
 import taichi as ti

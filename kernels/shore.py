@@ -80,8 +80,7 @@ def touch(lon, lat, dlon, dlat, chance, c, coast: ti.template()):
     A Brownian bridge over a time t between points at distances d1 and d2 on one side of a line meets it with
     probability exp(-d1 d2 / (D t)) (Karatzas and Shreve 1991, eq. 4.3.40); chance [m2] = -D t log(u), u uniform, so
     that it does where d1 d2 < chance. The line is the shore's tangent at the point nearest to either end. before,
-    after: d1, d2 [m]; east,
-    north: the line's unit normal towards the water.
+    after: d1, d2 [m]; east, north: the line's unit normal towards the water.
     """
     sx = ti.cast(dlon, ti.f32) * (c * ti.f32(METRES))
     sy = ti.cast(dlat, ti.f32) * ti.f32(METRES)

@@ -7,8 +7,7 @@ below: mass climbs until its neighbourhood is populous enough, is smoothed there
 by linear interpolation. So dense cores stay sharp while thin tails are smoothed, and a map costs a few passes.
 
 - Where the map is dense, kernels hold up to WIDER times as many: there the density is nearly level, so that noise is
-what
-  orders the cells, and a wider kernel costs little. How many follows the cell's rank in a first, wide map.
+  what orders the cells, and a wider kernel costs little. How many follows the cell's rank in a first, wide map.
 - `m` is chosen by the log likelihood of held-out particles, both halves in turn; the search starts where bandwidth
   goes as n^(-1/6).
 - Mass stays off masked cells (land): each source's kernel is normalised over the cells allowed, so nothing is lost.

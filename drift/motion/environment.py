@@ -61,8 +61,7 @@ def open_for(
     """Return the environment of a run.
 
     held: datasets in memory that its sources name; seen: what of the land's detail is wanted, all unless a function
-    says;
-    common: what is shared with other runs.
+    says; common: what is shared with other runs.
 
     Raises UserError when a file can't be understood, when sources leave part of the run without forcing, or when a
     reported position lies on land.

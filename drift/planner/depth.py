@@ -1,9 +1,8 @@
 """Where water is too shallow for a boat: from a grid of depths or elevations in a netCDF file.
 
 Between the points of the grid water is taken to be as shallow as the shallowest of the four round it, and shallow where
-one has no
-value: never deeper than the grid says. Beyond the grid nothing is known, and nothing is shut. Tides are not known:
-depths are below the datum of the grid.
+one has no value: never deeper than the grid says. Beyond the grid nothing is known, and nothing is shut. Tides are not
+known: depths are below the datum of the grid.
 """
 
 from typing import Any

@@ -5,8 +5,7 @@ returned is SI. Rules where the tables leave them open:
 
 - visibility: a row holds up to the next one's; less than the tables' least (1 nmi) is refused;
 - height: straight between the tabulated ones; below an aircraft's lowest (300 ft) and above a boat's highest eye (14
-ft)
-  as there, which is generous for small objects (the tables fall from 500 to 300 ft for some); beyond the other end
+  ft) as there, which is generous for small objects (the tables fall from 500 to 300 ft for some); beyond the other end
   refused;
 - speed: straight between the tabulated ones, beyond them as at the nearest; where a speed is left out nothing changes
   from the one before it; boats have none;

@@ -46,8 +46,7 @@ def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
     mean at least 95 % of the time, whatever it is, two of a normal number 95.4 % (at k = 0 they are the upper bound of
     Wilson's score interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is
     taken as the root mean square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on
-    either side where there are so
-    many: groups that are rare for like reasons are taken as alike.
+    either side where there are so many: groups that are rare for like reasons are taken as alike.
     """
     order = np.argsort(hits, axis=0, kind="stable")
     parts = [np.take_along_axis(x, order, 0) for x in (count, hits, square)]

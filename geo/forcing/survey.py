@@ -1,8 +1,7 @@
 """What a source holds as a whole: how fast it is, the fill values that it does not declare, whether its land is zero.
 
 Judged once a source, from fixed slices and evenly strided points of all that the files hold, never from the part that a
-case
-needs: so no answer depends on the case's domain. At most READ bytes of values are read.
+case needs: so no answer depends on the case's domain. At most READ bytes of values are read.
 """
 
 from dataclasses import dataclass
