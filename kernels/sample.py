@@ -6,9 +6,9 @@ groups: of a group the first tile that knows the point answers, and the answers 
 whole group is silent the answer is not valid, never zero.
 
 Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, and the tile after the
-last one of its group; `scale` (float32) SCALE numbers: nodes per unit east and north, the last node's coordinates (nlon
-- 1, nlat - 1; negative: nothing for this step), and the weight of the later slice at the begin of the step and its
-  change over the step.
+last one of its group; `scale` (float32) SCALE numbers: nodes per unit east and north, the last node's coordinates
+(nlon - 1, nlat - 1; negative: nothing for this step), and the weight of the later slice at the begin of the step and
+its change over the step.
 """
 
 import numpy as np
