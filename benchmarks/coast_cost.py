@@ -77,7 +77,7 @@ def measure(area: str, coast: str, particles: int) -> tuple[float, float, float,
                 run.scene.forcing.set(low, high)
                 begin = time.perf_counter()
                 kernel.advance(
-                    run.ensemble, (0, particles), run.scene.forcing.tiles, run.scene.forcing.ranges[0],
+                    run.ensemble, (0, particles, 0), run.scene.forcing.tiles, run.scene.forcing.ranges[0],
                     run.scene.motions[0].terms, step, chosen,
                 )  # fmt: skip
                 runtime.wait()

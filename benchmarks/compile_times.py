@@ -29,7 +29,7 @@ from geo.coast import edges as shoreline
 from geo.coast.shore import Shore
 from geo.grids.grid import Grid
 from kernels import advance as kernel
-from kernels import allocate, bridge, rectangles, runtime, sweep, sweeps, weigh
+from kernels import allocate, bridge, rectangles, runtime, sweep, sweeps
 from kernels import coast as device_coast
 from kernels import prior as draws
 from kernels.sample import Tiles
@@ -64,19 +64,19 @@ def move(
     tiles.blend([(0.0, 0.1)] * 3)
     where = kernel.Surroundings(DOMAIN, coast() if coastal else None, **place)
     own = ensemble()
-    return lambda: kernel.advance(own, (0, N), tiles, ranges, physics, kernel.Step(0, 0, 600, 1), where)
+    return lambda: kernel.advance(own, (0, N, 0), tiles, ranges, physics, kernel.Step(0, 0, 600, 1), where)
 
 
 def inside() -> Callable[[], object]:
     """Return a job that places particles inside a step."""
     device, zeros, ones = coast(), np.zeros(N, np.int32), np.ones(N)
-    return lambda: bridge.between((zeros, zeros), (zeros + 9, zeros + 9), 0.5 * ones, ones, 1, 0, device)
+    return lambda: bridge.between((zeros, zeros), (zeros + 9, zeros + 9), 0.5 * ones, ones, zeros, 1, 0, device)
 
 
 def drawn(name: str, *numbers: float) -> Callable[[], object]:
     """Return a job that draws positions in water."""
     device, own, tries = coast(), ensemble(), runtime.upload(np.zeros(2, np.int64))
-    return lambda: getattr(draws, name)(True, 0, N, own.lon, own.lat, tries, *KEY, *numbers, device.pack)
+    return lambda: getattr(draws, name)(True, 0, N, 0, own.lon, own.lat, tries, *KEY, *numbers, device.pack)
 
 
 def trackline() -> Callable[[], object]:
@@ -84,7 +84,7 @@ def trackline() -> Callable[[], object]:
     device, own, tries = coast(), ensemble(), runtime.upload(np.zeros(2, np.int64))
     points = runtime.upload(np.zeros(2, np.int32))
     numbers = [runtime.upload(np.ones(1, np.float32)) for _ in range(3)]
-    args = (True, 0, N, own.lon, own.lat, own.release, tries, *KEY, points, *numbers)
+    args = (True, 0, N, 0, own.lon, own.lat, own.release, tries, *KEY, points, *numbers)
     return lambda: draws.draw_trackline(*args, 1.0, 0.0, 1.0, -1.0, 0, 60.0, device.pack)
 
 
@@ -92,7 +92,7 @@ def objects() -> Callable[[], object]:
     """Return a job that draws the objects of worlds."""
     device, own, tries = coast(), ensemble(), runtime.upload(np.zeros(2, np.int64))
     worlds = [runtime.upload(np.zeros(1, np.int32)) for _ in range(3)]
-    args = (True, 0, N, N, own.lon, own.lat, own.release, own.world, tries, *KEY, *worlds)
+    args = (True, 0, N, 0, N, own.lon, own.lat, own.release, own.world, tries, *KEY, *worlds)
     return lambda: draws.draw_objects(*args, 10.0, 60.0, device.pack)
 
 
@@ -164,7 +164,6 @@ VARIANTS: dict[str, Callable[[], Callable[[], object]]] = {
     "prior, position": lambda: drawn("draw_position", 0, 0, 9.0, 5.0, 0.0, 0.0, 9.0, 0.0, 1.0),
     "prior, trackline": trackline,
     "prior, objects of worlds": objects,
-    "weigh": lambda: lambda: weigh.account(runtime.empty(N), runtime.empty(N, runtime.ti.i32), 0, N),
     "sweep, inverse cube": lambda: watch(sweep.CUBE),
     "sweep, abeam": lambda: watch(sweep.ABEAM),
     "sweep, zones": lambda: watch(sweep.ZONES),

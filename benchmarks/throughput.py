@@ -112,7 +112,7 @@ def measure(most: int) -> list[dict[str, object]]:
                 shore_or_none = device if coastal else None
                 kernel.advance(
                     ensemble,
-                    (0, n),
+                    (0, n, 0),
                     tiles,
                     ranges,
                     physics,

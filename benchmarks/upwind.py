@@ -24,7 +24,7 @@ def speeds(line: leeway.Line, least: float, particles: int) -> np.ndarray:
     """Return downwind speeds [m/s] of particles of a line at each wind speed, shape (4, n)."""
     e = record.empty(1, (0, particles), COLUMNS)
     figures = line.slope, line.offset, line.slope_std, line.offset_std
-    kernel.draw_object(0, particles, e.own["down_slope"], e.own["down_offset"], 0, *key(1), *figures, least)
+    kernel.draw_object(0, particles, 0, e.own["down_slope"], e.own["down_offset"], 0, *key(1), *figures, least)
     return np.outer(WINDS, e.own["down_slope"].to_numpy().astype(float)) + e.own["down_offset"].to_numpy()
 
 

@@ -22,10 +22,9 @@ from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Report, Stopwatch, in_turn, opened
 from drift.motion import ensemble as record
-from drift.motion import scene, simulate, weights
+from drift.motion import life, scene, simulate
 from drift.motion.environment import Environment
 from drift.motion.spool import Spool
-from drift.motion.status import Status
 from drift.output import writer
 from drift.output.chapter import Chapter, joined
 from drift.search import chapter as search_chapter
@@ -104,9 +103,8 @@ def forecasted(job: Job) -> Result:
     outputs = case.period.seconds(case.outputs)
     begun = None
     if not case.spill and (case.sorties or any(scenario.survival for scenario in case.scenarios)):
-        one, log_weight = begin.ensemble, begin.ensemble.log_weight.to_numpy()
-        ess = weights.ess(log_weight)
-        begun = standing(case.start, weights.relative(log_weight), one.release.to_numpy(), one.scenarios, None, ess)
+        log_weight, ess = begin.ensemble.log_weight.to_numpy(), record.weighed(begin.ensemble).ess
+        begun = standing(case.start, begin.ensemble, log_weight, None, ess)
     seen: list[Updates] = []  # what sorties and contacts did, by drift
     with contextlib.ExitStack() as stack:
 
@@ -268,10 +266,8 @@ def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> Tr
         drawn = snapshots.ancestors[k]
         ancestor = ancestor if drawn is None else drawn[ancestor]
     lon, lat, status, weight = (np.stack(column[::-1], axis=1) for column in zip(*columns, strict=True))
-    release, ended, edge = (
-        column.to_numpy()[slot] for column in (ensemble.release, ensemble.status_since, ensemble.edge)
-    )
-    over = (last.status[slot] != Status.ADRIFT) & (last.status[slot] != Status.PENDING)
-    ended, edge = np.where(over, ended, -1), np.where(over, edge, -1)
+    lives, edge = life.read(ensemble), ensemble.edge.to_numpy()
+    over = life.over(last.status)
+    ended, edge = (np.where(over, values, -1)[slot] for values in (lives.since, edge))
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])
-    return Trajectories(times, slot, last.scenario[slot], lon, lat, status, weight, release, ended, edge)
+    return Trajectories(times, slot, last.scenario[slot], lon, lat, status, weight, lives.release[slot], ended, edge)

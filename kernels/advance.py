@@ -80,6 +80,7 @@ Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
     seed0=ti.u32,
     seed1=ti.u32,
+    shift=ti.i32,  # from a slot here to its number in the whole run, by which noise goes
     stay=ti.f32,  # see Beach
     offing=ti.f32,
     debris=ti.i32,  # see Surroundings
@@ -118,10 +119,11 @@ def _advance(
     step: ti.i32,
 ):
     for i in range(first, last):
+        slot = i + terms.shift
         state, due, sinking = core.status[i], life.NEVER, life.NEVER
         if ti.static(features & REFLOAT):
             if state == ASHORE:
-                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_REFLOAT, i, core.status_since[i])
+                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_REFLOAT, slot, core.status_since[i])
                 due = life.refloats(core.status_since[i], noise.uniform(w[0]), terms.stay)
         if ti.static(features & SINK):
             sinking = core.sink_time[i]
@@ -132,7 +134,7 @@ def _advance(
         if moves:
             dt = ti.cast(finish - left, ti.f32)
             begin, share = ti.cast(left - elapsed, ti.f32) / duration, dt / duration
-            error, walk = errors.draw(features, own, physics, terms, i, step, dt)
+            error, walk = errors.draw(features, own, physics, terms, i, slot, step, dt)
             drifter = Drifter(line=_line(features, own, i), error=error)
             x, y = core.lon[i], core.lat[i]
             c0, s0 = sphere.cos_lat(y), sphere.sin_lat(y)
@@ -168,7 +170,7 @@ def _advance(
                     # Asked first: a stage may have found no forcing just because it lies inland, behind the shore.
                     met, x_end, y_end, part, number = shore.meet(
                         ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)), x, y, move_lon, move_lat,
-                        c0, 2.0 * physics.diffusivity * dt, terms.seed0, terms.seed1, i, step, coast,
+                        c0, 2.0 * physics.diffusivity * dt, terms.seed0, terms.seed1, slot, step, coast,
                     )  # fmt: skip
                     if ti.static(features & SLIDE):
                         if x_end != x + move_lon or y_end != y + move_lat:
@@ -263,7 +265,7 @@ def features(ranges: tuple[int, ...], physics: Physics, place: Surroundings) -> 
 
 def advance(
     ensemble: Any,
-    slots: tuple[int, int],
+    slots: tuple[int, int, int],
     tiles: Tiles,
     ranges: tuple[int, ...],
     physics: Physics,
@@ -271,13 +273,13 @@ def advance(
     place: Surroundings,
     velocity: Any = drift,
 ) -> None:
-    """Move the slots [first, last) of an ensemble over one lattice step, in place: see `mover`."""
+    """Move slots of an ensemble over one lattice step, in place: see `mover`."""
     mover(ensemble, slots, tiles, ranges, physics, place, step.direction, velocity)(step)
 
 
 def mover(
     ensemble: Any,
-    slots: tuple[int, int],
+    slots: tuple[int, int, int],
     tiles: Tiles,
     ranges: tuple[int, ...],
     physics: Physics,
@@ -285,18 +287,21 @@ def mover(
     direction: int,
     velocity: Any = drift,
 ) -> Move:
-    """Return a function that moves the slots [first, last) of an ensemble over one lattice step, in place.
+    """Return a function that moves slots of an ensemble over one lattice step, in place.
 
-    ensemble: a drift.motion.ensemble.Ensemble. ranges: first and last tile of currents, winds and Stokes drift.
+    ensemble: a drift.motion.ensemble.Ensemble. slots: the first, the one after the last, and the number of the first in
+    the whole run, by which its noise goes. ranges: first and last tile of currents, winds and Stokes drift.
     direction: of all its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can
     be measured on an analytic flow. A particle moves only while adrift, from its release on; it ends ashore, sunk,
     outside the forcing or the domain.
     """
     seed0, seed1 = noise.key(ensemble.seed)
+    first, last, number = slots
     args = (
         features(ranges, physics, place),
         velocity,
-        *slots,
+        first,
+        last,
         launch.pack(CoreColumns, *(getattr(ensemble, name) for name in CORE)),
         launch.pack(OwnColumns, *(ensemble.own[name] for name in OWN)),
         tiles.sea(ranges),
@@ -306,6 +311,7 @@ def mover(
             "direction": direction,
             "seed0": seed0,
             "seed1": seed1,
+            "shift": number - first,
             "stay": place.beach.stay,
             "offing": place.beach.offing,
             "debris": place.debris,

@@ -19,6 +19,7 @@ def _between(
     end_lat: Ints,
     share: Reals,
     spread: Reals,
+    slot: Ints,
     seed0: ti.u32,
     seed1: ti.u32,
     moment: ti.i32,
@@ -31,7 +32,7 @@ def _between(
         line_lon, line_lat = ti.cast(ti.round(dlon), ti.i32), ti.cast(ti.round(dlat), ti.i32)
         move_lon, move_lat = line_lon, line_lat
         if spread[i] > 0.0:
-            w = noise.words(seed0, seed1, noise.STREAM_BRIDGE, i, moment)
+            w = noise.words(seed0, seed1, noise.STREAM_BRIDGE, slot[i], moment)
             n = noise.normals(w[0], w[1]) * (spread[i] * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT)))
             move_lon = ti.cast(ti.round(dlon + n[0] / sphere.cos_lat(y)), ti.i32)
             move_lat = ti.cast(ti.round(dlat + n[1]), ti.i32)
@@ -52,15 +53,17 @@ def between(
     end: tuple[np.ndarray, np.ndarray],
     share: np.ndarray,
     spread: np.ndarray,
+    slot: np.ndarray,
     seed: int,
     moment: int,
     coast: DeviceCoast | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (lon, lat) [binary angle], shape (n,), at a share of the way from begin to end, in water.
 
-    spread [m]: standard deviation there, a component; 0 keeps to the straight line. moment: the key of the noise.
+    spread [m]: standard deviation there, a component; 0 keeps to the straight line. slot: of each in the whole run, (n,),
+    with moment the key of its noise.
     """
     lon, lat = begin[0].copy(), begin[1].copy()
-    arrays = (lon, lat, *end, share.astype(np.float32), spread.astype(np.float32))
+    arrays = (lon, lat, *end, share.astype(np.float32), spread.astype(np.float32), slot.astype(np.int32))
     _between(coast is not None, *arrays, *noise.key(seed), moment, (coast or open_sea()).pack)
     return lon, lat

@@ -48,21 +48,22 @@ def draw(
     physics: ti.template(),
     terms: ti.template(),
     i: ti.i32,
+    slot: ti.i32,
     step: ti.i32,
     dt: ti.f32,
 ):
     """Return (error, walk) of particle i over dt [s] of a lattice step, and move its own errors and its side on to the step's end.
 
     error: of current and wind, east and north [m/s], the mean of those at begin and end of the step; walk: east and
-    north [m]. own, physics, terms: see kernels.advance.
+    north [m]. own, physics, terms: see kernels.advance; slot: the particle's in the whole run, the key of its noise.
     """
     error, walk = f32x4(0.0), f32x2(0.0)
     if ti.static(features & (DIFFUSION | ERRORS)):
-        w = noise.words(terms.seed0, terms.seed1, noise.STREAM_STEP, i, step)
+        w = noise.words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
         if ti.static(features & DIFFUSION):
             walk = noise.normals(w[0], w[1]) * ti.sqrt(2.0 * physics.diffusivity * dt)
             if ti.static(features & DEBRIS):  # shares the errors of the forcing with its object, no more
-                v = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, i, step)
+                v = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
                 walk = noise.normals(v[0], v[1]) * ti.sqrt(2.0 * physics.diffusivity * dt)
         if ti.static(features & ERRORS):
             old = f32x2(own.current_error_east[i], own.current_error_north[i])
@@ -73,7 +74,7 @@ def draw(
         error[0] += own.current_bias_east[i]
         error[1] += own.current_bias_north[i]
     if ti.static(features & (JIBE | ERRORS) and features & WIND):
-        w = noise.words(terms.seed0, terms.seed1, noise.STREAM_WIND, i, step)
+        w = noise.words(terms.seed0, terms.seed1, noise.STREAM_WIND, slot, step)
         if ti.static(features & ERRORS):
             old = f32x2(own.wind_error_east[i], own.wind_error_north[i])
             new = transition(old, physics.wind_std, physics.wind_time, dt, noise.normals(w[0], w[1]))
@@ -81,7 +82,7 @@ def draw(
             error[2], error[3] = 0.5 * (old[0] + new[0]), 0.5 * (old[1] + new[1])
         if ti.static(features & JIBE):
             if ti.static(features & DEBRIS):
-                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, i, step)
+                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
             if jibed(physics.jibe_rate, dt, noise.uniform(w[2])):
                 own.side[i] = -own.side[i]
     return error, walk

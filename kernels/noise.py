@@ -78,7 +78,7 @@ def normals(a: ti.u32, b: ti.u32) -> f32x2:
 class Purpose(enum.IntEnum):
     """What random numbers are for; `number` tells apart several of one purpose."""
 
-    RUN = 0  # particles of a run, in the kernels
+    RUN = 0  # particles of a run, in the kernels: the seed itself
     WORLDS = 1  # what the particles of a world share
     RENEWAL = 2  # a run of a spill in new worlds; number: of the renewal, from 1
     RESAMPLING = 3
@@ -94,19 +94,24 @@ class Purpose(enum.IntEnum):
     BACKWARD_PRIOR = 13  # releases of which the prior's map is made
 
 
-FIRST = {Purpose.PLANNING: 2**41, Purpose.BACKWARD: 1, Purpose.BACKWARD_WORLDS: 1}  # added to a seed
-APART = {  # added to a seed for every number
-    Purpose.RENEWAL: 2**40,
-    Purpose.DEBRIS: 2**56,
-    Purpose.DEBRIS_BRIDGE: 1,
-    Purpose.OPTIMISER: 1,
-    Purpose.VERIFICATION: 1,
-}
-
-
 def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:
-    """Return the seed (0 <= seed < 2**64) of a purpose, from that of a case or of another purpose."""
-    return (seed + FIRST.get(purpose, 0) + number * APART.get(purpose, 0)) % 2**64
+    """Return the seed (0 <= seed < 2**64) of a purpose, from that of a case or of another purpose.
+
+    The particles of a run keep the run's own seed. Any other purpose has a hash of seed, purpose and number (0 <= number
+    < 2**32), so that no two of them draw the same numbers, whatever seeds users choose: two equal hashes are as likely
+    as two equal random numbers of 64 bits.
+    """
+    if purpose == Purpose.RUN:
+        return seed
+    return _mixed(_mixed(seed) ^ (int(purpose) << 32 | number))
+
+
+def _mixed(word: int) -> int:
+    """Return a word of 64 bits with its bits mixed: one step of SplitMix64 (Steele et al. 2014, doi:10.1145/2660193.2660195)."""
+    word = (word + 0x9E3779B97F4A7C15) % 2**64
+    word = (word ^ word >> 30) * 0xBF58476D1CE4E5B9 % 2**64
+    word = (word ^ word >> 27) * 0x94D049BB133111EB % 2**64
+    return word ^ word >> 31
 
 
 def key(seed: int, purpose: Purpose = Purpose.RUN, number: int = 0) -> tuple[int, int]:
@@ -120,6 +125,4 @@ def generator(
 ) -> np.random.Generator:
     """Return random numbers on the host for a purpose: NumPy's Philox-4x64-10, from the counter (0, 0, *event) on."""
     own = seed_for(seed, purpose, number)
-    if purpose == Purpose.REALISATIONS:
-        return np.random.Generator(np.random.Philox(own))
     return np.random.Generator(np.random.Philox(key=own, counter=[0, 0, *event]))

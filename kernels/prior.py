@@ -2,6 +2,8 @@
 
 Each slot tries up to TRIES candidates of its own random stream and keeps the first that lies in water: the prior
 conditioned on water. How many candidates were drawn tells the share of the prior that lay on land.
+
+first, last: the slots, from the first to before the last; number: of the first in the whole run, by which noise goes.
 """
 
 import taichi as ti
@@ -30,6 +32,7 @@ def draw_position(
     coastal: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    number: ti.i32,
     lon: Ints,
     lat: Ints,
     tries: I64s,
@@ -56,7 +59,7 @@ def draw_position(
         found = 0
         k = 0
         while found == 0 and k < TRIES:
-            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, i, k)
+            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
             x, y = _wrapped_normal(lon0, lat0, noise.normals(w[0], w[1]), major, minor, orientation)
             if farthest > 0.0:
                 length = nearest + (farthest - nearest) * noise.uniform(w[2])
@@ -95,6 +98,7 @@ def draw_area(
     coastal: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    number: ti.i32,
     lon: Ints,
     lat: Ints,
     tries: I64s,
@@ -117,7 +121,7 @@ def draw_area(
         found = 0
         k = 0
         while found == 0 and k < 16 * TRIES:
-            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, i, k)
+            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
             k += 1
             x = west + ti.cast(ti.cast(w[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32)
             y = south + ti.cast(ti.cast(w[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32)
@@ -136,6 +140,7 @@ def draw_trackline(
     coastal: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    number: ti.i32,
     lon: Ints,
     lat: Ints,
     release: Ints,
@@ -165,7 +170,7 @@ def draw_trackline(
         found = 0
         k = 0
         while found == 0 and k < TRIES:
-            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, i, k)
+            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
             k += 1
             u = noise.uniform(w[0])
             share = earliest + (latest - earliest) * u
@@ -199,11 +204,18 @@ def draw_trackline(
 
 @ti.kernel
 def draw_release(
-    first: ti.i32, last: ti.i32, release: Ints, seed0: ti.u32, seed1: ti.u32, earliest: ti.i32, latest: ti.i32
+    first: ti.i32,
+    last: ti.i32,
+    number: ti.i32,
+    release: Ints,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    earliest: ti.i32,
+    latest: ti.i32,
 ):
     """Draw release times [s after start], uniform over the whole seconds of [earliest, latest]."""
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_PRIOR, i, -1)
+        w = noise.words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, -1)
         span = ti.cast(latest - earliest + 1, ti.u64)
         release[i] = earliest + ti.cast(ti.cast(w[0], ti.u64) * span >> ti.u64(32), ti.i32)
 
@@ -212,6 +224,7 @@ def draw_release(
 def draw_object(
     first: ti.i32,
     last: ti.i32,
+    number: ti.i32,
     slope: Reals,
     offset: Reals,
     line: ti.i32,
@@ -233,7 +246,7 @@ def draw_object(
         own, n = least, (least - mean_slope) / ti.max(slope_std, 1e-30)
         k, found = 0, 0
         while found == 0 and k < REDRAWS:
-            w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, line + k * LINES)
+            w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, line + k * LINES)
             drawn = noise.normals(w[0], w[1])[0]
             k += 1
             if mean_slope + slope_std * drawn >= least:
@@ -243,20 +256,28 @@ def draw_object(
 
 
 @ti.kernel
-def draw_side(first: ti.i32, last: ti.i32, side: Ints, seed0: ti.u32, seed1: ti.u32):
+def draw_side(first: ti.i32, last: ti.i32, number: ti.i32, side: Ints, seed0: ti.u32, seed1: ti.u32):
     """Draw the side to which each object drifts off the wind at first: +1 right, -1 left, equally likely."""
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, -1)
+        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -1)
         side[i] = 1 - 2 * ti.cast(w[0] >> ti.u32(31), ti.i32)
 
 
 @ti.kernel
 def draw_error(
-    first: ti.i32, last: ti.i32, east: Reals, north: Reals, which: ti.i32, seed0: ti.u32, seed1: ti.u32, std: ti.f32
+    first: ti.i32,
+    last: ti.i32,
+    number: ti.i32,
+    east: Reals,
+    north: Reals,
+    which: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    std: ti.f32,
 ):
     """Draw errors [m/s] from their law, normal with `std` a component: of current (which = 0), wind (1), bias of the current (2)."""
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_ERROR, i, which)
+        w = noise.words(seed0, seed1, noise.STREAM_ERROR, number + i - first, which)
         n = noise.normals(w[0], w[1])
         east[i], north[i] = std * n[0], std * n[1]
 
@@ -266,6 +287,7 @@ def draw_objects(
     coastal: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    number: ti.i32,
     per_world: ti.i32,
     lon: Ints,
     lat: Ints,
@@ -292,7 +314,7 @@ def draw_objects(
         found = 0
         tried = 0
         while found == 0 and tried < TRIES:
-            w = noise.words(seed0, seed1, noise.STREAM_RELEASE, i, tried)
+            w = noise.words(seed0, seed1, noise.STREAM_RELEASE, number + i - first, tried)
             tried += 1
             n = noise.normals(w[0], w[1]) * scatter
             x, y = sphere.exponential(world_lon[k], world_lat[k], n[0], n[1])
@@ -309,11 +331,19 @@ def draw_objects(
 
 @ti.kernel
 def draw_immersion(
-    first: ti.i32, last: ti.i32, slope: Reals, seed0: ti.u32, seed1: ti.u32, low: ti.f32, high: ti.f32, ratio: ti.f32
+    first: ti.i32,
+    last: ti.i32,
+    number: ti.i32,
+    slope: Reals,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    low: ti.f32,
+    high: ti.f32,
+    ratio: ti.f32,
 ):
     """Draw each object's immersion, uniform in [low, high], and write its slope ratio * sqrt((1 - I) / I) downwind."""
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, -2)
+        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -2)
         immersion = low + (high - low) * noise.uniform(w[0])
         slope[i] = ratio * ti.sqrt((1.0 - immersion) / immersion)
 
@@ -329,6 +359,7 @@ def scale_windage(first: ti.i32, last: ti.i32, column: Reals, world: Ints, facto
 def draw_sinking(
     first: ti.i32,
     last: ti.i32,
+    number: ti.i32,
     sink_time: Ints,
     release: Ints,
     world: Ints,
@@ -342,7 +373,7 @@ def draw_sinking(
     spread: standard deviation of the time's logarithm; 0 for a hazard of half-life time[world]. Infinite: never.
     """
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, i, -3)
+        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -3)
         after = time[world[i]]
         if spread > 0.0:
             after *= ti.exp(spread * noise.normals(w[0], w[1])[0])

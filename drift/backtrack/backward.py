@@ -31,7 +31,7 @@ from drift.backtrack import tracks
 from drift.backtrack.tracks import Group
 from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.motion import domain, models, simulate, step_size, weights
+from drift.motion import domain, models, partials, simulate, step_size, weights
 from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment import Environment
@@ -227,7 +227,7 @@ def _slices(
                 )  # fmt: skip
         density *= true
         chance = grid.prior[k]
-        alone = np.array([float((chance * g.mean(axis=0, dtype=np.float64)).sum()) for g in density])
+        alone = np.array([float((chance * _mean(g)).sum()) for g in density])
         with np.errstate(divide="ignore"):
             log_like = sum(
                 np.log((1 - find.false) * g.astype(np.float64) + find.false)
@@ -238,9 +238,14 @@ def _slices(
         if np.isfinite(level):
             like = np.exp(log_like - level) * chance
             sums = np.stack([like.sum((1, 2)), like.sum(1) @ gx, like.sum(2) @ gy], axis=1)
-            yield _Slice(k, level, like.mean(axis=0), sums, alone)
+            yield _Slice(k, level, _mean(like), sums, alone)
         else:
             yield _Slice(k, level, np.zeros_like(chance), np.zeros((shared.size, 3)), alone)
+
+
+def _mean(values: Array) -> Array:
+    """Return the mean over worlds (W, ...)."""
+    return partials.over_worlds(values) / len(values)
 
 
 def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, scatter: float) -> Array:

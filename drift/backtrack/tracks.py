@@ -89,14 +89,14 @@ def _equip(spec: EnsembleSpec, spill: Spill, shared: Worlds, groups: list[Group]
     world = np.concatenate([np.repeat(np.arange(shared.size, dtype=np.int32), group.count) for group in groups])
     ensemble.world.from_numpy(world)
     factor = runtime.upload(shared.windage.astype(np.float32))
-    for kind, slots in zip(spill.kinds, ensemble.scenarios, strict=True):
-        if slots[0] == slots[1]:
+    for kind, slots in zip(spill.kinds, ensemble.slots, strict=True):
+        if slots.first == slots.last:
             continue
         drift.draw_leeway(ensemble, slots, key, kind.object)
         if kind.object.immersion is not None:
             kernel.draw_immersion(*slots, ensemble.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER)
         for name in drift.LEEWAY:
-            kernel.scale_windage(*slots, ensemble.own[name], ensemble.world, factor)
+            kernel.scale_windage(*slots[:2], ensemble.own[name], ensemble.world, factor)
         drift.draw_errors(ensemble, slots, key, spec.errors.unbiased())
     release.share(ensemble, shared.current_east, shared.current_north)
     return ensemble

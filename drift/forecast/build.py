@@ -16,7 +16,7 @@ import shapely
 import xarray as xr
 from scipy import ndimage
 
-from drift.forecast import areas, containment, dataset, density
+from drift.forecast import areas, containment, dataset, density, effective
 from drift.forecast.shares import SHARES
 from drift.motion.snapshot import Snapshot, mapped
 from drift.motion.status import Status
@@ -153,9 +153,8 @@ def _reference(snapshots: Sequence[Snapshot]) -> int:
     """Return the longitude [binary angle] round which to unwrap: that of the mean position at all times."""
     x = y = 0.0
     for one in snapshots:
-        weight = np.where(mapped(one), one.probability, 0.0)
-        lon = one.lon * sphere.UNIT
-        x, y = x + float(np.sum(weight * np.cos(lon))), y + float(np.sum(weight * np.sin(lon)))
+        weight, lon = np.where(mapped(one), one.probability, 0.0), one.lon * sphere.UNIT
+        x, y = x + one.blocks.total(weight * np.cos(lon)), y + one.blocks.total(weight * np.sin(lon))
     return int(sphere.to_binary(np.degrees(np.arctan2(y, x))))
 
 
@@ -166,8 +165,11 @@ def _cloud(one: Snapshot, centre: int) -> _Cloud | None:
         return None
     # int32 subtraction wraps: longitudes relative to the centre, in [-180, 180) degrees
     lon, lat = np.subtract(one.lon[index], np.int32(centre)), one.lat[index]
-    shrink = float(np.cos(np.mean(lat) * sphere.UNIT))
-    spacing = density.typical_spacing(lon * shrink, lat.astype(np.float64), one.probability[index])
+    shrink = float(np.cos(int(lat.sum(dtype=np.int64)) / len(lat) * sphere.UNIT))
+    weight = np.where(mapped(one), one.probability, 0.0)
+    picks = density.systematic(one.blocks.running(weight))
+    x, y = np.subtract(one.lon[picks], np.int32(centre)) * shrink, one.lat[picks].astype(np.float64)
+    spacing = density.typical_spacing(x, y, effective.number(weight, blocks=one.blocks))
     return _Cloud(index, int(lon.min()), int(lon.max()), int(lat.min()), int(lat.max()), spacing)
 
 

@@ -197,12 +197,8 @@ def _numbers(
     return {
         "containment_area": np.array([one.areas if one else none for one in maps]),
         "held_out": np.array([one.held_out if one else none for one in maps]),
-        "status_probability": np.array(
-            [np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots]
-        ),
-        "scenario_probability": np.array(
-            [np.bincount(s.scenario, s.probability, minlength=scenarios) for s in snapshots]
-        ),
+        "status_probability": np.array([s.blocks.table(s.status, len(Status), s.probability) for s in snapshots]),
+        "scenario_probability": np.array([s.blocks.table(s.scenario, scenarios, s.probability) for s in snapshots]),
         "particles_per_kernel": np.array([one.per_kernel if one else np.nan for one in maps]),
     }
 
@@ -248,14 +244,12 @@ class _Counted:
 
 
 def _counted(one: Snapshot, scenarios: int) -> _Counted:
-    on = mapped(one)
-    weight, family, scenario = one.probability[on], None if one.family is None else one.family[on], one.scenario[on]
-    world = None if one.world is None else one.world[on]
+    weight, family, blocks = np.where(mapped(one), one.probability, 0.0), one.family, one.blocks
     return _Counted(
-        effective.number(weight, family),
-        effective.by(one.status, len(Status), one.probability, one.family),
-        effective.by(scenario, scenarios, weight, family),
-        np.nan if world is None else effective.number(weight, world),
+        effective.number(weight, family, blocks),
+        effective.by(one.status, len(Status), one.probability, family, blocks),
+        effective.by(one.scenario, scenarios, weight, family, blocks),
+        np.nan if one.world is None else effective.number(weight, one.world, blocks),
         0 if one.world is None else 1 + int(one.world.max()),
     )
 

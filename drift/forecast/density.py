@@ -28,6 +28,7 @@ from geo.array import Array
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
 FEW = 8  # times as many cells has a grid, and it is worth while to look at those alone that count
 PARTS = np.array([9, 3, 3, 1]) / 16  # of a cell's mass go to four cells of the next level: see _above
+SAMPLE = 4096  # particles that tell how fine cells are to be
 REACH = 4  # cells, and standard deviations, as far as a kernel reaches
 BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
 BELL /= BELL.sum()
@@ -35,20 +36,24 @@ WIDER = 4.0  # times as many particles are in the kernels of the densest cells a
 PER_KERNEL = 0.07  # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
 
 
-def typical_spacing(x: Array, y: Array, probability: Array) -> float:
-    """Return the bandwidth [m] that suits the densest parts of a weighted cloud of points [m], shapes (n,).
+def systematic(running: Array) -> Array:
+    """Return the slots of a systematic sample of SAMPLE, each once, by the sum of weights up to and with each slot, (n,)."""
+    goals = (np.arange(SAMPLE) + 0.5) / SAMPLE * running[-1]
+    return np.unique(np.searchsorted(running, goals).clip(max=len(running) - 1))
 
-    From the 16th nearest neighbours in a weighted systematic sample of 4096: rough, it only sets the cells' size.
+
+def typical_spacing(x: Array, y: Array, effective: float) -> float:
+    """Return the bandwidth [m] that suits the densest parts of a cloud of so many effective particles.
+
+    x, y: a weighted systematic sample of it [m], (n,). From the 16th nearest neighbours there: rough, it only sets the
+    cells' size.
     """
-    total = np.cumsum(probability)
-    effective = total[-1] ** 2 / np.sum(probability**2)
-    picks = np.unique(np.searchsorted(total, (np.arange(4096) + 0.5) / 4096 * total[-1]).clip(max=len(x) - 1))
-    points = np.column_stack([x[picks], y[picks]])
-    k = min(16, len(picks) - 1)
+    points = np.column_stack([x, y])
+    k = min(16, len(x) - 1)
     if k < 1:
         return 0.0
     radius = np.maximum(spatial.cKDTree(points).query(points, k + 1)[0][:, -1], 1e-3)
-    density = np.median(np.sort(k / (len(picks) * np.pi * radius**2))[-max(len(picks) // 4, 1) :])
+    density = np.median(np.sort(k / (len(x) * np.pi * radius**2))[-max(len(x) // 4, 1) :])
     return float(np.sqrt(PER_KERNEL * effective ** (2 / 3) / (effective * density)))
 
 

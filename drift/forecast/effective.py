@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from drift.motion import weights
+from drift.motion import partials, weights
+from drift.motion.partials import Blocks
 from geo import notation
 from geo.array import Array
 
@@ -48,24 +49,29 @@ class Count:
         return f"{many} count{'s' if number == 1 else ''}"
 
 
-def number(weight: Array, family: Array | None = None) -> float:
+def number(weight: Array, family: Array | None = None, blocks: Blocks | None = None) -> float:
     """Return the effective number of weights (n,) of any scale; 0 for none.
 
-    family: int (n,) not negative: those of one family count as one of their summed weight.
+    family: int (n,) not negative: those of one family count as one of their summed weight. blocks: by which they are
+    summed.
     """
-    if family is not None and len(weight):
-        weight = np.bincount(family, weight)
     if not len(weight) or weight.max() <= 0:
         return 0.0
-    weight = weight / weight.max()  # squares of what is very small would be nothing
-    return weights.effective(weight)
-
-
-def by(code: Array, many: int, weight: Array, family: Array | None = None) -> Array:
-    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,); family: as in `number`."""
+    blocks, weight = (
+        blocks or partials.whole(len(weight)),
+        weight / weight.max(),
+    )  # squares of the smallest would be nothing
     if family is not None:
-        return np.array([number(weight[code == k], family[code == k]) for k in range(many)])
-    total, squares = np.bincount(code, weight, many), np.bincount(code, weight**2, many)
+        return weights.effective(blocks.grouped(family, weight))
+    total, squares = blocks.partial(weight, weight**2).total[0]
+    return float(total**2 / squares)
+
+
+def by(code: Array, many: int, weight: Array, family: Array | None = None, blocks: Blocks | None = None) -> Array:
+    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,); family, blocks: as in `number`."""
+    if family is not None:
+        return np.array([number(np.where(code == k, weight, 0.0), family, blocks) for k in range(many)])
+    total, squares = (blocks or partials.whole(len(weight))).table(code, many, weight, weight**2)
     return np.asarray(np.divide(total**2, squares, out=np.zeros(many), where=squares > 0))
 
 

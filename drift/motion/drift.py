@@ -1,4 +1,6 @@
-"""The model of what drifts: current, Stokes drift, leeway, and errors of each (Breivik and Allen 2008; docs/leeway.md, docs/errors.md).
+"""The model of what drifts: current, Stokes drift, leeway, and errors of each.
+
+Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010; docs/leeway.md, docs/errors.md.
 
 Every particle has three leeway lines and a side of the wind of its own, and errors of current and wind as they stand.
 """
@@ -7,10 +9,10 @@ import math
 
 import numpy as np
 
-from drift.motion.ensemble import Column, Ensemble
+from drift.motion.ensemble import Column, Ensemble, Slots
 from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.leeway import Drifter
-from drift.motion.model import Inside, Key, Model, Slots, Waters
+from drift.motion.model import Inside, Key, Model, Waters
 from drift.motion.scenario import Scenario
 from geo.array import Array
 from kernels import advance as kernel
@@ -73,12 +75,16 @@ def mover(ensemble: Ensemble, slots: Slots, waters: Waters, terms: Physics, dire
 def between(
     ensemble: Ensemble, terms: tuple[Physics | None, ...], place: kernel.Surroundings, inside: Inside
 ) -> tuple[Array, Array]:
-    """Return where particles are inside a step: on a Brownian bridge between its ends, whose variance is 2 D s (1 - s) T a component."""
+    """Return where particles are inside a step: on a Brownian bridge between its ends.
+
+    Its variance a component is 2 D s (1 - s) T at a share s of a way that takes T.
+    """
     diffusivity = np.repeat([one.diffusivity if one else 0.0 for one in terms], np.diff(ensemble.bounds))
     variance = 2 * diffusivity * inside.share * (1 - inside.share) * inside.lasting
     spread = np.where(inside.adrift, np.sqrt(variance), 0.0)
     after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
-    lon, lat = bridge.between(inside.before, after, inside.share, spread, inside.seed, inside.moment, place.coast)
+    key = inside.seed, inside.moment
+    lon, lat = bridge.between(inside.before, after, inside.share, spread, ensemble.places, *key, place.coast)
     return lon, lat
 
 
@@ -101,7 +107,10 @@ def usual(drifter: Drifter, wind: float) -> float:
 
 
 def fastest(drifter: Drifter, wind: float, spreads: float) -> float:
-    """Return the speed through the water [m/s] that no particle of an object exceeds in a wind; spreads: standard deviations of its lines."""
+    """Return the speed through the water [m/s] that no particle of an object exceeds in a wind [m/s].
+
+    spreads: as many standard deviations from its lines as are drawn.
+    """
     line = max(
         (abs(line.slope) + spreads * line.slope_std) * wind + abs(line.offset) + spreads * line.offset_std
         for line in (drifter.down, drifter.right, drifter.left)

@@ -6,14 +6,17 @@ contiguous, so that a scenario is a range of slots.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from drift.motion import weights
+from drift.motion import partials, weights
+from drift.motion.partials import Blocks
 from drift.motion.status import Status
+from drift.motion.weights import Weighed
 from geo.array import Array
-from kernels import runtime, weigh
+from kernels import runtime
 
 Device = Any  # a one-dimensional array on the device
 
@@ -45,12 +48,22 @@ CORE = (
 )
 
 
+class Slots(NamedTuple):
+    """A range of slots."""
+
+    first: int
+    last: int  # the one after it
+    number: int  # of the first in the whole run, by which noise goes
+
+
 @dataclass(frozen=True)
 class Ensemble:
     """All particles: CORE as fields of shape (n,), then the columns of the models by which they move, by name."""
 
     seed: int
     bounds: tuple[int, ...]  # the first slot of each scenario and, last, n
+    numbers: tuple[int, ...]  # of each scenario's first slot in the whole run
+    block: tuple[int, ...]  # slots of each scenario that make a block: drift.motion.partials
     lon: Device
     lat: Device
     status: Device
@@ -74,18 +87,45 @@ class Ensemble:
         return list(zip(self.bounds[:-1], self.bounds[1:], strict=True))
 
     @property
+    def slots(self) -> list[Slots]:
+        """The slots of each scenario, as what draws noise takes them."""
+        return [Slots(*own, number) for own, number in zip(self.scenarios, self.numbers, strict=True)]
+
+    @property
+    def places(self) -> Array:
+        """The number of every slot in the whole run, int64 (n,)."""
+        return np.concatenate([number + np.arange(last - first) for first, last, number in self.slots])
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """The blocks by which sums over particles are made."""
+        return partials.cut(self.bounds, self.numbers, self.block)
+
+    @property
     def columns(self) -> dict[str, Device]:
         """All columns by name."""
         return {**{one.name: getattr(self, one.name) for one in CORE}, **self.own}
 
 
-def empty(seed: int, bounds: tuple[int, ...], own: Sequence[Column] = ()) -> Ensemble:
-    """Return an ensemble whose particles all wait at (0, 0) for a release at the start, all of weight 1; own: columns besides CORE."""
+def empty(
+    seed: int,
+    bounds: tuple[int, ...],
+    own: Sequence[Column] = (),
+    *,
+    numbers: tuple[int, ...] | None = None,
+    block: tuple[int, ...] | None = None,
+) -> Ensemble:
+    """Return an ensemble whose particles all wait at (0, 0) for a release at the start, all of weight 1.
+
+    own: columns besides CORE. numbers: of each scenario's first slot in the whole run; by default this is all of it.
+    block: slots of each scenario that make a block.
+    """
 
     def filled(columns: Sequence[Column]) -> dict[str, Device]:
         return {one.name: runtime.upload(np.full(bounds[-1], one.first, one.dtype)) for one in columns}
 
-    return Ensemble(seed, bounds, own=filled(own), **filled(CORE))
+    numbers, block = numbers or bounds[:-1], block or (partials.BLOCK,) * (len(bounds) - 1)
+    return Ensemble(seed, bounds, numbers, block, own=filled(own), **filled(CORE))
 
 
 def inherit(ensemble: Ensemble, ancestors: Array) -> None:
@@ -94,9 +134,14 @@ def inherit(ensemble: Ensemble, ancestors: Array) -> None:
         column.from_numpy(np.ascontiguousarray(column.to_numpy()[ancestors]))
 
 
+def weighed(ensemble: Ensemble) -> Weighed:
+    """Return what is needed of the weights of all particles."""
+    return weights.weighed(ensemble.log_weight.to_numpy(), ensemble.blocks)
+
+
 def probability(ensemble: Ensemble) -> Array:
     """Return each particle's normalised weight, float64, shape (n,), of sum 1."""
-    return weights.shares(ensemble.log_weight.to_numpy())
+    return weights.normalised(ensemble.log_weight.to_numpy(), ensemble.blocks)
 
 
 @dataclass(frozen=True)
@@ -108,16 +153,13 @@ class Account:
 
 
 def account(ensemble: Ensemble, status: Array | None = None) -> Account:
-    """Return the account of an ensemble, the same for any number of threads.
+    """Return the account of an ensemble.
 
     status: int32 (n,) at another time than that of the last step; default: the ensemble's own.
     """
-    statuses = ensemble.status if status is None else runtime.upload(status)
-    parts = [weigh.account(ensemble.log_weight, statuses, *slots) for slots in ensemble.scenarios]
-    largest = max(factor for _, _, factor in parts)
-    table = np.array([sums * np.exp(factor - largest) for sums, _, factor in parts])
-    squares = sum(square * np.exp(2 * (factor - largest)) for _, square, factor in parts)
-    return Account(table / table.sum(), float(table.sum() ** 2 / squares))
+    status = ensemble.status.to_numpy() if status is None else status
+    table = ensemble.blocks.partial(probability(ensemble), code=status, many=len(Status)).by_scenario[:, :, 0]
+    return Account(table / table.sum(), weighed(ensemble).ess)
 
 
 def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
@@ -125,4 +167,4 @@ def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
     copied = {name: runtime.upload(column.to_numpy()[slots]) for name, column in ensemble.columns.items()}
     core = {one.name: copied.pop(one.name) for one in CORE}
     bounds = tuple(int(x) for x in np.searchsorted(slots, ensemble.bounds))
-    return replace(ensemble, bounds=bounds, own=copied, **core)
+    return replace(ensemble, bounds=bounds, numbers=bounds[:-1], own=copied, **core)

@@ -23,9 +23,9 @@ from geo.errors import UserError
 from geo.forcing import memory, sources, stream
 from geo.forcing.sources import Source
 
-# Of a box's width or height: the lattice on which the part of a source that is read for it ends is no coarser.
+# What is read of a source ends on a lattice, whose lines are at most this share of the box's width or height apart.
 FINEST_SHARE = 1 / 8
-COARSEST = 4.0  # [deg] of that lattice
+COARSEST = 4.0  # [deg] the lattice's widest spacing
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,15 @@ class Common(Protocol):
     """What a run has in common with others, opened and built for all of them: see drift.waters.Waters."""
 
     def source(self, spec: ForcingSpec, box: Box) -> Source:
-        """Return the part of a source of files, or of a dataset in memory, that `geo.forcing.sources.open_source` gives for a box."""
+        """Return the part of a source, of files or a dataset in memory, that `open_source` gives for a box.
+
+        See geo.forcing.sources.
+        """
 
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and a coast that is the same within a box as one built for it; None where there is none to share."""
+        """Return the land and a coast that is, within a box, as one built for it; None: there is none to share."""
 
 
 def open_for(
@@ -70,7 +73,7 @@ def open_for(
     opened = {one.name + one.quantity: _open(one, box, spec.period, held, common) for one in asked.forcing}
     cells: dict[tuple[str, str], int] = {(one.quantity, one.name): one.fill for one in asked.forcing}
     added = frozenset((one.quantity, one.name) for one in asked.forcing if one.add)
-    opened = {key: _told(source, added) for key, source in opened.items()}
+    opened = {key: _with_notes(source, added) for key, source in opened.items()}
     scenarios = []
     for scenario in spec.scenarios:
         current, wind, stokes = (
@@ -97,10 +100,10 @@ def open_for(
 
 
 def part(box: Box) -> Box:
-    """Return what is read of a source for a box: all of it, out to the next lines of a lattice at most an eighth as wide as the box.
+    """Return the box that is read of a source: the one asked for, widened to a lattice at most an eighth as wide.
 
-    So runs that begin near each other see the same part of a source, on the same grid: for many forecasts it is made
-    ready once.
+    So runs that begin near each other see the same part of a source, on the same grid, which for many forecasts is
+    prepared only once.
     """
 
     def outward(low: float, high: float) -> tuple[float, float]:
@@ -134,9 +137,9 @@ def hold(asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str)
             )
     for name in given:
         if name not in named:
-            known = ", ".join(f'"{other}"' for other in named) or "none"
+            names = ", ".join(f'"{other}"' for other in named) or "none"
             raise UserError(
-                f'datasets: "{name}" is given, and no source of {place} has dataset = "{name}"; named: {known}'
+                f'datasets: "{name}" is given, and no source of {place} has dataset = "{name}"; named: {names}'
             )
     return given
 
@@ -165,14 +168,17 @@ def _open(
             **source_options(spec),
         )
     except UserError as error:
-        told = str(error)
+        reason = str(error)
         if spec.dataset is not None:
-            told = told.replace(f"[[{spec.quantity}]] files", f"[[{spec.quantity}]] dataset")
-        raise UserError(f'{spec.quantity} "{spec.name}": {told}') from None
+            reason = reason.replace(f"[[{spec.quantity}]] files", f"[[{spec.quantity}]] dataset")
+        raise UserError(f'{spec.quantity} "{spec.name}": {reason}') from None
 
 
-def _told(source: Source, added: frozenset[tuple[str, str]]) -> Source:
-    """Return a source of a sum with notes on its part in it: where and when it has values, for without it there is no sum."""
+def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
+    """Return a source with notes on its part in a sum: where and when it has values.
+
+    Where or when one term of a sum has no value, the sum has none.
+    """
     if all(quantity != source.quantity for quantity, _ in added):
         return source
     notes, box = list(source.notes), source.grid.box

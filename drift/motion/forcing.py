@@ -56,7 +56,10 @@ class Term:
 
 
 def _heed(closed: Event) -> None:
-    """Leave the wait for a server: the read-ahead thread asks this while it waits. No method: a circle keeps files open."""
+    """Leave the wait for a server once this is set; the thread that reads ahead asks it while it waits.
+
+    No method of Forcing: it would hold a reference to it, and a circle of references keeps files open.
+    """
     if closed.is_set():
         raise waiting.Left
 
@@ -74,7 +77,7 @@ class Forcing:
         self.ranges: list[tuple[int, ...]] = []
         self.terms: list[dict[str, list[Term]]] = []
         self._direction = direction
-        known: dict[Any, list[Term]] = {}
+        by_sources: dict[Any, list[Term]] = {}  # scenarios that see the same sources share tiles
         shared: dict[Any, Slices] = {}
         ends: list[int] = []
         for scenario in scenarios:
@@ -84,8 +87,8 @@ class Forcing:
                 terms = scenario.terms(quantity)
                 name = (quantity, *(tuple(id(s) for s in sources) for sources in terms))
                 begin = len(self._slices)
-                if name not in known:
-                    known[name] = []
+                if name not in by_sources:
+                    by_sources[name] = []
                     for sources in terms:
                         first = len(self._slices)
                         raw = [(s, 0) for s in sources] if len(sources) > 1 else []
@@ -95,10 +98,10 @@ class Forcing:
                             self._slices.append(shared[key])
                         last = len(self._slices)
                         ends += [last] * (last - first)
-                        known[name].append(Term(tuple(s.name for s in sources), first, last))
-                made = known[name]
-                ranges += (made[0].first, made[-1].last) if made else (begin, begin)
-                self.terms[-1][quantity] = made
+                        by_sources[name].append(Term(tuple(s.name for s in sources), first, last))
+                tiled = by_sources[name]
+                ranges += (tiled[0].first, tiled[-1].last) if tiled else (begin, begin)
+                self.terms[-1][quantity] = tiled
             self.ranges.append(tuple(ranges))
         self.tiles = Tiles([s.source.grid for s in self._slices], ends)
         self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)

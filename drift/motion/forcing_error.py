@@ -1,4 +1,4 @@
-"""How wrong winds and currents may be: the error of a quantity of forcing, who says so, and how that is told."""
+"""How wrong winds and currents may be: the error of each quantity of forcing, who states it, and both in words."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +11,10 @@ HOUR = 3600.0
 
 @dataclass(frozen=True)
 class ForcingError:
-    """Error of each component of a wind or current: an Ornstein-Uhlenbeck process about a bias that lasts; zeros switch it off."""
+    """Error of each component of a wind or current: an Ornstein-Uhlenbeck process about a lasting bias.
+
+    Zeros switch it off.
+    """
 
     std: float  # [m/s]
     time: float  # [s] decorrelation
@@ -43,9 +46,9 @@ def switched_off(current: ForcingError, wind: ForcingError | None) -> str:
 
 def words(current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str) -> str:
     """Return in a line which errors a run has, and who says so; by: who says the diffusivity. Without a wind: None."""
-    told = [_words("current", current), *([_words("wind", wind)] if wind is not None else [])]
-    told += [f"diffusivity {diffusivity:g} m2/s ({by})"] if diffusivity > 0 else []
-    return "; ".join(told)
+    parts = [_words("current", current), *([_words("wind", wind)] if wind is not None else [])]
+    parts += [f"diffusivity {diffusivity:g} m2/s ({by})"] if diffusivity > 0 else []
+    return "; ".join(parts)
 
 
 def _words(quantity: str, error: ForcingError) -> str:
@@ -65,11 +68,11 @@ def _words(quantity: str, error: ForcingError) -> str:
 
 def numbers(current: ForcingError, wind: ForcingError, diffusivity: float, by: str) -> dict[str, Any]:
     """Return the errors of a run for its summary, each with who says so."""
-    told: dict[str, Any] = {
+    errors: dict[str, Any] = {
         name: {
             "std_m_s": error.std, "time_s": error.time, "bias_m_s": error.bias,
             "by": dict(zip(("std", "time", "bias"), error.by, strict=True)),
         }
         for name, error in (("current", current), ("wind", wind))
     }  # fmt: skip
-    return told | {"diffusivity": {"m2_s": diffusivity, "by": by}}
+    return errors | {"diffusivity": {"m2_s": diffusivity, "by": by}}

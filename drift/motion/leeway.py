@@ -104,25 +104,25 @@ def find(name: str) -> Drifter:
     if name.lower() == WATER.name:
         return WATER
     table = classes()
-    if name.upper() in (known := {key.upper(): key for key in table}):
-        return table[known[name.upper()]]
-    near = difflib.get_close_matches(name.upper(), known, n=1, cutoff=0.5)
-    hint = f'nearest is "{known[near[0]]}"' if near else _hint(name)
+    if name.upper() in (names := {key.upper(): key for key in table}):
+        return table[names[name.upper()]]
+    near = difflib.get_close_matches(name.upper(), names, n=1, cutoff=0.5)
+    hint = f'nearest is "{names[near[0]]}"' if near else _hint(name)
     raise UserError(f'no leeway class "{name}"; {hint}. See: drift objects')
 
 
 def _hint(name: str) -> str:
-    found = search(name.replace("-", " ").replace("_", " "))
-    return f'such as "{found[0].name}"' if found else 'or "water" for a pure water drifter'
+    matches = search(name.replace("-", " ").replace("_", " "))
+    return f'such as "{matches[0].name}"' if matches else 'or "water" for a pure water drifter'
 
 
 def search(words: str = "") -> list[Drifter]:
     """Return the classes whose name or description, or their main classes' ones, hold every word, in any case."""
     wanted = words.lower().split()
-    found, above = [], [""] * 8
+    matches, above = [], [""] * 8
     for drifter in classes().values():
         above[drifter.level] = f"{drifter.name} {drifter.description}".lower()
         text = " ".join(above[: drifter.level + 1])
         if all(word in text for word in wanted):
-            found.append(drifter)
-    return found
+            matches.append(drifter)
+    return matches

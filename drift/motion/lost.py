@@ -1,4 +1,4 @@
-"""Refusals of what lies, or ends, where there is no forcing or outside the domain, where that is more than may be lost."""
+"""Refusals of a run that would lose more than it may, to places without forcing or outside of the domain."""
 
 import math
 from typing import Any
@@ -13,6 +13,7 @@ from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment import Environment
 from drift.motion.forcing import QUANTITIES
+from drift.motion.partials import Blocks
 from drift.motion.scene import Scene
 from drift.motion.snapshot import Snapshot
 from drift.motion.status import Status
@@ -34,29 +35,35 @@ def check_prior(
     # What is released later may find a source that has nothing yet: the run itself judges it.
     probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
     _check_domain(where.box, max_lost, ensemble, probability)
+    blocks = ensemble.blocks
     for quantity in QUANTITIES:
-        missing, told = 0.0, []
+        missing, places = 0.0, []
         for number, (scenario, sources, (first, last)) in enumerate(
             zip(spec.scenarios, where.scenarios, ensemble.scenarios, strict=True)
         ):
-            x, y, weight = lon[first:last], lat[first:last], probability[first:last]
-            known = np.ones(last - first, bool)
+            slots = np.arange(first, last)
+            x, y, weight = lon[slots], lat[slots], probability[slots]
+            everywhere = np.ones(last - first, bool)  # where all terms have a value
             for of, term, valid in silence.terms(scene.forcing, number, x, y):
                 lost = np.where(valid, 0.0, weight)
                 if of == quantity:
-                    known &= valid
-                if of == quantity and lost.sum() > 0:
-                    share, middle = lost.sum() / max(weight.sum(), 1e-300), _middle(x, y, lost)
+                    everywhere &= valid
+                missed = blocks.total(lost, slots)
+                if of == quantity and missed > 0:
+                    share, middle = (
+                        missed / max(blocks.total(weight, slots), 1e-300),
+                        _middle(blocks, x, y, lost, slots),
+                    )
                     silent = [source for source in sources.of(quantity) if source.name in term.names]
                     away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
-                    told.append(
+                    places.append(
                         f'{share:.0%} of {spec.story} "{scenario.name}", about {notation.position(*middle)}: {away}'
                     )
-            missing += float(weight[~known].sum())
+            missing += blocks.total(np.where(everywhere, 0.0, weight), slots)
         if missing > max_lost:
             summed = any(key[0] == quantity for one in where.scenarios for key in one.added)
             raise UserError(
-                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({'; '.join(told)}); at most "
+                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({'; '.join(places)}); at most "
                 f"{max_lost:.0%} may be lost (max_lost). "
                 + ("A sum has no value where one of its terms has none. " if summed else "")
                 + f"Add a source, or move the {spec.story}"
@@ -67,11 +74,11 @@ def check_end(
     where: Environment, max_lost: float, ensemble: Ensemble, scene: Scene, clock: Clock, end: Snapshot
 ) -> None:
     """Refuse a run that has lost more than a share of the probability by its end."""
-    by_status = np.bincount(end.status, end.probability, len(Status))
+    by_status = end.blocks.table(end.status, len(Status), end.probability)
     lost = {status: float(by_status[status]) for status in LOST}
     if sum(lost.values()) <= max_lost:
         return
-    box, silent = where.box, silence.told(silence.lost(scene.forcing, clock, ensemble, end))
+    box, silent = where.box, silence.in_words(silence.lost(scene.forcing, clock, ensemble, end))
     raise UserError(
         f"{sum(lost.values()):.0%} of the probability was lost by the end: {lost[Status.OUTSIDE]:.0%} ran out of "
         f"forcing{f' (no value: {silent})' if silent else ''}, {lost[Status.LEFT]:.0%} left the domain ({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
@@ -86,20 +93,31 @@ def _check_domain(box: Box, max_lost: float, ensemble: Ensemble, probability: np
     lon, lat = ensemble.lon.to_numpy().astype(np.int64), ensemble.lat.to_numpy().astype(np.int64)
     beyond = ((lon - west) % sphere.TURN > width) | (lat < south) | (lat > south + height)
     lost = np.where(beyond, probability, 0.0)
-    if lost.sum() <= max_lost:
+    share = ensemble.blocks.total(lost)
+    if share <= max_lost:
         return
-    x, y = _middle(ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), lost)
+    x, y = _middle(ensemble.blocks, ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), lost)
     raise UserError(
-        f"[domain]: {lost.sum():.0%} of the prior lies outside it, about {notation.position(x, y)}, from where it is "
+        f"[domain]: {share:.0%} of the prior lies outside it, about {notation.position(x, y)}, from where it is "
         f"{_edge(box, x, y)} to its edge ({box.west:.2f}..{box.east:.2f} E {box.south:.2f}..{box.north:.2f} N); at most "
         f"{max_lost:.0%} may be lost (max_lost). Widen [domain], or leave it out"
     )
 
 
-def _middle(lon: npt.NDArray[np.int32], lat: npt.NDArray[np.int32], weight: npt.NDArray[Any]) -> tuple[float, float]:
-    """Return the weighted mean position (lon, lat) [deg] of points [binary angles]: that of their mean vector."""
+def _middle(
+    blocks: Blocks,
+    lon: npt.NDArray[np.int32],
+    lat: npt.NDArray[np.int32],
+    weight: npt.NDArray[Any],
+    slots: npt.NDArray[Any] | None = None,
+) -> tuple[float, float]:
+    """Return the weighted mean position (lon, lat) [deg] of particles [binary angles]: that of their mean vector.
+
+    slots: those that they are; by default all.
+    """
     x, y = lon * sphere.UNIT, lat * sphere.UNIT
-    mean = [float((weight * part).sum()) for part in (np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y))]
+    vector = np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)
+    mean = [blocks.total(weight * part, slots) for part in vector]
     middle = math.atan2(mean[1], mean[0]), math.atan2(mean[2], math.hypot(mean[0], mean[1]))
     return math.degrees(middle[0]), math.degrees(middle[1])
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from drift.motion.ensemble import Column, Ensemble
+from drift.motion.ensemble import Column, Ensemble, Slots
 from drift.motion.forcing_error import Errors
 from drift.motion.leeway import Drifter
 from drift.motion.scenario import Scenario
@@ -16,7 +16,6 @@ from geo.array import Array
 from kernels import advance as kernel
 from kernels.sample import Tiles
 
-Slots = tuple[int, int]  # the first of a range, and the one after its last
 Key = tuple[int, int]  # of random numbers: kernels.noise.key
 Terms = Any  # what a model's kernel takes of a scenario: opaque to all but the model
 
@@ -37,7 +36,7 @@ class Inside(NamedTuple):
     lasting: Array  # [s] that its way takes
     adrift: Array  # bool: whether it is still adrift at the step's end
     seed: int
-    moment: int  # the key of the noise of that time
+    moment: int  # with seed and slot the key of the noise of that time
 
 
 @dataclass(frozen=True)

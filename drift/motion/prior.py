@@ -11,7 +11,7 @@ import numpy as np
 
 from drift.motion import ensemble as record
 from drift.motion import models, resample
-from drift.motion.ensemble import Ensemble
+from drift.motion.ensemble import Ensemble, Slots
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.models import MODELS
 from drift.motion.period import Period
@@ -49,17 +49,17 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
     ensemble = record.empty(spec.seed, _bounds(spec, counts), models.columns(spec.scenarios))
     key = noise.key(spec.seed)
     dry = []
-    for scenario, slots in zip(spec.scenarios, ensemble.scenarios, strict=True):
+    for scenario, slots in zip(spec.scenarios, ensemble.slots, strict=True):
         tries = runtime.upload(np.zeros(2, np.int64))
         _place(spec.period, scenario, ensemble, slots, key, tries, coast)
         drawn, failed = (int(x) for x in tries.to_numpy())
         if failed:
             fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
             raise UserError(
-                f'scenario "{scenario.name}": {fault}: {failed} of {slots[1] - slots[0]} particles found no place in many '
+                f'scenario "{scenario.name}": {fault}: {failed} of {slots.last - slots.first} particles found no place in many '
                 "tries; move or widen it, or check [coast] source"
             )
-        dry.append(1.0 - (slots[1] - slots[0]) / drawn)
+        dry.append(1.0 - (slots.last - slots.first) / drawn)
         MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
     ensemble.log_weight.from_numpy(_log_weights(spec, ensemble, counts))
     if ensemble.n > sum(counts):
@@ -101,7 +101,7 @@ def _place(
     period: Period,
     scenario: Scenario,
     ensemble: Ensemble,
-    slots: tuple[int, int],
+    slots: Slots,
     key: tuple[int, int],
     tries: Any,
     coast: DeviceCoast | None,

@@ -31,8 +31,8 @@ def systematic(weight: Array, number: int, uniform: float) -> Array:
     """
     total = np.cumsum(weight)
     points = (np.arange(number) + uniform) * (total[-1] / number)
-    found = np.searchsorted(total, points, side="right")
-    return np.asarray(np.minimum(found, np.flatnonzero(weight)[-1]))
+    ancestors = np.searchsorted(total, points, side="right")
+    return np.asarray(np.minimum(ancestors, np.flatnonzero(weight)[-1]))
 
 
 def kahn(weight: Array, number: int, uniform: Array) -> Array:
@@ -51,7 +51,10 @@ def _kahn_that_fits(weight: Array, number: int, random: np.random.Generator) -> 
 
 
 class Method(NamedTuple):
-    """A way to resample: ancestors drawn by weight, number aimed at and random numbers; how many slots a number needs."""
+    """A way to resample.
+
+    draw: ancestors, from weights, the number aimed at and random numbers. slots: how many a number of particles needs.
+    """
 
     draw: Callable[[Array, int, np.random.Generator], Array]
     slots: Callable[[int], int]
@@ -75,7 +78,7 @@ def offspring(
     """
     weight, scale = weights.relative(log_weight), float(log_weight.max())
     ancestors, spare = np.arange(len(log_weight)), np.zeros(len(log_weight), bool)
-    made = np.full(len(log_weight), -np.inf, np.float32)
+    new = np.full(len(log_weight), -np.inf, np.float32)
     for scenario, ((first, last), number) in enumerate(zip(scenarios, target, strict=True)):
         own = weight[first:last]
         total = own.sum()
@@ -85,11 +88,11 @@ def offspring(
         drawn = METHODS[method].draw(own, number, random)
         ancestors[first : first + len(drawn)] = first + drawn
         spare[first + len(drawn) : last] = True
-        made[first : first + len(drawn)] = scale + np.log(total / number)
-    return ancestors, made, spare
+        new[first : first + len(drawn)] = scale + np.log(total / number)
+    return ancestors, new, spare
 
 
 def generator(seed: int, event: int, scenario: int) -> np.random.Generator:
     """Return the random numbers of one resampling: a function of the run's seed, the event and the scenario alone."""
-    made: np.random.Generator = noise.generator(seed, Purpose.RESAMPLING, event=(event, scenario))
-    return made
+    numbers: np.random.Generator = noise.generator(seed, Purpose.RESAMPLING, event=(event, scenario))
+    return numbers

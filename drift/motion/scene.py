@@ -1,4 +1,4 @@
-"""The scene of a run: the forcing, how each scenario's objects move, and the place, which do not change while particles move."""
+"""The scene of a run, which does not change while it lasts: forcing, how each scenario's objects move, and the place."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from kernels import coast as device_coast
 
 @dataclass(frozen=True)
 class Scene:
-    """What does not change in a run and every scenario needs to move: forcing, models with their terms, and the place."""
+    """What every scenario needs to move: forcing, models with their terms, and the place."""
 
     forcing: Forcing
     motions: tuple[Motion, ...]  # one a scenario
@@ -32,15 +32,15 @@ class Scene:
             move(step)
 
     def _movers(self, ensemble: Ensemble, direction: int) -> tuple[kernel.Move, ...]:
-        """Return what moves each scenario of an ensemble; made once, and kept with the forcing as long as that is open."""
+        """Return what moves each scenario of an ensemble. It is made once and kept until the forcing is closed."""
         key = id(self), id(ensemble), direction
         if key not in self.forcing.movers:
-            each = zip(ensemble.scenarios, self.forcing.ranges, self.motions, strict=True)
-            made = tuple(
+            each = zip(ensemble.slots, self.forcing.ranges, self.motions, strict=True)
+            movers = tuple(
                 model.mover(ensemble, slots, Waters(self.forcing.tiles, ranges, self.place), terms, direction)
                 for slots, ranges, (model, terms) in each
             )
-            self.forcing.movers[key] = (self, ensemble), made  # a name of what is no more could be given again
+            self.forcing.movers[key] = (self, ensemble), movers  # both kept alive: id() of what is gone is given again
         moves: tuple[kernel.Move, ...] = self.forcing.movers[key][1]
         return moves
 

@@ -1,6 +1,7 @@
-"""Which sources have no value where particles are: at a place and time, and where forcing ended for those that are lost."""
+"""Which sources have no value where particles are, and which of them ended the way of those that are lost."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -33,15 +34,16 @@ def terms(
 def lost(forcing: Forcing, clock: Clock, ensemble: Ensemble, end: Snapshot) -> Shares:
     """Return how much of the probability ran out of forcing where a term had no value.
 
-    end: of the run. It looks where a particle stayed, at the begin and the end of the step that it could not make, then
-    ahead of it along the current; what only its leeway led to is not told.
+    end: of the run. The search looks where a particle stayed, at the begin and the end of the step that it could not
+    make, then ahead of it along the current. A gap to which only its leeway led is not found.
     """
     ended, outside, probability = ensemble.status_since.to_numpy(), end.status == Status.OUTSIDE, end.probability
     steps = [(step.elapsed, low, high) for low, high, step in clock.steps()]
     number = np.searchsorted([elapsed for elapsed, _, _ in steps], ended, "right") - 1
-    by_step = np.bincount(number[outside], probability[outside], len(steps))
+    # What was released before the first step, or is pending, is outside of nothing: its number is not looked at.
+    by_step = ensemble.blocks.table(number.clip(0), len(steps), np.where(outside, probability, 0.0))
     chosen = [k for k in np.argsort(-by_step, kind="stable")[:MOST] if by_step[k] > 0]
-    found: Shares = {}
+    shares: Shares = {}
     for k in chosen:
         _, low, high = steps[k]
         forcing.set(low, high)
@@ -51,12 +53,13 @@ def lost(forcing: Forcing, clock: Clock, ensemble: Ensemble, end: Snapshot) -> S
                 if slots.size:
                     time = ahead * clock.direction * clock.step
                     lon, lat = _along(forcing, scenario, end.lon[slots], end.lat[slots], time)
-                    slots = slots[_tell(found, forcing, scenario, lon, lat, probability[slots])]
+                    share = partial(ensemble.blocks.total, slots=slots)
+                    slots = slots[_add_silent(shares, forcing, scenario, lon, lat, probability[slots], share)]
     scale = float(by_step.sum() / by_step[chosen].sum()) if chosen else 1.0
-    return {key: share * scale for key, share in found.items()}
+    return {key: share * scale for key, share in shares.items()}
 
 
-def told(shares: Shares) -> str:
+def in_words(shares: Shares) -> str:
     """Return shares in words, the largest first: current "tide" 28 %, wind "arome" 2 %."""
     largest = sorted(shares.items(), key=lambda item: -item[1])
     return ", ".join(
@@ -70,21 +73,35 @@ def _quoted(name: str) -> str:
     return f'"{name}"'
 
 
-def _tell(found: Shares, forcing: Forcing, scenario: int, lon: Array, lat: Array, probability: Array) -> Array:
-    """Add what has no value at places (n,), and return where (n,) all terms have one."""
-    known = np.ones(lon.size, bool)
+def _add_silent(
+    shares: Shares,
+    forcing: Forcing,
+    scenario: int,
+    lon: Array,
+    lat: Array,
+    probability: Array,
+    total: Callable[[Array], float],
+) -> Array:
+    """Add the shares of what has no value at places (n,), and return where all terms have one, bool (n,).
+
+    total: returns the sum of values (n,) over these particles.
+    """
+    valid_all = np.ones(lon.size, bool)
     for fraction in (0.0, 1.0):
-        before = known.copy()
+        before = valid_all.copy()
         for quantity, term, valid in terms(forcing, scenario, lon, lat, fraction):
-            share = float(probability[before & ~valid].sum())
+            share = total(np.where(before & ~valid, probability, 0.0))
             if share > 0:
-                found[quantity, term.names] = found.get((quantity, term.names), 0.0) + share
-            known &= valid
-    return known
+                shares[quantity, term.names] = shares.get((quantity, term.names), 0.0) + share
+            valid_all &= valid
+    return valid_all
 
 
 def _along(forcing: Forcing, scenario: int, lon: Array, lat: Array, time: float) -> tuple[Array, Array]:
-    """Return places [binary angle] that the current leads to in a time [s], straight on; those it does not know stay."""
+    """Return the places [binary angle] to which the current leads in a time [s], straight on.
+
+    Places without a current stay.
+    """
     east, north, valid = forcing.tiles.at(*forcing.ranges[scenario][:2], lon, lat, 0.0).astype(np.float64).T
     metres = np.where(valid > 0.5, time, 0.0) / (sphere.RADIUS * sphere.UNIT)
     x = lon + np.nan_to_num(east) * metres / np.cos(lat * sphere.UNIT)

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from drift.motion import life
 from drift.motion.clock import Clock
 from drift.motion.ensemble import Ensemble
 from drift.motion.model import Inside
@@ -36,7 +37,9 @@ class Moment:
     ancestors: Array | None = None  # int64 (n,): of the moment before, where particles have been drawn anew since
 
 
-PositionsAt = Callable[[Ensemble, tuple[Array, Array] | None, int], tuple[Array, Array]]
+# Where the particles of an ensemble, which moves in a scene, were at a time [s after start]: lon, lat [binary angle]. The
+# third is where they began the step in which it falls; None: that of the run's own ensemble, which is known.
+PositionsAt = Callable[[Ensemble, Scene, tuple[Array, Array] | None, int], tuple[Array, Array]]
 
 
 class Filter(Protocol):
@@ -82,7 +85,7 @@ def run(
     search looks on and changes weights.
     """
 
-    def here(which: Ensemble, before: Any, time: int) -> tuple[Array, Array]:
+    def here(which: Ensemble, its: Scene, before: Any, time: int) -> tuple[Array, Array]:
         return which.lon.to_numpy(), which.lat.to_numpy()
 
     due = [int(t) for t in outputs]
@@ -90,14 +93,14 @@ def run(
         for time in search.stops(-1, 0):
             search.take_effect(time, here)
     while due and due[0] <= 0:
-        lon, lat = here(ensemble, None, 0)
+        lon, lat = here(ensemble, scene, None, 0)
         yield _moment(ensemble, lon, lat, due.pop(0), search)
     for low, high, step in clock.steps():
         end = step.elapsed + step.duration
         within = [t for t in due if t <= end]
         stops = search.stops(max(step.elapsed, 0), end) if search else []
         inside = [t for t in (*within, *stops) if t < end]
-        before = here(ensemble, None, 0) if inside else None
+        before = here(ensemble, scene, None, 0) if inside else None
         if search:
             scene.forcing.set(low, high)
             search.before(step.elapsed, step.duration)
@@ -109,16 +112,22 @@ def run(
         ] = {}  # where contacts have asked particles to have been in this step, and when
 
         def place(
-            which: Ensemble, begin: Any, time: int, step: kernel.Step = step, own: Any = before, known: Any = known
+            which: Ensemble,
+            its: Scene,
+            begin: Any,
+            time: int,
+            step: kernel.Step = step,
+            own: Any = before,
+            known: Any = known,
         ) -> Any:
             """Return where an ensemble's particles, which began this step somewhere, were at a time in it."""
             begin = own if which is ensemble else begin
             if begin is None or time == step.elapsed + step.duration:
-                return here(which, None, time)
+                return here(which, its, None, time)
             begin, since = known.get(id(which), (begin, step.elapsed))
-            found = _inside(which, scene, clock, begin, step, time, since, 0 if which is ensemble else which.n)
-            known[id(which)] = found, time
-            return found
+            places = _inside(which, its, clock, begin, step, time, since)
+            known[id(which)] = places, time
+            return places
 
         if watch:
             watch(step.elapsed)
@@ -127,7 +136,7 @@ def run(
                 search.take_effect(t, place)
             if t in within:
                 due.pop(0)
-                lon, lat = here(ensemble, None, 0)
+                lon, lat = here(ensemble, scene, None, 0)
                 if t < end:  # an output does not tie down what comes after it
                     begin, since = known.get(id(ensemble), (before, step.elapsed))
                     assert begin is not None
@@ -149,33 +158,24 @@ def _inside(
     step: kernel.Step,
     time: int,
     since: int,
-    debris: int = 0,
 ) -> tuple[Array, Array]:
     """Return positions at a time inside a step that has just been made: on each particle's bridge between its ends.
 
-    before: where they were at `since`, the step's begin or a time in it. debris: tells it apart from the object, 0,
-    which has the same seed.
+    before: where they were at `since`, the step's begin or a time in it. Debris, which has the object's seed, has noise
+    of its own.
     """
     end = step.elapsed + step.duration
-    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.status_since, ensemble.status))
-    left = np.maximum(since, release)
-    there = np.where(status == Status.ADRIFT, end, np.minimum(ended, end))
-    afloat = ensemble.moving_since.to_numpy()  # what refloats begins to move within the step
-    left = np.where(afloat < there, np.maximum(left, afloat), left)
-    lasting = np.maximum(there - left, 1)
+    lives = life.read(ensemble)
+    left, finish = lives.way(since, end)
+    lasting = np.maximum(finish - left, 1)
     share = np.clip((time - left) / lasting, 0.0, 1.0)
     moment = (clock.start + clock.direction * time) % 2**31
-    seed = noise.seed_for(ensemble.seed, Purpose.DEBRIS_BRIDGE, debris) if debris else ensemble.seed
-    return scene.between(ensemble, Inside(before, share, lasting, status == Status.ADRIFT, seed, moment))
+    purpose = Purpose.DEBRIS_BRIDGE if scene.place.debris else Purpose.RUN
+    seed = noise.seed_for(ensemble.seed, purpose, scene.place.debris)
+    return scene.between(ensemble, Inside(before, share, lasting, lives.status == Status.ADRIFT, seed, moment))
 
 
 def _moment(ensemble: Ensemble, lon: Array, lat: Array, time: int, search: Filter | None) -> Moment:
     """Return positions with the status that each particle had at that time, and its weight as far as it was known."""
-    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.status_since, ensemble.status))
-    over = (status != Status.ADRIFT) & (status != Status.PENDING)
-    status = np.where(over & (ended > time) | (status == Status.PENDING), int(Status.ADRIFT), status)
-    waits = (status == Status.ADRIFT) & (ensemble.moving_since.to_numpy() > np.maximum(time, release))
-    status = np.where(waits, int(Status.ASHORE), status)  # it refloats later in this step
-    status = np.where(release > time, int(Status.PENDING), status)
     weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)
-    return Moment(time, lon, lat, status.astype(np.int32), weight, ancestors)
+    return Moment(time, lon, lat, life.read(ensemble).at(time), weight, ancestors)

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from drift.motion import partials
+from drift.motion.partials import Blocks
 from drift.motion.status import Status
 from geo import sphere
 from geo.array import Array
@@ -23,10 +25,16 @@ class Snapshot:
     scenario: npt.NDArray[np.int32]
     family: Array | None = None  # int: the particle of the beginning from which it descends; None: itself
     world: Array | None = None  # int: the world whose unknowns it shares; None: there are none
+    cut: Blocks | None = None  # by which sums are made; None: by slots alone
+
+    @property
+    def blocks(self) -> Blocks:
+        """The blocks by which sums over particles are made."""
+        return self.cut or partials.whole(len(self.lon))
 
 
 def mapped(one: Snapshot) -> Array:
-    """Return which particles are on the map: adrift or ashore, with a probability that its cells can hold; bool (n,)."""
+    """Return which particles are on the map, bool (n,): adrift or ashore, with a probability that cells can hold."""
     return np.asarray((one.status <= Status.ASHORE) & (one.probability > 0.5 / ONE))
 
 
@@ -41,16 +49,11 @@ class Means:
 
 def means(one: Snapshot, scenarios: int) -> Means:
     """Return the mean positions of a snapshot."""
-    index = np.flatnonzero(mapped(one))
-    lon, lat, weight = one.lon[index] * sphere.UNIT, one.lat[index] * sphere.UNIT, one.probability[index]
+    lon, lat, weight = one.lon * sphere.UNIT, one.lat * sphere.UNIT, np.where(mapped(one), one.probability, 0.0)
     flat = weight * np.cos(lat)
-    code = one.scenario[index].astype(np.int64) * 2 + (one.status[index] == Status.ASHORE)
-    sums = np.stack(
-        [
-            np.bincount(code, values, minlength=2 * scenarios).reshape(scenarios, 2)
-            for values in (flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat))
-        ]
-    )
+    code = one.scenario.astype(np.int64) * 2 + (one.status == Status.ASHORE)
+    vector = flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat)
+    sums = one.blocks.table(code, 2 * scenarios, *vector).reshape(3, scenarios, 2)
     return Means(
         _position(sums.sum(axis=(1, 2))),
         _position(sums[:, :, 0].sum(axis=1)),

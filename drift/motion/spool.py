@@ -76,7 +76,7 @@ class Spool(Sequence[Snapshot]):
             self._weighted.append(moment.log_weight is not None)
             self.ancestors.append(moment.ancestors)
             self._families.append(_descent(self._families[-1] if self._families else None, moment.ancestors))
-        self._n = ensemble.n
+        self._n, self._blocks = ensemble.n, ensemble.blocks
         self._probability = record.probability(ensemble)
         kinds = np.arange(len(ensemble.scenarios), dtype=np.int32)
         self._scenario = np.repeat(kinds, np.diff(ensemble.bounds))
@@ -123,16 +123,19 @@ class Spool(Sequence[Snapshot]):
         status = np.frombuffer(self._file.read(self._n), np.uint8).astype(np.int32)
         probability = self._probability
         if self._weighted[at]:
-            probability = weights.shares(np.frombuffer(self._file.read(4 * self._n), np.float32))
-        family = self._families[at]
-        return Snapshot(self._times[at], lon, lat, probability, status, self._scenario, family, self._world)
+            probability = weights.normalised(np.frombuffer(self._file.read(4 * self._n), np.float32), self._blocks)
+        own = self._scenario, self._families[at], self._world, self._blocks
+        return Snapshot(self._times[at], lon, lat, probability, status, *own)
 
     def __iter__(self) -> Iterator[Snapshot]:
         return (self[i] for i in range(len(self)))
 
 
 def _descent(family: Array | None, ancestors: Array | None) -> Array | None:
-    """Return whose offspring particles are, of the beginning: family of the time before, ancestors since; None: themselves."""
+    """Return from which particle of the beginning each descends; None: they are these themselves.
+
+    family: the same at the time before; ancestors: at that time, of each.
+    """
     if ancestors is None:
         return family
     return np.asarray(ancestors if family is None else family[ancestors], np.int32)

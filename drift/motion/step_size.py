@@ -37,9 +37,9 @@ class Trial:
 def clock_of(
     period: Period, spec: ClockSpec, errors: Errors, sources: Sequence[Source], ensemble: Ensemble, scene: Scene
 ) -> tuple[Clock, Trial | None]:
-    """Return the clock: with the step asked for, or the largest whose error is small; on the lattice of the forcing's times.
+    """Return the clock, on the lattice of the forcing's times, and why its step was chosen.
 
-    sources: of all forcing. The trial says why a step was chosen.
+    The step is the one asked for, or the largest whose error is small. sources: of all forcing.
     """
     times = [notation.epochs(s.times) for s in sources if s.times.size > 1]
     divisor, origin = lattice(times)

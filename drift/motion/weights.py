@@ -1,7 +1,12 @@
-"""Weights and their logarithms on the host, in float64 and one order: what evidence, shares and effective sizes are made from."""
+"""Weights and their logarithms on the host, in float64: what evidence, shares and effective sizes are made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
+from drift.motion.partials import Blocks, Partial
 from geo.array import Array
 
 
@@ -17,19 +22,65 @@ def shares(log_weight: Array) -> Array:
     return np.asarray(weight / weight.sum())
 
 
-def log_sum(log_weight: Array) -> float:
-    """Return the log of the sum of weights; -inf where there is none."""
-    top = float(log_weight.max()) if log_weight.size else -np.inf
-    if top == -np.inf:
-        return top
-    return float(top + np.log(np.exp(log_weight.astype(np.float64) - top).sum()))
-
-
-def ess(log_weight: Array) -> float:
-    """Return the effective sample size of log weights (Kong 1992)."""
-    return effective(relative(log_weight))
-
-
 def effective(weight: Array) -> float:
-    """Return the effective number of weights (n,) of any scale, not all 0: sum squared over sum of squares (Kish 1965, sec. 11.2)."""
+    """Return the effective number of weights (n,) of any scale, not all 0 (Kish 1965, sec. 11.2)."""
     return float(weight.sum() ** 2 / (weight**2).sum())
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What a run needs of all weights: sums by block, each in units of the block's largest weight."""
+
+    top: Array  # (k,) largest log weight of each block
+    part: Partial  # sums of weights and of their squares, (k, 1, 2)
+
+    def merge(self, other: Weighed) -> Weighed:
+        """Return the same of the particles of both."""
+        order = np.argsort(np.concatenate([self.part.number, other.part.number]), kind="stable")
+        return Weighed(np.concatenate([self.top, other.top])[order], self.part.merge(other.part))
+
+    def _scaled(self, top: Array) -> Partial:
+        """Return the sums in units of exp(top), of shape (k,) or ()."""
+        scale = np.exp(np.where(np.isfinite(self.top), self.top, -np.inf) - np.where(np.isfinite(top), top, 0.0))
+        sums = self.part.sums * np.stack([scale, scale**2], axis=-1)[:, None, :]
+        return Partial(self.part.scenarios, self.part.scenario, self.part.number, sums)
+
+    @property
+    def log_sums(self) -> Array:
+        """Log of the sum of the weights of each scenario, (scenarios,); -inf where there is none."""
+        top = np.full(self.part.scenarios, -np.inf)
+        np.maximum.at(top, self.part.scenario, self.top)
+        with np.errstate(divide="ignore"):
+            found = np.log(self._scaled(top[self.part.scenario]).by_scenario[:, 0, 0])
+        return np.where(np.isfinite(top), top + found, -np.inf)
+
+    @property
+    def log_sum(self) -> float:
+        """Log of the sum of all weights; -inf where there is none."""
+        top = self.top.max(initial=-np.inf)
+        return float(top + np.log(self._scaled(top).total[0, 0])) if np.isfinite(top) else -np.inf
+
+    @property
+    def stories(self) -> Array:
+        """The probability of each scenario, (scenarios,)."""
+        return np.asarray(np.exp(self.log_sums - self.log_sum))
+
+    @property
+    def ess(self) -> float:
+        """The effective sample size (Kong 1992)."""
+        total, squares = self._scaled(self.top.max()).total[0]
+        return float(total**2 / squares)
+
+
+def weighed(log_weight: Array, blocks: Blocks) -> Weighed:
+    """Return what is needed of all log weights (n,)."""
+    logs = log_weight.astype(np.float64)
+    top = np.maximum.reduceat(logs, blocks.first) if blocks.first.size else np.empty(0)
+    unit = np.repeat(np.where(np.isfinite(top), top, 0.0), np.diff(blocks.first, append=blocks.n))
+    weight = np.exp(logs - unit)
+    return Weighed(top, blocks.partial(weight, weight**2))
+
+
+def normalised(log_weight: Array, blocks: Blocks) -> Array:
+    """Return the weights of all particles as probabilities, float64 (n,), of sum 1."""
+    return np.asarray(np.exp(log_weight.astype(np.float64) - weighed(log_weight, blocks).log_sum))

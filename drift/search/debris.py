@@ -39,7 +39,7 @@ def of_contacts(spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: 
         number = len(found) + 1
         told = replace(spec, scenarios=tuple(replace(s, object=drifter) for s in spec.scenarios))
         ensemble = prior.draw(told, scene.place.coast).ensemble
-        for slots in ensemble.scenarios:  # coefficients of its own
+        for slots in ensemble.slots:  # coefficients of its own
             drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
         place = scene.place._replace(debris=number)
         moved = replace(scene, motions=models.motions(told.errors, told.scenarios), place=place)

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from drift.motion import ensemble as record
-from drift.motion import resample, weights
+from drift.motion import life, resample, weights
 from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.scene import Scene
 from drift.motion.simulate import PositionsAt
 from drift.motion.status import Status
+from drift.motion.weights import Weighed
 from drift.search import contacts as contact_laws
 from drift.search import debris
 from drift.search.exposure import SortieExposure
@@ -135,7 +136,7 @@ class Search:
         self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
         self._note(
             Update(
-                sortie.name, "sortie", sortie.end, evidence, self._stories(after), weights.ess(before), weights.ess(after),
+                sortie.name, "sortie", sortie.end, evidence, self._stories(after), self._weighed(before).ess, self._weighed(after).ess,
                 poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
                 standing=self._standing(sortie.end, after),
             )
@@ -144,17 +145,17 @@ class Search:
 
     def _see(self, contact: Contact, time: int, place: PositionsAt) -> None:
         """Take in a contact."""
-        who, begin = self.ensemble, None
+        who, its, begin = self.ensemble, self._scene, None
         if contact.drifter is not None:
             seen = self._debris[contact.drifter]
-            who, begin = seen.ensemble, seen.before
-        lon, lat = place(who, begin, time)
+            who, its, begin = seen.ensemble, seen.scene, seen.before
+        lon, lat = place(who, its, begin, time)
         found = contact_laws.log_likelihood(contact, lon, lat)
-        found = np.where(_there(who, time), found, -np.inf)
+        there = life.read(who).at(time) <= Status.ASHORE
+        found = np.where(there, found, -np.inf)
         before, now = self.ensemble.log_weight.to_numpy(), self.log_weight(time)
-        mean = weights.log_sum(now + found) - weights.log_sum(
-            now
-        )  # of all that is known then, sorties under way included
+        # Of all that is known then, sorties under way included.
+        mean = self._weighed(now + found).log_sum - self._weighed(now).log_sum
         if contact.false_density > 0:
             found = np.logaddexp(found, np.log(contact.false_density))
         elif contact.belief < 1:  # in units of the mean, so that the evidence is a density all the same
@@ -173,8 +174,8 @@ class Search:
                 contact.time,
                 evidence,
                 self._stories(after),
-                weights.ess(before),
-                weights.ess(after),
+                self._weighed(before).ess,
+                self._weighed(after).ess,
                 standing=self._standing(contact.time, after),
             )
         )
@@ -182,7 +183,7 @@ class Search:
 
     def _settle(self, log_weight: Array, changed: bool = False) -> None:
         """Bring the sum of weights back to 1 once it is far off, where float32 would lose digits of small differences."""
-        total = weights.log_sum(log_weight)
+        total = self._weighed(log_weight).log_sum
         if abs(total) > FARTHEST:
             self.ensemble.log_weight.from_numpy((log_weight - total).astype(np.float32))
         elif changed:
@@ -212,7 +213,7 @@ class Search:
         if rule.below <= 0 or not changed:
             return
         self._events = len(self._updates)
-        ess = weights.ess(self.ensemble.log_weight.to_numpy())
+        ess = record.weighed(self.ensemble).ess
         if ess >= rule.below * sum(self._target):
             return
         ancestors = self._draw(rule.method, until)
@@ -220,7 +221,7 @@ class Search:
         self._ancestors = ancestors if self._ancestors is None else self._ancestors[ancestors]
         weight = self.ensemble.log_weight.to_numpy()
         distinct = len(np.unique(self._lineage[weight > -np.inf])) / sum(self._target)
-        self._updates[-1] = replace(self._updates[-1], ess_resampled=weights.ess(weight), distinct=distinct)
+        self._updates[-1] = replace(self._updates[-1], ess_resampled=self._weighed(weight).ess, distinct=distinct)
 
     def _draw(self, method: str, until: int) -> Array:
         """Replace all particles by offspring, in place; return their ancestors (n,)."""
@@ -265,12 +266,10 @@ class Search:
 
     def _evidence(self, before: Array, after: Array, what: str) -> Array:
         """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
+        then, now = self._weighed(before), self._weighed(after)
+        whole = now.log_sum - then.log_sum
         with np.errstate(invalid="ignore"):  # of a story that had no weight before it is not a number
-            sums = [
-                np.subtract(weights.log_sum(after[a:b]), weights.log_sum(before[a:b]))
-                for a, b in self.ensemble.scenarios
-            ]
-        whole = weights.log_sum(after) - weights.log_sum(before)
+            sums = now.log_sums - then.log_sums
         if not np.isfinite(whole):
             names = ", ".join(f'"{s.name}"' for s in self._spec.scenarios)
             raise UserError(
@@ -281,14 +280,17 @@ class Search:
 
     def _stories(self, log_weight: Array) -> Array:
         """Return the probability of each scenario."""
-        weight = weights.relative(log_weight)
-        return np.asarray([weight[a:b].sum() / weight.sum() for a, b in self.ensemble.scenarios])
+        return self._weighed(log_weight).stories
+
+    def _weighed(self, log_weight: Array) -> Weighed:
+        """Return what is needed of the weights of all particles."""
+        return weights.weighed(log_weight, self.ensemble.blocks)
 
     def _mean(self, part: Array, weight: Array) -> Array:
         """Return a part of the weight as a share, by scenario and of all; 0 where there is no weight."""
-        ranges = [*self.ensemble.scenarios, (0, self.ensemble.n)]
-        sums = np.array([[part[a:b].sum(), weight[a:b].sum()] for a, b in ranges])
-        return np.asarray(np.divide(sums[:, 0], sums[:, 1], out=np.zeros(len(ranges)), where=sums[:, 1] > 0))
+        sums = self.ensemble.blocks.partial(part, weight)
+        over, under = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
+        return np.asarray(np.divide(over, under, out=np.zeros(len(under)), where=under > 0))
 
     def _alive(self, time: float) -> Array:
         """Return each particle's chance of being alive at a time [s after start]; 1 where no survival is told."""
@@ -301,9 +303,8 @@ class Search:
 
     def _standing(self, time: np.datetime64, log_weight: Array) -> Standing:
         """Return how the search stands at a time, by weights."""
-        self._least = min(self._least, weights.ess(log_weight))
-        weight, release = weights.relative(log_weight), self.ensemble.release.to_numpy()
-        return standing(time, weight, release, self.ensemble.scenarios, self._never, self._least)
+        self._least = min(self._least, self._weighed(log_weight).ess)
+        return standing(time, self.ensemble, log_weight, self._never, self._least)
 
     def _note(self, update: Update) -> None:
         distinct = self._updates[-1].distinct if self._updates else 1.0
@@ -314,10 +315,3 @@ def _living(slots: tuple[int, int], ensemble: Ensemble) -> int:
     """Return how many of a scenario's slots hold particles; others are to spare."""
     status = ensemble.status.to_numpy()[slots[0] : slots[1]]
     return int((status != Status.LEFT).sum())
-
-
-def _there(ensemble: Ensemble, time: int) -> Array:
-    """Return which particles were adrift or ashore at a time, bool (n,)."""
-    release, ended, status = (c.to_numpy() for c in (ensemble.release, ensemble.status_since, ensemble.status))
-    over = (status > Status.ASHORE) & (status != Status.PENDING) & (ended <= time)
-    return np.asarray((release <= time) & ~over)

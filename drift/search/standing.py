@@ -3,11 +3,12 @@
 What it takes to say how likely somebody is alive at any time, of millions of particles, in a few numbers.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from drift.motion import weights
+from drift.motion.ensemble import Ensemble
 from geo.array import Array
 
 BINS = 400  # of release times: a thousandth of a window of 40 h is 6 minutes, and each has its own mean
@@ -25,23 +26,16 @@ class Standing:
 
 
 def standing(
-    time: np.datetime64,
-    weight: Array,
-    release: Array,
-    slots: Sequence[tuple[int, int]],
-    never: Array | None,
-    effective: float,
+    time: np.datetime64, ensemble: Ensemble, log_weight: Array, never: Array | None, effective: float
 ) -> Standing:
-    """Return how a search stands by its particles' weights, release times [s after start] and shares never searched (n,)."""
+    """Return how a search stands by its particles' log weights, release times, and shares never searched (n,)."""
+    weight, release = weights.normalised(log_weight, ensemble.blocks), ensemble.release.to_numpy()
     first, last = float(release.min()), float(release.max())
     bins = np.minimum(((release - first) / max(last - first, 1.0) * BINS).astype(np.int64), BINS - 1)
-    total = weight.sum()
-    mass, when, free = np.zeros((len(slots), BINS)), np.zeros((len(slots), BINS)), np.ones(len(slots))
-    for s, (a, b) in enumerate(slots):
-        mass[s] = np.bincount(bins[a:b], weight[a:b], BINS)
-        when[s] = np.bincount(bins[a:b], weight[a:b] * release[a:b], BINS)
-        if never is not None and mass[s].sum() > 0:
-            free[s] = float(weight[a:b] @ never[a:b]) / mass[s].sum()
+    mass, when = np.moveaxis(ensemble.blocks.partial(weight, weight * release, code=bins, many=BINS).by_scenario, -1, 0)
     when = np.divide(when, mass, out=np.full_like(when, first), where=mass > 0)
-    share = mass / total
-    return Standing(time, when, share, np.append(free, share.sum(axis=1) @ free), effective)
+    share, free = mass.sum(axis=1), np.ones(len(mass))
+    if never is not None:
+        unsearched = ensemble.blocks.partial(weight * never).by_scenario[:, 0, 0]
+        np.divide(unsearched, share, out=free, where=share > 0)
+    return Standing(time, when, mass, np.append(free, share @ free), effective)

@@ -15,12 +15,13 @@ is adrift). Without finds and without patrols nothing is said, not even that not
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from drift.motion import weights
+from drift.motion import partials, weights
 from drift.motion.status import Status
 from drift.spill import exposure, shrinkage
 from drift.spill.exposure import Exposure, Patrol, Reporting
@@ -211,6 +212,11 @@ def _by_world(fates: Fates, slot: npt.NDArray[np.int32], value: Real, classes: i
     return np.asarray(sums.reshape(classes, fates.worlds))
 
 
+def _total(fates: Fates, slot: npt.NDArray[Any], value: Real) -> float:
+    """Return the sum of values of some particles, world by world."""
+    return float(partials.over_worlds(np.bincount(fates.world[slot], value, fates.worlds)))
+
+
 def _evidence(known: Known, here: Exposure, latent: Real, log_weight: Real) -> _Evidence:
     fates, numbers = here.fates, known.numbers
     classes = numbers.shares.size
@@ -278,9 +284,13 @@ def _alien(known: Known, here: Exposure, number: int, prior: Real) -> float:
             return 1e-300
         middle = np.radians(find.place.lon), np.radians(find.place.lat)
         x, y = sphere.offset(*middle, adrift.lon[at] * sphere.UNIT, adrift.lat[at] * sphere.UNIT)
-        spread = np.cov(x, y, aweights=standing[at]) + find.place.radius**2 * np.eye(2)
+        weight = standing[at]
+        total, squares = _total(fates, at, weight), _total(fates, at, weight**2)
+        x, y = (values - _total(fates, at, weight * values) / total for values in (x, y))
+        square = [[_total(fates, at, weight * a * b) for a in (x, y)] for b in (x, y)]
+        spread = np.array(square) / (total - squares / total) + find.place.radius**2 * np.eye(2)  # as numpy.cov
         area = 4 * np.pi * np.sqrt(np.linalg.det(spread))  # of an even ellipse of this covariance
-        return float(max(find.place.chance * standing[at].sum() / area, 1e-300))
+        return float(max(find.place.chance * total / area, 1e-300))
     if find.by is not None:
         places = known.patrols[find.by].segments
         finds = [exposure.searched(here, s, find.by) for s in places]
@@ -292,7 +302,7 @@ def _alien(known: Known, here: Exposure, number: int, prior: Real) -> float:
         begun = float(fates.release.min())
         share = drawn[find.place] / max(drawn.sum(), 1e-300)
         share *= ((find.time - begun) if find.latest else 1.0) / max(known.now - begun, 1.0)
-    expected = sum(float(standing[here.slot[rows]] @ chance) for rows, chance in finds)
+    expected = sum(_total(fates, slot := here.slot[rows], standing[slot] * chance) for rows, chance in finds)
     return float(max(expected * share, 1e-300))
 
 
@@ -411,7 +421,8 @@ def _odds(known: Known, here: Exposure, weighed: Posterior, number: int) -> tupl
             rows, value = exposure.searched(here, s, find.by)
         else:
             rows, value = (exposure.reported if find.latest else exposure.public)(here, s, find.time)
-        rate[s] = standing[here.slot[rows]] @ value
+        slot = here.slot[rows]
+        rate[s] = _total(fates, slot, standing[slot] * value)
     if not rate.sum() > 0:
         return 0.0, 0.0
     rate /= rate.sum()

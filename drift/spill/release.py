@@ -5,7 +5,7 @@ Every class of objects has a range of slots, world after world; a slot's world s
 
 import numpy as np
 
-from drift.motion import drift
+from drift.motion import drift, partials
 from drift.motion import ensemble as record
 from drift.motion.ensemble import Ensemble
 from drift.motion.forcing_error import Errors
@@ -34,27 +34,28 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
     """
     counts = per_world(spill)
     bounds = tuple(int(n) for n in np.concatenate([[0], np.cumsum(counts) * worlds.size]))
-    ensemble, key = record.empty(seed, bounds, drift.COLUMNS), noise.key(seed)
+    block = tuple(partials.WORLDS * count for count in counts)
+    ensemble, key = record.empty(seed, bounds, drift.COLUMNS, block=block), noise.key(seed)
     where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)]
     factor = runtime.upload(worlds.windage.astype(np.float32))
     log_weight = np.empty(ensemble.n, np.float32)
-    for number, (kind, count, slots) in enumerate(zip(spill.kinds, counts, ensemble.scenarios, strict=True)):
+    for number, (kind, count, slots) in enumerate(zip(spill.kinds, counts, ensemble.slots, strict=True)):
         tries = runtime.upload(np.zeros(2, np.int64))
         kernel.draw_objects(
             True, *slots, count, ensemble.lon, ensemble.lat, ensemble.release, ensemble.world, tries, *key,
             *where, spill.scatter, spill.lasting, coast.pack,
         )  # fmt: skip
         failed = int(tries.to_numpy()[1])
-        if failed > 0.01 * (slots[1] - slots[0]):
+        if failed > 0.01 * (slots.last - slots.first):
             raise UserError(
-                f"[spill] scatter: {failed:,} of {slots[1] - slots[0]:,} objects found no water about their release; "
+                f"[spill] scatter: {failed:,} of {slots.last - slots.first:,} objects found no water about their release; "
                 "make it smaller, or check [coast] source"
             )
         drift.draw_leeway(ensemble, slots, key, kind.object)
         if kind.object.immersion is not None:
             kernel.draw_immersion(*slots, ensemble.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER)
         for name in drift.LEEWAY:
-            kernel.scale_windage(*slots, ensemble.own[name], ensemble.world, factor)
+            kernel.scale_windage(*slots[:2], ensemble.own[name], ensemble.world, factor)
         if kind.sinking is not None:
             time = runtime.upload(worlds.sinking[:, number].astype(np.float32))
             kernel.draw_sinking(
@@ -62,7 +63,7 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
             )
         drift.draw_errors(ensemble, slots, key, errors.unbiased())
         with np.errstate(divide="ignore"):
-            log_weight[slice(*slots)] = np.log(kind.share) - np.log(count * worlds.size)
+            log_weight[slots.first : slots.last] = np.log(kind.share) - np.log(count * worlds.size)
     share(ensemble, worlds.current_east, worlds.current_north)
     ensemble.log_weight.from_numpy(log_weight)
     return ensemble

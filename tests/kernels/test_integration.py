@@ -26,7 +26,7 @@ def end_of(flow: Flow, scheme: str, step: int, direction: int = 1, start=None) -
         tiles.blend([(t, t + direction * step)])
         clock = kernel.Step(k, k * step, step, direction)
         none = (0, 0, 0, 0, 0, 0)
-        slots = (0, lon.size)
+        slots = (0, lon.size, 0)
         kernel.advance(
             ensemble,
             slots,

@@ -6,6 +6,7 @@ import taichi as ti
 from scipy import stats
 
 from kernels import noise, runtime
+from kernels.noise import Purpose
 
 # Random123 1.14.0, tests/kat_vectors, philox4x32 10 rounds: counter, key, answer.
 KNOWN = [
@@ -82,6 +83,31 @@ def test_every_use_has_a_stream_of_its_own() -> None:
     streams = {name: number for name, number in vars(noise).items() if name.startswith("STREAM_")}
     assert len(set(streams.values())) == len(streams) > 8
     assert max(streams, key=lambda name: streams[name]) == "STREAM_DEBRIS"
+
+
+def test_seeds_of_purposes_are_hashes_by_splitmix64() -> None:
+    """Its first numbers from the state 0, as Vigna's splitmix64.c (public domain) and java.util.SplittableRandom(0) give them."""
+    golden = 0x9E3779B97F4A7C15
+    known = [0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4, 0x06C45D188009454F]
+    assert [noise._mixed(k * golden % 2**64) for k in range(3)] == known
+
+
+def test_no_two_purposes_share_a_seed() -> None:
+    """Cases are often numbered 1, 2, 3, and so are forecasts, rounds, classes and renewals."""
+    seeds = [*range(40), 2**63 - 1, 2**40, 2**41, 2**56]
+    own = {
+        (seed, purpose, number): noise.seed_for(seed, purpose, number)
+        for seed in seeds
+        for purpose in Purpose
+        for number in (range(12) if purpose is not Purpose.RUN else (0,))
+    }
+    assert len(set(own.values())) == len(own)
+    assert all(noise.seed_for(seed, Purpose.RUN) == seed for seed in seeds)
+    assert all(0 <= value < 2**64 for value in own.values())
+    renewed = noise.seed_for(
+        7, Purpose.RENEWAL, 1
+    )  # of a seed of another purpose: its worlds are not those of the case
+    assert noise.seed_for(renewed, Purpose.WORLDS) != noise.seed_for(7, Purpose.WORLDS)
 
 
 def test_normals_are_box_and_muller_of_their_uniforms() -> None:

@@ -27,7 +27,7 @@ def drifted(
     ensemble = record.empty(seed, (0, n), COLUMNS)
     for column, angle in ((ensemble.lon, AT[0]), (ensemble.lat, AT[1])):
         column.fill(int(sphere.to_binary(np.degrees(angle))))
-    slots, words = (0, n), key(seed)
+    slots, words = (0, n, 0), key(seed)
     draw.draw_error(*slots, ensemble.own["current_bias_east"], ensemble.own["current_bias_north"], 2, *words, bias)
     draw.draw_error(
         *slots, ensemble.own["current_error_east"], ensemble.own["current_error_north"], 0, *words, physics.current_std
@@ -114,11 +114,13 @@ def test_a_step_feels_the_mean_of_the_error_at_its_ends(which: str) -> None:
     for column, angle in ((ensemble.lon, AT[0]), (ensemble.lat, AT[1])):
         column.fill(int(sphere.to_binary(np.degrees(angle))))
     columns = [ensemble.own[f"{which}_error_{axis}"] for axis in ("east", "north")]
-    draw.draw_error(0, n, *columns, int(which == "wind"), *key(3), 0.3 if which == "current" else 2.0)
+    draw.draw_error(0, n, 0, *columns, int(which == "wind"), *key(3), 0.3 if which == "current" else 2.0)
     ensemble.own["down_slope"].fill(slope)
     before = np.array([column.to_numpy() for column in columns], np.float64)
     clock, ranges = kernel.Step(0, 0, step, 1), (0, 0, 0, 1, 0, 0)
-    kernel.advance(ensemble, (0, n), uniform_wind(5.0, -7.0), ranges, physics, clock, kernel.Surroundings(EVERYWHERE))
+    kernel.advance(
+        ensemble, (0, n, 0), uniform_wind(5.0, -7.0), ranges, physics, clock, kernel.Surroundings(EVERYWHERE)
+    )
     after = np.array([column.to_numpy() for column in columns], np.float64)
     mean = (before + after) / 2
     wind = np.array([[-7.0], [5.0]])
@@ -162,7 +164,7 @@ def test_a_walk_near_the_pole_has_no_drift_of_its_own() -> None:
     for k in range(24):
         clock = kernel.Step(k, 3600 * k, 3600, 1)
         physics = kernel.Physics(diffusivity=diffusivity)
-        kernel.advance(ensemble, (0, n), Tiles([]), NOWHERE, physics, clock, kernel.Surroundings(EVERYWHERE))
+        kernel.advance(ensemble, (0, n, 0), Tiles([]), NOWHERE, physics, clock, kernel.Surroundings(EVERYWHERE))
     lon, lat = (c.to_numpy() * sphere.UNIT for c in (ensemble.lon, ensemble.lat))
     way = np.array(sphere.offset(*at, lon, lat))
     assert diffusivity * np.tan(at[1]) * 86_400 / sphere.RADIUS > 9 * way[1].std() / np.sqrt(n)
@@ -178,12 +180,12 @@ def test_debris_jibes_and_walks_on_its_own() -> None:
         ensemble = record.empty(11, (0, n), COLUMNS)
         for kind, which, std in (("current", 0, 0.2), ("wind", 1, 1.5)):
             columns = [ensemble.own[f"{kind}_error_{axis}"] for axis in ("east", "north")]
-            draw.draw_error(0, n, *columns, which, *key(11), std)
+            draw.draw_error(0, n, 0, *columns, which, *key(11), std)
         tiles = uniform_wind(8.0, 3.0)  # no leeway: it moves by the current's error and its walk
         for k in range(12):
             place = kernel.Surroundings(EVERYWHERE, debris=debris)
             kernel.advance(
-                ensemble, (0, n), tiles, (0, 0, 0, 1, 0, 0), physics, kernel.Step(k, 3600 * k, 3600, 1), place
+                ensemble, (0, n, 0), tiles, (0, 0, 0, 1, 0, 0), physics, kernel.Step(k, 3600 * k, 3600, 1), place
             )
         found.append(ensemble)
     objects, *others = found
@@ -238,9 +240,16 @@ def test_no_thread_or_order_of_slots_matters() -> None:
     for column, angle in ((halves.lon, AT[0]), (halves.lat, AT[1])):
         column.fill(int(sphere.to_binary(np.degrees(angle))))
     draw.draw_error(
-        0, 2000, halves.own["current_error_east"], halves.own["current_error_north"], 0, *key(11), physics.current_std
+        0,
+        2000,
+        0,
+        halves.own["current_error_east"],
+        halves.own["current_error_north"],
+        0,
+        *key(11),
+        physics.current_std,
     )
-    for slots in ((1000, 2000), (0, 1000)):
+    for slots in ((1000, 2000, 1000), (0, 1000, 0)):
         draw.draw_error(*slots, halves.own["current_bias_east"], halves.own["current_bias_north"], 2, *key(11), 0.1)
         for k in range(HOURS):
             clock = kernel.Step(k, k * 3600, 3600, 1)

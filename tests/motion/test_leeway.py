@@ -9,6 +9,7 @@ from drift.motion import drift as drift_model
 from drift.motion import ensemble as record
 from drift.motion import leeway
 from drift.motion.drift import COLUMNS
+from drift.motion.ensemble import Slots
 from geo import sphere
 from geo.errors import UserError
 from geo.grids.grid import Grid
@@ -92,7 +93,7 @@ def test_search_takes_every_word_and_looks_at_main_classes() -> None:
 def lines(drifter: leeway.Drifter, seed: int = 5) -> record.Ensemble:
     """Return an ensemble of N particles with their own lines of a class."""
     ensemble = record.empty(seed, (0, N), COLUMNS)
-    drift_model.draw_leeway(ensemble, (0, N), key(seed), drifter)
+    drift_model.draw_leeway(ensemble, Slots(0, N, 0), key(seed), drifter)
     return ensemble
 
 
@@ -147,7 +148,7 @@ def test_what_needs_no_second_draw_keeps_its_bits() -> None:
     line = leeway.find("PIW-2").down
     whole, half = record.empty(5, (0, N), COLUMNS), lines(leeway.find("PIW-2"))
     figures = line.slope, line.offset, line.slope_std, line.offset_std
-    draw.draw_object(0, N, whole.own["down_slope"], whole.own["down_offset"], 0, *key(5), *figures, -np.inf)
+    draw.draw_object(0, N, 0, whole.own["down_slope"], whole.own["down_offset"], 0, *key(5), *figures, -np.inf)
     first = whole.own["down_slope"].to_numpy()
     share = stats.norm.cdf(-line.slope / line.slope_std)
     assert abs((first < 0).mean() - share) < 4.5 * np.sqrt(share * (1 - share) / N)
@@ -161,7 +162,7 @@ def test_a_slope_that_never_passes_is_the_least_one() -> None:
     """No loop without end: 100 standard deviations below 0 every draw fails, and the line of slope 0 is left."""
     ensemble = record.empty(5, (0, 1000), COLUMNS)
     draw.draw_object(
-        0, 1000, ensemble.own["down_slope"], ensemble.own["down_offset"], 0, *key(5), -0.1, 0.02, 0.001, 0.01, 0.0
+        0, 1000, 0, ensemble.own["down_slope"], ensemble.own["down_offset"], 0, *key(5), -0.1, 0.02, 0.001, 0.01, 0.0
     )
     assert (ensemble.own["down_slope"].to_numpy() == 0).all()
     np.testing.assert_allclose(ensemble.own["down_offset"].to_numpy(), 0.02 + 0.01 * 100, rtol=1e-5)
@@ -178,7 +179,7 @@ def adrift(ensemble: record.Ensemble, east: float, north: float) -> np.ndarray:
     tiles.blend([(0.0, 0.0)])
     step = advance.Step(0, 0, 3600, 1)
     advance.advance(
-        ensemble, (0, n), tiles, (0, 0, 0, 1, 0, 0), advance.Physics(), step, advance.Surroundings(EVERYWHERE)
+        ensemble, (0, n, 0), tiles, (0, 0, 0, 1, 0, 0), advance.Physics(), step, advance.Surroundings(EVERYWHERE)
     )
     lon, lat = (c.to_numpy() * sphere.UNIT for c in (ensemble.lon, ensemble.lat))
     return np.array(sphere.offset(np.radians(179.95), np.radians(-41.0), lon, lat))

@@ -7,7 +7,7 @@ from drift.motion import ensemble as record
 from drift.motion import simulate
 from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
-from drift.motion.ensemble import Column, Ensemble
+from drift.motion.ensemble import Column, Ensemble, Slots
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Inside, Model, Motion
 from drift.motion.models import MODELS
@@ -23,12 +23,12 @@ SPEED = Column("speed", np.float32, 3.0, "m/s", "toward the north")
 METRES = sphere.RADIUS * sphere.UNIT  # of a unit of latitude
 
 
-def mover(ensemble: Ensemble, slots: tuple[int, int], waters: object, terms: float, direction: int) -> kernel.Move:
+def mover(ensemble: Ensemble, slots: Slots, waters: object, terms: float, direction: int) -> kernel.Move:
     """Move particles north at their own speed times the terms: a model without noise, forcing or coast."""
 
     def move(step: kernel.Step) -> None:
         lat, speed = ensemble.lat.to_numpy(), ensemble.own["speed"].to_numpy()
-        own = slice(*slots)
+        own = slice(slots.first, slots.last)
         lat[own] += np.rint(direction * terms * speed[own] * step.duration / METRES).astype(np.int32)
         ensemble.lat.from_numpy(lat)
         status = ensemble.status.to_numpy()

@@ -89,7 +89,7 @@ def spreads(sources: Sources) -> dict[str, np.ndarray]:
     # OpenDrift's jibes: 4 % in an hour. Errors of current and wind as benchmarks/opendrift_ends.py gave them to OpenDrift.
     physics = kernel.Physics(0.1, 21_600.0, 1.5, 21_600.0, 0.0, -np.log(1 - 0.04) / 3600)
     words = key(9)
-    for name, slots in zip(CLASSES, ensemble.scenarios, strict=True):
+    for name, slots in zip(CLASSES, ensemble.slots, strict=True):
         drift_model.draw_leeway(ensemble, slots, words, leeway.find(name))
         draw.draw_error(*slots, ensemble.own["current_error_east"], ensemble.own["current_error_north"], 0, *words, 0.1)
         draw.draw_error(*slots, ensemble.own["wind_error_east"], ensemble.own["wind_error_north"], 1, *words, 1.5)

@@ -181,6 +181,6 @@ def test_the_errors_that_particles_start_with_are_independent_normals() -> None:
 def test_immersion_is_uniform_and_its_slope_balances_drag() -> None:
     """Of equal drag coefficients (Daniel et al. 2002): slope^2 = ratio^2 (1 - I) / I, so I = 1 / (1 + (slope / ratio)^2)."""
     slope = runtime.empty(N)
-    kernel.draw_immersion(0, N, slope, *noise.key(5), 0.35, 0.85, 0.034)
+    kernel.draw_immersion(0, N, 0, slope, *noise.key(5), 0.35, 0.85, 0.034)
     immersion = 1 / (1 + (slope.to_numpy().astype(float) / 0.034) ** 2)
     assert stats.kstest(immersion, "uniform", args=(0.35, 0.5)).pvalue > 1e-4

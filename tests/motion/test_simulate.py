@@ -161,7 +161,9 @@ def test_what_one_quantity_does_not_know_is_not_zero(silent: str) -> None:
     ensemble.lon.from_numpy(sphere.to_binary([-29.5, -26.5]))
     ensemble.own["down_slope"].fill(0.03)
     ranges = (0, 1, 2, 3, 1, 2)  # of currents, winds, Stokes drift
-    kernel.advance(ensemble, (0, 2), tiles, ranges, STILL, kernel.Step(0, 0, 1800, 1), kernel.Surroundings(EVERYWHERE))
+    kernel.advance(
+        ensemble, (0, 2, 0), tiles, ranges, STILL, kernel.Step(0, 0, 1800, 1), kernel.Surroundings(EVERYWHERE)
+    )
     assert list(ensemble.status.to_numpy()) == [Status.ADRIFT, Status.OUTSIDE]
     lon, lat = (column.to_numpy()[0] * sphere.UNIT for column in (ensemble.lon, ensemble.lat))
     way = np.array(sphere.offset(*np.radians([-29.5, 31.5]), lon, lat))

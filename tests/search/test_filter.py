@@ -656,6 +656,43 @@ def test_debris_has_coefficients_of_its_own(tmp_path):
         assert np.abs(np.corrcoef(columns) - np.eye(3)).max() < 4.5 / math.sqrt(n)
 
 
+def test_object_and_debris_part_inside_a_step(tmp_path):
+    """Half way through a step each walks on a bridge of its own: variance D T / 2 a component about the middle, no correlation.
+
+    Noise that two of them have in common would show as a correlation of 1.
+    """
+    n, diffusivity = 40_000, 30.0
+    text = STILL.replace("30 min", "1 h").replace('"6 h"', '"1 h"') + NORMAL.format(d=diffusivity)
+    drifters = {"oar": leeway.find("PIW-1"), "raft": leeway.find("LIFE-RAFT-DB-10")}
+    fix = {"kind": "position", "fixes": (Fix(-179.9, 30.1),), "major": 5e4, "minor": 5e4}
+    contacts = tuple(Contact(name, hours(0.5), **fix, drifter=drifter) for name, drifter in drifters.items())
+    case = load(tmp_path, text, particles=n, contacts=contacts)
+    runtime.start()
+    begin = start.prepare(case, start.open_for(case))
+    search, bends = start.search(case, begin), []
+    first, take_effect = begin.ensemble.lat.to_numpy().astype(float), search.take_effect
+
+    def effect(time, place):
+        """Note how far north of the middle of its step debris is seen [m]."""
+
+        def noted(debris, scene, before, time):
+            lon, lat = place(debris, scene, before, time)
+            bends.append((lat - (before[1].astype(float) + debris.lat.to_numpy()) / 2) * sphere.UNIT * sphere.RADIUS)
+            return lon, lat
+
+        take_effect(time, noted)
+
+    search.take_effect = effect
+    (moment,) = simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([1800]), search=search)
+    begin.scene.forcing.close()
+    middle = (first + begin.ensemble.lat.to_numpy()) / 2
+    bends.append((moment.lat - middle) * sphere.UNIT * sphere.RADIUS)
+    assert len(bends) == 3
+    for bend in bends:
+        assert np.var(bend) == pytest.approx(diffusivity * 3600 / 2, rel=4.5 * math.sqrt(2 / n))
+    assert np.abs(np.corrcoef(bends) - np.eye(3)).max() < 4.5 / math.sqrt(n)
+
+
 def test_offspring_separate_and_remember(tmp_path):
     """After a narrow contact few ancestors remain; their offspring part by later noise, and tracks lead back to them."""
     text = STILL + NORMAL.format(d=30)

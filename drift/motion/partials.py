@@ -1,0 +1,131 @@
+"""Sums over the particles of a run, made block by block: the same bits however particles are dealt out to shards.
+
+A block is so many slots of one scenario that come one after the other. Each block is summed by itself, and the sums of
+blocks are added in the order of their slots. So a shard, which holds whole blocks, makes a `Partial`; partials of all
+shards merge; and what is made of the merged one does not depend on how many shards there were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geo.array import Array
+
+BLOCK = 4096  # slots
+WORLDS = 32  # of a spill: a block is all particles of a class in so many whole worlds
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """How the n particles that are here are cut into k blocks."""
+
+    n: int
+    scenarios: int  # of the run
+    first: Array  # (k,) first slot of each block
+    scenario: Array  # (k,) to which it belongs
+    number: Array  # (k,) number of its first slot in the whole run, ascending
+
+    def partial(self, *values: Array, code: Array | None = None, many: int = 1, slots: Array | None = None) -> Partial:
+        """Return the sums of some values by block, and by `code` within each; of no particles they are 0.
+
+        values: (n,) each, finite. code: 0 to many - 1, (n,). slots: those that the values and codes are of, ascending;
+        by default all.
+        """
+        k = self.first.size
+        if code is None and slots is None and k:
+            parts = [np.add.reduceat(np.asarray(v, np.float64), self.first)[:, None] for v in values]
+        else:
+            block = np.repeat(np.arange(k), np.diff(self.first, append=self.n))
+            block = block if slots is None else block[slots]
+            cell = block if code is None else block * many + code
+            parts = [np.bincount(cell, v, k * many).reshape(k, many) for v in values]
+        return Partial(self.scenarios, self.scenario, self.number, np.stack(parts, axis=-1))
+
+    def total(self, values: Array, slots: Array | None = None) -> float:
+        """Return the sum of values (n,) over all particles, or over some of them."""
+        return float(self.partial(values, slots=slots).total[0, 0])
+
+    def table(self, code: Array, many: int, *values: Array) -> Array:
+        """Return the sums of values (n,) over all particles by code (n,), 0 to many - 1.
+
+        (many,), or of several values (values, many).
+        """
+        sums = self.partial(*values, code=code, many=many).total.T
+        return np.asarray(sums if len(values) > 1 else sums[0])
+
+    def grouped(self, group: Array, values: Array) -> Array:
+        """Return the sums of values (n,) over all particles by group (n,), int and not negative.
+
+        Quick where groups come in long runs of slots.
+        """
+        if not self.n:
+            return np.empty(0)
+        begin = np.union1d(self.first, np.flatnonzero(np.diff(group)) + 1)
+        return np.bincount(group[begin], np.add.reduceat(values, begin))
+
+    def running(self, values: Array) -> Array:
+        """Return the sum of values (n,), none of them negative, up to and with each particle; it never falls."""
+        begun = np.concatenate([[0.0], np.cumsum(self.partial(values).sums[:, 0, 0])])
+        running = np.empty(self.n)
+        for block, (a, b) in enumerate(zip(self.first, [*self.first[1:], self.n], strict=True)):
+            np.cumsum(values[a:b], out=running[a:b])
+            running[a:b] = np.minimum(running[a:b] + begun[block], begun[block + 1])
+        return running
+
+
+def cut(bounds: Sequence[int], numbers: Sequence[int], size: Sequence[int]) -> Blocks:
+    """Return the blocks of an ensemble.
+
+    bounds: the first slot of each scenario and, last, n; numbers: those of first slots in the whole run, which begin a
+    block; size: slots that make a block of each scenario.
+    """
+    firsts = [np.arange(a, b, m) for a, b, m in zip(bounds[:-1], bounds[1:], size, strict=True)]
+    scenario = np.repeat(np.arange(len(firsts)), [len(own) for own in firsts])
+    shift = np.asarray(numbers, np.int64) - np.asarray(bounds[:-1], np.int64)
+    first = np.concatenate([*firsts, np.empty(0, np.int64)])
+    return Blocks(bounds[-1], len(firsts), first, scenario, first + shift[scenario])
+
+
+def over_worlds(values: Array) -> Array:
+    """Return the sum over worlds (W, ...) of what each world's particles add up to, by blocks of WORLDS worlds."""
+    blocks = np.add.reduceat(values, np.arange(0, len(values), WORLDS), axis=0, dtype=np.float64)
+    return np.asarray(np.add.accumulate(blocks, axis=0)[-1])
+
+
+def whole(n: int) -> Blocks:
+    """Return the blocks of n particles of which nothing more is known."""
+    return cut((0, n), (0,), (BLOCK,))
+
+
+@dataclass(frozen=True)
+class Partial:
+    """Sums of some of a run's blocks: what a shard knows of its particles."""
+
+    scenarios: int
+    scenario: Array  # (k,) of each block
+    number: Array  # (k,) first slot in the whole run, ascending
+    sums: Array  # (k, codes, values)
+
+    def merge(self, other: Partial) -> Partial:
+        """Return the sums of the blocks of both, which have none in common."""
+        number = np.concatenate([self.number, other.number])
+        order = np.argsort(number, kind="stable")
+        scenario = np.concatenate([self.scenario, other.scenario])[order]
+        return replace(
+            self, scenario=scenario, number=number[order], sums=np.concatenate([self.sums, other.sums])[order]
+        )
+
+    @property
+    def by_scenario(self) -> Array:
+        """The sums of each scenario, (scenarios, codes, values)."""
+        sums = np.zeros((self.scenarios, *self.sums.shape[1:]))
+        np.add.at(sums, self.scenario, self.sums)  # one after the other, in their order
+        return sums
+
+    @property
+    def total(self) -> Array:
+        """The sums of all, (codes, values): those of scenarios, added in their order."""
+        return np.asarray(np.add.accumulate(self.by_scenario, axis=0)[-1])

@@ -1,0 +1,130 @@
+"""A part of the particles moves by itself as within the whole: noise goes by the slot's number in the whole run."""
+
+import numpy as np
+import pytest
+
+import drift
+from drift import start
+from drift.motion import ensemble as record
+from drift.motion import models, prior, simulate
+from drift.motion.ensemble import Ensemble
+from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.models import MODELS
+from drift.motion.partials import BLOCK
+from drift.motion.scenario import Scenario
+from drift.motion.status import Status
+from kernels import noise, runtime
+
+SHORE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",
+"coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}"""
+CASE = """
+start = "2026-11-21T00:10Z"
+duration = "5 h"
+particles = 26000
+seed = 77
+output.every = "1 h"
+clock.step = "30 min"
+domain = { west = -0.6, south = -0.6, east = 0.5, north = 0.6 }
+coast = { source = "land.geojson", behaviour = "refloat", half_life = "1 h" }
+[[current]]
+constant = { speed = "0.6 m/s", toward = 70 }
+[[wind]]
+constant = { speed = "9 m/s", from = 250 }
+[uncertainty]
+current = { std = "0.2 m/s", time = "5 h", bias = "0.1 m/s" }
+wind = { std = "2 m/s", time = "5 h" }
+diffusivity = "40 m2/s"
+[[scenario]]
+name = "report"
+weight = 0.5
+object = "LIFE-RAFT-DB-10"
+position = { at = [-0.02, 0.05], error = "4 km", time = "+10 min", until = "+2 h" }
+[[scenario]]
+name = "ground"
+weight = 0.2
+object = "PIW-1"
+area = { polygon = [[-0.1, -0.1], [0.03, -0.08], [0.02, 0.1], [-0.09, 0.11]], time = "+0 h", until = "+1 h" }
+[[scenario]]
+name = "passage"
+weight = 0.3
+object = "SAILBOAT-2"
+trackline = { waypoints = [[-0.3, -0.2], [-0.05, 0.2]], speed = "10 kn", cross_track = "2 km" }
+"""
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> tuple[start.Start, EnsembleSpec]:
+    """Return what a run of three scenarios starts with, and what its particles are drawn from."""
+    folder = tmp_path_factory.mktemp("shards")
+    (folder / "land.geojson").write_text(SHORE)
+    (folder / "case.toml").write_text(CASE)
+    case = drift.load(folder / "case.toml")
+    runtime.start()
+    return start.prepare(case, start.open_for(case)), start.ensemble_spec(case)
+
+
+def shares(whole: Ensemble) -> list[list[tuple[int, int]]]:
+    """Return the slots of three shards, a range of whole blocks of each scenario; one of them has none of the second."""
+    cuts = []
+    for number, (a, b) in enumerate(whole.scenarios):
+        blocks = -(-(b - a) // BLOCK)
+        inner = [0, 1, blocks if number == 1 else 2, blocks]
+        cuts.append([min(a + k * BLOCK, b) for k in inner])
+    return [[(cut[k], cut[k + 1]) for cut in cuts] for k in range(3)]
+
+
+def empty(whole: Ensemble, part: list[tuple[int, int]], scenarios: tuple[Scenario, ...]) -> Ensemble:
+    bounds = tuple(int(n) for n in np.cumsum([0, *(b - a for a, b in part)]))
+    return record.empty(whole.seed, bounds, models.columns(scenarios), numbers=tuple(a for a, _ in part))
+
+
+def here(whole: Ensemble, part: list[tuple[int, int]], name: str) -> np.ndarray:
+    return np.concatenate([whole.columns[name].to_numpy()[a:b] for a, b in part])
+
+
+def test_a_shard_draws_its_slice_of_the_whole(begun: tuple[start.Start, EnsembleSpec]) -> None:
+    begin, spec = begun
+    whole, coast, key = (
+        prior.draw(spec, begin.scene.place.coast).ensemble,
+        begin.scene.place.coast,
+        noise.key(spec.seed),
+    )
+    for part in shares(whole):
+        own = empty(whole, part, spec.scenarios)
+        for scenario, slots in zip(spec.scenarios, own.slots, strict=True):
+            tries = runtime.upload(np.zeros(2, np.int64))
+            prior._place(spec.period, scenario, own, slots, key, tries, coast)
+            MODELS[scenario.model].draw(own, slots, key, scenario, spec.errors)
+        assert own.n > 0
+        for name in set(own.columns) - {"log_weight", "world"}:
+            assert np.array_equal(own.columns[name].to_numpy(), here(whole, part, name)), name
+
+
+def test_a_shard_moves_as_within_the_whole(begun: tuple[start.Start, EnsembleSpec]) -> None:
+    """Errors, walk, jibes, landings, refloating, and places inside a step: every bit."""
+    begin, spec = begun
+    drawn = {name: column.to_numpy() for name, column in begin.ensemble.columns.items()}
+    outputs = np.array([2400, 9000, 17_100])  # two of them inside a step
+    alone = []
+    for part in shares(begin.ensemble):
+        own = empty(begin.ensemble, part, spec.scenarios)
+        for name, column in own.columns.items():
+            column.from_numpy(np.concatenate([drawn[name][a:b] for a, b in part]))
+        alone.append((part, own, list(simulate.run(own, begin.scene, begin.clock, outputs))))
+    moments = list(simulate.run(begin.ensemble, begin.scene, begin.clock, outputs))
+    begin.scene.forcing.close()
+    status = begin.ensemble.status.to_numpy()
+    assert (status == Status.ASHORE).mean() > 0.1
+    assert (begin.ensemble.moving_since.to_numpy() > 0).mean() > 0.05  # have refloated
+    for part, own, seen in alone:
+        for name, column in own.columns.items():
+            assert np.array_equal(column.to_numpy(), here(begin.ensemble, part, name)), name
+        for moment, mine in zip(moments, seen, strict=True):
+            for name in ("lon", "lat", "status"):
+                values = getattr(moment, name)
+                assert np.array_equal(getattr(mine, name), np.concatenate([values[a:b] for a, b in part])), name
+    # and what shards know of their weights makes what the whole knows, whoever comes first
+    sums = [record.weighed(own) for _, own, _ in alone]
+    merged, all_ = sums[2].merge(sums[0]).merge(sums[1]), record.weighed(begin.ensemble)
+    assert np.array_equal(merged.log_sums, all_.log_sums)
+    assert (merged.log_sum, merged.ess) == (all_.log_sum, all_.ess)
