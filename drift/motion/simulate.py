@@ -5,8 +5,8 @@ along it.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -70,6 +70,44 @@ class Filter(Protocol):
         """Return whose offspring the particles are since it was last asked; None: they are themselves."""
 
 
+@dataclass
+class _Within:
+    """Where particles are inside a step that has been made. Times are asked for in ascending order.
+
+    A place that evidence has asked for is kept: from there a particle's bridge leads on to the end of the step.
+    """
+
+    own: Ensemble  # of the run
+    clock: Clock
+    step: kernel.Step
+    before: tuple[Array, Array] | None  # where its particles began the step, if that is needed
+    kept: dict[int, tuple[tuple[Array, Array], int]] = field(default_factory=dict)  # by ensemble: places, and when
+
+    @property
+    def end(self) -> int:
+        """When the step ends [s after the run's start]."""
+        return int(self.step.elapsed + self.step.duration)
+
+    def at(self, which: Ensemble, scene: Scene, begin: tuple[Array, Array] | None, time: int) -> tuple[Array, Array]:
+        """Return where an ensemble's particles, which began this step somewhere, were at a time in it, and keep it."""
+        places = self.look(which, scene, begin, time)
+        if time < self.end:
+            self.kept[id(which)] = places, time
+        return places
+
+    def look(self, which: Ensemble, scene: Scene, begin: tuple[Array, Array] | None, time: int) -> tuple[Array, Array]:
+        """Return the same without keeping it: an output does not tie down what comes after it."""
+        begin = self.before if which is self.own else begin
+        if begin is None or time == self.end:
+            return _now(which)
+        begin, since = self.kept.get(id(which), (begin, self.step.elapsed))
+        return begin if time == since else _inside(which, scene, self.clock, begin, self.step, time, since)
+
+
+def _now(which: Ensemble) -> tuple[Array, Array]:
+    return which.lon.to_numpy(), which.lat.to_numpy()
+
+
 def run(
     ensemble: Ensemble,
     scene: Scene,
@@ -84,64 +122,30 @@ def run(
     progress is told the share of the run that is done, after every step; watch when the step began [s since start];
     search looks on and changes weights.
     """
-
-    def here(which: Ensemble, its: Scene, before: Any, time: int) -> tuple[Array, Array]:
-        return which.lon.to_numpy(), which.lat.to_numpy()
-
     due = [int(t) for t in outputs]
     if search:
         for time in search.stops(-1, 0):
-            search.take_effect(time, here)
+            search.take_effect(time, lambda which, *_: _now(which))
     while due and due[0] <= 0:
-        lon, lat = here(ensemble, scene, None, 0)
-        yield _moment(ensemble, lon, lat, due.pop(0), search)
+        yield _moment(ensemble, _now(ensemble), due.pop(0), search)
     for low, high, step in clock.steps():
         end = step.elapsed + step.duration
-        within = [t for t in due if t <= end]
-        stops = search.stops(max(step.elapsed, 0), end) if search else []
-        inside = [t for t in (*within, *stops) if t < end]
-        before = here(ensemble, scene, None, 0) if inside else None
+        shown = {t for t in due if t <= end}
+        stops = set(search.stops(max(step.elapsed, 0), end)) if search else set()
+        inside = any(t < end for t in shown | stops)
+        within = _Within(ensemble, clock, step, _now(ensemble) if inside else None)
         if search:
             scene.forcing.set(low, high)
             search.before(step.elapsed, step.duration)
             search.advance(low, high, step)
         scene.advance(ensemble, low, high, step)
-
-        known: dict[
-            int, tuple[Any, int]
-        ] = {}  # where contacts have asked particles to have been in this step, and when
-
-        def place(
-            which: Ensemble,
-            its: Scene,
-            begin: Any,
-            time: int,
-            step: kernel.Step = step,
-            own: Any = before,
-            known: Any = known,
-        ) -> Any:
-            """Return where an ensemble's particles, which began this step somewhere, were at a time in it."""
-            begin = own if which is ensemble else begin
-            if begin is None or time == step.elapsed + step.duration:
-                return here(which, its, None, time)
-            begin, since = known.get(id(which), (begin, step.elapsed))
-            places = _inside(which, its, clock, begin, step, time, since)
-            known[id(which)] = places, time
-            return places
-
         if watch:
             watch(step.elapsed)
-        for t in sorted({*within, *stops}):
+        for t in sorted(shown | stops):
             if search and t in stops:
-                search.take_effect(t, place)
-            if t in within:
-                due.pop(0)
-                lon, lat = here(ensemble, scene, None, 0)
-                if t < end:  # an output does not tie down what comes after it
-                    begin, since = known.get(id(ensemble), (before, step.elapsed))
-                    assert begin is not None
-                    lon, lat = begin if t == since else _inside(ensemble, scene, clock, begin, step, t, since)
-                yield _moment(ensemble, lon, lat, t, search)
+                search.take_effect(t, within.at)
+            while due and due[0] == t:
+                yield _moment(ensemble, within.look(ensemble, scene, None, t), due.pop(0), search)
         if search:
             search.watch(end)
             if end < clock.duration:  # the last outputs show the particles as they were when it ended
@@ -175,7 +179,7 @@ def _inside(
     return scene.between(ensemble, Inside(before, share, lasting, lives.status == Status.ADRIFT, seed, moment))
 
 
-def _moment(ensemble: Ensemble, lon: Array, lat: Array, time: int, search: Filter | None) -> Moment:
+def _moment(ensemble: Ensemble, places: tuple[Array, Array], time: int, search: Filter | None) -> Moment:
     """Return positions with the status that each particle had at that time, and its weight as far as it was known."""
     weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)
-    return Moment(time, lon, lat, life.read(ensemble).at(time), weight, ancestors)
+    return Moment(time, *places, life.read(ensemble).at(time), weight, ancestors)
