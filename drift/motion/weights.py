@@ -61,7 +61,7 @@ class Weighed:
         return float(top + np.log(self._scaled(top).total[0, 0])) if np.isfinite(top) else -np.inf
 
     @property
-    def stories(self) -> Array:
+    def scenarios(self) -> Array:
         """The probability of each scenario, (scenarios,)."""
         return np.asarray(np.exp(self.log_sums - self.log_sum))
 

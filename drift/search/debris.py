@@ -28,20 +28,20 @@ class Debris:
 
 def of_contacts(spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: Scene) -> dict[Drifter, Debris]:
     """Return the debris that contacts tell of, by class; spec: what the objects beside it are drawn from."""
-    found: dict[Drifter, Debris] = {}
+    debris: dict[Drifter, Debris] = {}
     for time, contact in contacts:
         drifter = contact.drifter
         if drifter is None:
             continue
-        if drifter in found:
-            found[drifter].last = max(found[drifter].last, time)
+        if drifter in debris:
+            debris[drifter].last = max(debris[drifter].last, time)
             continue
-        number = len(found) + 1
-        told = replace(spec, scenarios=tuple(replace(s, object=drifter) for s in spec.scenarios))
-        ensemble = prior.draw(told, scene.place.coast).ensemble
+        number = len(debris) + 1
+        own = replace(spec, scenarios=tuple(replace(s, object=drifter) for s in spec.scenarios))
+        ensemble = prior.draw(own, scene.place.coast).ensemble
         for slots in ensemble.slots:  # coefficients of its own
             drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
         place = scene.place._replace(debris=number)
-        moved = replace(scene, motions=models.motions(told.errors, told.scenarios), place=place)
-        found[drifter] = Debris(ensemble, moved, time)
-    return found
+        moved = replace(scene, motions=models.motions(own.errors, own.scenarios), place=place)
+        debris[drifter] = Debris(ensemble, moved, time)
+    return debris

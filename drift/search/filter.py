@@ -59,7 +59,7 @@ class Search:
         self._debris = debris.of_contacts(spec, self._contacts, scene)
         self._updates: list[Update] = []
         first = self.ensemble.log_weight.to_numpy()
-        self._prior = self._stories(first)
+        self._prior = self._scenarios(first)
         self.unsearched = first.astype(
             np.float64
         )  # log weights (n,) by all that was seen, as if no sortie had been flown
@@ -67,7 +67,7 @@ class Search:
         self._lineage = np.arange(ensemble.n, dtype=np.int32)
         self._ancestors: Array | None = None
         self._events = 0
-        self._never: Array | None = None  # share of its time in each sortie that a particle was not where that searched
+        self._never: Array | None = None  # product over sorties of the share of time that a particle was not searched
         self._least = np.inf  # effective particles after any update
         self._target = [_living(slots, ensemble) for slots in ensemble.scenarios]
 
@@ -127,7 +127,7 @@ class Search:
         after = self.ensemble.log_weight.to_numpy()
         evidence = self._evidence(before, after, f'sortie "{sortie.name}"')
         weight = weights.relative(before)
-        pos = np.nan_to_num(-np.expm1(evidence))  # of a story that had no weight: nothing
+        pos = np.nan_to_num(-np.expm1(evidence))  # a scenario that had no weight finds nothing
         self._missed = self._missed * (1 - pos)
         lost, alive = weight - weights.relative(after, before), None
         if any(s.survival for s in self._spec.scenarios):
@@ -136,7 +136,7 @@ class Search:
         self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
         self._note(
             Update(
-                sortie.name, "sortie", sortie.end, evidence, self._stories(after), self._weighed(before).ess, self._weighed(after).ess,
+                sortie.name, "sortie", sortie.end, evidence, self._scenarios(after), self._weighed(before).ess, self._weighed(after).ess,
                 poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
                 standing=self._standing(sortie.end, after),
             )
@@ -150,22 +150,23 @@ class Search:
             seen = self._debris[contact.drifter]
             who, its, begin = seen.ensemble, seen.scene, seen.before
         lon, lat = place(who, its, begin, time)
-        found = contact_laws.log_likelihood(contact, lon, lat)
+        likelihood = contact_laws.log_likelihood(contact, lon, lat)
         there = life.read(who).at(time) <= Status.ASHORE
-        found = np.where(there, found, -np.inf)
+        likelihood = np.where(there, likelihood, -np.inf)
         before, now = self.ensemble.log_weight.to_numpy(), self.log_weight(time)
-        # Of all that is known then, sorties under way included.
-        mean = self._weighed(now + found).log_sum - self._weighed(now).log_sum
+        # The mean likelihood under all that is known then, which includes sorties under way.
+        mean = self._weighed(now + likelihood).log_sum - self._weighed(now).log_sum
         if contact.false_density > 0:
-            found = np.logaddexp(found, np.log(contact.false_density))
-        elif contact.belief < 1:  # in units of the mean, so that the evidence is a density all the same
+            likelihood = np.logaddexp(likelihood, np.log(contact.false_density))
+        elif contact.belief < 1:  # in units of the mean, so that the evidence stays a density
             if mean == -np.inf:
-                found = np.zeros_like(found)
+                likelihood = np.zeros_like(likelihood)
             else:
                 with np.errstate(divide="ignore"):
-                    found = np.logaddexp(np.log(contact.belief) + found, np.log1p(-contact.belief) + mean)
-        self.unsearched = self.unsearched + found
-        after = before + found
+                    doubt = np.log1p(-contact.belief) + mean
+                    likelihood = np.logaddexp(np.log(contact.belief) + likelihood, doubt)
+        self.unsearched = self.unsearched + likelihood
+        after = before + likelihood
         evidence = self._evidence(before, after, f'contact "{contact.name}"')
         self._note(
             Update(
@@ -173,7 +174,7 @@ class Search:
                 "contact",
                 contact.time,
                 evidence,
-                self._stories(after),
+                self._scenarios(after),
                 self._weighed(before).ess,
                 self._weighed(after).ess,
                 standing=self._standing(contact.time, after),
@@ -229,7 +230,7 @@ class Search:
         seeds = self._spec.seed, self._events
         before = e.log_weight.to_numpy()
         ancestors, log_weight, spare = resample.offspring(before, e.scenarios, self._target, method, seeds)
-        with np.errstate(invalid="ignore"):  # what is to spare has no weight before or after
+        with np.errstate(invalid="ignore"):  # spare slots have no weight before or after
             own = self.unsearched[ancestors] - before[ancestors] + log_weight
         self.unsearched = np.where(log_weight > -np.inf, own, -np.inf)
         columns = [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
@@ -245,20 +246,19 @@ class Search:
         status, ended = e.status.to_numpy(), e.status_since.to_numpy()
         e.status.from_numpy(np.where(spare, int(Status.LEFT), status).astype(np.int32))
         if self._scene.place.beach.stay > 0:
-            # The wait of what lies ashore is a function of slot and landing. It has no memory: copies begin theirs
-            # anew.
+            # A wait ashore is drawn for slot and landing. It has no memory, so that copies may begin theirs anew.
             e.status_since.from_numpy(np.where(status == Status.ASHORE, until, ended).astype(np.int32))
         return ancestors
 
     def ancestors(self) -> Array | None:
         """Return whose offspring the particles are, int64 (n,), since it was last asked; None if they are themselves."""
-        found, self._ancestors = self._ancestors, None
-        return found
+        ancestors, self._ancestors = self._ancestors, None
+        return ancestors
 
     def _group(self, flown: SortieExposure, columns: dict[tuple[str, float], Device]) -> Device:
         """Return the columns of the misses that share a sortie's unknown factor of sweep width."""
         if len(flown.factors) == 1:
-            return self.ensemble.log_weight  # not used: any column will do
+            return self.ensemble.log_weight  # the kernel reads no group here: any column will do
         key = (flown.sortie.group, flown.sortie.shape)
         if key not in columns:
             columns[key] = runtime.empty(self.ensemble.n * len(flown.factors))
@@ -268,7 +268,7 @@ class Search:
         """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
         then, now = self._weighed(before), self._weighed(after)
         whole = now.log_sum - then.log_sum
-        with np.errstate(invalid="ignore"):  # of a story that had no weight before it is not a number
+        with np.errstate(invalid="ignore"):  # NaN for a scenario that had no weight before
             sums = now.log_sums - then.log_sums
         if not np.isfinite(whole):
             names = ", ".join(f'"{s.name}"' for s in self._spec.scenarios)
@@ -278,9 +278,9 @@ class Search:
             )
         return np.array([*sums, whole])
 
-    def _stories(self, log_weight: Array) -> Array:
+    def _scenarios(self, log_weight: Array) -> Array:
         """Return the probability of each scenario."""
-        return self._weighed(log_weight).stories
+        return self._weighed(log_weight).scenarios
 
     def _weighed(self, log_weight: Array) -> Weighed:
         """Return what is needed of the weights of all particles."""

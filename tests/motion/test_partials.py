@@ -122,7 +122,7 @@ def test_weights_of_any_size_are_summed_without_overflow() -> None:
     assert sums.log_sum == pytest.approx(special.logsumexp(log_weight.astype(float)), rel=1e-12)
     share = np.exp(log_weight.astype(float) - log_weight.max())
     assert sums.ess == pytest.approx(share.sum() ** 2 / (share**2).sum(), rel=1e-11)
-    assert sums.stories == pytest.approx([1, 0, 0, 0], abs=1e-300)
+    assert sums.scenarios == pytest.approx([1, 0, 0, 0], abs=1e-300)
     assert weights.normalised(log_weight, WHOLE) == pytest.approx(share / share.sum(), rel=1e-10)
 
 
