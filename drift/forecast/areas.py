@@ -132,14 +132,14 @@ def _choose(
     return start * 2.0**best, more if gain(score(best, guided(more)), score_best) > -2 else None
 
 
-def _calibrated(made: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
+def _calibrated(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
     """Return the calibrations at density.KNOTS, (2, knots), of a map and of it summed by k, by what it has not seen in cells (n,)."""
-    fine = density.calibrate(made, cells.area(), held, unseen).share
+    fine = density.calibrate(mass, cells.area(), held, unseen).share
     if k == 1:
         return np.stack([fine, fine])
     wide, (row, column) = coarser(cells, k), np.divmod(held, cells.nlon)
     there, which = np.unique((row // k) * wide.nlon + column // k, return_inverse=True)
-    return np.stack([fine, density.calibrate(summed(made, k), wide.area(), there, np.bincount(which, unseen)).share])
+    return np.stack([fine, density.calibrate(summed(mass, k), wide.area(), there, np.bincount(which, unseen)).share])
 
 
 def coarser(cells: Cells, k: int) -> Cells:
@@ -179,12 +179,12 @@ def build(
         # The same bandwidth: particles per kernel go with their number.
         m, more = _choose(held, halves, media, max(m / 2, 2.0), more)
         m *= 2
-        both = []
+        calibrations = []
         for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
             rest = smooth(mass - unseen, squares - their_squares, 0.75 * m, more)
-            both.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
-        calibration, coarse = (density.Calibration(one) for one in np.average(both, axis=0, weights=groups))
-        folds = [fold[0] for fold in both]
+            calibrations.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
+        calibration, coarse = (density.Calibration(one) for one in np.average(calibrations, axis=0, weights=groups))
+        folds = [fold[0] for fold in calibrations]
         weights = groups * (1 - np.eye(4))
         others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
         checks = [
@@ -223,11 +223,11 @@ def containment(mass: Array, area: Array, calibration: density.Calibration) -> t
     )
 
 
-def contours(one: Area) -> list[shapely.MultiPolygon]:
+def contours(area: Area) -> list[shapely.MultiPolygon]:
     """Return the outlines [deg, unwrapped] of the areas that hold the shares, with their holes."""
-    height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
-    each = zip(one.thresholds.tolist(), one.areas.tolist(), strict=True)
-    return [_contour(one.cells, height, threshold, wanted) for threshold, wanted in each]
+    height = area.probability.sum(axis=(0, 1)) / area.cells.area()[:, None]
+    each = zip(area.thresholds.tolist(), area.areas.tolist(), strict=True)
+    return [_contour(area.cells, height, threshold, wanted) for threshold, wanted in each]
 
 
 def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
@@ -279,7 +279,7 @@ def _area(ring: Array) -> float:
 
 def _polygons(rings: list[list[Array]]) -> shapely.MultiPolygon:
     """Return valid polygons of rings."""
-    whole = shapely.make_valid(shapely.MultiPolygon([shapely.Polygon(one[0], one[1:]) for one in rings]))
+    whole = shapely.make_valid(shapely.MultiPolygon([shapely.Polygon(rings_of[0], rings_of[1:]) for rings_of in rings]))
     parts = [p for p in shapely.get_parts(whole) if p.geom_type in ("Polygon", "MultiPolygon") and p.area > 0]
     union = shapely.union_all(parts) if parts else shapely.MultiPolygon()
     return union if isinstance(union, shapely.MultiPolygon) else shapely.MultiPolygon([union])

@@ -136,15 +136,15 @@ def begin(
 
     def rest() -> Forecast:
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            made = list(pool.map(lambda one: None if one is None else _map(one, shares, common), laid))
+            maps = list(pool.map(lambda one: None if one is None else _map(one, shares, common), laid))
         contours = tuple(
             Contour(one.time, share, float(size), line)
-            for one, drawn in zip(snapshots, made, strict=True)
+            for one, drawn in zip(snapshots, maps, strict=True)
             if drawn is not None
             for share, size, line in zip(shares, drawn[0].areas, drawn[1], strict=True)
         )
-        maps = [None if drawn is None else drawn[0] for drawn in made]
-        return Forecast(dataset.build(snapshots, scenarios, common, maps, shares, bandwidths), contours)
+        areas_of = [None if drawn is None else drawn[0] for drawn in maps]
+        return Forecast(dataset.build(snapshots, scenarios, common, areas_of, shares, bandwidths), contours)
 
     return rest
 
@@ -152,22 +152,22 @@ def begin(
 def _reference(snapshots: Sequence[Snapshot]) -> int:
     """Return the longitude [binary angle] round which to unwrap: that of the mean position at all times."""
     x = y = 0.0
-    for one in snapshots:
-        weight = np.where(mapped(one), one.probability, 0.0)
-        lon = one.lon * sphere.UNIT
+    for snapshot in snapshots:
+        weight = np.where(mapped(snapshot), snapshot.probability, 0.0)
+        lon = snapshot.lon * sphere.UNIT
         x, y = x + float(np.sum(weight * np.cos(lon))), y + float(np.sum(weight * np.sin(lon)))
     return int(sphere.to_binary(np.degrees(np.arctan2(y, x))))
 
 
-def _cloud(one: Snapshot, centre: int) -> _Cloud | None:
+def _cloud(snapshot: Snapshot, centre: int) -> _Cloud | None:
     """Return a snapshot's extent and spacing; None if no probability is adrift or ashore."""
-    index = np.flatnonzero(mapped(one))
+    index = np.flatnonzero(mapped(snapshot))
     if not len(index):
         return None
     # int32 subtraction wraps: longitudes relative to the centre, in [-180, 180) degrees
-    lon, lat = np.subtract(one.lon[index], np.int32(centre)), one.lat[index]
+    lon, lat = np.subtract(snapshot.lon[index], np.int32(centre)), snapshot.lat[index]
     shrink = float(np.cos(np.mean(lat) * sphere.UNIT))
-    spacing = density.typical_spacing(lon * shrink, lat.astype(np.float64), one.probability[index])
+    spacing = density.typical_spacing(lon * shrink, lat.astype(np.float64), snapshot.probability[index])
     return _Cloud(index, int(lon.min()), int(lon.max()), int(lat.min()), int(lat.max()), spacing)
 
 
@@ -204,12 +204,12 @@ def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells |
         while height / 2**k > 1.4 * fine and k < halvings and max(x1 - x0, y1 - y0) * 2 ** (k + 1) <= ACROSS_ONE:
             k += 1
         boxes.append((x0, x1, y0, y1, k))
-    known = [box for box in boxes if box is not None]
+    filled = [box for box in boxes if box is not None]
     left, right = (
-        min(b[0] for b in known),
-        min(max(b[1] for b in known), min(b[0] for b in known) + sphere.TURN // width),
+        min(b[0] for b in filled),
+        min(max(b[1] for b in filled), min(b[0] for b in filled) + sphere.TURN // width),
     )
-    low, high = min(b[2] for b in known), max(b[3] for b in known)
+    low, high = min(b[2] for b in filled), max(b[3] for b in filled)
 
     def lon0(x: int) -> int:
         return centre + x * width
@@ -308,15 +308,15 @@ def group(n: int) -> Array:
 def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
     """Return the map of one snapshot on its own cells, of which `common` are multiples, and the outlines of its areas."""
     media, k = _media(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
-    made = areas.build(laid.cells, laid.deposits, media, shares, k)
-    return made, areas.contours(made)
+    area = areas.build(laid.cells, laid.deposits, media, shares, k)
+    return area, areas.contours(area)
 
 
-def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
+def _deposits(snapshot: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
     """Return what lies in each cell of a snapshot's own."""
     index = cloud.index
-    lon, lat, weight = one.lon[index], one.lat[index], one.probability[index]
-    ashore = (one.status[index] == Status.ASHORE).astype(np.int8)
+    lon, lat, weight = snapshot.lon[index], snapshot.lat[index], snapshot.probability[index]
+    ashore = (snapshot.status[index] == Status.ASHORE).astype(np.int8)
     media = 2 if ashore.any() else 1
     amount, heaviest = cells.fixed(weight), float(weight.max())
     level = bool(weight.min() == heaviest)
@@ -325,31 +325,33 @@ def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, depos
 
     def sums(code: Array, number: int, amounts: Array) -> Array:
         """Deposits of each class of particles in the cells that hold any, shape (number, n)."""
-        made = np.zeros((number, held.size))
+        deposited = np.zeros((number, held.size))
         order = np.argsort(code, kind="stable")
-        for out, some in zip(made, np.split(order, np.searchsorted(code[order], np.arange(1, number))), strict=True):
+        for out, some in zip(
+            deposited, np.split(order, np.searchsorted(code[order], np.arange(1, number))), strict=True
+        ):
             if len(some):
                 out[:] = deposit(lon[some], lat[some], amounts[some], window).ravel()[held] / cells.ONE
-        return made
+        return deposited
 
-    code = group(len(one.lon))[index] * media + ashore
+    code = group(len(snapshot.lon))[index] * media + ashore
     mass = sums(code, 4 * media, amount).reshape(4, media, -1)
     squares = (mass if level else sums(code, 4 * media, square).reshape(4, media, -1)) * heaviest
     by_scenario = mass.sum(axis=0)[None]
     if scenarios > 1:
-        of_scenario = one.scenario[index].astype(np.int16) * media + ashore
+        of_scenario = snapshot.scenario[index].astype(np.int16) * media + ashore
         by_scenario = sums(of_scenario, media * scenarios, amount).reshape(scenarios, media, -1)
     return areas.Deposits(held, mass, squares, by_scenario)
 
 
-def _media(made: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
+def _media(deposits: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
     """Return where the object can be adrift and ashore: in water joined to a particle's, and along its shoreline."""
-    mass = made.mass.sum(axis=0)
+    mass = deposits.mass.sum(axis=0)
     if land is None:
         return [density.medium(np.ones(shape, bool))] * len(mass)
     basins, count = ndimage.label(~land)  # a kernel reaches across a spit, but not into a bay that holds nobody
     holds = np.zeros(count + 1, bool)
-    holds[np.unique(basins.ravel()[made.cells])] = True
+    holds[np.unique(basins.ravel()[deposits.cells])] = True
     holds[0] = False
     water = holds[basins]
     allowed = [water.copy()]
@@ -357,5 +359,5 @@ def _media(made: areas.Deposits, shape: tuple[int, int], land: Array | None) -> 
         square = np.ones((3, 3), bool)
         allowed.append(ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square))
     for where, weights in zip(allowed, mass, strict=True):
-        where.ravel()[made.cells[weights > 0]] = True
+        where.ravel()[deposits.cells[weights > 0]] = True
     return [density.medium(where) for where in allowed]

@@ -21,16 +21,16 @@ def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
     not.
     """
     times = data["time"].values
-    found = np.flatnonzero(times == np.datetime64(time, "ns"))
-    if not found.size:
+    match = np.flatnonzero(times == np.datetime64(time, "ns"))
+    if not match.size:
         first, last = (notation.group(moment) for moment in times[[0, -1]])
         raise UserError(
             f"containment at {notation.group(np.datetime64(time, 's'))}: no output is at that time; there are {times.size}, from "
             f"{first} to {last}: see output.times"
         )
-    one = data.isel(time=int(found[0]))
-    holds = one["probability"].values > 0
-    outer = np.log(np.maximum(1 - one["containment"].values.astype(np.float64), LEAST))
+    output = data.isel(time=int(match[0]))
+    holds = output["probability"].values > 0
+    outer = np.log(np.maximum(1 - output["containment"].values.astype(np.float64), LEAST))
     x, y = _place(data["lon"].values, lon, turning=True), _place(data["lat"].values, lat, turning=False)
     x, y = np.broadcast_arrays(x, y)
     nlat, nlon = holds.shape

@@ -154,10 +154,10 @@ def build(
             ]
         )
     data = {name: (dims, values[name], attributes) for name, (dims, attributes) in VARIABLES.items() if name in values}
-    made = xr.Dataset(data, _coordinates([one.time for one in snapshots], scenarios, grid, shares))
-    if "effective_worlds" in made:
-        made["effective_worlds"].attrs["worlds"] = counted[0].drawn
-    return made
+    forecast = xr.Dataset(data, _coordinates([one.time for one in snapshots], scenarios, grid, shares))
+    if "effective_worlds" in forecast:
+        forecast["effective_worlds"].attrs["worlds"] = counted[0].drawn
+    return forecast
 
 
 def _maps(maps: Sequence[areas.Area | None], grid: Cells, scenarios: int) -> dict[str, Array]:
@@ -167,17 +167,17 @@ def _maps(maps: Sequence[areas.Area | None], grid: Cells, scenarios: int) -> dic
     probability, ashore, contained = (np.zeros(shape, np.float32) for _ in range(3))
     contained[:] = np.nan
     off = np.full(len(maps), np.nan)
-    for i, one in enumerate(maps):
-        if one is None:
+    for i, area in enumerate(maps):
+        if area is None:
             continue
-        part, own = _coarsened(one, grid)
+        part, own = _coarsened(area, grid)
         where, there = _shared(own, grid)
         total = part.sum(axis=(0, 1))
         by_scenario[(i, slice(None), *where)] = part.sum(axis=1)[(slice(None), *there)]
         probability[(i, *where)] = total[there]
         ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))[there]  # nothing where nobody is ashore
         contained[i] = 1.0
-        contained[(i, *where)] = _containment(one, total, own.area())[there]
+        contained[(i, *where)] = _containment(area, total, own.area())[there]
         off[i] = 1 - total[there].sum() / total.sum()
     return {
         "probability": probability,
@@ -195,15 +195,15 @@ def _numbers(
     """Return what is known of each time as a whole."""
     none = np.full(shares, np.nan)
     return {
-        "containment_area": np.array([one.areas if one else none for one in maps]),
-        "held_out": np.array([one.held_out if one else none for one in maps]),
+        "containment_area": np.array([area.areas if area else none for area in maps]),
+        "held_out": np.array([area.held_out if area else none for area in maps]),
         "status_probability": np.array(
             [np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots]
         ),
         "scenario_probability": np.array(
             [np.bincount(s.scenario, s.probability, minlength=scenarios) for s in snapshots]
         ),
-        "particles_per_kernel": np.array([one.per_kernel if one else np.nan for one in maps]),
+        "particles_per_kernel": np.array([area.per_kernel if area else np.nan for area in maps]),
     }
 
 
@@ -247,16 +247,20 @@ class _Counted:
     drawn: int  # worlds
 
 
-def _counted(one: Snapshot, scenarios: int) -> _Counted:
-    on = mapped(one)
-    weight, family, scenario = one.probability[on], None if one.family is None else one.family[on], one.scenario[on]
-    world = None if one.world is None else one.world[on]
+def _counted(snapshot: Snapshot, scenarios: int) -> _Counted:
+    on = mapped(snapshot)
+    weight, family, scenario = (
+        snapshot.probability[on],
+        None if snapshot.family is None else snapshot.family[on],
+        snapshot.scenario[on],
+    )
+    world = None if snapshot.world is None else snapshot.world[on]
     return _Counted(
         effective.number(weight, family),
-        effective.by(one.status, len(Status), one.probability, one.family),
+        effective.by(snapshot.status, len(Status), snapshot.probability, snapshot.family),
         effective.by(scenario, scenarios, weight, family),
         np.nan if world is None else effective.number(weight, world),
-        0 if one.world is None else 1 + int(one.world.max()),
+        0 if snapshot.world is None else 1 + int(snapshot.world.max()),
     )
 
 
@@ -285,29 +289,29 @@ def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, 
     return (on_grid[0], on_grid[1]), (on_cells[0], on_cells[1])
 
 
-def _coarsened(one: areas.Area, grid: Cells) -> tuple[Array, Cells]:
+def _coarsened(area: areas.Area, grid: Cells) -> tuple[Array, Cells]:
     """Return the map summed into cells of the common size, and these."""
-    k = grid.width // one.cells.width
-    return areas.summed(one.probability, k) if k > 1 else one.probability, areas.coarser(one.cells, k)
+    k = grid.width // area.cells.width
+    return areas.summed(area.probability, k) if k > 1 else area.probability, areas.coarser(area.cells, k)
 
 
-def _containment(one: areas.Area, total: Array, area: Array) -> Array:
+def _containment(own: areas.Area, total: Array, cell_area: Array) -> Array:
     """Return the containment on the common cells: the map's own, or anew from the sums of finer cells."""
-    if total.shape == one.cells.shape:
-        return one.containment
-    return areas.containment(total, area, one.coarse)[0]
+    if total.shape == own.cells.shape:
+        return own.containment
+    return areas.containment(total, cell_area, own.coarse)[0]
 
 
 def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, Array]:
     """Return mean positions, longitudes run on from the grid's western edge."""
     west = grid.lon()[0] - 180
-    found = {}
+    positions = {}
     for name, at in (
-        ("mean", [one.all for one in mean]),
-        ("datum", [one.adrift for one in mean]),
-        ("scenario_mean", [one.scenario for one in mean]),
+        ("mean", [m.all for m in mean]),
+        ("datum", [m.adrift for m in mean]),
+        ("scenario_mean", [m.scenario for m in mean]),
     ):
-        positions = np.array(at)
-        found[f"{name}_lon"] = sphere.east_of_degrees(positions[..., 0], west)
-        found[f"{name}_lat"] = positions[..., 1]
-    return found
+        lonlat = np.array(at)
+        positions[f"{name}_lon"] = sphere.east_of_degrees(lonlat[..., 0], west)
+        positions[f"{name}_lat"] = lonlat[..., 1]
+    return positions

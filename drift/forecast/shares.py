@@ -9,10 +9,10 @@ def percents(value: object) -> tuple[float, ...]:
     """Return percentages, ascending; raise ValueError where a list is none of areas."""
     if not isinstance(value, list | tuple) or not all(isinstance(v, int | float) and v is not True for v in value):
         raise ValueError(f"{value!r} must be a list of percentages, like [50, 90, 95]")
-    found = tuple(sorted({float(one) for one in value}))
-    if not 1 <= len(value) <= MOST or len(found) < len(value):
+    shares = tuple(sorted({float(share) for share in value}))
+    if not 1 <= len(value) <= MOST or len(shares) < len(value):
         raise ValueError(f"{value!r} holds {len(value)} areas; must be 1 to {MOST} of them, each another")
-    for one in found:
-        if not LEAST <= one <= LARGEST:
-            raise ValueError(f"{one:g} % is no area that particles can tell; must be {LEAST:g} to {LARGEST:g} %")
-    return found
+    for share in shares:
+        if not LEAST <= share <= LARGEST:
+            raise ValueError(f"{share:g} % is no area that particles can tell; must be {LEAST:g} to {LARGEST:g} %")
+    return shares

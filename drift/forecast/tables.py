@@ -137,8 +137,8 @@ def _numbers(*values: float, form: str) -> list[str]:
 def geojson(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the containment contours as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian."""
     features, times = [], forecast.data["time"].values
-    for one in forecast.contours:
-        geometry = antimeridian.cut(one.polygon)
+    for contour in forecast.contours:
+        geometry = antimeridian.cut(contour.polygon)
         if geometry.is_empty:
             continue
         features.append(
@@ -152,11 +152,11 @@ def geojson(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]
                     ],
                 },
                 "properties": {
-                    "time": notation.iso(one.time),
-                    "level": one.share,
-                    "area_nmi2": one.area / NMI**2,
-                    "area_km2": one.area / 1e6,
-                    **counts(forecast.data, int(np.flatnonzero(times == one.time)[0])),
+                    "time": notation.iso(contour.time),
+                    "level": contour.share,
+                    "area_nmi2": contour.area / NMI**2,
+                    "area_km2": contour.area / 1e6,
+                    **counts(forecast.data, int(np.flatnonzero(times == contour.time)[0])),
                 },
             }
         )

@@ -70,24 +70,24 @@ def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: fl
     return Frame(crs, middle, (cx - wide / 2, cx + wide / 2), (cy - high / 2, cy + high / 2))
 
 
-def prepare(ax: Axes, here: Frame) -> None:
+def prepare(ax: Axes, frame: Frame) -> None:
     """Fit axes to a frame."""
-    ax.set_xlim(*here.x)
-    ax.set_ylim(*here.y)
+    ax.set_xlim(*frame.x)
+    ax.set_ylim(*frame.y)
     ax.set_aspect("equal", adjustable="box")
     ax.set_facecolor(SEA)
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=1.0, zorder=20)
 
 
-def land_path(here: Frame, polygons: Iterable[Any], pixels: float) -> Outline | None:
+def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline | None:
     """Return land polygons [deg] cut to the frame and thinned to a pixel of it, as one path in metres."""
     shapes = np.array(list(polygons), dtype=object)
     if not len(shapes):
         return None
-    west, south, east, north = here.bounds()
+    west, south, east, north = frame.bounds()
     pad = 0.02 * max(east - west, north - south)
-    pixel = (here.x[1] - here.x[0]) / pixels
+    pixel = (frame.x[1] - frame.x[0]) / pixels
     fine = 0.5 * pixel / (sphere.RADIUS * np.pi / 180)  # [deg], half a pixel of latitude
     bounds = shapely.bounds(shapes)
     vertices, codes = [], []
@@ -100,7 +100,7 @@ def land_path(here: Frame, polygons: Iterable[Any], pixels: float) -> Outline | 
                 continue
             for ring in (part.exterior, *part.interiors):
                 xy = np.array(ring.coords)
-                vertices.append(np.column_stack(here.project(xy[:, 0] - turn, xy[:, 1])))
+                vertices.append(np.column_stack(frame.project(xy[:, 0] - turn, xy[:, 1])))
                 codes.append([Outline.MOVETO, *[Outline.LINETO] * (len(xy) - 2), Outline.CLOSEPOLY])
     return Outline(np.concatenate(vertices), np.concatenate(codes)) if vertices else None
 
@@ -112,10 +112,10 @@ def draw_land(ax: Axes, path: Outline | None) -> None:
 
 
 def graticule(
-    ax: Axes, here: Frame, lines: int = 5, size: float = 8.0, labels: tuple[bool, bool] = (True, True)
+    ax: Axes, frame: Frame, lines: int = 5, size: float = 8.0, labels: tuple[bool, bool] = (True, True)
 ) -> None:
     """Draw meridians and parallels with their degrees and minutes on the lower and left edges."""
-    west, south, east, north = here.bounds()
+    west, south, east, north = frame.bounds()
     drawn, ticks = [], []
     for low, high, is_lon in ((west, east, True), (south, north, False)):
         step = next((s for s in STEPS if (high - low) * 60 / s <= lines + 1.5), STEPS[-1])
@@ -124,22 +124,22 @@ def graticule(
         beyond = 0.02 * (high - low)
         across = np.linspace(low - beyond, high + beyond, 100)
         across = across.clip(-90, 90) if is_lon else across
-        found: list[tuple[float, str]] = []
+        labelled: list[tuple[float, str]] = []
         for value in values:
-            x, y = here.project(*((value, across) if is_lon else (across, value)))
+            x, y = frame.project(*((value, across) if is_lon else (across, value)))
             drawn.append(np.column_stack([x, y]))
-            edge = _crossing(x, y, here.y[0]) if is_lon else _crossing(y, x, here.x[0])
-            if edge is not None and (here.x if is_lon else here.y)[0] <= edge <= (here.x if is_lon else here.y)[1]:
-                found.append((edge, degrees_minutes(value, is_lon, step)))
-        ticks.append(found)
+            edge = _crossing(x, y, frame.y[0]) if is_lon else _crossing(y, x, frame.x[0])
+            if edge is not None and (frame.x if is_lon else frame.y)[0] <= edge <= (frame.x if is_lon else frame.y)[1]:
+                labelled.append((edge, degrees_minutes(value, is_lon, step)))
+        ticks.append(labelled)
     ax.add_collection(LineCollection(drawn, colors=INK, linewidths=0.4, alpha=0.35, zorder=4), autolim=False)
-    for axis, found, shown in zip((ax.xaxis, ax.yaxis), ticks, labels, strict=True):
-        low, high = here.x if axis is ax.xaxis else here.y
+    for axis, labelled, shown in zip((ax.xaxis, ax.yaxis), ticks, labels, strict=True):
+        low, high = frame.x if axis is ax.xaxis else frame.y
         inset = (0.1 if lines <= 3 else 0.02) * (high - low)  # keep clear of the neighbour's labels and of the corner
-        clear = [low + inset <= at <= high - inset for at, _ in found]
+        clear = [low + inset <= at <= high - inset for at, _ in labelled]
         axis.set_ticks(
-            [at for at, _ in found],
-            labels=[text if shown and ok else "" for (_, text), ok in zip(found, clear, strict=True)],
+            [at for at, _ in labelled],
+            labels=[text if shown and ok else "" for (_, text), ok in zip(labelled, clear, strict=True)],
         )
         axis.set_tick_params(labelsize=size, length=4, color=INK, labelcolor=INK)
     for text in ax.get_yticklabels():
@@ -169,15 +169,15 @@ def degrees_minutes(value: float, is_lon: bool, step: float) -> str:
     return f"{degrees:0{3 if is_lon else 2}d}°{minutes / unit:0{width}.{decimals}f}'{name}"
 
 
-def scale_bar(ax: Axes, here: Frame, corner: tuple[float, float], small: bool = False) -> Bbox:
+def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool = False) -> Bbox:
     """Draw a bar in nautical miles with its lower left at a corner [axes fraction]; return its box.
 
     A north arrow stands beside it, unless small.
     """
-    (x0, x1), (y0, y1) = here.x, here.y
+    (x0, x1), (y0, y1) = frame.x, frame.y
     high, size = (0.105, 7) if small else (0.075, 8)
     at = (x0 + (x1 - x0) * (corner[0] + 0.12), y0 + (y1 - y0) * (corner[1] + 0.04))
-    ends = DEGREES.transform_points(here.crs, np.array([at[0], at[0] + 0.05 * (x1 - x0)]), np.array([at[1]] * 2))
+    ends = DEGREES.transform_points(frame.crs, np.array([at[0], at[0] + 0.05 * (x1 - x0)]), np.array([at[1]] * 2))
     true = float(sphere.distance(*np.radians(ends[0, :2]), *np.radians(ends[1, :2]))) / (0.05 * (x1 - x0))
     room = 0.2 * (x1 - x0) * true / NMI  # [nmi]
     length = next(m * 10.0**e for e in range(4, -6, -1) for m in (5, 2, 1) if m * 10.0**e <= room)
@@ -230,9 +230,9 @@ def scale_bar(ax: Axes, here: Frame, corner: tuple[float, float], small: bool = 
     return box_drawn
 
 
-def free_corner(here: Frame, x: Array, y: Array) -> tuple[float, float]:
+def free_corner(frame: Frame, x: Array, y: Array) -> tuple[float, float]:
     """Return the corner [axes fraction] for a scale bar with the fewest of these points [m] under it."""
-    fx, fy = (x - here.x[0]) / (here.x[1] - here.x[0]), (y - here.y[0]) / (here.y[1] - here.y[0])
+    fx, fy = (x - frame.x[0]) / (frame.x[1] - frame.x[0]), (y - frame.y[0]) / (frame.y[1] - frame.y[0])
     corners = ((0.015, 0.015), (0.685, 0.015), (0.015, 0.91), (0.685, 0.91))
     crowd = [np.sum((fx > a - 0.02) & (fx < a + 0.32) & (fy > b - 0.02) & (fy < b + 0.1)) for a, b in corners]
     return corners[int(np.argmin(crowd))]

@@ -30,11 +30,11 @@ ATTEMPTS = 10
 def make(ground: Path) -> tuple[Path, int]:
     """Return a new hidden folder in another, and the open lock by which it is owned."""
     for _ in range(ATTEMPTS):
-        made = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{'-'.join(_self())}-", dir=ground))
-        lock = os.open(made / LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+        folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{'-'.join(_self())}-", dir=ground))
+        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
         # Another run may have taken the folder for a dead one's in the moment before the lock was held.
-        if _locked(lock) is not False and (made / LOCK).exists():
-            return made, lock
+        if _locked(lock) is not False and (folder / LOCK).exists():
+            return folder, lock
         os.close(lock)
     raise OSError(f"no folder can be made in {ground}")
 
@@ -47,9 +47,9 @@ def remove(folder: Path) -> None:
 def within(ground: Path) -> list[Path]:
     """Return the hidden folders in a folder, by name."""
     try:
-        with os.scandir(ground) as found:
+        with os.scandir(ground) as entries:
             names = sorted(
-                one.name for one in found if one.name.startswith(PREFIX) and one.is_dir(follow_symlinks=False)
+                entry.name for entry in entries if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False)
             )
     except OSError:
         return []

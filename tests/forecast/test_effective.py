@@ -22,7 +22,7 @@ from drift.forecast import beyond, effective, layers, tables
 from drift.forecast import build as forecast_build
 from drift.forecast import map as forecast_map
 from drift.forecast.effective import Count
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Imprint, Setting
 from drift.motion import spool
 from drift.motion.status import Status
 from drift.planner import files as plan_files
@@ -112,17 +112,17 @@ def test_one_threshold_for_particles_and_one_for_worlds(count, few, text):
 
 
 def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
-    options = {"imprint": Imprint("Few", caution=WRONG), "particles": N}
-    forecast_map.draw_map(forecast, tmp_path / "map.png", **options)
-    options["imprint"] = Imprint("Few")
+    setting = Setting(Imprint("Few"), particles=N)
+    cautioned = Setting(Imprint("Few", caution=WRONG), particles=N)
+    forecast_map.draw_map(forecast, tmp_path / "map.png", cautioned)
     assert f"{BANNER}: the areas are rough" in words
     assert WRONG in words
     assert any(text.startswith("50 % area: rough, ") for text in words)
     words.clear()
-    forecast_map.draw_map(forecast, tmp_path / "sure.png", time=0, **options)
+    forecast_map.draw_map(forecast, tmp_path / "sure.png", setting, time=0)
     assert not any("ONLY" in text or "rough" in text.lower() for text in words)
     words.clear()
-    forecast_map.draw_snapshots(forecast, tmp_path / "snapshots.png", **options)
+    forecast_map.draw_snapshots(forecast, tmp_path / "snapshots.png", setting)
     assert f"{BANNER} at 220030ZNOV26: areas are rough" in words
     assert sum("only 4 of 100,000 particles count" in text for text in words) == 1  # on the panel of that time alone
 
@@ -130,13 +130,10 @@ def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
 def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
     seen = []
     monkeypatch.setattr(Figure, "savefig", lambda self, *args, **kwargs: seen.append(self))
-    options = {
-        "imprint": Imprint("A long title of a case, as they are given, " * 2, caution=WRONG),
-        "particles": N,
-    }
-    forecast_map.draw_map(forecast, tmp_path / "map.png", **options)
+    long, short = "A long title of a case, as they are given, " * 2, "Short"
+    forecast_map.draw_map(forecast, tmp_path / "map.png", Setting(Imprint(long, caution=WRONG), particles=N))
     forecast_map.draw_snapshots(
-        forecast, tmp_path / "snapshots.png", imprint=Imprint("Short", caution=WRONG), particles=N
+        forecast, tmp_path / "snapshots.png", Setting(Imprint(short, caution=WRONG), particles=N)
     )
     for figure in seen:
         draw = figure.canvas.get_renderer()
@@ -192,7 +189,7 @@ def test_a_spill_stands_on_its_worlds(tmp_path, words):
     assert made.data["effective_particles"].item() > 200
     assert tables.numbers(made)["outputs"][0]["effective_worlds"] == pytest.approx(own(share), rel=1e-9)
     assert effective.of_run(made.data, n)[0].startswith("only 3 of 100 worlds count at 211830ZNOV26: ")
-    forecast_map.draw_map(made, tmp_path / "map.png", imprint=Imprint("t"), particles=n)
+    forecast_map.draw_map(made, tmp_path / "map.png", Setting(Imprint("t"), particles=n))
     assert "ONLY 3 OF 100 WORLDS COUNT: the areas are rough" in words
 
 
@@ -254,9 +251,9 @@ def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(tmp_path, word
     ]
     far = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(*found, *there)[2]
     assert far < 1000  # the mean of 8,000 of 5 km each: 60 m; cells and tenths of a minute come on top
-    forecast_map.draw_map(made, tmp_path / "map.png", imprint=Imprint("t"))
+    forecast_map.draw_map(made, tmp_path / "map.png", Setting(Imprint("t")))
     assert any(f" % of the probability lies outside this frame, to the {point} (around " in text for text in words)
-    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", imprint=Imprint("t"))
+    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", Setting(Imprint("t")))
     assert any(text.endswith(f"% outside the frame, {point}") for text in words)
 
 
@@ -273,7 +270,7 @@ def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path
     contact = SimpleNamespace(name="flare", time=BEGIN, kind="range", sensor=(far[0, 0], far[0, 1]))
     contact = searches.Contact(**vars(contact), range=900.0, range_std=100.0)
     forecast_map.draw_map(
-        made, tmp_path / "map.png", imprint=Imprint("t"), overlays=[partial(search_layers.reminder, (), [contact])]
+        made, tmp_path / "map.png", Setting(Imprint("t")), overlays=[partial(search_layers.reminder, (), [contact])]
     )
     where = notation.position(*far[0])
     assert any(f'outside this frame: contact "flare", to the E (around {where})' in text for text in words)

@@ -16,7 +16,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from drift.forecast import map as forecast_map
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
 from drift.planner import map as plan_map
 from drift.search import evidence_map
@@ -89,9 +89,8 @@ def test_pictures_anywhere(tmp_path, lon, lat):
     search_map.draw(
         forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", page=1, **common
     )
-    forecast_map.draw_map(
-        forecast, tmp_path / "map.png", overlays=[partial(search_layers.reminder, everything, ())], **common
-    )
+    reminder = partial(search_layers.reminder, everything, ())
+    forecast_map.draw_map(forecast, tmp_path / "map.png", Setting(**common), overlays=[reminder])
     plan_map.draw(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", particles=1000, **common)
     for name in ("search", "map", "plan"):
         with Image.open(tmp_path / f"{name}.png") as image:
@@ -101,16 +100,16 @@ def test_pictures_anywhere(tmp_path, lon, lat):
 def test_only_sorties_begun_are_on_the_map(tmp_path, search, words):
     forecast, sorties, _, _ = search
     searched = [partial(search_layers.reminder, sorties, ())]
-    forecast_map.draw_map(forecast, tmp_path / "a.png", time=0, overlays=searched, imprint=Imprint("t"))
+    forecast_map.draw_map(forecast, tmp_path / "a.png", Setting(Imprint("t")), time=0, overlays=searched)
     assert "Searched area" not in words
-    forecast_map.draw_map(forecast, tmp_path / "b.png", overlays=searched, imprint=Imprint("t"))
+    forecast_map.draw_map(forecast, tmp_path / "b.png", Setting(Imprint("t")), overlays=searched)
     assert "Searched area" in words
     assert "Legs as flown" in words
 
 
 def test_no_searches_change_no_pixel(tmp_path, search):
     for name, more in (("a.png", {}), ("b.png", {"overlays": [partial(search_layers.reminder, (), ())]})):
-        forecast_map.draw_map(search[0], tmp_path / name, imprint=Imprint("t"), **more)
+        forecast_map.draw_map(search[0], tmp_path / name, Setting(Imprint("t")), **more)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
