@@ -14,13 +14,14 @@ from geo import sphere
 from geo.array import Array
 from geo.cells import Cells
 
-MANY = 20_000  # effective particles from which one half alone tells which bandwidth is best
+MANY = 20_000  # effective particles with which one half alone shows which bandwidth is best
 
 
 @dataclass(frozen=True)
 class Deposits:
-    """What the particles of one snapshot leave in the cells that hold any (flat indices, n), in units of probability.
+    """Probability in the cells of one snapshot that hold any particle.
 
+    cells: their flat indices, (n,).
     mass, squares: weights and squared weights by group and medium (adrift; ashore if any is), shape (4, media, n).
     scenario: weights by scenario and medium, shape (scenarios, media, n).
     """
@@ -37,10 +38,11 @@ class Area:
 
     probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
     containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
-    areas: [m2] of the shares; held_out: share of unseen particles inside them; thresholds: logarithms of their least
-    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen. coarse: calibration of the map
-    summed into the cells that all times share: along a shore, where half of what is smoothed lies beside the cells that
-    hold all, it is another.
+    areas: sizes [m2] of the areas that hold the shares; held_out: share of unseen particles inside each.
+    thresholds: logarithm of the least density [1/m2] in each.
+    per_kernel: effective particles in a kernel, which is the bandwidth that was chosen.
+    coarse: calibration of the map summed into the cells that all times share. It differs along a shore, where half of
+    what is smoothed lies beside the cells that hold all of it.
     """
 
     cells: Cells
@@ -55,7 +57,7 @@ class Area:
     coarse: density.Calibration
 
 
-More = tuple[Array, ...] | None  # density.wider
+More = tuple[Array, ...] | None  # what density.wider returns
 
 
 def _guides(
@@ -89,10 +91,10 @@ def _choose(
 ) -> tuple[float, More]:
     """Return the number of particles per kernel under which each half best foretells the other.
 
-    Climbs a ladder of factors 2 from `start`. A rung finer than that must beat the coarser one by two standard errors
-    of the paired difference: sharp edges alone are no reason to speckle all the rest. Then kernels are made wider where
-    the map is dense, by `more`, unless that foretells worse by as much: along a thin filament say. Returned as None
-    where it does.
+    The search climbs a ladder of factors of 2 from `start`. A rung finer than `start` must beat the coarser one by two
+    standard errors of the paired difference: sharp edges alone are no reason to make the rest of the map speckled. Then
+    kernels are made wider by `more` where the map is dense, unless that foretells worse by two standard errors, as it
+    may along a thin filament; then None is returned in its place.
     """
     effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
     pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
@@ -113,7 +115,7 @@ def _choose(
         for (half, _), there in zip(pairs, where, strict=True):
             mass = halves[half][0]
             smooth = _spread(cells, mass, guides[half], start * 2.0**step, media, there)
-            # a particle off the map costs much, but not everything
+            # The small constant keeps a single particle off the map from deciding everything.
             logs.append(np.log(smooth + 1e-6 * mass.sum() / media[0].allowed.size))
         return np.concatenate(logs)
 
@@ -176,14 +178,14 @@ def build(
     share_held = np.full(len(shares), np.nan)
     if groups.min() > 0:
         halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
-        # The same bandwidth: particles per kernel go with their number.
+        # At the same bandwidth all particles put twice as many into a kernel as half of them.
         m, more = _choose(held, halves, media, max(m / 2, 2.0), more)
         m *= 2
         calibrations = []
         for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
             rest = smooth(mass - unseen, squares - their_squares, 0.75 * m, more)
             calibrations.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
-        calibration, coarse = (density.Calibration(one) for one in np.average(calibrations, axis=0, weights=groups))
+        calibration, coarse = (density.Calibration(curve) for curve in np.average(calibrations, axis=0, weights=groups))
         folds = [fold[0] for fold in calibrations]
         weights = groups * (1 - np.eye(4))
         others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
@@ -195,8 +197,8 @@ def build(
     guides = _guides(held, mass, squares, media, more)
     probability = np.stack(
         [
-            np.stack([_spread(held, one[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])
-            for one in deposits.scenario
+            np.stack([_spread(held, scenario[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])
+            for scenario in deposits.scenario
         ]
     )
     total = probability.sum(axis=(0, 1))
@@ -231,18 +233,21 @@ def contours(area: Area) -> list[shapely.MultiPolygon]:
 
 
 def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
-    """Return the outline of what is denser [1/m2] than a threshold, given as its logarithm: about so large an area [m2].
+    """Return the outline [deg] of the cells that are denser than a threshold, the logarithm of a density [1/m2].
 
-    The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
-    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge.
-    Along a shore, a cell or two wide, it keeps nearer to the shoreline than its cells do, and holds more than they: 50
-    % of 20,000 stranded particles on a wavy shore 58 %, 75 % 76, 95 % 98; of 60 % of them 54, 75 and 95.
+    wanted: size [m2] of these cells.
+
+    The line runs where the logarithm of density, linear between cell centres, is at the threshold. Where cells are
+    coarse it is moved until it encloses the wanted size to 0.5 %. A pad of empty cells closes it at the edge.
+    Along a shore the outline, a cell or two wide, keeps nearer to the shoreline than the cells do, and holds more than
+    they: with 20,000 particles stranded on a wavy shore the outlines of the 50, 75 and 95 % areas held 58, 76 and 98 %,
+    with 60 % of them stranded 54, 75 and 95 %.
     """
-    near = height > np.exp(threshold - 3)  # no line is drawn farther out than from a cell of these to the next
+    near = height > np.exp(threshold - 3)  # the line runs no farther out than the neighbours of these
     rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
     south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
     height = height[south : rows[-1] + 2, west : columns[-1] + 2]
-    # what lies far below the threshold, and empty cells, count as e^-4 of it: the line stays near the cells that matter
+    # Empty cells and those far below the threshold count as e^-4 of it: so the line stays near the cells that matter.
     field = np.pad(np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4)
     lon, lat = cells.lon()[west : columns[-1] + 2], cells.lat()[south : rows[-1] + 2]
     dlon, dlat = (cells.width, cells.height) * np.array(360.0 / sphere.TURN)
@@ -279,7 +284,7 @@ def _area(ring: Array) -> float:
 
 def _polygons(rings: list[list[Array]]) -> shapely.MultiPolygon:
     """Return valid polygons of rings."""
-    whole = shapely.make_valid(shapely.MultiPolygon([shapely.Polygon(rings_of[0], rings_of[1:]) for rings_of in rings]))
+    whole = shapely.make_valid(shapely.MultiPolygon([shapely.Polygon(outer, holes) for outer, *holes in rings]))
     parts = [p for p in shapely.get_parts(whole) if p.geom_type in ("Polygon", "MultiPolygon") and p.area > 0]
     union = shapely.union_all(parts) if parts else shapely.MultiPolygon()
     return union if isinstance(union, shapely.MultiPolygon) else shapely.MultiPolygon([union])

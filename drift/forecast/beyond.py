@@ -14,15 +14,15 @@ from geo import notation, sphere
 from geo.array import Array
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
-NEARLY = 0.9  # of what is left out: so much is told of as if it were all
-NAMED = 3  # places that are told by name
+NEARLY = 0.9  # share of what is left out that counts as all of it
+NAMED = 3  # places that are given by name; of more, the number
 
 
 def told(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
     """Return in a sentence what a frame leaves out of the map at a time; empty if that is little and no place.
 
-    at: a forecast's data (drift.forecast.dataset) at one time. places: by name, the shapes (n, 2) [deg] of what is told
-    where no point of it is in the frame. Of the probability more than labels.TELLING is told.
+    at: a forecast's data (drift.forecast.dataset) at one time. places: shapes (n, 2) [deg] by name; a place is reported
+    where no point of it is in the frame. Probability is reported where more than TELLING is outside.
     """
     parts = [_probability(frame, at), named(frame, places or {})]
     return "; ".join(part for part in parts if part)
@@ -76,7 +76,7 @@ def _probability(frame: Frame, at: Any) -> str:
         return ""
     lon, lat, alone = _most(mass, at)
     words = f"{labels.percent(total)} of the probability lies outside this frame"
-    if within(frame, np.array([[lon, lat]]))[0]:  # round about it
+    if within(frame, np.array([[lon, lat]]))[0]:  # their mean is in the frame: they lie round it
         return f"{words}, on several sides"
     return f"{words}, {'' if alone else 'most of it '}{_where(frame, lon, lat)}"
 
@@ -84,8 +84,8 @@ def _probability(frame: Frame, at: Any) -> str:
 def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
     """Return the mean position (lon, lat) [deg] of the place that holds most, and whether it is the only one.
 
-    A place is made of connected cells. Of all cells the densest count that hold NEARLY all: smoothing leaves a trace
-    everywhere.
+    A place is made of connected cells. Only the densest cells count, which together hold NEARLY all: smoothing leaves a
+    trace everywhere.
     """
     height = (mass / at["cell_area"].values).ravel()
     order = np.argsort(-height, kind="stable")

@@ -24,7 +24,7 @@ class Matter:
 
 
 def _map(matter: Matter, path: Path) -> None:
-    from drift.forecast import map as forecast_map  # here: Matplotlib takes a second to import
+    from drift.forecast import map as forecast_map  # imported here, for Matplotlib takes a second
 
     forecast_map.draw_map(matter.forecast, path, matter.setting, overlays=matter.overlays)
 

@@ -9,7 +9,7 @@ from geo import notation, sphere
 from geo.array import Array
 from geo.errors import UserError
 
-LEAST = 1e-6  # 1 - containment of a cell of the rim, whose logarithm is finite so
+LEAST = 1e-6  # least 1 - containment, which keeps its logarithm finite in cells of the rim
 
 
 def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:

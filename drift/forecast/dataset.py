@@ -27,11 +27,11 @@ def _positions(name: str, dims: tuple[str, ...], words: str) -> dict[str, tuple[
     }
 
 
-HERE = ("time", "lat", "lon")
+CELLWISE = ("time", "lat", "lon")
 # name: dimensions, attributes. Each takes its values from `_maps` or `_numbers`.
 VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "probability": (
-        HERE,
+        CELLWISE,
         {
             "long_name": "probability that the object is in the cell, adrift or ashore",
             "units": "1",
@@ -40,7 +40,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         },
     ),
     "probability_ashore": (
-        HERE,
+        CELLWISE,
         {"long_name": "probability that the object is ashore in the cell", "units": "1", "cell_measures": AREA},
     ),
     "probability_by_scenario": (
@@ -52,7 +52,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         },
     ),
     "containment": (
-        HERE,
+        CELLWISE,
         {
             "long_name": "smallest share of the probability on the map whose area contains the cell",
             "units": "1",
@@ -137,24 +137,24 @@ def build(
     bandwidths: [binary angle unit] that suit the densest particles of each snapshot, on a grid that does not follow
     them.
     """
-    counted = [_counted(one, len(scenarios)) for one in snapshots]
+    counted = [_counted(snapshot, len(scenarios)) for snapshot in snapshots]
     values = {
         **_maps(maps, grid, len(scenarios)),
         **_numbers(snapshots, len(scenarios), maps, len(shares)),
         **_effective(counted),
-        **_tracks([means(one, len(scenarios)) for one in snapshots], grid),
+        **_tracks([means(snapshot, len(scenarios)) for snapshot in snapshots], grid),
     }
     if bandwidths is None:
         del values["off_grid"]
     else:
         values["cells_per_kernel"] = np.array(
             [
-                np.nan if one is None or bandwidth is None else bandwidth / one.cells.height
-                for one, bandwidth in zip(maps, bandwidths, strict=True)
+                np.nan if area is None or bandwidth is None else bandwidth / area.cells.height
+                for area, bandwidth in zip(maps, bandwidths, strict=True)
             ]
         )
     data = {name: (dims, values[name], attributes) for name, (dims, attributes) in VARIABLES.items() if name in values}
-    forecast = xr.Dataset(data, _coordinates([one.time for one in snapshots], scenarios, grid, shares))
+    forecast = xr.Dataset(data, _coordinates([snapshot.time for snapshot in snapshots], scenarios, grid, shares))
     if "effective_worlds" in forecast:
         forecast["effective_worlds"].attrs["worlds"] = counted[0].drawn
     return forecast
@@ -244,7 +244,7 @@ class _Counted:
     status: Array  # (statuses,)
     scenario: Array  # (scenarios,), adrift or ashore
     worlds: float  # adrift or ashore; NaN where there are none
-    drawn: int  # worlds
+    drawn: int  # number of worlds that were drawn; 0 where there are none
 
 
 def _counted(snapshot: Snapshot, scenarios: int) -> _Counted:

@@ -62,13 +62,13 @@ def extent(
 ) -> Frame:
     """Return the frame of what is shaded at these times, the mean track and what is marked; not of outliers.
 
-    also: shapes, each several (n, 2) [deg], that it shows too where it is then at most LARGER times as large.
+    also: places, each some shapes (n, 2) [deg]; each is shown too unless that makes the frame over LARGER times as wide.
     """
     data = forecast.data
     lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
-    for one in forecast.contours:
-        if one.time in times and one.share == max(c.share for c in forecast.contours) and not one.polygon.is_empty:
-            west, south, east, north = _shaded(forecast, one)
+    for contour in forecast.contours:
+        if contour.time in times and contour.share == forecast.shares[-1] and not contour.polygon.is_empty:
+            west, south, east, north = _shaded(forecast, contour)
             lon.append(np.array([west, east]))
             lat.append(np.array([south, north]))
     middle = float(data["lon"].mean())
@@ -86,19 +86,22 @@ def extent(
     frame = chart.frame(every_lon[finite], every_lat[finite], aspect, margin=0.05)
     for shapes in also:
         if beyond.hidden(frame, shapes):
-            more = [*lines, *(Line(one[:, 0].tolist(), one[:, 1].tolist(), "") for one in shapes)]
+            more = [*lines, *(Line(points[:, 0].tolist(), points[:, 1].tolist(), "") for points in shapes)]
             whole = extent(forecast, times, marks, more, aspect)
             frame, lines = (whole, more) if little(frame, whole) else (frame, lines)
     return frame
 
 
 def little(frame: Frame, whole: Frame) -> bool:
-    """Whether a frame is at most LARGER times as large as another."""
+    """Whether the whole frame is at most LARGER times as wide as a frame."""
     return whole.x[1] - whole.x[0] <= LARGER * (frame.x[1] - frame.x[0])
 
 
 def _shaded(forecast: Forecast, contour: Contour) -> tuple[float, float, float, float]:
-    """Return the bounds [deg] of the cells shaded at a contour's time, at most its size beyond the contour: no outliers."""
+    """Return the bounds [deg] of the cells that are shaded at a contour's time.
+
+    Outliers do not count: on each side the bounds reach at most the contour's size beyond the contour.
+    """
     data = forecast.data
     west, south, east, north = contour.polygon.bounds
     cells = data["containment"].values[int(np.flatnonzero(data["time"].values == contour.time)[0])] <= SHOWN
@@ -119,6 +122,7 @@ def _shaded(forecast: Forecast, contour: Contour) -> tuple[float, float, float, 
 
 
 def near(lon: float, middle: float) -> float:
+    """Return a longitude [deg] at the number of turns that brings it nearest to another."""
     return sphere.near_degrees(lon, middle)
 
 
@@ -131,7 +135,8 @@ def density(forecast: Forecast, time: int) -> Array:
 def scale_top(at: Any) -> float:
     """Return the density [% per nmi2] that ends the colour scale: the area above it holds a tenth of those adrift.
 
-    The narrow strip of those ashore, marked by symbols, would take most of the scale; it counts if hardly any drift.
+    Those ashore have symbols of their own, and their narrow strip would take most of the scale: they count only where
+    hardly any are adrift.
     """
     mass = at["probability"].values.astype(np.float64).ravel()
     adrift = mass - at["probability_ashore"].values.astype(np.float64).ravel()
@@ -144,7 +149,7 @@ def scale_top(at: Any) -> float:
 
 
 def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
-    """Shade cells, only the rows and columns that hold anything."""
+    """Shade cells that have a value, and return the mesh."""
     rows, columns = (np.flatnonzero(np.isfinite(values).any(axis=axis)) for axis in (1, 0))
     lon, lat = chart.edges(forecast.data["lon"].values), chart.edges(forecast.data["lat"].values)
     r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
@@ -156,7 +161,7 @@ def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) 
 def kept(polygon: shapely.MultiPolygon) -> list[Array]:
     """Return the rings to draw of an area, each (n, 2): without islands and holes of less than ISLAND of its size.
 
-    That is for pictures, not for files; where islands are so many that they make up a tenth, the larger ones stay.
+    Pictures alone leave them out, files do not. Where islands make up more than a tenth, the larger ones stay.
     """
     if polygon.is_empty:
         return []
@@ -189,13 +194,13 @@ def rings(ax: Axes, frame: Frame, polygon: shapely.MultiPolygon, style: dict[str
 
 
 def lines(shares: Sequence[float]) -> dict[float, dict[str, Any]]:
-    """Return the style of each area's outline, by its share, ascending: solid within, dotted without."""
+    """Return the style of each area's outline by its share: solid for the innermost, dotted for the outermost."""
     styles = [INNERMOST, *({**INNERMOST, "linewidth": 1.5, "linestyle": dashes} for dashes in BETWEEN)]
     return dict(zip(shares, [*styles[: len(shares) - 1], OUTERMOST] if len(shares) > 1 else styles, strict=False))
 
 
 def line(share: float, forecast: Forecast, few: bool = False) -> dict[str, Any]:
-    """Return the style of an area's outline; where few particles count it is thin and grey, for it is no edge."""
+    """Return the style of an area's outline, which is thin and grey where few particles count."""
     style = lines(forecast.shares)[share]
     return unsure(style) if few else style
 
@@ -206,7 +211,7 @@ def areas_of(forecast: Forecast, time: Any, shares: Sequence[float]) -> list[Con
 
 
 def unsure(style: dict[str, Any]) -> dict[str, Any]:
-    """Return the style of an outline as it is where few count."""
+    """Return the style of an outline where few particles count: thin and grey, for it is no edge."""
     return {**style, "color": "#55606b", "linewidth": 0.55 * style["linewidth"]}
 
 
@@ -216,7 +221,7 @@ def widest(outlines: Sequence[Contour]) -> shapely.MultiPolygon:
 
 
 def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
-    """Hatch an area, where few count: its edges are not where they seem."""
+    """Hatch an area of few particles: its edges are not where they seem."""
     rings = [Outline(np.column_stack(frame.project(*ring.T)), closed=True) for ring in kept(area)]
     if rings:
         ax.add_patch(PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
@@ -251,7 +256,7 @@ def note(ax: Axes, texts: Sequence[str], **style: Any) -> None:
 
 
 def beside(frame: Frame, at: Any, count: effective.Count) -> list[str]:
-    """Return in a few words, for a small map, whether few count and what its frame leaves out."""
+    """Return the notes of a small map: whether few particles count, and what its frame leaves out."""
     notes = [f"only {count.words}"] if count.few else []
     out = beyond.aside(frame, at)
     return [*notes, out] if out else notes
@@ -266,6 +271,7 @@ def prior_line(ax: Axes, frame: Frame, line: Line, which: int) -> None:
 
 
 def mark_point(ax: Axes, frame: Frame, mark: Mark, size: float) -> None:
+    """Draw a mark as a ring with a cross; size: of the ring [points]."""
     x, y = frame.project(mark.lon, mark.lat)
     ax.plot(
         x, y, "o", markersize=size, markerfacecolor="white", markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12
@@ -317,12 +323,12 @@ def occupied(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Ar
 
 
 def complete(forecast: Forecast) -> int:
-    """Return the first output from which on the mean track is that of the whole; see effective.released."""
+    """Return the first output from which on the mean is that of all that is released; see effective.released."""
     return effective.released(forecast.data)
 
 
 def spaced(times: Array, most: int) -> list[int]:
-    """Return which of the times to write, the last one always: all, or of more than `most` those that are well apart."""
+    """Return which of some times to write: at most `most`, well apart, the last one always."""
     if len(times) <= most:
         return list(range(len(times)))
     least, picks = abs(times[-1] - times[0]) / (most - 1), [len(times) - 1]
@@ -337,7 +343,7 @@ def track(
 ) -> None:
     """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner.
 
-    Where a part is not released yet, the mean jumps with each release: there it is thin and dotted.
+    While a part is not released yet, the mean jumps with each release: that part of the track is thin and dotted.
     """
     data = forecast.data
     lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values

@@ -6,20 +6,23 @@ import numpy as np
 
 from geo import notation
 
-TOLD = 0.005  # share of the probability off the grid from which on it is told of
-COARSE = 1.0  # cells to the bandwidth of the densest part, from which on areas are those of cells
+OFF = 0.005  # share of the probability off the grid from which on a run is warned of
+COARSE = 1.0  # cells to the bandwidth of the densest part; with fewer, areas are too large
 
 
 def warnings(data: Any) -> list[str]:
-    """Return the warnings of a forecast (drift.forecast.dataset) on a grid of the user's own; none on one that follows the particles."""
+    """Return the warnings of a forecast (drift.forecast.dataset) on a grid of the user's own.
+
+    There are none on a grid that follows the particles.
+    """
     if "off_grid" not in data:
         return []
     texts, times = [], data["time"].values
     off, wide = data["off_grid"].values, data["cells_per_kernel"].values
     worst = int(np.argmax(off))
-    if off[worst] >= TOLD:
+    if off[worst] >= OFF:
         texts.append(
-            f"output.grid: {off[worst]:.1%} of the probability lies outside it at {notation.group(times[worst])}{_others(off >= TOLD)}; "
+            f"output.grid: {off[worst]:.1%} of the probability lies outside it at {notation.group(times[worst])}{_others(off >= OFF)}; "
             "areas and containment count it, cells do not"
         )
     coarse = np.nan_to_num(wide, nan=np.inf) < COARSE

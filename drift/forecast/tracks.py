@@ -25,10 +25,10 @@ class Trajectories:
     lat: Array  # int32 binary angle, (m, t)
     status: Array  # drift.motion.status.Status, (m, t)
     weight: Array  # probability of the particle [1], (m, t)
-    # int32 [s] in the direction of the run after its start, (m,); -1: none; None: not known
-    release: Array | None = None
-    ended: Array | None = None  # when it went ashore, outside the forcing or left the domain
-    edge: Array | None = None  # int32 (m,), edge of the shoreline where it went ashore; -1: none; None: not known
+    # Each int32 (m,), -1 where there is none; None where it is not known. Times count from the start of the run, in its direction.
+    release: Array | None = None  # [s]
+    ended: Array | None = None  # [s], when it went ashore, outside the forcing or left the domain
+    edge: Array | None = None  # of the shoreline, where it went ashore
 
 
 def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
@@ -88,7 +88,7 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
 
 
 def _flags(names: Sequence[str]) -> list[str]:
-    """Return names as words of CF's flag_meanings, each another: letters, digits and _-.+@ alone, no blank."""
+    """Return names as words of CF's flag_meanings: of letters, digits and _-.+@ alone, no two the same."""
     words: list[str] = []
     for name in names:
         plain = word = re.sub(r"[^\w.+@-]", "_", "_".join(name.split()))
@@ -101,15 +101,13 @@ def _flags(names: Sequence[str]) -> list[str]:
 
 
 def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]]:
-    """Return as variables when each trajectory was released and ended, and where on the coast; none that is not known."""
+    """Return what is known of when each trajectory was released and ended, and where on the coast, as variables."""
     variables: dict[str, tuple[str, Array, dict[str, str]]] = {}
     direction = -1 if tracks.time[-1] < tracks.time[0] else 1
     halted = np.isin(tracks.status[:, -1], (Status.ASHORE, Status.OUTSIDE, Status.LEFT))
 
-    clock = {
-        "units": formats.EPOCH,
-        "calendar": "standard",
-    }  # written as numbers: xarray cannot encode times that are all NaT
+    # Times are written as numbers, for xarray cannot encode times that are all NaT.
+    clock = {"units": formats.EPOCH, "calendar": "standard"}
     begin = notation.epoch(tracks.time[0])
 
     def times(seconds: Array, happened: Array) -> Array:
