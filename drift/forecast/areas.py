@@ -1,4 +1,4 @@
-"""One snapshot's map: density chosen and calibrated on held-out particles, containment levels, areas and contours."""
+"""The map of one snapshot: its density, calibrated on held-out particles, its areas and their outlines."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -78,7 +78,10 @@ def _spread(
     media: Sequence[density.Medium],
     at: Array | None = None,
 ) -> Array:
-    """Return the smooth map of all media together from weights (media, n) in cells, (nlat, nlon) or at flat indices (k,)."""
+    """Return the smooth map of all media together from weights (media, n) in cells.
+
+    Its shape is (nlat, nlon); with `at` it has the values at these flat indices alone, (k,).
+    """
     total = np.zeros(media[0].allowed.shape if at is None else at.size)
     for weights, guide, where in zip(mass, guides, media, strict=True):
         if weights.any():
@@ -135,7 +138,10 @@ def _choose(
 
 
 def _calibrated(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
-    """Return the calibrations at density.KNOTS, (2, knots), of a map and of it summed by k, by what it has not seen in cells (n,)."""
+    """Return the calibrations of a map and of its sums over k by k cells, at density.KNOTS, (2, knots).
+
+    unseen: weights (n,) of the particles that the map has not seen, in the cells `held` (flat indices).
+    """
     fine = density.calibrate(mass, cells.area(), held, unseen).share
     if k == 1:
         return np.stack([fine, fine])
@@ -209,7 +215,7 @@ def build(
 
 
 def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
-    """Return the containment of each cell (nlat, nlon), and its curve: levels and areas [m2] from 0 up, densities."""
+    """Return the containment of each cell (nlat, nlon), and as curves its levels, areas [m2] and densities [1/m2]."""
     height = mass / area[:, None]
     order = density.ranked(height)
     inside = np.cumsum(mass.ravel()[order])
@@ -268,7 +274,10 @@ def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> sh
 
 
 def _rings(lines: contourpy.ContourGenerator, threshold: float) -> list[list[Array]]:
-    """Return, by polygon, the outer ring (anticlockwise) and the holes (clockwise) where the field exceeds a threshold."""
+    """Return the rings of the polygons in which the field exceeds a threshold.
+
+    Of each polygon the outer ring comes first (anticlockwise), then its holes (clockwise).
+    """
     return [
         [points[a:b] for a, b in itertools.pairwise(offsets)]
         for points, offsets in zip(*lines.filled(threshold, np.inf), strict=True)

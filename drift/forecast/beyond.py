@@ -1,4 +1,4 @@
-"""What the frame of a picture leaves out, in words: a share of the probability, a contact, a position, and where they lie."""
+"""What the frame of a picture leaves out, in words: probability, contacts and positions, and where they lie."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -29,7 +29,7 @@ def told(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = N
 
 
 def aside(frame: Frame, at: Any) -> str:
-    """Return what a frame leaves out of the probability in a few words, for a small map; empty if that is little."""
+    """Return in a few words, for a small map, what a frame leaves out of the probability; empty if that is little."""
     mass = _outside(frame, at)
     total = float(mass.sum())
     if total <= TELLING:

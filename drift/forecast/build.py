@@ -224,7 +224,7 @@ def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells |
 
 
 def _fixed(clouds: Sequence[_Cloud | None], centre: int, grid: Cells) -> list[Cells | None]:
-    """Return each snapshot's own cells, which divide those of a given grid by powers of two, on its turn of longitude."""
+    """Return each snapshot's own cells, which divide those of a given grid by powers of two."""
     middle = grid.lon0 + grid.nlon * grid.width // 2
     offset = (centre - middle + sphere.TURN // 2) % sphere.TURN - sphere.TURN // 2 + middle - grid.lon0
     halvings = (QUANTUM & -QUANTUM).bit_length() - 1
@@ -241,8 +241,9 @@ def _fixed(clouds: Sequence[_Cloud | None], centre: int, grid: Cells) -> list[Ce
         if (x1 - x0) * (y1 - y0) > MOST_ONE:
             across = max((x1 - x0) * grid.width * shrink, (y1 - y0) * grid.height) / METRE
             raise UserError(
-                f"output.grid: the particles are {across / 1000:,.0f} km across, {x1 - x0:,} x {y1 - y0:,} of its cells; at most "
-                f"{MOST_ONE:,} can be smoothed: make spacing {np.sqrt((x1 - x0) * (y1 - y0) / MOST_ONE):.1f} times as large"
+                f"output.grid: the particles are {across / 1000:,.0f} km across, "
+                f"{x1 - x0:,} x {y1 - y0:,} of its cells; at most {MOST_ONE:,} can be smoothed: "
+                f"make spacing {np.sqrt((x1 - x0) * (y1 - y0) / MOST_ONE):.1f} times as large"
             )
         k = _halved(grid.height, fine, max(x1 - x0, y1 - y0), halvings)
         corner = grid.lon0 + x0 * grid.width, grid.lat0 + y0 * grid.height
@@ -301,7 +302,8 @@ class _Land:
 def group(n: int) -> Array:
     """Return the group 0..3 of each slot: particles of one group are held out of a map together.
 
-    It is a hash of the slot, the same in runs of up to 32. Resampling lays a particle's offspring side by side: brothers must not sit on both sides of a check.
+    It is a hash of the slot, the same in runs of up to 32 slots: resampling lays a particle's offspring side by side,
+    and siblings must not sit on both sides of a check.
     """
     run = min(max(n // 2048, 1), 32)
     code = np.arange(n, dtype=np.uint64) // np.uint64(run) + np.uint64(1)
@@ -313,7 +315,7 @@ def group(n: int) -> Array:
 
 
 def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
-    """Return the map of one snapshot on its own cells, of which `common` are multiples, and the outlines of its areas."""
+    """Return the map of one snapshot on its own cells, and the outlines of its areas; common: cells that these divide."""
     media, k = _media(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
     area = areas.build(laid.cells, laid.deposits, media, shares, k)
     return area, areas.contours(area)
@@ -352,7 +354,7 @@ def _deposits(snapshot: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, 
 
 
 def _media(deposits: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
-    """Return where the object can be adrift and ashore: in water joined to a particle's, and along its shoreline."""
+    """Return where the object can be adrift, in water that holds a particle, and ashore, along its shoreline."""
     mass = deposits.mass.sum(axis=0)
     if land is None:
         return [density.medium(np.ones(shape, bool))] * len(mass)

@@ -1,4 +1,4 @@
-"""What a forecast hands out: its maps over time, tracks of a subsample, tables and shapes for a GIS, and two pictures."""
+"""What a forecast hands out: maps over time, tracks of a subsample, tables, shapes for a GIS, and two pictures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

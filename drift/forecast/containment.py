@@ -1,4 +1,4 @@
-"""How a point's containment is read from a forecast: the smallest share of the probability whose area holds the point."""
+"""The containment of points, read from a forecast: the smallest share of the probability whose area holds each."""
 
 from typing import Any
 
@@ -25,8 +25,8 @@ def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
     if not match.size:
         first, last = (notation.group(moment) for moment in times[[0, -1]])
         raise UserError(
-            f"containment at {notation.group(np.datetime64(time, 's'))}: no output is at that time; there are {times.size}, from "
-            f"{first} to {last}: see output.times"
+            f"containment at {notation.group(np.datetime64(time, 's'))}: no output is at that time; "
+            f"there are {times.size}, from {first} to {last}: see output.times"
         )
     output = data.isel(time=int(match[0]))
     holds = output["probability"].values > 0
@@ -53,7 +53,10 @@ def _nearest(place: Array, size: int) -> Array:
 
 
 def _place(centres: Array, where: npt.ArrayLike, *, turning: bool) -> Array:
-    """Return places along an axis, counted in cells from its first centre; longitudes are taken to run on with the axis."""
+    """Return places along an axis, counted in cells from its first centre.
+
+    turning: whether they are longitudes, which are brought to the turn of the axis.
+    """
     where = np.asarray(where, np.float64)
     step = float(centres[1] - centres[0]) if len(centres) > 1 else 1.0
     if turning:

@@ -110,7 +110,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "off_grid": (
         ("time",),
         {
-            "long_name": "share of the probability adrift or ashore that lies outside the grid; areas and containment count it",
+            "long_name": "share of the probability adrift or ashore that lies outside the grid; "
+            "areas and containment count it",
             "units": "1",
         },
     ),
@@ -276,7 +277,7 @@ def _effective(counted: Sequence[_Counted]) -> dict[str, Array]:
 
 
 def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return the rows and columns that cells have in common with a grid, counted on the grid, and counted on the cells."""
+    """Return the rows and columns that cells share with a grid, counted on the grid, and counted on the cells."""
     on_grid, on_cells = [], []
     for start, count, size in (
         ((own.lat0 - grid.lat0) // grid.height, own.nlat, grid.nlat),

@@ -94,7 +94,7 @@ def _finer(coarse: Array, shape: tuple[int, int]) -> Array:
 
 
 def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
-    """Return the four cells of the next level among which each cell shares its mass, (4, n), and that level's shape.
+    """Return the cells of the next level that share the mass of each cell, (4, n), and that level's shape.
 
     The shares are PARTS: it does what `_coarser` and `_finer` do, for a few cells that are given and returned as flat
     indices.
@@ -125,8 +125,9 @@ def _gauss(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Medium:
-    """Where mass may lie: allowed cells (nlat, nlon) and, for each level of the pyramid, the kernel's share on them.
+    """Where mass may lie: allowed cells (nlat, nlon).
 
+    reach: the kernel's share on them, for each level of the pyramid.
     few: the flat indices of the allowed cells, where they are few; None where they are not.
     """
 
@@ -147,7 +148,7 @@ def medium(allowed: Array) -> Medium:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Deposits of one medium: at each level of the pyramid the effective number of particles in a kernel about a cell."""
+    """The effective number of particles in a kernel about each cell, at each level of the pyramid, for one medium."""
 
     number: tuple[Array, ...]
 
@@ -192,12 +193,12 @@ def histogram(
 def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Array | None = None) -> Array:
     """Return mass in cells (flat indices, n) as a smooth map (nlat, nlon).
 
-    Kernels hold `m` effective particles of the guide. at: flat indices of the cells whose values alone are wanted, and returned, (k,). Linear in mass: the maps of
-    scenarios add up to that of all. The total is kept to rounding.
+    Kernels hold `m` effective particles of the guide. The map is linear in mass: those of scenarios add up to that of
+    all. The total is kept to rounding. at: flat indices of the cells whose values alone are wanted, and returned, (k,).
     """
     staying: list[tuple[Array, Array]] = []  # for each level the cells whose mass is smoothed there, and how much
     for number in guide.number[:-1]:
-        # The wanted variance is m / number times this level's, the next level's is 4 times as large: shares of both give it.
+        # The wanted variance is m / number times this level's, and the next level's is 4 times: shares of both give it.
         share = np.clip((4 - m / np.maximum(number.ravel()[cells], m / 8)) / 3, 0, 1)
         stays = share > 0
         staying.append((cells[stays], (mass * share)[stays]))
@@ -215,7 +216,10 @@ def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium,
 
 
 def _smoothed(staying: Sequence[tuple[Array, Array]], where: Medium, level: int, at: Array | None) -> Array:
-    """Return what stays at a level and above, smoothed there and brought down to it: everywhere, or at flat indices."""
+    """Return what stays at a level and above, smoothed there and brought down to it.
+
+    at: flat indices of the cells that are wanted; None for all.
+    """
     reach, (cells, stay) = where.reach[level], staying[level]
     shape = (reach.shape[0], reach.shape[1])
     if not any(above[0].size for above in staying[level + 1 :]):

@@ -38,7 +38,7 @@ PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1
 
 
 def prior_style(which: int) -> dict[str, Any]:
-    """Return colour, dashes and halo of a scenario's area or trackline; twenty differ, in grey too by their dashes."""
+    """Return the style of a scenario's area or trackline; twenty differ, by their dashes in grey print too."""
     return {
         "color": PRIOR_COLOURS[which % len(PRIOR_COLOURS)],
         "linestyle": PRIOR_DASHES[which % len(PRIOR_DASHES)],
@@ -62,7 +62,7 @@ def extent(
 ) -> Frame:
     """Return the frame of what is shaded at these times, the mean track and what is marked; not of outliers.
 
-    also: places, each some shapes (n, 2) [deg]; each is shown too unless that makes the frame over LARGER times as wide.
+    also: places, each some shapes (n, 2) [deg]; one is shown too unless that makes the frame over LARGER times as wide.
     """
     data = forecast.data
     lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
@@ -230,7 +230,7 @@ def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
 def outline(
     ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contour], few: bool, width: float = 1.0
 ) -> None:
-    """Draw the areas of a time by their outlines, of so many times their width; hatch them where few particles count."""
+    """Draw the outlines of a time's areas, `width` times as wide as usual; hatch where few particles count."""
     if few:
         rough(ax, frame, widest(contours))
     for contour in contours:

@@ -171,7 +171,7 @@ def _small_map(
 
 
 def _log_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -> None:
-    """Draw a logarithmic colour scale [% per area] with powers of ten; box: left, bottom, width, height of the page."""
+    """Draw a logarithmic colour scale of density with powers of ten; box: left, bottom, width, height of the page."""
     bar, top = figure.add_axes(box), mesh.norm.vmax
     figure.colorbar(mesh, cax=bar, extend="both")
     per, unit = labels.scale(top)

@@ -22,15 +22,15 @@ def warnings(data: Any) -> list[str]:
     worst = int(np.argmax(off))
     if off[worst] >= OFF:
         texts.append(
-            f"output.grid: {off[worst]:.1%} of the probability lies outside it at {notation.group(times[worst])}{_others(off >= OFF)}; "
-            "areas and containment count it, cells do not"
+            f"output.grid: {off[worst]:.1%} of the probability lies outside it at {notation.group(times[worst])}"
+            f"{_others(off >= OFF)}; areas and containment count it, cells do not"
         )
     coarse = np.nan_to_num(wide, nan=np.inf) < COARSE
     if coarse.any():
         at = int(np.argmin(np.where(np.isfinite(wide), wide, np.inf)))
         texts.append(
-            f"output.grid: its cells are too coarse for the particles at {notation.group(times[at])}{_others(coarse)}: areas are too "
-            f"large there; a spacing of a {np.ceil(1 / wide[at]):.0f}th would tell"
+            f"output.grid: its cells are too coarse for the particles at {notation.group(times[at])}{_others(coarse)}: "
+            f"areas are too large there; a spacing of a {np.ceil(1 / wide[at]):.0f}th would tell"
         )
     return texts
 

@@ -1,4 +1,4 @@
-"""Tracks of a subsample of the particles, and how they are written: particles.nc, CF trajectories that share their times."""
+"""Tracks of a subsample of the particles, and particles.nc: CF trajectories that share their times."""
 
 import re
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ class Trajectories:
     lat: Array  # int32 binary angle, (m, t)
     status: Array  # drift.motion.status.Status, (m, t)
     weight: Array  # probability of the particle [1], (m, t)
-    # Each int32 (m,), -1 where there is none; None where it is not known. Times count from the start of the run, in its direction.
+    # Each int32 (m,), -1 where there is none; None: not known. Times count from the start of the run in its direction.
     release: Array | None = None  # [s]
     ended: Array | None = None  # [s], when it went ashore, outside the forcing or left the domain
     edge: Array | None = None  # of the shoreline, where it went ashore

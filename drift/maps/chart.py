@@ -22,7 +22,7 @@ from geo.array import Array
 from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
-GREY, RED = "#55606b", "#c62828"  # of what is said besides, and of warnings
+GREY, RED = "#55606b", "#c62828"  # of secondary words, and of warnings
 # [arc minutes] between lines of the graticule
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 180, 300, 600, 900, 1800)
 GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
@@ -55,7 +55,10 @@ class Frame:
 
 
 def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: float = 200.0) -> Frame:
-    """Return the frame that shows all positions [deg, unwrapped], of width / height `aspect`, at least `least` m."""
+    """Return the frame that shows all positions [deg, unwrapped].
+
+    aspect: width / height. margin: share of the size on each side. least: smallest width and height [m].
+    """
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
     if np.abs(lat).max() <= 75 and np.ptp(lon) < 180:
@@ -106,7 +109,7 @@ def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline |
 
 
 def draw_land(ax: Axes, path: Outline | None) -> None:
-    """Fill land, over the shading and under the lines that lie on it."""
+    """Fill land, over the shading and under all lines."""
     if path is not None:
         ax.add_patch(PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
 
@@ -147,7 +150,10 @@ def graticule(
 
 
 def _crossing(along: Array, across: Array, edge: float) -> float | None:
-    """Return where a line (x along, y across) crosses an edge y = edge; beside the frame if it does not."""
+    """Return where along a line its other coordinate crosses an edge; None if it does not.
+
+    along, across: coordinates of its points along the edge and across it, (n,).
+    """
     order = np.argsort(across)
     if not across[order[0]] <= edge <= across[order[-1]]:
         return None
@@ -239,7 +245,7 @@ def free_corner(frame: Frame, x: Array, y: Array) -> tuple[float, float]:
 
 
 def edges(centres: Array) -> Array:
-    """Return the edges between centres, and one beyond on both sides."""
+    """Return the edges of cells from their centres, (n,) -> (n + 1,)."""
     if len(centres) == 1:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = (centres[1:] + centres[:-1]) / 2

@@ -51,7 +51,7 @@ def draw_field(
 
 
 def turned(frame: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return vectors [m/s] at positions [deg] in the directions of the projection's axes, of the same length; all (n,)."""
+    """Return vectors [m/s] at positions [deg] along the axes of the projection, of unchanged length; all (n,)."""
     step = 1e-4  # [deg]
     x, y = frame.project(lon, lat)
     along_x, along_y = frame.project(lon + step / np.cos(np.radians(lat)), lat)

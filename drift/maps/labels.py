@@ -1,4 +1,4 @@
-"""The words on a picture: labels of points that keep clear of each other, and numbers, accounts and scales as text."""
+"""The words on a picture: labels of points that keep clear of each other, and numbers and scales as text."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -56,7 +56,7 @@ def place(ax: Axes, canvas: FigureCanvasAgg, points: Sequence[Point], taken: Seq
         if clashes == 0 or i in must:
             _write(ax, points[i], k)
             boxes.append(box)
-            if k >= 8:  # it stands off: a hair line leads to its point
+            if k >= 8:  # it stands far off: a hairline leads to its point
                 ax.annotate("", points[i][:2], SPOTS[k], textcoords="offset points", zorder=13, arrowprops=LEADER)
 
 
@@ -85,7 +85,7 @@ def number(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in percent that tells nothing (0 %) from little (< 0.1 %), and all from nearly all."""
+    """Return a share in percent; nothing (0 %) differs from little (< 0.1 %), and all from nearly all."""
     if share <= 0:
         return "0 %"
     if share < TINY:
@@ -101,7 +101,7 @@ def scale(top: float) -> tuple[float, str]:
 
 
 def ticks(top: float) -> Array:
-    """Return 0 and round numbers (1, 2 or 5 times a power of ten) up to `top`, well apart on a scale of square roots."""
+    """Return 0 and round numbers (1, 2 or 5 times a power of ten) up to `top`, well apart on a scale of roots."""
     power = int(np.floor(np.log10(top)))
     values = [np.inf]
     for candidate in (m * 10.0**e for e in range(power, power - 3, -1) for m in (5, 2, 1)):

@@ -23,7 +23,7 @@ except ImportError:  # Windows: the owner is known by name alone
 
 PREFIX = ".drift-partial-"
 LOCK = "lock"
-STALE = 86_400  # [s] without a change after which a folder whose owner cannot be asked is nobody's
+STALE = 86_400  # [s]; a folder whose owner cannot be asked is nobody's after so long without a change
 ATTEMPTS = 10
 
 
@@ -70,7 +70,10 @@ def taken(folder: Path) -> Iterator[bool]:
 
 
 def _dead(folder: Path, locked: bool | None) -> bool:
-    """Whether the owner of a folder is known to be dead; locked: whether its lock could be had, None if that says nothing."""
+    """Whether the owner of a folder is known to be dead.
+
+    locked: whether its lock could be had; None if that says nothing.
+    """
     if locked is False:
         return False
     host, kernel, space, process = _self()
@@ -116,14 +119,14 @@ def _locked(lock: int) -> bool | None:
 
 
 def _self() -> tuple[str, str, str, str]:
-    """Return short names of this machine, its kernel since it was started, its space of process numbers, and the process."""
+    """Return short names of this machine, its running kernel, its space of process numbers, and the process."""
     host, kernel, space = socket.gethostname(), "", ""
     with contextlib.suppress(OSError):
         kernel = Path("/proc/sys/kernel/random/boot_id").read_text()
         space = str(os.stat("/proc/self/ns/pid").st_ino)
     names = (host, kernel or host, f"{kernel or host} {space}")
-    one, two, three = (hashlib.sha256(name.encode()).hexdigest()[:8] for name in names)
-    return one, two, three, str(os.getpid())
+    first, second, third = (hashlib.sha256(name.encode()).hexdigest()[:8] for name in names)
+    return first, second, third, str(os.getpid())
 
 
 @contextmanager
