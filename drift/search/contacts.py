@@ -41,9 +41,9 @@ def _bearing(contact: Contact, lon: Array, lat: Array) -> Array:
     east, north = _from_sensor(contact, lon, lat)
     far = np.hypot(east, north)
     apart = sphere.wrap(np.arctan2(east, north) - contact.bearing)
-    found = _normal(apart, contact.bearing_std)
-    found = np.where((far >= contact.near) & (far <= contact.far), found, -np.inf)
-    return np.asarray(found + np.log(_detection(contact, far)))
+    log_density = _normal(apart, contact.bearing_std)
+    log_density = np.where((far >= contact.near) & (far <= contact.far), log_density, -np.inf)
+    return np.asarray(log_density + np.log(_detection(contact, far)))
 
 
 def _range(contact: Contact, lon: Array, lat: Array) -> Array:
@@ -67,8 +67,8 @@ def _fixes(contact: Contact, lon: Array, lat: Array) -> Array:
     for fix in contact.fixes:
         east, north = sphere.offset(math.radians(fix.lon), math.radians(fix.lat), x, y)
         along, across = north * c + east * s, east * c - north * s
-        one = _normal(along, contact.major) + _normal(across, contact.minor) + math.log(fix.share)
-        total = np.logaddexp(total, one)
+        log_density = _normal(along, contact.major) + _normal(across, contact.minor) + math.log(fix.share)
+        total = np.logaddexp(total, log_density)
     if contact.zones is not None and contact.sensor is not None:
         at = math.radians(contact.sensor[0]), math.radians(contact.sensor[1])
         total += np.log(_detection(contact, sphere.distance(*at, x, y)))

@@ -100,13 +100,13 @@ def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[st
     It tells the scenario whose odds against the others it moved most; both are empty where there is but one.
     """
     factors = search_tables.bayes_factors(update, before)
-    known = [j for j in range(len(factors)) if not np.isnan(factors[j])]
-    if not known:
+    defined = [j for j in range(len(factors)) if not np.isnan(factors[j])]
+    if not defined:
         return "", ""
-    gone = [scenarios[j] for j in known if factors[j] == 0]
+    gone = [scenarios[j] for j in defined if factors[j] == 0]
     if gone:
         return f"rules out {_quoted(gone)}", "it could not have been seen there"
-    most = max(known, key=lambda j: abs(math.log(factors[j])))
+    most = max(defined, key=lambda j: abs(math.log(factors[j])))
     factor = float(factors[most])
     if factor == math.inf:
         return f"leaves only {_quoted([scenarios[most]])}", "the others rule out what was seen"
@@ -123,8 +123,8 @@ def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[st
 
 
 def _quoted(names: list[str]) -> str:
-    found = [f'"{page.fit(name, 30)}"' for name in names[:2]]
-    return " and ".join(found) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
+    quoted = [f'"{page.fit(name, 30)}"' for name in names[:2]]
+    return " and ".join(quoted) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
 
 
 def _account(updates: Updates, hidden: int) -> str:

@@ -136,15 +136,15 @@ def _endless(law: Law) -> tuple[Array, Array]:
     """Return coverages and the POD of endless parallel sweeps by a lateral range curve at spacing W / C."""
     ranges, chances = table(law)
     coverages = np.concatenate([np.linspace(0, 4, 161), np.linspace(4.25, MOST, 184)])
-    found = np.zeros(len(coverages))
+    pods = np.zeros(len(coverages))
     for k, c in enumerate(coverages[1:], 1):
         tracks = np.arange(-math.ceil(ranges[-1] * c) - 1, math.ceil(ranges[-1] * c) + 2) / c
         offset = (np.arange(OFFSETS) + 0.5) / OFFSETS / c
         miss = np.ones(OFFSETS)
         for track in tracks:
             miss *= 1 - np.interp(np.abs(offset - track), ranges, chances, right=0.0)
-        found[k] = 1 - miss.mean()
-    return coverages, found
+        pods[k] = 1 - miss.mean()
+    return coverages, pods
 
 
 LAWS = {

@@ -47,14 +47,14 @@ class Marker:
             return
         if not self._time:
             self._time, self._place = [begin], [np.radians([self.lon, self.lat])]
-        dt, here = end - begin, self._place[-1]
+        dt, place = end - begin, self._place[-1]
         first, middle, last = (np.array([begin, 0.5 * (begin + end), end]) - elapsed) / duration
-        k1 = self._rate(forcing, here, first)
-        k2 = self._rate(forcing, here + 0.5 * dt * k1, middle)
-        k3 = self._rate(forcing, here + 0.5 * dt * k2, middle)
-        k4 = self._rate(forcing, here + dt * k3, last)
+        k1 = self._rate(forcing, place, first)
+        k2 = self._rate(forcing, place + 0.5 * dt * k1, middle)
+        k3 = self._rate(forcing, place + 0.5 * dt * k2, middle)
+        k4 = self._rate(forcing, place + dt * k3, last)
         self._time.append(end)
-        self._place.append(here + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+        self._place.append(place + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
 
     def _rate(self, forcing: Forcing, place: Array, share: float) -> Array:
         """Return the change of lon and lat [rad/s] in the current; none where there is no forcing, so that it stays."""

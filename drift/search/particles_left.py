@@ -15,8 +15,8 @@ def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
     low = Count(update.ess_after, particles)
     anew = "" if update.resampled else ", or [resampling] below = 0.05"
     words = effective.sentence(low, after(update), "areas and shares after it are rough")
-    told = f"{words}. Check it; else give more particles{anew}"
-    return [told, *effective.of_run(data, particles, update.time, update.ess_after)]
+    warning = f"{words}. Check it; else give more particles{anew}"
+    return [warning, *effective.of_run(data, particles, update.time, update.ess_after)]
 
 
 def first_low(updates: Updates) -> Update | None:

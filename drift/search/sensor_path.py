@@ -76,10 +76,10 @@ class Path:
         lon, lat = np.radians(self.lon), np.radians(self.lat)
         east, north = sphere.offset(lon[node], lat[node], lon[node + 1], lat[node + 1])
         x, y = sphere.destination(lon[node], lat[node], share * east, share * north)
-        found = sphere.near_degrees(np.degrees(x), self.lon[node]), np.degrees(y)
+        between = sphere.near_degrees(np.degrees(x), self.lon[node]), np.degrees(y)
         first, last = (
-            np.select([share == 0, share == 1], [all_[node], all_[node + 1]], one)
-            for all_, one in zip((self.lon, self.lat), found, strict=True)
+            np.select([share == 0, share == 1], [nodes[node], nodes[node + 1]], inner)
+            for nodes, inner in zip((self.lon, self.lat), between, strict=True)
         )
         return first, last
 

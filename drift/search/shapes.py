@@ -77,12 +77,12 @@ def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool
         if epoch(until) <= legs.time[0]:
             return []
         legs = polyline.between(legs, legs.time[0], epoch(until))
-    found: list[tuple[bool, list[int]]] = []
+    parts: list[tuple[bool, list[int]]] = []
     for i, searching in enumerate(legs.searching):
-        if not found or found[-1][0] != searching:
-            found.append((searching, [i]))
-        found[-1][1].append(i + 1)
-    return [(seeks, curve([legs.lon[i] for i in which], [legs.lat[i] for i in which])) for seeks, which in found]
+        if not parts or parts[-1][0] != searching:
+            parts.append((searching, [i]))
+        parts[-1][1].append(i + 1)
+    return [(seeks, curve([legs.lon[i] for i in which], [legs.lat[i] for i in which])) for seeks, which in parts]
 
 
 def place(legs: Legs, time: float) -> tuple[float, float]:
@@ -99,26 +99,26 @@ def zones(sortie: Sortie, time: np.datetime64) -> list[Array]:
     return [circle(lon, lat, radius) for radius in edges if math.isfinite(radius)]
 
 
-def contact(one: Contact) -> list[Shape]:
+def contact(contact: Contact) -> list[Shape]:
     """Return where something seen may have been: points, and shapes that hold NEAR_ALL of its error.
 
     Shapes are "point" (1, 2), "region" (closed) or "line". A bearing without a far end is drawn to FARTHEST.
     """
-    return CONTACTS[one.kind](one)
+    return CONTACTS[contact.kind](contact)
 
 
-def _area(one: Contact) -> list[Shape]:
-    assert one.area is not None
-    return [("region", outline(one.area))]
+def _area(contact: Contact) -> list[Shape]:
+    assert contact.area is not None
+    return [("region", outline(contact.area))]
 
 
-def _bearing(one: Contact) -> list[Shape]:
-    assert one.sensor is not None
-    lon, lat = one.sensor
-    far = one.far if math.isfinite(one.far) else max(FARTHEST, 2 * one.near)
-    low, high = one.bearing - ON_LINE * one.bearing_std, one.bearing + ON_LINE * one.bearing_std
-    outer, inner = circle(lon, lat, far, low, high), circle(lon, lat, max(one.near, 1.0), high, low)
-    ends = _about(lon, lat, *(np.array([one.near, far]) * f(one.bearing) for f in (math.sin, math.cos)))
+def _bearing(contact: Contact) -> list[Shape]:
+    assert contact.sensor is not None
+    lon, lat = contact.sensor
+    far = contact.far if math.isfinite(contact.far) else max(FARTHEST, 2 * contact.near)
+    low, high = contact.bearing - ON_LINE * contact.bearing_std, contact.bearing + ON_LINE * contact.bearing_std
+    outer, inner = circle(lon, lat, far, low, high), circle(lon, lat, max(contact.near, 1.0), high, low)
+    ends = _about(lon, lat, *(np.array([contact.near, far]) * f(contact.bearing) for f in (math.sin, math.cos)))
     return [
         ("point", np.array([[lon, lat]])),
         ("region", np.concatenate([outer, inner, outer[:1]])),
@@ -126,27 +126,27 @@ def _bearing(one: Contact) -> list[Shape]:
     ]
 
 
-def _range(one: Contact) -> list[Shape]:
-    assert one.sensor is not None
-    lon, lat = one.sensor
-    near, far = one.range - ON_LINE * one.range_std, one.range + ON_LINE * one.range_std
-    circles = (circle(lon, lat, radius) for radius in (near, one.range, far) if radius > 0)
+def _range(contact: Contact) -> list[Shape]:
+    assert contact.sensor is not None
+    lon, lat = contact.sensor
+    near, far = contact.range - ON_LINE * contact.range_std, contact.range + ON_LINE * contact.range_std
+    circles = (circle(lon, lat, radius) for radius in (near, contact.range, far) if radius > 0)
     return [("point", np.array([[lon, lat]])), *(("line", points) for points in circles)]
 
 
-def _fixes(one: Contact) -> Iterator[Shape]:
+def _fixes(contact: Contact) -> Iterator[Shape]:
     angle = np.linspace(0, 2 * np.pi, 73)
-    along, across = IN_PLANE * one.major * np.cos(angle), IN_PLANE * one.minor * np.sin(angle)
-    east = along * math.sin(one.orientation) + across * math.cos(one.orientation)
-    north = along * math.cos(one.orientation) - across * math.sin(one.orientation)
-    for fix in one.fixes:
+    along, across = IN_PLANE * contact.major * np.cos(angle), IN_PLANE * contact.minor * np.sin(angle)
+    east = along * math.sin(contact.orientation) + across * math.cos(contact.orientation)
+    north = along * math.cos(contact.orientation) - across * math.sin(contact.orientation)
+    for fix in contact.fixes:
         yield "point", np.array([[fix.lon, fix.lat]])
-        if one.major > 0:
+        if contact.major > 0:
             yield "region", _about(fix.lon, fix.lat, east, north)
 
 
 CONTACTS: dict[str, Callable[[Contact], list[Shape]]] = {
-    "position": lambda one: [*_fixes(one)],
+    "position": lambda contact: [*_fixes(contact)],
     "area": _area,
     "bearing": _bearing,
     "range": _range,
@@ -165,8 +165,8 @@ def polygon(rings: Sequence[Array]) -> dict[str, Any]:
 
 def _valid(ring: Array) -> list[Any]:
     """Return the polygons of an outline, which a planner may have drawn across itself."""
-    made = shapely.make_valid(shapely.Polygon(ring))
-    return [part for part in shapely.get_parts(made) if part.geom_type == "Polygon"]
+    valid = shapely.make_valid(shapely.Polygon(ring))
+    return [part for part in shapely.get_parts(valid) if part.geom_type == "Polygon"]
 
 
 def lines(parts: Sequence[Array]) -> dict[str, Any]:

@@ -70,19 +70,19 @@ def lookup(name: str, kind: str, altitude: float, visibility: float) -> float:
 
 def width(name: str, kind: str, seen: Conditions) -> float:
     """Return the corrected sweep width [m] of an object for a kind of unit."""
-    found = lookup(name, kind, seen.altitude, seen.visibility)
+    uncorrected = lookup(name, kind, seen.altitude, seen.visibility)
     rough = FATIGUE if seen.fatigue else 1.0
-    return found * speed_factor(name, kind, seen.speed) * weather_factor(name, seen.wind, seen.seas) * rough
+    return uncorrected * speed_factor(name, kind, seen.speed) * weather_factor(name, seen.wind, seen.seas) * rough
 
 
 def speed_factor(name: str, kind: str, speed: float) -> float:
     """Return the correction for a speed [m/s]."""
-    known = _corrections()[find(name)].speeds.get(find_kind(kind))
-    if known is None:
+    factors = _corrections()[find(name)].speeds.get(find_kind(kind))
+    if factors is None:
         return 1.0
     if not speed > 0:
         raise UserError(f"the sweep width tables of {kind} need its speed; give speed, or the sweep width itself")
-    return float(np.interp(speed / KNOT, [knots for knots, _ in known], [factor for _, factor in known]))
+    return float(np.interp(speed / KNOT, [knots for knots, _ in factors], [factor for _, factor in factors]))
 
 
 def weather_factor(name: str, wind: float | None, seas: float | None) -> float:
@@ -101,12 +101,12 @@ def objects() -> tuple[str, ...]:
 
 def find(name: str) -> str:
     """Return an object's name as in the tables; case, spaces and signs don't matter. An unknown one is refused."""
-    known = {_plain(key): key for key in objects()}
-    if _plain(name) in known:
-        return known[_plain(name)]
-    near = difflib.get_close_matches(_plain(name), known, n=1, cutoff=0.5)
+    names = {_plain(key): key for key in objects()}
+    if _plain(name) in names:
+        return names[_plain(name)]
+    near = difflib.get_close_matches(_plain(name), names, n=1, cutoff=0.5)
     if near:
-        raise UserError(f'no search object "{name}" in the sweep width tables; nearest is "{known[near[0]]}"')
+        raise UserError(f'no search object "{name}" in the sweep width tables; nearest is "{names[near[0]]}"')
     raise UserError(
         f'no search object "{name}" in the sweep width tables; they have Person in Water, and by size Raft (like '
         '"Raft 4 person"), Power Boat ("Power Boat 20ft"), Sail Boat ("Sail Boat 40ft"), Ship ("Ship 120ft")'
@@ -115,9 +115,9 @@ def find(name: str) -> str:
 
 def find_kind(kind: str) -> str:
     """Return a kind of unit as in the tables; an unknown one is refused."""
-    for known in KINDS:
-        if kind.strip().lower() == known.lower():
-            return known
+    for listed in KINDS:
+        if kind.strip().lower() == listed.lower():
+            return listed
     raise UserError(f'no unit kind "{kind}" in the sweep width tables; there are: {", ".join(KINDS)}')
 
 
@@ -129,7 +129,7 @@ def _plain(name: str) -> str:
 
 def _held(rows: list[tuple[float, float]], visibility: float) -> float:
     """Return the sweep width of the last row not above a visibility."""
-    return [found for least, found in rows if least <= visibility * (1 + 1e-9)][-1]
+    return [width for least, width in rows if least <= visibility * (1 + 1e-9)][-1]
 
 
 @dataclass(frozen=True)
@@ -156,17 +156,17 @@ def _table() -> dict[tuple[str, str], dict[float, list[tuple[float, float]]]]:
 
 @lru_cache(maxsize=1)
 def _corrections() -> dict[str, _Correction]:
-    made: dict[str, _Correction] = {}
+    corrections: dict[str, _Correction] = {}
     for row in _rows("sweep_width_corrections.csv"):
         weather: Literal["small", "large"] = "small" if row["weather_class"] == "small" else "large"
-        entry = made.setdefault(row["object"], _Correction(weather, {}))
+        entry = corrections.setdefault(row["object"], _Correction(weather, {}))
         entry.speeds.setdefault(row["unit"], []).append((float(row["speed_kn"]), float(row["factor"])))
-    for entry in made.values():
-        for kind, known in entry.speeds.items():
-            given = dict(known)
+    for entry in corrections.values():
+        for kind, factors in entry.speeds.items():
+            given = dict(factors)
             factor, filled = 1.0, []
             for speed in SPEEDS[kind]:  # what is left out is as before
                 factor = given.get(speed, factor)
                 filled.append((float(speed), factor))
             entry.speeds[kind] = filled
-    return made
+    return corrections

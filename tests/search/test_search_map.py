@@ -48,12 +48,13 @@ def words(monkeypatch):
 
 IMPRINT = Imprint("A search", footer="casp-drift", attributes={"case": "x"})
 COMMON = {"imprint": IMPRINT}
+SETTING = Setting(IMPRINT)
 CAUTIONED = replace(IMPRINT, caution=WRONG)
 
 
 def test_each_sortie_before_amid_and_after(tmp_path, search, words):
     forecast, sorties, contacts, updates = search
-    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "search.png", page=1, imprint=CAUTIONED)
+    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "search.png", Setting(CAUTIONED), page=1)
     for stage in ("before", "mid-search", "after"):
         assert sum(text.startswith(stage) for text in words) == 4
     assert "before 221230Z" in words
@@ -71,7 +72,7 @@ def test_pages_hold_four_sorties_and_off_times_are_told(tmp_path, search, words)
     assert search_map.pages(many) == 2
     assert search_map.pages(many[:4]) == 1
     assert search_map.pages([]) == 0
-    search_map.draw(forecast, many, (), updates, tmp_path / "search-2.png", page=2, **COMMON)
+    search_map.draw(forecast, many, (), updates, tmp_path / "search-2.png", SETTING, page=2)
     assert "Towed array" in words  # it has no update, and so no number
     assert "Page 2 of 2   ·   5 sorties that found nothing, in order of start" in words
     assert "before 221230Z (+180 min)" in words  # no output is nearer to its start at 0930Z
@@ -86,11 +87,12 @@ def test_pictures_anywhere(tmp_path, lon, lat):
         "marks": [Mark(lon, lat)],
     }
     everything = [*sorties[2:], searches.watch(lon, lat)]
+    setting = Setting(**common)
     search_map.draw(
-        forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", page=1, **common
+        forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", setting, page=1
     )
     reminder = partial(search_layers.reminder, everything, ())
-    forecast_map.draw_map(forecast, tmp_path / "map.png", Setting(**common), overlays=[reminder])
+    forecast_map.draw_map(forecast, tmp_path / "map.png", setting, overlays=[reminder])
     plan_map.draw(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", particles=1000, **common)
     for name in ("search", "map", "plan"):
         with Image.open(tmp_path / f"{name}.png") as image:
@@ -261,7 +263,7 @@ def test_sorties_have_the_numbers_of_their_updates(tmp_path, search, words):
     found = list(updates.all)
     found[swapped[0]], found[swapped[1]] = found[swapped[1]], found[swapped[0]]
     other = replace(updates, all=tuple(found))
-    search_map.draw(forecast, sorties, contacts, other, tmp_path / "a.png", page=1, **COMMON)
+    search_map.draw(forecast, sorties, contacts, other, tmp_path / "a.png", SETTING, page=1)
     for sortie in sorties:
         number = 1 + next(k for k, u in enumerate(found) if u.name == sortie.name)
         assert f"{number} {sortie.name}" in words
@@ -272,18 +274,18 @@ def test_contacts_are_drawn_with_the_sorties_that_they_concern(tmp_path, search,
     forecast, sorties, contacts, updates = search
     drawn = []
     monkeypatch.setattr(search_map.search_layers, "contact", lambda ax, here, one, scale: drawn.append(one.name))
-    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "a.png", page=1, **COMMON)
+    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "a.png", SETTING, page=1)
     assert sorted(drawn) == ["Beacon A/B"] * 3 + ["Red flare"] * 3
     drawn.clear()
     late = replace(sorties[3], start=searches.hours(20), end=searches.hours(22))
-    search_map.draw(forecast, [*sorties[:3], late], contacts, updates, tmp_path / "a.png", page=1, **COMMON)
+    search_map.draw(forecast, [*sorties[:3], late], contacts, updates, tmp_path / "a.png", SETTING, page=1)
     assert drawn == []
 
 
 def test_the_same_search_gives_the_same_bytes(tmp_path, search):
     forecast, sorties, contacts, updates = search
     for name in ("a", "b"):
-        search_map.draw(forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", page=1, **COMMON)
+        search_map.draw(forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", SETTING, page=1)
         evidence_map.draw(updates, tmp_path / f"e{name}.png", **COMMON)
     for prefix in ("", "e"):
         assert (tmp_path / f"{prefix}a.png").read_bytes() == (tmp_path / f"{prefix}b.png").read_bytes()
