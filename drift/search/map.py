@@ -86,14 +86,13 @@ def draw(
             chart.graticule(ax, frame, lines=3, size=7, labels=(row == len(on_page) - 1, column == 0))
             search_layers.sortie(ax, frame, sortie, wanted)
             time = forecast.data["time"].values[i]
-            for contact in seen[row]:
-                if contact.time <= time:
-                    search_layers.contact(ax, frame, contact, 0.8)
+            for contact in (c for c in seen[row] if c.time <= time):
+                search_layers.contact(ax, frame, contact, 0.8)
             _titles(ax, column, time, wanted, update)
             if row == column == 0:
                 chart.scale_bar(ax, frame, corner, small=True)
-    words = _contents(sorties, page, numbered=any(s.name in numbered for s in on_page), contacts=bool(every_seen))
-    sheet.head(on, setting.imprint, words + _particles(setting))
+    contents = _contents(sorties, page, any(s.name in numbered for s in on_page), bool(every_seen), setting.particles)
+    sheet.head(on, setting.imprint, contents)
     if least.few:
         when = notation.group(forecast.data["time"].values[least_at])
         sheet.rough(on, effective.banner(least, "areas and shares are rough", when))
@@ -112,7 +111,7 @@ def _sheet(width: float, height: float) -> Sheet:
     )  # fmt: skip
 
 
-def _contents(sorties: Sequence[Sortie], page: int, *, numbered: bool, contacts: bool) -> str:
+def _contents(sorties: Sequence[Sortie], page: int, numbered: bool, contacts: bool, particles: int | None) -> str:
     """Return in a line what a page shows."""
     many = len(sorties)
     parts = [f"{many} sorties that found nothing, in order of start" if many > 1 else "One sortie that found nothing"]
@@ -122,11 +121,9 @@ def _contents(sorties: Sequence[Sortie], page: int, *, numbered: bool, contacts:
         parts.append("numbered as in evidence.png" if many > 1 else "its number as in evidence.png")
     if contacts:
         parts.append(f"contacts from {RECENT // np.timedelta64(1, 'h')} h before the sortie on")
+    if particles is not None:
+        parts.append(f"{particles:,} particles")
     return "   ·   ".join(parts)
-
-
-def _particles(setting: Setting) -> str:
-    return "" if setting.particles is None else f"   ·   {setting.particles:,} particles"
 
 
 def _moments(sortie: Sortie) -> tuple[Any, Any, Any]:
@@ -199,7 +196,7 @@ def _worth(update: Update) -> str:
 
 
 def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None) -> None:
-    """Write over a map its time, and what that stage says; where no output is at the time, by how much it is off."""
+    """Write over a map its time, by how much that is off where no output is at the time, and what the stage says."""
     apart = (time - wanted) / np.timedelta64(1, "m")
     off = f" ({apart:+.0f} min)" if abs(apart) >= 1 else ""
     text = f"{STAGES[column]} {notation.group(time)[:6]}Z{off}"

@@ -44,7 +44,7 @@ def outline(area: Area) -> Array:
 
 
 def circle(lon: float, lat: float, radius: float, begin: float = 0.0, end: float = 2 * math.pi) -> Array:
-    """Return an arc [m, rad clockwise from north] round a point [deg], (n, 2); the whole circle unless told."""
+    """Return a circle of a radius [m] round a point [deg], (n, 2), or an arc of it [rad clockwise from north]."""
     angle = np.linspace(begin, end, max(int(abs(end - begin) / 0.05), 2) + 1)
     return _about(lon, lat, radius * np.sin(angle), radius * np.cos(angle))
 
@@ -55,7 +55,7 @@ def _about(lon: float, lat: float, east: Array, north: Array) -> Array:
 
 
 def searched(sortie: Sortie, time: np.datetime64 | None = None) -> Array | None:
-    """Return the closed outline of a sortie's area at a time (its start unless told), (n, 2); None if it has none."""
+    """Return the closed outline of a sortie's area at a time, by default its start, (n, 2); None if it has none."""
     if sortie.area is None:
         return None
     if not _drifts(sortie):
@@ -66,9 +66,9 @@ def searched(sortie: Sortie, time: np.datetime64 | None = None) -> Array | None:
 
 
 def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool, Array]]:
-    """Return a sortie's legs over the ground to a time (its end unless told): whether they search, and points (n, 2).
+    """Return a sortie's legs over the ground as lines: whether each searches, and its points (n, 2).
 
-    Neighbouring legs of one sort are one line.
+    until: the time to which they are drawn, by default the sortie's end. Neighbouring legs of one sort are one line.
     """
     if sortie.legs is None:
         return []
@@ -86,7 +86,7 @@ def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool
 
 
 def place(legs: Legs, time: float) -> tuple[float, float]:
-    """Return where on its legs something is at a time [s since 1970], (lon, lat) [deg]; before and after, at their ends."""
+    """Return where on legs something is at a time [s since 1970], (lon, lat) [deg]; outside their time, an end."""
     return polyline.place(legs, min(max(time, legs.time[0]), legs.time[-1]))
 
 
@@ -99,12 +99,12 @@ def zones(sortie: Sortie, time: np.datetime64) -> list[Array]:
     return [circle(lon, lat, radius) for radius in edges if math.isfinite(radius)]
 
 
-def contact(contact: Contact) -> list[Shape]:
+def contact(seen: Contact) -> list[Shape]:
     """Return where something seen may have been: points, and shapes that hold NEAR_ALL of its error.
 
     Shapes are "point" (1, 2), "region" (closed) or "line". A bearing without a far end is drawn to FARTHEST.
     """
-    return CONTACTS[contact.kind](contact)
+    return CONTACTS[seen.kind](seen)
 
 
 def _area(contact: Contact) -> list[Shape]:
@@ -186,7 +186,7 @@ def _drifts(sortie: Sortie) -> bool:
 
 
 def _over_ground(sortie: Sortie) -> Legs:
-    """Return legs over the ground: those flown in the frame of a marker move with it, in pieces between its fixes."""
+    """Return a sortie's legs over the ground; those flown in the frame of a marker move with it between its fixes."""
     assert sortie.legs is not None
     if not _drifts(sortie):
         return sortie.legs

@@ -3,12 +3,12 @@
 Works from the project's own copies, data/sweep_width.csv and data/sweep_width_corrections.csv. Everything taken and
 returned is SI. Rules where the tables leave them open:
 
-- visibility: a row holds up to the next one's; less than the tables' least (1 nmi) is refused;
-- height: straight between the tabulated ones; below an aircraft's lowest (300 ft) and above a boat's highest eye (14
-  ft) as there, which is generous for small objects (the tables fall from 500 to 300 ft for some); beyond the other end
-  refused;
-- speed: straight between the tabulated ones, beyond them as at the nearest; where a speed is left out nothing changes
-  from the one before it; boats have none;
+- visibility: a row holds up to the next one; less than the tables' least (1 nmi) is refused;
+- height: linear between the tabulated ones. Below an aircraft's lowest (300 ft) and above a boat's highest eye (14 ft)
+  the value of that end holds, which is generous for small objects (the tables fall from 500 to 300 ft for some);
+  beyond the other end it is refused;
+- speed: linear between the tabulated ones, beyond them as at the nearest. A speed that is left out has the value of the
+  one before it. Boats have no correction;
 - weather: the worse of what wind and seas say; fatigue multiplies by 0.9.
 """
 
@@ -32,17 +32,17 @@ SOURCE = (
 FOOT = 0.3048  # [m]
 KINDS = ("Aircraft", "Helicopter", "Boat")
 FATIGUE = 0.9
-WIND, SEAS = (15 * KNOT, 25 * KNOT), (2 * FOOT, 4 * FOOT)  # moderate from the first on, bad above the second
+WIND, SEAS = (15 * KNOT, 25 * KNOT), (2 * FOOT, 4 * FOOT)  # weather is moderate from the first on, bad above the second
 WEATHER = {"small": (1.0, 0.5, 0.25), "large": (1.0, 0.9, 0.9)}
 SPEEDS = {"Aircraft": (150, 180, 210), "Helicopter": (60, 90, 120, 140), "Boat": ()}  # [kn] columns of the tables
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """How a sortie sees."""
+    """The conditions in which a sortie searches."""
 
     visibility: float  # [m]
-    altitude: float  # [m]; of a boat: the height of eye
+    altitude: float  # [m]; of a boat, the height of eye
     speed: float = float("nan")  # [m/s]; needed by aircraft
     wind: float | None = None  # [m/s]
     seas: float | None = None  # [m] wave height
@@ -86,7 +86,7 @@ def speed_factor(name: str, kind: str, speed: float) -> float:
 
 
 def weather_factor(name: str, wind: float | None, seas: float | None) -> float:
-    """Return the correction for wind [m/s] and seas [m]; None is not told, and says nothing."""
+    """Return the correction for wind [m/s] and seas [m]; None where one is not known, which then has no effect."""
     worst = 0
     for value, (moderate, bad) in ((wind, WIND), (seas, SEAS)):
         if value is not None:
@@ -165,7 +165,7 @@ def _corrections() -> dict[str, _Correction]:
         for kind, factors in entry.speeds.items():
             given = dict(factors)
             factor, filled = 1.0, []
-            for speed in SPEEDS[kind]:  # what is left out is as before
+            for speed in SPEEDS[kind]:  # one that is left out has the factor of the one before
                 factor = given.get(speed, factor)
                 filled.append((float(speed), factor))
             entry.speeds[kind] = filled
