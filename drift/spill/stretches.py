@@ -52,8 +52,8 @@ def sorted_rows(fates: Fates, realisations: Sequence[Realisation], weight: Array
     """Return the stays of all drawn objects as rows; weight: of the worlds, (W,); outputs: times [s after start], (T,)."""
     clean, stays = settled(fates), fates.stays
     drawn = np.zeros(len(fates.world), bool)
-    for one in realisations:
-        drawn |= one.stands > 0
+    for realisation in realisations:
+        drawn |= realisation.stands > 0
     drawn &= weight[fates.world] > 0
     chosen = np.flatnonzero(drawn[stays.slot] & (clean["arrival"] < clean["leave"]))
     slot, segment, arrival = stays.slot[chosen], stays.segment[chosen].astype(np.int64), clean["arrival"][chosen]
@@ -64,8 +64,8 @@ def sorted_rows(fates: Fates, realisations: Sequence[Realisation], weight: Array
     chosen, slot, pair, arrival = chosen[order], slot[order], pair[order], arrival[order]
     pairs, heads, row = np.unique(pair, return_index=True, return_inverse=True)
     most = np.zeros(len(pairs), np.int64)
-    for one in realisations if len(pairs) else ():
-        most = np.maximum(most, np.add.reduceat(one.stands[slot].astype(np.int64), heads))
+    for realisation in realisations if len(pairs) else ():
+        most = np.maximum(most, np.add.reduceat(realisation.stands[slot].astype(np.int64), heads))
     segment = pairs // fates.worlds
     return Rows(
         slot=slot,
@@ -181,8 +181,8 @@ def figures(
     sums = {name: np.zeros(shape, np.int32) for name in MEANS}
     by_kind = np.zeros((kinds, *shape), np.int32) if kinds > 1 else None
     firsts: list[tuple[Array, Array, Array]] = []
-    for one in realisations:
-        amount = one.stands[piece.slot]
+    for realisation in realisations:
+        amount = realisation.stands[piece.slot]
         number = piece.lying(amount)
         sums["expected"] += number
         sums["probability"] += number > 0
@@ -197,7 +197,7 @@ def figures(
         figures |= piece.mean(name, values * share)
     if by_kind is not None:
         each = [piece.mean("expected_by_kind", values * share) for values in by_kind]
-        figures |= {name: np.array([one[name] for one in each]) for name in each[0]}
+        figures |= {name: np.array([kind[name] for kind in each]) for name in each[0]}
     else:
         figures |= {"expected_by_kind": figures["expected"][None], "expected_by_kind_se": figures["expected_se"][None]}
     return figures | _when(firsts, piece.weight * share, piece.stretch, piece.start, piece.squares)
@@ -210,18 +210,18 @@ def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Arr
     return {f"{name}_{part}": np.add.reduceat(x, start).T for part, x in parts.items()}
 
 
-def unseen(found: dict[str, Array], weight: Array) -> dict[str, Array]:
+def unseen(figures: dict[str, Array], weight: Array) -> dict[str, Array]:
     """Return standard errors of expected numbers with what worlds that were not seen leave open; takes what _hits made out."""
-    many, made = weights.effective(weight), {}
-    for name in [name.removesuffix("_hits") for name in found if name.endswith("_hits")]:
-        parts = [found.pop(f"{name}_{part}") for part in ("hits", "count", "square")]
+    many, errors = weights.effective(weight), {}
+    for name in [name.removesuffix("_hits") for name in figures if name.endswith("_hits")]:
+        parts = [figures.pop(f"{name}_{part}") for part in ("hits", "count", "square")]
         shape = parts[0].shape
         hits, count, square = (part.reshape(-1, shape[-1]).T for part in parts)
         more = estimate.unseen(hits, count, square, many)
-        made[f"{name}_se"] = np.hypot(found[f"{name}_se"], more.T.reshape(shape))
-    if made and "expected_by_kind_se" not in made:
-        made["expected_by_kind_se"] = made["expected_se"][None]
-    return made
+        errors[f"{name}_se"] = np.hypot(figures[f"{name}_se"], more.T.reshape(shape))
+    if errors and "expected_by_kind_se" not in errors:
+        errors["expected_by_kind_se"] = errors["expected_se"][None]
+    return errors
 
 
 def _arrivals(row: Array, arrival: Array, amount: Array) -> tuple[Array, Array, Array]:
@@ -231,12 +231,12 @@ def _arrivals(row: Array, arrival: Array, amount: Array) -> tuple[Array, Array, 
     """
     there = np.flatnonzero(amount)
     row, arrival, amount = row[there], arrival[there], amount[there].astype(np.int64)
-    found, head = np.unique(row, return_index=True)
+    rows, head = np.unique(row, return_index=True)
     running = np.cumsum(amount)
     before = running[head] - amount[head]
     last = np.append(running[head[1:] - 1], running[-1:]) - before - 1  # number of the row's last object, from 0
     middle = [arrival[np.searchsorted(running, before + which, side="right")] for which in (last // 2, (last + 1) // 2)]
-    return found, arrival[head].astype(np.float64), np.mean(middle, axis=0)
+    return rows, arrival[head].astype(np.float64), np.mean(middle, axis=0)
 
 
 def _when(
@@ -246,7 +246,7 @@ def _when(
 
     firsts: of each realisation, see _arrivals; weight: of a row in each realisation.
     """
-    row = np.concatenate([one[0] for one in firsts])
+    row = np.concatenate([arrivals[0] for arrivals in firsts])
     any_comes = np.bincount(row, minlength=len(weight))[:, None] / len(firsts)
     ever, ever_se = estimate.mean(any_comes, weight * len(firsts), start, squares)
     ever_se = np.maximum(ever_se, estimate.least_error(ever, 1 / squares))
@@ -255,10 +255,10 @@ def _when(
     size = np.diff(np.append(start, mass.size))
     part = mass / np.repeat(np.maximum(np.maximum.reduceat(mass, start), np.finfo(float).tiny), size)
     many = np.add.reduceat(part, start) ** 2 / np.maximum(np.add.reduceat(part**2, start), np.finfo(float).tiny)
-    found = {"ever": ever[:, 0], "ever_se": ever_se[:, 0], "effective_arrivals": many}
+    figures = {"ever": ever[:, 0], "ever_se": ever_se[:, 0], "effective_arrivals": many}
     for name, which in (("first_arrival", 1), ("bulk_arrival", 2)):
-        value = np.concatenate([one[which] for one in firsts])
+        value = np.concatenate([arrivals[which] for arrivals in firsts])
         order = np.lexsort((value, stretch[row]))
         head = np.searchsorted(stretch[row][order], np.arange(len(start)))
-        found[name], found[f"{name}_se"] = estimate.quantiles(value[order], weight[row][order], head, SHARES, many)
-    return found
+        figures[name], figures[f"{name}_se"] = estimate.quantiles(value[order], weight[row][order], head, SHARES, many)
+    return figures

@@ -32,7 +32,7 @@ def records(data: xr.Dataset) -> Columns:
     order = washup.worst(data)
     at = data.isel(time=-1, segment=order)
     lon, lat = sphere.wrap_degrees(at["lon"].values), at["lat"].values
-    made: Columns = {
+    columns: Columns = {
         "rank": np.arange(1, len(order) + 1),
         "segment": at["segment"].values,
         "name": at["name"].values,
@@ -49,15 +49,15 @@ def records(data: xr.Dataset) -> Columns:
     for short, name in (("first", "first_arrival"), ("bulk", "bulk_arrival")):
         for j, share in enumerate(_shares(data)):
             moment = at[name].values[j]
-            made[f"{short}_{share}"] = [notation.iso(when) for when in np.rint(moment).astype("datetime64[s]")]
-            made[f"{short}_{share}_h"] = _significant((moment - start) / 3600)
-            made[f"{short}_{share}_se_h"] = _significant(at[f"{name}_se"].values[j] / 3600)
+            columns[f"{short}_{share}"] = [notation.iso(when) for when in np.rint(moment).astype("datetime64[s]")]
+            columns[f"{short}_{share}_h"] = _significant((moment - start) / 3600)
+            columns[f"{short}_{share}_se_h"] = _significant(at[f"{name}_se"].values[j] / 3600)
     if data.sizes["kind"] > 1:
         for j, kind in enumerate(data["kind"].values):
             for end in ("", "_se"):
-                made[f"expected_{kind}{end}"] = _significant(at[f"expected_by_kind{end}"].values[j])
-    made["effective_worlds"] = np.full(len(order), _worlds(data))
-    return made
+                columns[f"expected_{kind}{end}"] = _significant(at[f"expected_by_kind{end}"].values[j])
+    columns["effective_worlds"] = np.full(len(order), _worlds(data))
+    return columns
 
 
 def called(number: int, name: str, place: str) -> str:
@@ -132,15 +132,15 @@ def _shares(data: xr.Dataset) -> list[str]:
 
 def _figures(at: xr.Dataset) -> dict[str, Array]:
     """Return the figures of a time by column, each (segment,)."""
-    found: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
     for name in ("expected", "probability", "number", "arrived"):
         for end in ("", "_se"):
             values = _significant(at[name + end].values)
             if name == "number":
-                found |= {f"number_{share}{end}": values[j] for j, share in enumerate(_shares(at))}
+                columns |= {f"number_{share}{end}": values[j] for j, share in enumerate(_shares(at))}
             else:
-                found[name + end] = values
-    return found
+                columns[name + end] = values
+    return columns
 
 
 def _significant(values: Array) -> Array:

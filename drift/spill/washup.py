@@ -37,11 +37,11 @@ def build(
     weight, outputs = np.asarray(weight, np.float64), np.asarray(outputs, np.int64)
     rows = stretches.sorted_rows(fates, realisations, weight, outputs)
     parts = [stretches.figures(rows, run, fates, realisations, weight, len(kinds)) for run in stretches.runs(rows)]
-    found = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]} if parts else {}
-    found |= stretches.unseen(found, weight)
-    found |= _account(fates, realisations, weight, outputs)
+    figures = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]} if parts else {}
+    figures |= stretches.unseen(figures, weight)
+    figures |= _account(fates, realisations, weight, outputs)
     touched = rows.segment[rows.first]
-    return washup_dataset.build(found, segments, touched, weight, len(realisations), outputs, start, kinds)
+    return washup_dataset.build(figures, segments, touched, weight, len(realisations), outputs, start, kinds)
 
 
 def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
@@ -79,7 +79,8 @@ def account(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
 
 def _account(fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array) -> dict[str, Array]:
     """Return the totals over all stretches."""
-    every = np.stack([account(fates, one, outputs) for one in realisations])  # (realisation, world, time, fate)
+    # Shape (realisation, world, time, fate).
+    every = np.stack([account(fates, realisation, outputs) for realisation in realisations])
     middle = every.mean(axis=0)
     shape = every.shape[2:]
     squares = float(np.sum(weight**2))
