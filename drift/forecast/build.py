@@ -315,7 +315,7 @@ def group(n: int) -> Array:
 
 
 def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
-    """Return the map of one snapshot on its own cells, and the outlines of its areas; common: cells that these divide."""
+    """Return the map of one snapshot on its own cells, which divide `common`, and the outlines of its areas."""
     media, k = _media(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
     area = areas.build(laid.cells, laid.deposits, media, shares, k)
     return area, areas.contours(area)

@@ -18,8 +18,8 @@ Moved = Callable[
     [Array], tuple[Array, Array]
 ]  # times [s after the run's start] -> where a marker is, lon and lat [rad]
 
-# [m], longest piece of a leg up to 62 degrees N; beyond, pieces are shorter as the tangent of the latitude grows. Past a
-# particle within half a piece its great circle is straight to 0.3 m, while the particle drifts by 1 km to 2 m.
+# [m], longest piece of a leg up to 62 degrees N; beyond, pieces are shorter as the tangent of the latitude grows.
+# Past a particle within half a piece its great circle is straight to 0.3 m; while the particle drifts by 1 km, to 2 m.
 PIECE = 50_000.0
 EDGE = 10_000.0  # [m], longest piece of an area's edge: it bulges by less than 4 m up to 60 degrees N
 

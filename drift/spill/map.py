@@ -1,7 +1,7 @@
-"""The picture of a washup: the coast by expected number, by arrival time, and when the ten worst stretches get theirs.
+"""The picture of a washup: the coast by expected number and by arrival time, and a table of the ten worst stretches.
 
-Colour runs with lightness alone and width runs with the number, so that the picture reads in grey; dark is more, and
-sooner. Land comes from the polygons handed in; nothing is downloaded.
+Colours differ by lightness alone and lines are wider for larger numbers, so that the picture reads in grey print; dark
+is more, and sooner. Land comes from the polygons handed in; nothing is downloaded.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ from geo.coast.segments import Segments
 
 WORST = 10
 LEAST = 0.01  # least probability of any arrival with which a stretch is drawn; less where hardly any has more
-DECADES = 2.5  # of the expected number on the colour scale
+DECADES = 2.5  # decades of the expected number on the colour scale
 ROW = 0.032  # of the figure, the row of a warning over the maps
 SHEET = Sheet(
     13.0, 9.4, 140, left=0.03, title=sheet.heading(0.966, 15, 95), lines=(Row(0.939, 11.5), Row(0.9155, 9)),
@@ -61,7 +61,7 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Patrolled:
-    """A patrol: its name, when it was, what share it finds of what lies there, and its stretches by number."""
+    """A patrol: its name, its time, the share that it finds of what lies there, and the numbers of its stretches."""
 
     name: str
     time: np.datetime64
@@ -83,7 +83,7 @@ NO_PATROLS = Patrols()
 
 @dataclass(frozen=True)
 class _Shown:
-    """What is drawn: stretches in order of their number (least first), and the ten worst of them (worst first)."""
+    """What is drawn: stretches by expected number (least first), and the ten worst of them (worst first)."""
 
     number: Array  # expected
     sooner: Array  # median time of the first arrival [s since 1970]
@@ -91,7 +91,7 @@ class _Shown:
     worst: Array  # those that are listed, indices in the data
     lon: Array  # of these [deg]
     lat: Array
-    rank: Array  # of these, as the tables number them: stretches that are not drawn have theirs too
+    rank: Array  # of these, as in the tables, where stretches that are not drawn count too
 
 
 def draw(
@@ -220,12 +220,12 @@ def _dark_is_more() -> Colormap:
 def _coast(
     ax: Axes, frame: Frame, shown: _Shown, values: Array, widths: Array, scale: Normalize, colours: Colormap
 ) -> None:
-    """Draw the stretches, the worst on top, each cased in ink: the lightest stand out from land and sea too."""
+    """Draw the stretches, the worst on top, each cased in ink so that light ones stand out from land and sea."""
     parts = [np.column_stack(frame.project(*part.T)) for parts in shown.lines for part in parts]
     owner = np.repeat(np.arange(len(shown.lines)), [len(parts) for parts in shown.lines])
     style: dict[str, Any] = {"capstyle": "round", "joinstyle": "round"}
     inks = colours(scale(values))[owner] if len(values) else []
-    for i in range(0, len(parts), 64):  # in pieces, so that the casing of the worst covers the lesser ones
+    for i in range(0, len(parts), 64):  # in pieces, so that the casing of worse stretches covers lesser ones
         some = slice(i, i + 64)
         thick = widths[owner[some]]
         ax.add_collection(LineCollection(parts[some], linewidths=thick + 1.3, colors=INK, zorder=6, **style), False)
@@ -241,7 +241,7 @@ def _points(
     finds: Sequence[Mark],
     notes: Sequence[labels.Point],
 ) -> None:
-    """Draw the release, the worst stretches, the finds, the notes on patrols and the scale bar, their labels apart."""
+    """Draw the release, the worst stretches, the finds, the notes on patrols and the scale bar."""
     texts: list[labels.Point] = []
     badge = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
     x, y = frame.project(shown.lon, shown.lat)
@@ -286,7 +286,7 @@ def _patrolled(ax: Axes, frame: Frame, walked: Sequence[list[Array]]) -> None:
 
 
 def _beside(frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array]]) -> list[labels.Point]:
-    """Return name, day, time and detection of the last patrols, as labels of the middle of their longest stretch."""
+    """Return labels of the last patrols, with name, day, time and detection, in the middle of their longest stretch."""
     points: list[labels.Point] = []
     for k in sorted(range(len(patrols)), key=lambda k: patrols[k].time)[-NOTED:]:
         longest = max(walked[k], key=lambda part: float(shapely.LineString(part).length))
@@ -298,7 +298,7 @@ def _beside(frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Ar
 
 
 def _along(frame: Frame, coast: Sequence[Array]) -> list[Bbox]:
-    """Return small boxes [axes fraction] along lines [m], for labels to keep off."""
+    """Return small boxes [axes fraction] along lines [m], for labels to keep clear of."""
     mesh = (frame.x[1] - frame.x[0]) / 60
     dense = [shapely.get_coordinates(shapely.segmentize(shapely.LineString(part), mesh / 2)) for part in coast]
     corner = np.array([frame.x[0], frame.y[0]])
@@ -321,7 +321,7 @@ def _bar(figure: Figure, norm: Normalize, left: float, words: str, ticks: Mappin
 
 
 def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
-    """Draw when the first object and the bulk come to each of the worst stretches, with the numbers beside it."""
+    """Draw when the first object and the bulk reach each of the worst stretches, with their figures beside it."""
     ax = figure.add_axes((0.285, 0.085, 0.39, 0.265))
     at = data.isel(segment=shown.worst)
     first, bulk = at["first_arrival"].values, at["bulk_arrival"].values
@@ -344,12 +344,12 @@ def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
 
 
 def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
-    """Write each stretch's number and name and place left of the chart, its numbers right of it."""
+    """Write each stretch's rank, name and place left of the chart, and its figures right of it."""
     place = ax.get_yaxis_transform()
     middle = [notation.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)]
     names = []
     for i, name in enumerate(map(str, at["name"].values)):
-        unnamed = middle[i] in name  # a stretch without a name is called by its place
+        unnamed = middle[i] in name  # the name of a stretch without one is its place
         names.append(
             f"stretch {at['segment'].values[i]}" if name == middle[i] else page.fit(name, 44 if unnamed else 27)
         )

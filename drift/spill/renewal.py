@@ -32,16 +32,16 @@ from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 
 FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn anew
-NARROWING = 20.0  # times fewer worlds than are drawn may count where a proposal is made: what one renewal narrows down
-ENOUGH = 10.0  # effective worlds a latent that a proposal is made from at least
-WORST = 10  # stretches that the summary tells
+NARROWING = 20.0  # a proposal is made when so many times fewer worlds count than are drawn: one renewal narrows by that
+ENOUGH = 10.0  # least effective worlds per latent from which a proposal is made
+WORST = 10  # stretches in the summary
 ODD = 0.02  # tail probability below which a find is called odd
-REALISATIONS = 4  # complete spills drawn in every world, at most
+REALISATIONS = 4  # most complete spills that are drawn in every world
 
 
 @dataclass(frozen=True)
 class Drifted:
-    """A run that has been made: its ensemble at the end, the particles at its outputs, their stays on the shore."""
+    """A finished run: its ensemble at the end, the particles at its outputs, their stays on the shore."""
 
     ensemble: Ensemble
     snapshots: Spool
@@ -51,7 +51,7 @@ class Drifted:
 
 @dataclass(frozen=True)
 class Aftermath:
-    """What a spill has come to."""
+    """The results of a spill."""
 
     period: Period
     spill: Spill
@@ -66,7 +66,7 @@ class Aftermath:
 
 
 def stretches(period: Period, spill: Spill, coast: Coast, drawn: Worlds) -> Segments:
-    """Return the stretches of coast that a spill is told by; raise UserError for finds and patrols that cannot be."""
+    """Return the stretches of coast of a spill's figures; raise UserError for finds and patrols that cannot be."""
     segments = evidence.cut(spill, coast)
     evidence.build(period, spill, segments, coast, drawn)
     return segments
@@ -80,10 +80,10 @@ def settle(
     first: Drifted,
     renew: Callable[[Proposal, int], Drifted],
 ) -> tuple[Drifted, Aftermath]:
-    """Return the run whose worlds the finds leave enough of, weighted by them, and its aftermath.
+    """Return the run of which the finds leave enough worlds, weighted by the finds, and its aftermath.
 
-    renew: draws worlds anew from a proposal, and moves their objects through the run; it is told the number of the
-    renewal, from 1.
+    renew: draws worlds anew from a proposal and moves their objects through the run; it takes the number of the
+    renewal too, from 1.
     """
     assert first.worlds is not None
     drifted, drawn, rounds = first, first.worlds, [0.0]
@@ -96,7 +96,7 @@ def settle(
         if posterior.effective >= FEWEST or len(rounds) > spill.renewals or not (known.finds or known.patrols):
             break
         least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
-        # From where these worlds were drawn (exponent 0) towards where the finds have them (1): never back to the
+        # The exponent leads from where these worlds were drawn (0) to where the finds put them (1), never back to the
         # prior.
         aim = posterior.log_likelihood + drawn.log_weight
         about = worlds.around(drawn, weights.shares(finds.tempered(aim, least) * aim))
@@ -148,10 +148,13 @@ def _adrift(period: Period, known: finds.Known, snapshots: Spool) -> dict[int, f
 
 
 def _reweigh(drifted: Drifted, fates: Fates, posterior: finds.Posterior) -> None:
-    """Give the particles the weights of what is left: of their world, of the objects of their class still to be found in
-    it, in proportion to the chance of not having been found."""
+    """Give the particles the weights of what is left.
+
+    A world's weight is shared among its particles: by class in proportion to the objects still to be found, and within
+    a class in proportion to each particle's chance of not having been found.
+    """
     left = finds.remaining(posterior)
-    if not (left * posterior.weight[:, None]).any():  # all are found: the map shows where they might have been
+    if not (left * posterior.weight[:, None]).any():  # all are found: the map shows where they could have been
         left = np.ones_like(left)
     cell = fates.world.astype(np.int64) * left.shape[1] + fates.kind
     unfound = 1 - posterior.found
@@ -253,7 +256,7 @@ def stretch(segments: Segments, number: int) -> str:
 
 
 def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
-    """Return what each patrol is taken to have searched."""
+    """Return the stretches that each patrol counts as having searched, with its time and detection."""
     rows = []
     for patrol in spill.patrols:
         walked = list(evidence.walked(patrol, segments))
@@ -276,14 +279,14 @@ def warning(after: Aftermath) -> str | None:
 
 
 def warnings(after: Aftermath) -> list[str]:
-    """Return what of the finds does not fit, and what to raise where too few worlds count; empty where all is well."""
+    """Return warnings of finds that do not fit the spill and of too few worlds; empty where all is well."""
     texts = []
     few, many = _odds(after)
     if min(few, many) < ODD:
         how = f"so few had a probability of {few:.1g}" if few < many else f"so many had a probability of {many:.1g}"
         texts.append(
-            f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; check the patrols' detection, "
-            "[spill.reporting] rate and [spill] destroyed before believing the figures"
+            f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; "
+            "check the patrols' detection, [spill.reporting] rate and [spill] destroyed before believing the figures"
         )
     count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
     if count.few:
@@ -296,7 +299,7 @@ def warnings(after: Aftermath) -> list[str]:
 
 
 def _odds(after: Aftermath) -> tuple[float, float]:
-    """Return the probabilities, before any find, of as few finds and of as many."""
+    """Return the probabilities, before any find, of at most so many finds and of at least so many."""
     posterior, numbers = after.posterior, after.posterior.known.numbers
     ashore = sum(find.false < 0.5 and not isinstance(find.place, finds.AtSea) for find in posterior.known.finds)
     if not posterior.known.finds and not posterior.known.patrols:
@@ -310,10 +313,11 @@ def _odds(after: Aftermath) -> tuple[float, float]:
 
 
 def notes(spill: Spill) -> list[str]:
-    """Return what a reader of the numbers must know of how they were made."""
+    """Return what a reader of the figures must know about their accuracy."""
     if spill.objects[1] <= spill.per_world:
         return []
     return [
-        f"a world has {spill.per_world:,} particles for up to {spill.objects[1]:,} objects: each stands for several, which makes "
-        f"ranges up to {(spill.objects[1] / spill.per_world) ** 0.5:.2f} times too wide; raise spill.per_world"
+        f"a world has {spill.per_world:,} particles for up to {spill.objects[1]:,} objects: "
+        f"each stands for several, which makes ranges up to {(spill.objects[1] / spill.per_world) ** 0.5:.2f} times "
+        "too wide; raise spill.per_world"
     ]

@@ -1,4 +1,4 @@
-"""The washup as text: stretches worst first as CSV and as GeoJSON lines, by time, and the account. Writes no file."""
+"""The washup as text: stretches, worst first, as CSV and GeoJSON, over time, and the account. Writes no file."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,7 +20,7 @@ Columns = dict[str, Any]  # arrays or lists of the same length, by the column's 
 def stretches(data: xr.Dataset, run: str) -> str:
     """Return the touched stretches at the end of the run, worst first, as CSV; run: its run_id, in the last column.
 
-    Arrival times are in UTC and in hours after the run's start; empty: nothing known.
+    Arrival times are in UTC and in hours after the run's start; a value that is not known is empty.
     """
     columns = records(data)
     rows = [[*map(_text, row), run] for row in zip(*columns.values(), strict=True)]
@@ -28,7 +28,7 @@ def stretches(data: xr.Dataset, run: str) -> str:
 
 
 def records(data: xr.Dataset) -> Columns:
-    """Return what is known of the touched stretches at the end of the run, worst first; NaN for unknown."""
+    """Return the figures of the touched stretches at the end of the run, worst first; NaN where not known."""
     order = washup.worst(data)
     at = data.isel(time=-1, segment=order)
     lon, lat = sphere.wrap_degrees(at["lon"].values), at["lat"].values
@@ -61,12 +61,12 @@ def records(data: xr.Dataset) -> Columns:
 
 
 def called(number: int, name: str, place: str) -> str:
-    """Return what a stretch is called wherever it is named: one without a name, which bears its place, has its number too."""
+    """Return what a stretch is called: its name, or its number and place where its name is only its place."""
     return f"stretch {number}, {name}" if name == place else name
 
 
 def times(data: xr.Dataset, run: str) -> str:
-    """Return the stretches at every output time, as CSV, worst first at each; without those where none has ever come."""
+    """Return the stretches that anything has come to at each output time, worst first, as CSV."""
     rows: list[list[Any]] = []
     header, worlds = [*_figures(data.isel(time=0)), "effective_worlds"], _text(_worlds(data))
     for t, when in enumerate(data["time"].values):
@@ -83,7 +83,7 @@ def times(data: xr.Dataset, run: str) -> str:
 
 
 def totals(data: xr.Dataset, run: str) -> str:
-    """Return the account by time as CSV, one row a time and fate; the expected numbers of a time add up to N."""
+    """Return the account as CSV, a row for each time and fate; the expected numbers of a time add up to N."""
     mean, number = (
         [_significant(data[name + end].values) for end in ("", "_se")] for name in ("total", "total_number")
     )
@@ -122,7 +122,7 @@ def geojson(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any])
 
 
 def _worlds(data: xr.Dataset) -> float:
-    """Return how many worlds count, to six digits: below effective.FEW all figures are rough."""
+    """Return how many worlds count, to six digits; with fewer than effective.FEW all figures are rough."""
     return float(f"{data['effective_worlds'].item():.6g}")
 
 

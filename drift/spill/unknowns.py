@@ -1,4 +1,4 @@
-"""What nobody knew of a spill, before and after its finds: release, biases, sinking, numbers, side by side."""
+"""The unknowns of a spill, before and after its finds side by side: release, biases, sinking, numbers."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,7 +17,7 @@ SHARES = (0.1, 0.5, 0.9)
 def table(
     worlds: Worlds, prior: Worlds, posterior: finds.Posterior, start: np.datetime64, kinds: Sequence[str]
 ) -> dict[str, Any]:
-    """Return by unknown: its unit, and its mean and 10/50/90 % before and after the finds.
+    """Return the unit of each unknown, and its mean and 10/50/90 % quantiles before and after the finds.
 
     worlds: those weighted by the finds; prior: those first drawn.
     """

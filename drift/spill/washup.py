@@ -2,8 +2,8 @@
 
 Every world of every realisation is one complete simulated spill: N whole objects. Figures are means and quantiles over
 these, weighted; standard errors are over worlds (see drift.spill.estimate). An object lies on a stretch at a time if a
-stay of it contains the time; one that refloats counts where it lies, and has arrived wherever it ever lay. What was
-destroyed or found is in the account at all times, as if gone from the beginning, and on no stretch.
+stay of it contains the time; one that refloats counts where it lies, and has arrived wherever it ever lay. Objects that
+were destroyed or found are in the account at all times, as if gone from the beginning, and on no stretch.
 """
 
 from collections.abc import Sequence
@@ -54,12 +54,12 @@ def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
 
 
 def account(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
-    """Return how many of each world's objects have each of washup_dataset.FATES at each time, int64 (W, T, 7); adds up to N."""
+    """Return the number of each world's objects of each of washup_dataset.FATES at each time, int64 (W, T, 7)."""
     stands = realisation.stands
     when = {name: np.searchsorted(outputs, values) for name, values in stretches.settled(fates).items()}
 
     def by_world(world: Array, at: Array, amount: Array) -> Array:
-        """Sum of amounts by world up to each time."""
+        """Return the sums of amounts by world up to each time."""
         sums = np.zeros((fates.worlds, len(outputs) + 1), np.int64)
         np.add.at(sums, (world, at), amount)
         return np.cumsum(sums, axis=1)[:, :-1]
