@@ -41,8 +41,7 @@ def aside(frame: Frame, at: Any) -> str:
 
 def within(frame: Frame, points: Array) -> Array:
     """Return which of points (n, 2) [deg] are in a frame, bool (n,)."""
-    x, y = frame.project(points[:, 0], points[:, 1])
-    return np.asarray((frame.x[0] <= x) & (x <= frame.x[1]) & (frame.y[0] <= y) & (y <= frame.y[1]))
+    return frame.holds(*frame.project(points[:, 0], points[:, 1]))
 
 
 def hidden(frame: Frame, shapes: Sequence[Array]) -> bool:

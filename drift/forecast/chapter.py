@@ -38,7 +38,7 @@ def _snapshots(matter: Matter, path: Path) -> None:
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
     "forecast.nc": lambda matter, stamped: matter.forecast.data,
     "particles.nc": lambda matter, stamped: forecast_tracks.dataset(matter.tracks, matter.forecast),
-    "contours.geojson": lambda matter, stamped: tables.geojson(matter.forecast, stamped),
+    "contours.geojson": lambda matter, stamped: tables.contours(matter.forecast, stamped),
     "track.csv": lambda matter, stamped: tables.track(matter.forecast, stamped["run_id"]),
     "ashore.csv": lambda matter, stamped: tables.ashore(matter.forecast, stamped["run_id"]),
 }

@@ -364,7 +364,7 @@ def track(
         texts.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
     must = range(len(texts))
     written = spaced(times[picks], 12)
-    texts += [(float(x[k]), float(y[k]), f"{notation.group(times[picks[k]])[:6]}Z", small) for k in written]
+    texts += [(float(x[k]), float(y[k]), notation.day_time(times[picks[k]]), small) for k in written]
     cx, cy = occupied(frame, forecast, [times[last]])
     mx, my = frame.project([m.lon for m in marks], [m.lat for m in marks])
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, np.append(cx, mx), np.append(cy, my)))

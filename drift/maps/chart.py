@@ -45,6 +45,10 @@ class Frame:
         xyz = self.crs.transform_points(DEGREES, lon.ravel(), lat.ravel())
         return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
 
+    def holds(self, x: Any, y: Any) -> Array:
+        """Return which points [m] are in the frame, bool; same shape."""
+        return np.asarray((self.x[0] <= x) & (x <= self.x[1]) & (self.y[0] <= y) & (y <= self.y[1]))
+
     def bounds(self) -> tuple[float, float, float, float]:
         """Return (west, south, east, north) [deg] that hold the whole frame, unwrapped round the centre."""
         x, y = np.meshgrid(np.linspace(*self.x, 25), np.linspace(*self.y, 25))

@@ -39,7 +39,7 @@ def _search(matter: Matter, path: Path, page: int = 1) -> None:
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
     "sorties.csv": lambda matter, stamped: search_tables.csv(matter.updates, stamped["run_id"]),
-    "sorties.geojson": lambda matter, stamped: search_tables.geojson(
+    "sorties.geojson": lambda matter, stamped: search_tables.shapes(
         matter.updates.sorties, matter.contacts, matter.updates, stamped
     ),
 }

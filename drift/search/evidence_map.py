@@ -298,7 +298,7 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
         texts.append((float(values[-1, j]), f"{_percent(values[-1, j])}  {page.fit(name, 24)}", colour, j < 0))
     _ends(ax, texts)
     ticks = labels.round_times(*ax.get_xlim(), 4)
-    ax.set_xticks(ticks, labels=[f"{notation.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
+    ax.set_xticks(ticks, labels=[notation.day_time(np.datetime64(round(t), "s")) for t in ticks])
     _numbers(ax, [number for number, _ in done], times)
 
 

@@ -168,7 +168,7 @@ def _heading(
     figure: Figure, size: tuple[float, float], y: float, name: str, sortie: Sortie, update: Update | None
 ) -> None:
     """Write over a row which sortie it is, when it was and what it was worth."""
-    when = f"{notation.group(sortie.start)[:6]}Z to {notation.group(sortie.end)}"
+    when = f"{notation.day_time(sortie.start)} to {notation.group(sortie.end)}"
     parts = [when, *([sortie.kind] if sortie.kind else [])]
     if sortie.frame == "datum" and sortie.marker is None:
         parts.append("drawn at its datum")
@@ -199,7 +199,7 @@ def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None
     """Write over a map its time, by how much that is off where no output is at the time, and what the stage says."""
     apart = (time - wanted) / np.timedelta64(1, "m")
     off = f" ({apart:+.0f} min)" if abs(apart) >= 1 else ""
-    text = f"{STAGES[column]} {notation.group(time)[:6]}Z{off}"
+    text = f"{STAGES[column]} {notation.day_time(time)}{off}"
     ax.set_title(text, fontsize=8.5, weight="bold", loc="left", pad=3, color=INK)
     if update is None or update.pos is None:
         return

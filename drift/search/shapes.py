@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import shapely
 
+from drift.output import geojson
 from drift.search.records import Contact, Sortie
-from geo import antimeridian, polyline, sphere
+from geo import polyline, sphere
 from geo.array import Array
 from geo.polyline import Area, Legs
 
@@ -23,7 +24,6 @@ NEAR_ALL = 0.95  # share of a contact's error that its shape holds
 IN_PLANE = math.sqrt(-2 * math.log(1 - NEAR_ALL))  # standard deviations: Rayleigh's quantile
 ON_LINE = 1.959964  # normal's two-sided quantile
 FARTHEST = 100 * 1852.0  # [m] to which a bearing without a far end is drawn
-DIGITS = 7  # decimals of a degree: 1 cm
 
 
 def epoch(time: np.datetime64) -> float:
@@ -156,11 +156,7 @@ CONTACTS: dict[str, Callable[[Contact], list[Shape]]] = {
 def polygon(rings: Sequence[Array]) -> dict[str, Any]:
     """Return closed outlines as a GeoJSON MultiPolygon, cut at the antimeridian, outer rings anticlockwise."""
     whole = shapely.MultiPolygon([part for ring in rings for part in _valid(ring)])
-    parts = [
-        [np.round(edge.coords, DIGITS).tolist() for edge in (part.exterior, *part.interiors)]
-        for part in antimeridian.cut(whole).geoms
-    ]
-    return {"type": "MultiPolygon", "coordinates": parts}
+    return geojson.polygons(whole)
 
 
 def _valid(ring: Array) -> list[Any]:
@@ -171,13 +167,12 @@ def _valid(ring: Array) -> list[Any]:
 
 def lines(parts: Sequence[Array]) -> dict[str, Any]:
     """Return lines as a GeoJSON MultiLineString, cut at the antimeridian."""
-    pieces = [piece for part in parts for piece in antimeridian.cut_line(shapely.LineString(part))]
-    return {"type": "MultiLineString", "coordinates": [np.round(piece.coords, DIGITS).tolist() for piece in pieces]}
+    return geojson.lines(map(shapely.LineString, parts))
 
 
 def point(lon: float, lat: float) -> dict[str, Any]:
     """Return a position [deg] as a GeoJSON Point."""
-    return {"type": "Point", "coordinates": [round(sphere.wrap_degrees(lon), DIGITS), round(lat, DIGITS)]}
+    return geojson.point(lon, lat)
 
 
 def _drifts(sortie: Sortie) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.output import formats
+from drift.output import formats, geojson
 from drift.search import shapes as search_shapes
 from drift.search.records import Contact, Sortie
 from drift.search.updates import Update, Updates
@@ -152,7 +152,7 @@ def _by_scenario(names: Sequence[str], values: Array | None) -> dict[str, Any] |
     return {ALL: figures[-1], "scenarios": dict(zip(names, figures[:-1], strict=True))}
 
 
-def geojson(
+def shapes(
     sorties: Sequence[Sortie], contacts: Sequence[Contact], updates: Updates, attributes: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return areas, legs as flown and contacts as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian.
@@ -190,13 +190,13 @@ def geojson(
             elif shape == "line":
                 geometry = search_shapes.lines([points])
             else:
-                geometry = search_shapes.point(*points[0])
+                geometry = geojson.point(*points[0])
             features.append(_feature(geometry, shape, properties))
-    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+    return geojson.collection(features, attributes)
 
 
 def _feature(geometry: dict[str, Any], shape: str, properties: Mapping[str, Any]) -> dict[str, Any]:
-    return {"type": "Feature", "geometry": geometry, "properties": {"shape": shape, **properties}}
+    return geojson.feature(geometry, {"shape": shape, **properties})
 
 
 def _sortie(sortie: Sortie, update: Update | None, scenarios: Sequence[str]) -> dict[str, Any]:

@@ -44,9 +44,7 @@ FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
     "washup.csv": lambda matter, stamped: washup_tables.stretches(matter.after.washup, stamped["run_id"]),
     "washup_times.csv": lambda matter, stamped: washup_tables.times(matter.after.washup, stamped["run_id"]),
     "totals.csv": lambda matter, stamped: washup_tables.totals(matter.after.washup, stamped["run_id"]),
-    "washup.geojson": lambda matter, stamped: washup_tables.geojson(
-        matter.after.washup, matter.after.segments, stamped
-    ),
+    "washup.geojson": lambda matter, stamped: washup_tables.lines(matter.after.washup, matter.after.segments, stamped),
     "unknowns.csv": lambda matter, stamped: unknowns.text(
         renewal.unknown(matter.after), matter.after.posterior.effective, stamped["run_id"]
     ),

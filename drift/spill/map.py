@@ -47,6 +47,7 @@ LEFT, RIGHT = 0.03, 0.03 + MAP[0] + 0.02  # where the maps begin
 PATROL, PATROL_INK = "#4fa3d1", "#0b4f8a"
 NOTED = 8  # patrols beside which name, day, time and detection are written
 FIRST: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
+BADGE = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}  # of a rank
 BULK: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
 WORDS = {
     "ashore": "ashore",
@@ -139,7 +140,7 @@ def draw(
         words = "Median of the first arrival, UTC"
         _bar(on.figure, when, RIGHT, words, {tick: _short(tick) for tick in labels.round_times(*times, 6)})
         _chart(on.figure, data, shown)
-        visible = [mark for mark in setting.marks if _within(frame, *frame.project(mark.lon, mark.lat))]
+        visible = [mark for mark in setting.marks if frame.holds(*frame.project(mark.lon, mark.lat))]
         _key(on.figure, (setting.known_as, len(visible)), patrols.called if patrols.all else "")
     else:
         end = _moment(data["time"].values[-1])
@@ -243,16 +244,15 @@ def _points(
 ) -> None:
     """Draw the release, the worst stretches, the finds, the notes on patrols and the scale bar."""
     texts: list[labels.Point] = []
-    badge = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
     x, y = frame.project(shown.lon, shown.lat)
-    some = _within(frame, x, y)
+    some = frame.holds(x, y)
     x, y = x[some], y[some]
     ax.plot(x, y, "o", markersize=3.6, markerfacecolor="white", markeredgecolor=INK, markeredgewidth=0.8, zorder=8)
     for rank, px, py in zip(shown.rank[some], x, y, strict=True):
-        style = {"fontsize": 8.5, "weight": "bold", "color": INK, "bbox": badge}
+        style = {"fontsize": 8.5, "weight": "bold", "color": INK, "bbox": BADGE}
         texts.append((float(px), float(py), f"{rank}", style))
     must = len(texts)
-    marks, finds = ([m for m in own if _within(frame, *frame.project(m.lon, m.lat))] for own in (marks, finds))
+    marks, finds = ([m for m in own if frame.holds(*frame.project(m.lon, m.lat))] for own in (marks, finds))
     for mark in marks:
         layers.mark_point(ax, frame, mark, 8)
         mx, my = frame.project(mark.lon, mark.lat)
@@ -273,11 +273,6 @@ def _points(
     labels.place(ax, canvas, texts, taken, must=set(range(must)))
 
 
-def _within(frame: Frame, x: Array, y: Array) -> Array:
-    """Return whether points [m] are on a map."""
-    return np.asarray((frame.x[0] <= x) & (x <= frame.x[1]) & (frame.y[0] <= y) & (y <= frame.y[1]))
-
-
 def _patrolled(ax: Axes, frame: Frame, walked: Sequence[list[Array]]) -> None:
     """Draw what was patrolled as a wide band under the coast."""
     parts = [np.column_stack(frame.project(*part.T)) for parts in walked for part in parts]
@@ -291,7 +286,7 @@ def _beside(frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Ar
     for k in sorted(range(len(patrols)), key=lambda k: patrols[k].time)[-NOTED:]:
         longest = max(walked[k], key=lambda part: float(shapely.LineString(part).length))
         x, y = frame.project(*longest[len(longest) // 2])
-        when = f"{notation.group(patrols[k].time)[:6]}Z {100 * patrols[k].detection:.0f} %"
+        when = f"{notation.day_time(patrols[k].time)} {100 * patrols[k].detection:.0f} %"
         words = f"{page.fit(patrols[k].name, 22)}\n{when}"
         points.append((float(x), float(y), words, {"fontsize": 8, "color": PATROL_INK, "weight": "bold"}))
     return points
@@ -373,9 +368,8 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
         ax.text(x, -0.85, head, transform=place, ha=side, va="bottom", fontsize=8, color=GREY)
         for y, text in enumerate(texts):
             ax.text(x, y, text, transform=place, ha=side, va="center", fontsize=8.5 if x > 0 else 8, color=INK)
-    badge = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
     for y in range(at.sizes["segment"]):
-        number: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": INK, "bbox": badge}
+        number: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": INK, "bbox": BADGE}
         ax.text(-0.664, y, f"{rank[y]}", transform=place, ha="center", va="center", **number)
 
 
@@ -466,7 +460,7 @@ def _moment(time: np.datetime64) -> str:
 
 def _short(seconds: float) -> str:
     """Return a time [s since 1970] as day and time, 211830Z."""
-    return f"{notation.group(np.datetime64(round(seconds), 's'))[:6]}Z"
+    return notation.day_time(np.datetime64(round(seconds), "s"))
 
 
 def _round_numbers(low: float, high: float) -> Array:

@@ -51,15 +51,15 @@ def likeness(latent: Real) -> Likeness:
     return Likeness(np.concatenate(terms, axis=1), near)
 
 
-def rates(total: Real, squares: Real, n: int, alike: Likeness, one: float = 1.0) -> Real:
+def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0) -> Real:
     """Return every world's mean over its n particles (W,), drawn toward the means of worlds like it.
 
-    total, squares: sums over a world's particles of values and of squared values, (W,). one: the value of a particle
+    total, squares: sums over a world's particles of values and of squared values, (W,). full: the value of a particle
     that counts in full, which is used where all sums are 0.
 
     Sums are taken as overdispersed Poisson in units of sum(squares) / sum(total).
     """
-    unit = squares.sum() / total.sum() if squares.sum() > 0 else one
+    unit = squares.sum() / total.sum() if squares.sum() > 0 else full
     count = total / unit
     worlds = count.size
     if count.sum() < LEAST:

@@ -6,13 +6,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift.output import formats
+from drift.output import formats, geojson
 from drift.spill import washup
-from geo import antimeridian, notation, sphere
+from geo import notation, sphere
 from geo.array import Array
 from geo.coast.segments import Segments
-
-DIGITS = 7  # decimals of a degree: 1 cm
 
 Columns = dict[str, Any]  # arrays or lists of the same length, by the column's name
 
@@ -37,8 +35,8 @@ def records(data: xr.Dataset) -> Columns:
         "segment": at["segment"].values,
         "name": at["name"].values,
         "access": at["access"].values,
-        "lon": np.round(lon, DIGITS),
-        "lat": np.round(lat, DIGITS),
+        "lon": np.round(lon, geojson.DIGITS),
+        "lat": np.round(lat, geojson.DIGITS),
         "position": [notation.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
         "length_km": _significant(at["length"].values / 1000),
         **_figures(at),
@@ -98,27 +96,17 @@ def totals(data: xr.Dataset, run: str) -> str:
     return formats.csv_text(header, rows)
 
 
-def geojson(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:
+def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the touched stretches as a GeoJSON FeatureCollection of lines (RFC 7946), worst first, cut at 180 degrees.
 
     A feature's id is the stretch's number, its properties are the columns of `stretches`; null: unknown.
     """
     columns = records(data)
-    features = [
-        {
-            "type": "Feature",
-            "id": int(number),
-            "geometry": {
-                "type": "MultiLineString",
-                "coordinates": [
-                    np.round(part.coords, DIGITS).tolist() for part in antimeridian.cut_line(segments.lines[number])
-                ],
-            },
-            "properties": {name: _number(value) for name, value in zip(columns, row, strict=True)},
-        }
-        for number, row in zip(columns["segment"], zip(*columns.values(), strict=True), strict=True)
-    ]
-    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+    features = []
+    for number, row in zip(columns["segment"], zip(*columns.values(), strict=True), strict=True):
+        properties = {name: _number(value) for name, value in zip(columns, row, strict=True)}
+        features.append(geojson.feature(geojson.lines([segments.lines[number]]), properties, id=int(number)))
+    return geojson.collection(features, attributes)
 
 
 def _worlds(data: xr.Dataset) -> float:

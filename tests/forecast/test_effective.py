@@ -156,7 +156,7 @@ def test_files_carry_the_number_and_few_are_warned_of(forecast):
     np.testing.assert_allclose(data["status_effective"].sel(status="adrift"), wanted, rtol=1e-6)
     rows = list(csv.DictReader(io.StringIO(tables.track(forecast, "run"))))
     np.testing.assert_allclose([float(row["effective_particles"]) for row in rows], wanted, rtol=1e-5)
-    features = tables.geojson(forecast, {"warning": "w"})
+    features = tables.contours(forecast, {"warning": "w"})
     assert features["warning"] == "w"
     assert {round(f["properties"]["effective_particles"]) for f in features["features"]} == {N, 4}
     assert tables.numbers(forecast)["outputs"][1]["effective_particles"] == pytest.approx(4, rel=1e-6)
