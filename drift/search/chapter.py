@@ -27,7 +27,7 @@ class Matter:
 def _evidence(matter: Matter, path: Path) -> None:
     from drift.search import evidence_map  # imported here, for Matplotlib takes a second
 
-    evidence_map.draw(matter.updates, path, matter.setting.imprint, particles=matter.setting.particles)
+    evidence_map.draw(matter.updates, path, matter.setting)
 
 
 def _search(matter: Matter, path: Path, page: int = 1) -> None:

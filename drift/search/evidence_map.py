@@ -20,7 +20,7 @@ from matplotlib.transforms import blended_transform_factory
 from drift.forecast import effective, layers
 from drift.maps import labels, page, sheet
 from drift.maps.chart import GREY, INK
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Setting
 from drift.maps.sheet import Badge, Row, Sheet
 from drift.search import particles_left
 from drift.search import shapes as search_shapes
@@ -62,19 +62,13 @@ STROKES: tuple[tuple[str, Any, str], ...] = (  # colour, dashes, marker
 STRENGTH = ((1.2, ""), (3.0, "weak"), (20.0, "positive"), (150.0, "strong"), (math.inf, "very strong"))
 
 
-def draw(
-    updates: Updates,
-    path: Path,
-    imprint: Imprint,
-    *,
-    particles: int | None = None,
-) -> None:
-    """Draw the evidence of a search; particles: their number in the run."""
+def draw(updates: Updates, path: Path, setting: Setting) -> None:
+    """Draw the evidence of a search."""
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
     lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # in the legend
-    least = particles_left.lowest(updates, particles)
+    least = particles_left.lowest(updates, setting.particles)
     below = 0.32 * least.few  # [in] that a warning takes
     over = 1.45 + 0.24 * lines + below
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
@@ -89,13 +83,13 @@ def draw(
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
     _cumulative(figure, updates, room)
-    sheet.head(on, imprint, _account(updates, len(steps) - len(shown)))
+    sheet.head(on, setting.imprint, _account(updates, len(steps) - len(shown)))
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:
         sheet.rough(on, effective.banner(least, "shares, evidence and POS are rough"))
     figure.text(0.02, 0.33 / height, _explained(updates), fontsize=8, color=GREY, linespacing=1.35, va="center")
-    sheet.end(on, path, imprint)
+    sheet.end(on, path, setting.imprint)
 
 
 def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:

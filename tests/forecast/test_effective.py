@@ -302,11 +302,11 @@ def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
 
 
 def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
-    updates = searches.search()[3]
-    evidence_map.draw(updates, tmp_path / "sure.png", imprint=Imprint("t"), particles=12_000)
+    updates, setting = searches.search()[3], Setting(Imprint("t"), particles=12_000)
+    evidence_map.draw(updates, tmp_path / "sure.png", setting)
     assert not any("ONLY" in text for text in words)
     low = [replace(u, ess_after=7.9) if k == 2 else u for k, u in enumerate(updates.all)]
-    evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", imprint=Imprint("t"), particles=12_000)
+    evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", setting)
     assert "ONLY 8 OF 12,000 PARTICLES COUNT: shares, evidence and POS are rough" in words
     assert sum(text.endswith(", 8 particles count") for text in words) == 1
     told = particles_left.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))

@@ -117,7 +117,7 @@ def test_no_searches_change_no_pixel(tmp_path, search):
 
 def test_the_evidence_says_what_moved_which_story(tmp_path, search, words):
     updates = search[3]
-    evidence_map.draw(updates, tmp_path / "evidence.png", imprint=CAUTIONED)
+    evidence_map.draw(updates, tmp_path / "evidence.png", Setting(CAUTIONED))
     assert "before the first update" in words
     assert any(text.startswith("4 sorties that found nothing") for text in words)
     assert 'speaks for "swamped while fishing"' in words
@@ -165,13 +165,13 @@ def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, wor
                 cumulative=alone(u.cumulative))
         for u in updates.all
     ]  # fmt: skip
-    evidence_map.draw(Updates(("only",), np.ones(1), tuple(single)), tmp_path / "one.png", **COMMON)
+    evidence_map.draw(Updates(("only",), np.ones(1), tuple(single)), tmp_path / "one.png", SETTING)
     assert "POC (light), POS (dark) [%]" in words
     many = tuple(replace(updates.all[k % 6], name=f"update {k}") for k in range(30))
-    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "many.png", **COMMON)
+    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "many.png", SETTING)
     assert "after update 8" in words
     assert any("the first 8 updates are in sorties.csv" in text for text in words)
-    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", **COMMON)
+    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", SETTING)
     assert "no sortie yet" in words
 
 
@@ -247,7 +247,7 @@ def test_numbers_of_updates_close_in_time_do_not_touch(tmp_path, search, figures
     sortie = updates.all[0]
     times = (0, 1, 40, 40.1, 40.3, 52, 70)
     many = tuple(replace(sortie, name=f"{k}", time=searches.hours(hour)) for k, hour in enumerate(times))
-    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "a.png", **COMMON)
+    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "a.png", SETTING)
     axes = figures[0].axes[1]
     renderer = figures[0].canvas.get_renderer()
     found = {t.get_text(): t.get_window_extent(renderer) for t in axes.texts if set(t.get_text()) <= set("1234567-, ")}
@@ -286,7 +286,7 @@ def test_the_same_search_gives_the_same_bytes(tmp_path, search):
     forecast, sorties, contacts, updates = search
     for name in ("a", "b"):
         search_map.draw(forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", SETTING, page=1)
-        evidence_map.draw(updates, tmp_path / f"e{name}.png", **COMMON)
+        evidence_map.draw(updates, tmp_path / f"e{name}.png", SETTING)
     for prefix in ("", "e"):
         assert (tmp_path / f"{prefix}a.png").read_bytes() == (tmp_path / f"{prefix}b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:
