@@ -113,7 +113,7 @@ def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline |
 
 
 def draw_land(ax: Axes, path: Outline | None) -> None:
-    """Fill land, over the shading and under all lines."""
+    """Fill land, over shading, areas and graticule, and under routes and marks."""
     if path is not None:
         ax.add_patch(PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
 
