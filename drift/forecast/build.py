@@ -158,22 +158,22 @@ def begin(
 def _reference(snapshots: Sequence[Snapshot]) -> int:
     """Return the longitude [binary angle] round which to unwrap: that of the mean position at all times."""
     x = y = 0.0
-    for snapshot in snapshots:
-        weight = np.where(mapped(snapshot), snapshot.probability, 0.0)
-        lon = snapshot.lon * sphere.UNIT
+    for one in snapshots:
+        weight = np.where(mapped(one), one.probability, 0.0)
+        lon = one.lon * sphere.UNIT
         x, y = x + float(np.sum(weight * np.cos(lon))), y + float(np.sum(weight * np.sin(lon)))
     return int(sphere.to_binary(np.degrees(np.arctan2(y, x))))
 
 
-def _cloud(snapshot: Snapshot, centre: int) -> _Cloud | None:
+def _cloud(one: Snapshot, centre: int) -> _Cloud | None:
     """Return a snapshot's extent and spacing; None if no probability is adrift or ashore."""
-    index = np.flatnonzero(mapped(snapshot))
+    index = np.flatnonzero(mapped(one))
     if not len(index):
         return None
     # int32 subtraction wraps: longitudes relative to the centre, in [-180, 180) degrees
-    lon, lat = np.subtract(snapshot.lon[index], np.int32(centre)), snapshot.lat[index]
+    lon, lat = np.subtract(one.lon[index], np.int32(centre)), one.lat[index]
     shrink = float(np.cos(np.mean(lat) * sphere.UNIT))
-    spacing = density.typical_spacing(lon * shrink, lat.astype(np.float64), snapshot.probability[index])
+    spacing = density.typical_spacing(lon * shrink, lat.astype(np.float64), one.probability[index])
     return _Cloud(index, int(lon.min()), int(lon.max()), int(lat.min()), int(lat.max()), spacing)
 
 

@@ -196,15 +196,15 @@ def _numbers(
     """Return what is known of each time as a whole."""
     none = np.full(shares, np.nan)
     return {
-        "containment_area": np.array([area.areas if area else none for area in maps]),
-        "held_out": np.array([area.held_out if area else none for area in maps]),
+        "containment_area": np.array([one.areas if one else none for one in maps]),
+        "held_out": np.array([one.held_out if one else none for one in maps]),
         "status_probability": np.array(
             [np.bincount(s.status, s.probability, minlength=len(Status)) for s in snapshots]
         ),
         "scenario_probability": np.array(
             [np.bincount(s.scenario, s.probability, minlength=scenarios) for s in snapshots]
         ),
-        "particles_per_kernel": np.array([area.per_kernel if area else np.nan for area in maps]),
+        "particles_per_kernel": np.array([one.per_kernel if one else np.nan for one in maps]),
     }
 
 
@@ -248,20 +248,16 @@ class _Counted:
     drawn: int  # number of worlds that were drawn; 0 where there are none
 
 
-def _counted(snapshot: Snapshot, scenarios: int) -> _Counted:
-    on = mapped(snapshot)
-    weight, family, scenario = (
-        snapshot.probability[on],
-        None if snapshot.family is None else snapshot.family[on],
-        snapshot.scenario[on],
-    )
-    world = None if snapshot.world is None else snapshot.world[on]
+def _counted(one: Snapshot, scenarios: int) -> _Counted:
+    on = mapped(one)
+    weight, family, scenario = one.probability[on], None if one.family is None else one.family[on], one.scenario[on]
+    world = None if one.world is None else one.world[on]
     return _Counted(
         effective.number(weight, family),
-        effective.by(snapshot.status, len(Status), snapshot.probability, snapshot.family),
+        effective.by(one.status, len(Status), one.probability, one.family),
         effective.by(scenario, scenarios, weight, family),
         np.nan if world is None else effective.number(weight, world),
-        0 if snapshot.world is None else 1 + int(snapshot.world.max()),
+        0 if one.world is None else 1 + int(one.world.max()),
     )
 
 

@@ -25,12 +25,10 @@ from scipy import ndimage, spatial
 
 from geo.array import Array
 
-KNOTS = np.unique(
-    np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)])
-)  # levels at which a calibration is given
-FEW = 8  # a grid with so many times more cells than count is worth treating by these cells alone
-PARTS = np.array([9, 3, 3, 1]) / 16  # shares of a cell's mass that go to four cells of the next level: see _above
-REACH = 4  # [cells] from its middle to its edge, and as many standard deviations
+KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
+FEW = 8  # times as many cells has a grid, and it is worth while to look at those alone that count
+PARTS = np.array([9, 3, 3, 1]) / 16  # of a cell's mass go to four cells of the next level: see _above
+REACH = 4  # cells, and standard deviations, as far as a kernel reaches
 BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
 BELL /= BELL.sum()
 WIDER = 4.0  # kernels of the densest cells hold so many times the particles of those of the thinnest
