@@ -25,6 +25,11 @@ def group(moment: Any) -> str:
     return f"{when.day:02d}{when.hour:02d}{when.minute:02d}Z{MONTHS[when.month - 1]}{year}"
 
 
+def day_time(moment: Any) -> str:
+    """Return a time (np.datetime64, UTC) as day and time, 211830Z."""
+    return f"{group(moment)[:6]}Z"
+
+
 def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
     """Return how far and in which direction point 2 lies from point 1 [deg], along a great circle."""
     east, north = (float(x) for x in sphere.offset(*np.radians([lon1, lat1, lon2, lat2])))

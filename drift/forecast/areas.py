@@ -1,4 +1,4 @@
-"""One snapshot's map: density chosen and calibrated on held-out particles, containment levels, areas and contours."""
+"""The map of one snapshot: its density, calibrated on held-out particles, its areas and their outlines."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -14,13 +14,14 @@ from geo import sphere
 from geo.array import Array
 from geo.cells import Cells
 
-MANY = 20_000  # effective particles from which one half alone tells which bandwidth is best
+MANY = 20_000  # effective particles with which one half alone shows which bandwidth is best
 
 
 @dataclass(frozen=True)
 class Deposits:
-    """What the particles of one snapshot leave in the cells that hold any (flat indices, n), in units of probability.
+    """Probability in the cells of one snapshot that hold any particle.
 
+    cells: their flat indices, (n,).
     mass, squares: weights and squared weights by group and medium (adrift; ashore if any is), shape (4, media, n).
     scenario: weights by scenario and medium, shape (scenarios, media, n).
     """
@@ -37,10 +38,11 @@ class Area:
 
     probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
     containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
-    areas: [m2] of the shares; held_out: share of unseen particles inside them; thresholds: logarithms of their least
-    densities [1/m2]; per_kernel: effective particles in a kernel, the bandwidth chosen. coarse: calibration of the map
-    summed into the cells that all times share: along a shore, where half of what is smoothed lies beside the cells that
-    hold all, it is another.
+    areas: sizes [m2] of the areas that hold the shares; held_out: share of unseen particles inside each.
+    thresholds: logarithm of the least density [1/m2] in each.
+    per_kernel: effective particles in a kernel, which is the bandwidth that was chosen.
+    coarse: calibration of the map summed into the cells that all times share. It differs along a shore, where half of
+    what is smoothed lies beside the cells that hold all of it.
     """
 
     cells: Cells
@@ -55,7 +57,7 @@ class Area:
     coarse: density.Calibration
 
 
-More = tuple[Array, ...] | None  # density.wider
+More = tuple[Array, ...] | None  # what density.wider returns
 
 
 def _guides(
@@ -76,7 +78,10 @@ def _spread(
     media: Sequence[density.Medium],
     at: Array | None = None,
 ) -> Array:
-    """Return the smooth map of all media together from weights (media, n) in cells, (nlat, nlon) or at flat indices (k,)."""
+    """Return the smooth map of all media together from weights (media, n) in cells.
+
+    Its shape is (nlat, nlon); with `at` it has the values at these flat indices alone, (k,).
+    """
     total = np.zeros(media[0].allowed.shape if at is None else at.size)
     for weights, guide, where in zip(mass, guides, media, strict=True):
         if weights.any():
@@ -89,10 +94,10 @@ def _choose(
 ) -> tuple[float, More]:
     """Return the number of particles per kernel under which each half best foretells the other.
 
-    Climbs a ladder of factors 2 from `start`. A rung finer than that must beat the coarser one by two standard errors
-    of the paired difference: sharp edges alone are no reason to speckle all the rest. Then kernels are made wider where
-    the map is dense, by `more`, unless that foretells worse by as much: along a thin filament say. Returned as None
-    where it does.
+    The search climbs a ladder of factors of 2 from `start`. A rung finer than `start` must beat the coarser one by two
+    standard errors of the paired difference: sharp edges alone are no reason to make the rest of the map speckled. Then
+    kernels are made wider by `more` where the map is dense, unless that foretells worse by two standard errors, as it
+    may along a thin filament; then None is returned in its place.
     """
     effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
     pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
@@ -113,7 +118,7 @@ def _choose(
         for (half, _), there in zip(pairs, where, strict=True):
             mass = halves[half][0]
             smooth = _spread(cells, mass, guides[half], start * 2.0**step, media, there)
-            # a particle off the map costs much, but not everything
+            # The small constant keeps a single particle off the map from deciding everything.
             logs.append(np.log(smooth + 1e-6 * mass.sum() / media[0].allowed.size))
         return np.concatenate(logs)
 
@@ -132,14 +137,17 @@ def _choose(
     return start * 2.0**best, more if gain(score(best, guided(more)), score_best) > -2 else None
 
 
-def _calibrated(made: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
-    """Return the calibrations at density.KNOTS, (2, knots), of a map and of it summed by k, by what it has not seen in cells (n,)."""
-    fine = density.calibrate(made, cells.area(), held, unseen).share
+def _calibrated(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
+    """Return the calibrations of a map and of its sums over k by k cells, at density.KNOTS, (2, knots).
+
+    unseen: weights (n,) of the particles that the map has not seen, in the cells `held` (flat indices).
+    """
+    fine = density.calibrate(mass, cells.area(), held, unseen).share
     if k == 1:
         return np.stack([fine, fine])
     wide, (row, column) = coarser(cells, k), np.divmod(held, cells.nlon)
     there, which = np.unique((row // k) * wide.nlon + column // k, return_inverse=True)
-    return np.stack([fine, density.calibrate(summed(made, k), wide.area(), there, np.bincount(which, unseen)).share])
+    return np.stack([fine, density.calibrate(summed(mass, k), wide.area(), there, np.bincount(which, unseen)).share])
 
 
 def coarser(cells: Cells, k: int) -> Cells:
@@ -176,15 +184,15 @@ def build(
     share_held = np.full(len(shares), np.nan)
     if groups.min() > 0:
         halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
-        # The same bandwidth: particles per kernel go with their number.
+        # At the same bandwidth all particles put twice as many into a kernel as half of them.
         m, more = _choose(held, halves, media, max(m / 2, 2.0), more)
         m *= 2
-        both = []
+        calibrations = []
         for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
             rest = smooth(mass - unseen, squares - their_squares, 0.75 * m, more)
-            both.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
-        calibration, coarse = (density.Calibration(one) for one in np.average(both, axis=0, weights=groups))
-        folds = [fold[0] for fold in both]
+            calibrations.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
+        calibration, coarse = (density.Calibration(curve) for curve in np.average(calibrations, axis=0, weights=groups))
+        folds = [fold[0] for fold in calibrations]
         weights = groups * (1 - np.eye(4))
         others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
         checks = [
@@ -195,8 +203,8 @@ def build(
     guides = _guides(held, mass, squares, media, more)
     probability = np.stack(
         [
-            np.stack([_spread(held, one[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])
-            for one in deposits.scenario
+            np.stack([_spread(held, scenario[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])
+            for scenario in deposits.scenario
         ]
     )
     total = probability.sum(axis=(0, 1))
@@ -207,7 +215,7 @@ def build(
 
 
 def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
-    """Return the containment of each cell (nlat, nlon), and its curve: levels and areas [m2] from 0 up, densities."""
+    """Return the containment of each cell (nlat, nlon), and as curves its levels, areas [m2] and densities [1/m2]."""
     height = mass / area[:, None]
     order = density.ranked(height)
     inside = np.cumsum(mass.ravel()[order])
@@ -223,26 +231,29 @@ def containment(mass: Array, area: Array, calibration: density.Calibration) -> t
     )
 
 
-def contours(one: Area) -> list[shapely.MultiPolygon]:
+def contours(area: Area) -> list[shapely.MultiPolygon]:
     """Return the outlines [deg, unwrapped] of the areas that hold the shares, with their holes."""
-    height = one.probability.sum(axis=(0, 1)) / one.cells.area()[:, None]
-    each = zip(one.thresholds.tolist(), one.areas.tolist(), strict=True)
-    return [_contour(one.cells, height, threshold, wanted) for threshold, wanted in each]
+    height = area.probability.sum(axis=(0, 1)) / area.cells.area()[:, None]
+    each = zip(area.thresholds.tolist(), area.areas.tolist(), strict=True)
+    return [_contour(area.cells, height, threshold, wanted) for threshold, wanted in each]
 
 
 def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
-    """Return the outline of what is denser [1/m2] than a threshold, given as its logarithm: about so large an area [m2].
+    """Return the outline [deg] of the cells that are denser than a threshold, the logarithm of a density [1/m2].
 
-    The line runs where the logarithm of density, linear between cell centres, is that of the area's last cells; where
-    cells are coarse, at the density that gives it the area itself to 0.5 %. A pad of empty cells closes it at the edge.
-    Along a shore, a cell or two wide, it keeps nearer to the shoreline than its cells do, and holds more than they: 50
-    % of 20,000 stranded particles on a wavy shore 58 %, 75 % 76, 95 % 98; of 60 % of them 54, 75 and 95.
+    wanted: size [m2] of these cells.
+
+    The line runs where the logarithm of density, linear between cell centres, is at the threshold. Where cells are
+    coarse it is moved until it encloses the wanted size to 0.5 %. A pad of empty cells closes it at the edge.
+    Along a shore the outline, a cell or two wide, keeps nearer to the shoreline than the cells do, and holds more than
+    they: with 20,000 particles stranded on a wavy shore the outlines of the 50, 75 and 95 % areas held 58, 76 and 98 %,
+    with 60 % of them stranded 54, 75 and 95 %.
     """
-    near = height > np.exp(threshold - 3)  # no line is drawn farther out than from a cell of these to the next
+    near = height > np.exp(threshold - 3)  # the line runs no farther out than the neighbours of these
     rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
     south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
     height = height[south : rows[-1] + 2, west : columns[-1] + 2]
-    # what lies far below the threshold, and empty cells, count as e^-4 of it: the line stays near the cells that matter
+    # Empty cells and those far below the threshold count as e^-4 of it: so the line stays near the cells that matter.
     field = np.pad(np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4)
     lon, lat = cells.lon()[west : columns[-1] + 2], cells.lat()[south : rows[-1] + 2]
     dlon, dlat = (cells.width, cells.height) * np.array(360.0 / sphere.TURN)
@@ -263,7 +274,10 @@ def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> sh
 
 
 def _rings(lines: contourpy.ContourGenerator, threshold: float) -> list[list[Array]]:
-    """Return, by polygon, the outer ring (anticlockwise) and the holes (clockwise) where the field exceeds a threshold."""
+    """Return the rings of the polygons in which the field exceeds a threshold.
+
+    Of each polygon the outer ring comes first (anticlockwise), then its holes (clockwise).
+    """
     return [
         [points[a:b] for a, b in itertools.pairwise(offsets)]
         for points, offsets in zip(*lines.filled(threshold, np.inf), strict=True)
@@ -279,7 +293,7 @@ def _area(ring: Array) -> float:
 
 def _polygons(rings: list[list[Array]]) -> shapely.MultiPolygon:
     """Return valid polygons of rings."""
-    whole = shapely.make_valid(shapely.MultiPolygon([shapely.Polygon(one[0], one[1:]) for one in rings]))
+    whole = shapely.make_valid(shapely.MultiPolygon([shapely.Polygon(outer, holes) for outer, *holes in rings]))
     parts = [p for p in shapely.get_parts(whole) if p.geom_type in ("Polygon", "MultiPolygon") and p.area > 0]
     union = shapely.union_all(parts) if parts else shapely.MultiPolygon()
     return union if isinstance(union, shapely.MultiPolygon) else shapely.MultiPolygon([union])

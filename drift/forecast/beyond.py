@@ -1,4 +1,4 @@
-"""What the frame of a picture leaves out, in words: a share of the probability, a contact, a position, and where they lie."""
+"""What the frame of a picture leaves out, in words: probability, contacts and positions, and where they lie."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,42 +14,41 @@ from geo import notation, sphere
 from geo.array import Array
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
-NEARLY = 0.9  # of what is left out: so much is told of as if it were all
-NAMED = 3  # places that are told by name
+NEARLY = 0.9  # share of what is left out that counts as all of it
+NAMED = 3  # places that are given by name; of more, the number
 
 
-def told(here: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
+def told(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
     """Return in a sentence what a frame leaves out of the map at a time; empty if that is little and no place.
 
-    at: a forecast's data (drift.forecast.dataset) at one time. places: by name, the shapes (n, 2) [deg] of what is told
-    where no point of it is in the frame. Of the probability more than labels.TELLING is told.
+    at: a forecast's data (drift.forecast.dataset) at one time. places: shapes (n, 2) [deg] by name; a place is reported
+    where no point of it is in the frame. Probability is reported where more than TELLING is outside.
     """
-    parts = [_probability(here, at), named(here, places or {})]
+    parts = [_probability(frame, at), named(frame, places or {})]
     return "; ".join(part for part in parts if part)
 
 
-def aside(here: Frame, at: Any) -> str:
-    """Return what a frame leaves out of the probability in a few words, for a small map; empty if that is little."""
-    mass = _outside(here, at)
+def aside(frame: Frame, at: Any) -> str:
+    """Return in a few words, for a small map, what a frame leaves out of the probability; empty if that is little."""
+    mass = _outside(frame, at)
     total = float(mass.sum())
     if total <= TELLING:
         return ""
     lon, lat, _ = _most(mass, at)
-    inside = within(here, np.array([[lon, lat]]))[0]
-    return f"{labels.percent(total)} outside the frame{'' if inside else f', {_point(here, lon, lat)}'}"
+    inside = within(frame, np.array([[lon, lat]]))[0]
+    return f"{labels.percent(total)} outside the frame{'' if inside else f', {_point(frame, lon, lat)}'}"
 
 
-def within(here: Frame, points: Array) -> Array:
+def within(frame: Frame, points: Array) -> Array:
     """Return which of points (n, 2) [deg] are in a frame, bool (n,)."""
-    x, y = here.project(points[:, 0], points[:, 1])
-    return np.asarray((here.x[0] <= x) & (x <= here.x[1]) & (here.y[0] <= y) & (y <= here.y[1]))
+    return frame.holds(*frame.project(points[:, 0], points[:, 1]))
 
 
-def hidden(here: Frame, shapes: Sequence[Array]) -> bool:
+def hidden(frame: Frame, shapes: Sequence[Array]) -> bool:
     """Whether nothing of these shapes is in a frame: no part of a line, nor the frame in a closed one."""
-    box = shapely.box(here.x[0], here.y[0], here.x[1], here.y[1])
+    box = shapely.box(frame.x[0], frame.y[0], frame.x[1], frame.y[1])
     for points in shapes:
-        xy = np.column_stack(here.project(points[:, 0], points[:, 1]))
+        xy = np.column_stack(frame.project(points[:, 0], points[:, 1]))
         xy = xy[np.isfinite(xy).all(axis=1)]
         if len(xy) == 0:
             continue
@@ -60,32 +59,32 @@ def hidden(here: Frame, shapes: Sequence[Array]) -> bool:
     return bool(len(shapes))
 
 
-def _outside(here: Frame, at: Any) -> Array:
+def _outside(frame: Frame, at: Any) -> Array:
     """Return the probability of the cells outside a frame, 0 in it, (nlat, nlon)."""
     mass = at["probability"].values.astype(np.float64)
     rows, columns = np.nonzero(mass)
-    inside = within(here, np.column_stack([at["lon"].values[columns], at["lat"].values[rows]]))
+    inside = within(frame, np.column_stack([at["lon"].values[columns], at["lat"].values[rows]]))
     mass[rows[inside], columns[inside]] = 0.0
     return np.asarray(mass)
 
 
-def _probability(here: Frame, at: Any) -> str:
-    mass = _outside(here, at)
+def _probability(frame: Frame, at: Any) -> str:
+    mass = _outside(frame, at)
     total = float(mass.sum())
     if total <= TELLING:
         return ""
     lon, lat, alone = _most(mass, at)
     words = f"{labels.percent(total)} of the probability lies outside this frame"
-    if within(here, np.array([[lon, lat]]))[0]:  # round about it
+    if within(frame, np.array([[lon, lat]]))[0]:  # their mean is in the frame: they lie round it
         return f"{words}, on several sides"
-    return f"{words}, {'' if alone else 'most of it '}{_where(here, lon, lat)}"
+    return f"{words}, {'' if alone else 'most of it '}{_where(frame, lon, lat)}"
 
 
 def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
     """Return the mean position (lon, lat) [deg] of the place that holds most, and whether it is the only one.
 
-    A place is made of connected cells. Of all cells the densest count that hold NEARLY all: smoothing leaves a trace
-    everywhere.
+    A place is made of connected cells. Only the densest cells count, which together hold NEARLY all: smoothing leaves a
+    trace everywhere.
     """
     height = (mass / at["cell_area"].values).ravel()
     order = np.argsort(-height, kind="stable")
@@ -100,23 +99,23 @@ def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
     return lon, lat, bool(each.max() >= NEARLY * each.sum())
 
 
-def named(here: Frame, places: Mapping[str, Sequence[Array]]) -> str:
+def named(frame: Frame, places: Mapping[str, Sequence[Array]]) -> str:
     """Return which places lie outside a frame, and where; empty if none does."""
-    found = [
-        f"{name}, {_where(here, *shapes[0].mean(axis=0))}" for name, shapes in places.items() if hidden(here, shapes)
+    outside = [
+        f"{name}, {_where(frame, *shapes[0].mean(axis=0))}" for name, shapes in places.items() if hidden(frame, shapes)
     ]
-    if not found:
+    if not outside:
         return ""
-    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    return f"outside this frame: {'; '.join(found[:NAMED])}{more}"
+    more = f" and {len(outside) - NAMED} more" if len(outside) > NAMED else ""
+    return f"outside this frame: {'; '.join(outside[:NAMED])}{more}"
 
 
-def _where(here: Frame, lon: float, lat: float) -> str:
+def _where(frame: Frame, lon: float, lat: float) -> str:
     """Return in which direction from the middle of a frame a place is, and where."""
-    return f"to the {_point(here, lon, lat)} (around {notation.position(lon, lat)})"
+    return f"to the {_point(frame, lon, lat)} (around {notation.position(lon, lat)})"
 
 
-def _point(here: Frame, lon: float, lat: float) -> str:
+def _point(frame: Frame, lon: float, lat: float) -> str:
     """Return the direction from the middle of a frame to a place, as one of eight points."""
-    east, north = sphere.offset(*np.radians(here.centre), *np.radians([lon, lat]))
+    east, north = sphere.offset(*np.radians(frame.centre), *np.radians([lon, lat]))
     return POINTS[round(float(np.degrees(np.arctan2(east, north))) / 45) % 8]

@@ -28,9 +28,9 @@ from geo.errors import UserError
 __all__ = ["Contour", "Forecast", "Snapshot", "build"]
 
 AT_ONCE = 2  # maps that are made at the same time: each holds some 50 MB meanwhile
-ACROSS = 360  # cells across the forecast's grid at most
-ACROSS_ONE = 840  # and across the finer one of a single snapshot
-MOST_ONE = 1_500_000  # cells of a snapshot on a given grid
+ACROSS = 360  # most cells across the forecast's grid
+ACROSS_ONE = 840  # most cells across the finer grid of a single snapshot
+MOST_ONE = 1_500_000  # most cells of a snapshot on a grid of the user's own
 METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridian
 
 
@@ -57,17 +57,20 @@ class Forecast:
         return self.data["probability"]
 
     def containment_at(self, time: np.datetime64, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-        """Return the smallest share of the probability whose area holds each of some points [deg], (n,): see drift.forecast.containment."""
+        """Return the smallest share of the probability whose area holds each of some points [deg], (n,).
+
+        See drift.forecast.containment.
+        """
         return containment.at(self.data, time, lon, lat)
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """The shares whose areas it tells, ascending."""
+        """Shares of the probability whose areas it gives, ascending."""
         return tuple(float(share) for share in self.data["share"].values)
 
     @property
     def ends(self) -> tuple[float, ...]:
-        """The smallest and the largest of them: what a small map has room for."""
+        """The smallest and the largest of the shares: a small map has room for these."""
         return tuple(dict.fromkeys((self.shares[0], self.shares[-1])))
 
 
@@ -121,30 +124,33 @@ def begin(
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
 ) -> Callable[[], Forecast]:
-    """Return what does the rest of `build`, in any thread: `is_land` and `deposit`, which may need the device, have been asked."""
+    """Return a function that does the rest of `build`, in any thread.
+
+    `is_land` and `deposit`, which may need the device, are called before it is returned.
+    """
     centre = _reference(snapshots)
-    clouds = [_cloud(one, centre) for one in snapshots]
+    clouds = [_cloud(snapshot, centre) for snapshot in snapshots]
     windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
     land = _Land(is_land, common)
     laid = [
         None
         if cloud is None or window is None
-        else _Laid(window, _deposits(one, cloud, window, len(scenarios), deposit), land.on(window))
-        for one, cloud, window in zip(snapshots, clouds, windows, strict=True)
+        else _Laid(window, _deposits(snapshot, cloud, window, len(scenarios), deposit), land.on(window))
+        for snapshot, cloud, window in zip(snapshots, clouds, windows, strict=True)
     ]
     bandwidths = None if grid is None else [None if cloud is None else cloud.spacing for cloud in clouds]
 
     def rest() -> Forecast:
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            made = list(pool.map(lambda one: None if one is None else _map(one, shares, common), laid))
+            maps = list(pool.map(lambda own: None if own is None else _map(own, shares, common), laid))
         contours = tuple(
-            Contour(one.time, share, float(size), line)
-            for one, drawn in zip(snapshots, made, strict=True)
+            Contour(snapshot.time, share, float(size), outline)
+            for snapshot, drawn in zip(snapshots, maps, strict=True)
             if drawn is not None
-            for share, size, line in zip(shares, drawn[0].areas, drawn[1], strict=True)
+            for share, size, outline in zip(shares, drawn[0].areas, drawn[1], strict=True)
         )
-        maps = [None if drawn is None else drawn[0] for drawn in made]
-        return Forecast(dataset.build(snapshots, scenarios, common, maps, shares, bandwidths), contours)
+        without_outlines = [None if drawn is None else drawn[0] for drawn in maps]
+        return Forecast(dataset.build(snapshots, scenarios, common, without_outlines, shares, bandwidths), contours)
 
     return rest
 
@@ -182,36 +188,26 @@ def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells |
     west, east = min(c.west for c in present), max(c.east for c in present)
     shrink = max(float(np.cos((south + north) / 2 * sphere.UNIT)), 0.01)
     across = max(north - south, (east - west) * shrink)
-    wanted = [max(cloud.spacing / 2.5, 0.2 * METRE) for cloud in present]
+    wanted = [_wanted(cloud) for cloud in present]
     side = max(across / ACROSS, min(*wanted, across / 120) if len(wanted) > 1 else min(wanted[0], across / 120), 32.0)
     halvings = min(max(int(np.log2(side / 8)), 0), 10)
     height = _multiple(side, 2**halvings)
     width = _multiple(side / shrink, 2**halvings)
-
-    def span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
-        """First and last + 1 common cell of an extent with its margin."""
-        margin = reach + 0.04 * (high - low)
-        return int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1
 
     boxes: list[tuple[int, int, int, int, int] | None] = []
     for cloud in clouds:
         if cloud is None:
             boxes.append(None)
             continue
-        fine = max(cloud.spacing / 2.5, 0.2 * METRE)
-        x0, x1 = span(cloud.west, cloud.east, width, 15 * fine / shrink)
-        y0, y1 = span(cloud.south, cloud.north, height, 15 * fine)
+        fine = _wanted(cloud)
+        x0, x1 = _span(cloud.west, cloud.east, width, 15 * fine / shrink)
+        y0, y1 = _span(cloud.south, cloud.north, height, 15 * fine)
         y0, y1 = max(y0, -(2**30) // height), min(y1, 2**30 // height)
-        k = 0
-        while height / 2**k > 1.4 * fine and k < halvings and max(x1 - x0, y1 - y0) * 2 ** (k + 1) <= ACROSS_ONE:
-            k += 1
-        boxes.append((x0, x1, y0, y1, k))
-    known = [box for box in boxes if box is not None]
-    left, right = (
-        min(b[0] for b in known),
-        min(max(b[1] for b in known), min(b[0] for b in known) + sphere.TURN // width),
-    )
-    low, high = min(b[2] for b in known), max(b[3] for b in known)
+        boxes.append((x0, x1, y0, y1, _halved(height, fine, max(x1 - x0, y1 - y0), halvings)))
+    filled = [box for box in boxes if box is not None]
+    left = min(b[0] for b in filled)
+    right = min(max(b[1] for b in filled), left + sphere.TURN // width)
+    low, high = min(b[2] for b in filled), max(b[3] for b in filled)
 
     def lon0(x: int) -> int:
         return centre + x * width
@@ -230,7 +226,7 @@ def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells |
 
 
 def _fixed(clouds: Sequence[_Cloud | None], centre: int, grid: Cells) -> list[Cells | None]:
-    """Return each snapshot's own cells, which divide those of a given grid by powers of two, on its turn of longitude."""
+    """Return each snapshot's own cells, which divide those of a given grid by powers of two."""
     middle = grid.lon0 + grid.nlon * grid.width // 2
     offset = (centre - middle + sphere.TURN // 2) % sphere.TURN - sphere.TURN // 2 + middle - grid.lon0
     halvings = (QUANTUM & -QUANTUM).bit_length() - 1
@@ -240,28 +236,40 @@ def _fixed(clouds: Sequence[_Cloud | None], centre: int, grid: Cells) -> list[Ce
         if cloud is None:
             windows.append(None)
             continue
-        fine = max(cloud.spacing / 2.5, 0.2 * METRE)
-        spans = []
-        for low, high, cell in (
-            (offset + cloud.west, offset + cloud.east, grid.width),
-            (cloud.south - grid.lat0, cloud.north - grid.lat0, grid.height),
-        ):
-            margin = 15 * fine * cell / grid.height + 0.04 * (high - low)
-            spans.append((int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1))
-        (x0, x1), (y0, y1) = spans
+        fine = _wanted(cloud)
+        x0, x1 = _span(offset + cloud.west, offset + cloud.east, grid.width, 15 * fine * grid.width / grid.height)
+        y0, y1 = _span(cloud.south - grid.lat0, cloud.north - grid.lat0, grid.height, 15 * fine)
         y0, y1 = max(y0, -((2**30 + grid.lat0) // grid.height)), min(y1, (2**30 - grid.lat0) // grid.height)
         if (x1 - x0) * (y1 - y0) > MOST_ONE:
             across = max((x1 - x0) * grid.width * shrink, (y1 - y0) * grid.height) / METRE
             raise UserError(
-                f"output.grid: the particles are {across / 1000:,.0f} km across, {x1 - x0:,} x {y1 - y0:,} of its cells; at most "
-                f"{MOST_ONE:,} can be smoothed: make spacing {np.sqrt((x1 - x0) * (y1 - y0) / MOST_ONE):.1f} times as large"
+                f"output.grid: the particles are {across / 1000:,.0f} km across, "
+                f"{x1 - x0:,} x {y1 - y0:,} of its cells; at most {MOST_ONE:,} can be smoothed: "
+                f"make spacing {np.sqrt((x1 - x0) * (y1 - y0) / MOST_ONE):.1f} times as large"
             )
-        k = 0
-        while grid.height / 2**k > 1.4 * fine and k < halvings and max(x1 - x0, y1 - y0) * 2 ** (k + 1) <= ACROSS_ONE:
-            k += 1
+        k = _halved(grid.height, fine, max(x1 - x0, y1 - y0), halvings)
         corner = grid.lon0 + x0 * grid.width, grid.lat0 + y0 * grid.height
         windows.append(Cells(*corner, grid.width, grid.height, x1 - x0, y1 - y0).finer(k))
     return windows
+
+
+def _wanted(cloud: _Cloud) -> float:
+    """Return the size of cells [binary angle unit] that is fine enough for a snapshot's densest particles."""
+    return max(cloud.spacing / 2.5, 0.2 * METRE)
+
+
+def _span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
+    """Return the first and the last + 1 cell of an extent with its margin; reach: of a kernel beyond it."""
+    margin = reach + 0.04 * (high - low)
+    return int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1
+
+
+def _halved(height: int, fine: float, across: int, most: int) -> int:
+    """Return how often to halve cells until they are fine enough, at most to ACROSS_ONE of them across."""
+    k = 0
+    while height / 2**k > 1.4 * fine and k < most and across * 2 ** (k + 1) <= ACROSS_ONE:
+        k += 1
+    return k
 
 
 def _multiple(size: float, quantum: int) -> int:
@@ -294,9 +302,10 @@ class _Land:
 
 
 def group(n: int) -> Array:
-    """Return the group 0..3 of each slot: held out of a map together. A hash of the slot, in runs of up to 32.
+    """Return the group 0..3 of each slot: particles of one group are held out of a map together.
 
-    Resampling lays a particle's offspring side by side: brothers must not sit on both sides of a check.
+    It is a hash of the slot, the same in runs of up to 32 slots: resampling lays a particle's offspring side by side,
+    and siblings must not sit on both sides of a check.
     """
     run = min(max(n // 2048, 1), 32)
     code = np.arange(n, dtype=np.uint64) // np.uint64(run) + np.uint64(1)
@@ -308,17 +317,17 @@ def group(n: int) -> Array:
 
 
 def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
-    """Return the map of one snapshot on its own cells, of which `common` are multiples, and the outlines of its areas."""
+    """Return the map of one snapshot on its own cells, which divide `common`, and the outlines of its areas."""
     media, k = _media(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
-    made = areas.build(laid.cells, laid.deposits, media, shares, k)
-    return made, areas.contours(made)
+    area = areas.build(laid.cells, laid.deposits, media, shares, k)
+    return area, areas.contours(area)
 
 
-def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
+def _deposits(snapshot: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
     """Return what lies in each cell of a snapshot's own."""
     index = cloud.index
-    lon, lat, weight = one.lon[index], one.lat[index], one.probability[index]
-    ashore = (one.status[index] == Status.ASHORE).astype(np.int8)
+    lon, lat, weight = snapshot.lon[index], snapshot.lat[index], snapshot.probability[index]
+    ashore = (snapshot.status[index] == Status.ASHORE).astype(np.int8)
     media = 2 if ashore.any() else 1
     amount, heaviest = cells.fixed(weight), float(weight.max())
     level = bool(weight.min() == heaviest)
@@ -327,31 +336,33 @@ def _deposits(one: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, depos
 
     def sums(code: Array, number: int, amounts: Array) -> Array:
         """Deposits of each class of particles in the cells that hold any, shape (number, n)."""
-        made = np.zeros((number, held.size))
+        deposited = np.zeros((number, held.size))
         order = np.argsort(code, kind="stable")
-        for out, some in zip(made, np.split(order, np.searchsorted(code[order], np.arange(1, number))), strict=True):
+        for out, some in zip(
+            deposited, np.split(order, np.searchsorted(code[order], np.arange(1, number))), strict=True
+        ):
             if len(some):
                 out[:] = deposit(lon[some], lat[some], amounts[some], window).ravel()[held] / cells.ONE
-        return made
+        return deposited
 
-    code = group(len(one.lon))[index] * media + ashore
+    code = group(len(snapshot.lon))[index] * media + ashore
     mass = sums(code, 4 * media, amount).reshape(4, media, -1)
     squares = (mass if level else sums(code, 4 * media, square).reshape(4, media, -1)) * heaviest
     by_scenario = mass.sum(axis=0)[None]
     if scenarios > 1:
-        of_scenario = one.scenario[index].astype(np.int16) * media + ashore
+        of_scenario = snapshot.scenario[index].astype(np.int16) * media + ashore
         by_scenario = sums(of_scenario, media * scenarios, amount).reshape(scenarios, media, -1)
     return areas.Deposits(held, mass, squares, by_scenario)
 
 
-def _media(made: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
-    """Return where the object can be adrift and ashore: in water joined to a particle's, and along its shoreline."""
-    mass = made.mass.sum(axis=0)
+def _media(deposits: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
+    """Return where the object can be adrift, in water that holds a particle, and ashore, along its shoreline."""
+    mass = deposits.mass.sum(axis=0)
     if land is None:
         return [density.medium(np.ones(shape, bool))] * len(mass)
     basins, count = ndimage.label(~land)  # a kernel reaches across a spit, but not into a bay that holds nobody
     holds = np.zeros(count + 1, bool)
-    holds[np.unique(basins.ravel()[made.cells])] = True
+    holds[np.unique(basins.ravel()[deposits.cells])] = True
     holds[0] = False
     water = holds[basins]
     allowed = [water.copy()]
@@ -359,5 +370,5 @@ def _media(made: areas.Deposits, shape: tuple[int, int], land: Array | None) -> 
         square = np.ones((3, 3), bool)
         allowed.append(ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square))
     for where, weights in zip(allowed, mass, strict=True):
-        where.ravel()[made.cells[weights > 0]] = True
+        where.ravel()[deposits.cells[weights > 0]] = True
     return [density.medium(where) for where in allowed]

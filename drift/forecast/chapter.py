@@ -1,4 +1,4 @@
-"""What a forecast hands out: its maps over time, tracks of a subsample, tables and shapes for a GIS, and two pictures."""
+"""What a forecast hands out: maps over time, tracks of a subsample, tables, shapes for a GIS, and two pictures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,31 +23,24 @@ class Matter:
     overlays: Sequence[Callable[[Any], Any]] = ()  # what other topics draw on the map: drift.maps.overlay.AtTime
 
 
-def _map(one: Matter, path: Path) -> None:
-    from drift.forecast import map as forecast_map  # here: Matplotlib takes a second to import
+def _map(matter: Matter, path: Path) -> None:
+    from drift.forecast import map as forecast_map  # imported here, for Matplotlib takes a second
 
-    on = one.setting
-    forecast_map.draw_map(
-        one.forecast, path, on.imprint, polygons=on.polygons, marks=on.marks, lines=on.lines, known_as=on.known_as,
-        particles=on.particles, overlays=one.overlays,
-    )  # fmt: skip
+    forecast_map.draw_map(matter.forecast, path, matter.setting, overlays=matter.overlays)
 
 
-def _snapshots(one: Matter, path: Path) -> None:
+def _snapshots(matter: Matter, path: Path) -> None:
     from drift.forecast import map as forecast_map
 
-    on = one.setting
-    forecast_map.draw_snapshots(
-        one.forecast, path, on.imprint, polygons=on.polygons, marks=on.marks, particles=on.particles
-    )
+    forecast_map.draw_snapshots(matter.forecast, path, matter.setting)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "forecast.nc": lambda one, stamped: one.forecast.data,
-    "particles.nc": lambda one, stamped: forecast_tracks.dataset(one.tracks, one.forecast),
-    "contours.geojson": lambda one, stamped: tables.geojson(one.forecast, stamped),
-    "track.csv": lambda one, stamped: tables.track(one.forecast, stamped["run_id"]),
-    "ashore.csv": lambda one, stamped: tables.ashore(one.forecast, stamped["run_id"]),
+    "forecast.nc": lambda matter, stamped: matter.forecast.data,
+    "particles.nc": lambda matter, stamped: forecast_tracks.dataset(matter.tracks, matter.forecast),
+    "contours.geojson": lambda matter, stamped: tables.contours(matter.forecast, stamped),
+    "track.csv": lambda matter, stamped: tables.track(matter.forecast, stamped["run_id"]),
+    "ashore.csv": lambda matter, stamped: tables.ashore(matter.forecast, stamped["run_id"]),
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
     "map.png": _map,
@@ -55,6 +48,6 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 }
 
 
-def chapter(one: Matter) -> Chapter:
+def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a forecast."""
-    return Chapter(tables.numbers(one.forecast), bound(FILES, one), bound(PICTURES, one))
+    return Chapter(tables.numbers(matter.forecast), bound(FILES, matter), bound(PICTURES, matter))

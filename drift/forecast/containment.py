@@ -1,4 +1,4 @@
-"""How a point's containment is read from a forecast: the smallest share of the probability whose area holds the point."""
+"""The containment of points, read from a forecast: the smallest share of the probability whose area holds each."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from geo import notation, sphere
 from geo.array import Array
 from geo.errors import UserError
 
-LEAST = 1e-6  # 1 - containment of a cell of the rim, whose logarithm is finite so
+LEAST = 1e-6  # least 1 - containment, which keeps its logarithm finite in cells of the rim
 
 
 def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
@@ -21,16 +21,16 @@ def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
     not.
     """
     times = data["time"].values
-    found = np.flatnonzero(times == np.datetime64(time, "ns"))
-    if not found.size:
+    match = np.flatnonzero(times == np.datetime64(time, "ns"))
+    if not match.size:
         first, last = (notation.group(moment) for moment in times[[0, -1]])
         raise UserError(
-            f"containment at {notation.group(np.datetime64(time, 's'))}: no output is at that time; there are {times.size}, from "
-            f"{first} to {last}: see output.times"
+            f"containment at {notation.group(np.datetime64(time, 's'))}: no output is at that time; "
+            f"there are {times.size}, from {first} to {last}: see output.times"
         )
-    one = data.isel(time=int(found[0]))
-    holds = one["probability"].values > 0
-    outer = np.log(np.maximum(1 - one["containment"].values.astype(np.float64), LEAST))
+    output = data.isel(time=int(match[0]))
+    holds = output["probability"].values > 0
+    outer = np.log(np.maximum(1 - output["containment"].values.astype(np.float64), LEAST))
     x, y = _place(data["lon"].values, lon, turning=True), _place(data["lat"].values, lat, turning=False)
     x, y = np.broadcast_arrays(x, y)
     nlat, nlon = holds.shape
@@ -53,7 +53,10 @@ def _nearest(place: Array, size: int) -> Array:
 
 
 def _place(centres: Array, where: npt.ArrayLike, *, turning: bool) -> Array:
-    """Return places along an axis, counted in cells from its first centre; longitudes are taken to run on with the axis."""
+    """Return places along an axis, counted in cells from its first centre.
+
+    turning: whether they are longitudes, which are brought to the turn of the axis.
+    """
     where = np.asarray(where, np.float64)
     step = float(centres[1] - centres[0]) if len(centres) > 1 else 1.0
     if turning:

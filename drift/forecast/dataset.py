@@ -27,11 +27,11 @@ def _positions(name: str, dims: tuple[str, ...], words: str) -> dict[str, tuple[
     }
 
 
-HERE = ("time", "lat", "lon")
+CELLWISE = ("time", "lat", "lon")
 # name: dimensions, attributes. Each takes its values from `_maps` or `_numbers`.
 VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "probability": (
-        HERE,
+        CELLWISE,
         {
             "long_name": "probability that the object is in the cell, adrift or ashore",
             "units": "1",
@@ -40,7 +40,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         },
     ),
     "probability_ashore": (
-        HERE,
+        CELLWISE,
         {"long_name": "probability that the object is ashore in the cell", "units": "1", "cell_measures": AREA},
     ),
     "probability_by_scenario": (
@@ -52,7 +52,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         },
     ),
     "containment": (
-        HERE,
+        CELLWISE,
         {
             "long_name": "smallest share of the probability on the map whose area contains the cell",
             "units": "1",
@@ -110,7 +110,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "off_grid": (
         ("time",),
         {
-            "long_name": "share of the probability adrift or ashore that lies outside the grid; areas and containment count it",
+            "long_name": "share of the probability adrift or ashore that lies outside the grid; "
+            "areas and containment count it",
             "units": "1",
         },
     ),
@@ -137,27 +138,27 @@ def build(
     bandwidths: [binary angle unit] that suit the densest particles of each snapshot, on a grid that does not follow
     them.
     """
-    counted = [_counted(one, len(scenarios)) for one in snapshots]
+    counted = [_counted(snapshot, len(scenarios)) for snapshot in snapshots]
     values = {
         **_maps(maps, grid, len(scenarios)),
         **_numbers(snapshots, len(scenarios), maps, len(shares)),
         **_effective(counted),
-        **_tracks([means(one, len(scenarios)) for one in snapshots], grid),
+        **_tracks([means(snapshot, len(scenarios)) for snapshot in snapshots], grid),
     }
     if bandwidths is None:
         del values["off_grid"]
     else:
         values["cells_per_kernel"] = np.array(
             [
-                np.nan if one is None or bandwidth is None else bandwidth / one.cells.height
-                for one, bandwidth in zip(maps, bandwidths, strict=True)
+                np.nan if area is None or bandwidth is None else bandwidth / area.cells.height
+                for area, bandwidth in zip(maps, bandwidths, strict=True)
             ]
         )
     data = {name: (dims, values[name], attributes) for name, (dims, attributes) in VARIABLES.items() if name in values}
-    made = xr.Dataset(data, _coordinates([one.time for one in snapshots], scenarios, grid, shares))
-    if "effective_worlds" in made:
-        made["effective_worlds"].attrs["worlds"] = counted[0].drawn
-    return made
+    forecast = xr.Dataset(data, _coordinates([snapshot.time for snapshot in snapshots], scenarios, grid, shares))
+    if "effective_worlds" in forecast:
+        forecast["effective_worlds"].attrs["worlds"] = counted[0].drawn
+    return forecast
 
 
 def _maps(maps: Sequence[areas.Area | None], grid: Cells, scenarios: int) -> dict[str, Array]:
@@ -167,17 +168,17 @@ def _maps(maps: Sequence[areas.Area | None], grid: Cells, scenarios: int) -> dic
     probability, ashore, contained = (np.zeros(shape, np.float32) for _ in range(3))
     contained[:] = np.nan
     off = np.full(len(maps), np.nan)
-    for i, one in enumerate(maps):
-        if one is None:
+    for i, area in enumerate(maps):
+        if area is None:
             continue
-        part, own = _coarsened(one, grid)
+        part, own = _coarsened(area, grid)
         where, there = _shared(own, grid)
         total = part.sum(axis=(0, 1))
         by_scenario[(i, slice(None), *where)] = part.sum(axis=1)[(slice(None), *there)]
         probability[(i, *where)] = total[there]
         ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))[there]  # nothing where nobody is ashore
         contained[i] = 1.0
-        contained[(i, *where)] = _containment(one, total, own.area())[there]
+        contained[(i, *where)] = _containment(area, total, own.area())[there]
         off[i] = 1 - total[there].sum() / total.sum()
     return {
         "probability": probability,
@@ -240,7 +241,7 @@ class _Counted:
     status: Array  # (statuses,)
     scenario: Array  # (scenarios,), adrift or ashore
     worlds: float  # adrift or ashore; NaN where there are none
-    drawn: int  # worlds
+    drawn: int  # number of worlds that were drawn; 0 where there are none
 
 
 def _counted(one: Snapshot, scenarios: int) -> _Counted:
@@ -266,7 +267,7 @@ def _effective(counted: Sequence[_Counted]) -> dict[str, Array]:
 
 
 def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return the rows and columns that cells have in common with a grid, counted on the grid, and counted on the cells."""
+    """Return the rows and columns that cells share with a grid, counted on the grid, and counted on the cells."""
     on_grid, on_cells = [], []
     for start, count, size in (
         ((own.lat0 - grid.lat0) // grid.height, own.nlat, grid.nlat),
@@ -279,29 +280,29 @@ def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, 
     return (on_grid[0], on_grid[1]), (on_cells[0], on_cells[1])
 
 
-def _coarsened(one: areas.Area, grid: Cells) -> tuple[Array, Cells]:
+def _coarsened(area: areas.Area, grid: Cells) -> tuple[Array, Cells]:
     """Return the map summed into cells of the common size, and these."""
-    k = grid.width // one.cells.width
-    return areas.summed(one.probability, k) if k > 1 else one.probability, areas.coarser(one.cells, k)
+    k = grid.width // area.cells.width
+    return areas.summed(area.probability, k) if k > 1 else area.probability, areas.coarser(area.cells, k)
 
 
-def _containment(one: areas.Area, total: Array, area: Array) -> Array:
+def _containment(own: areas.Area, total: Array, cell_area: Array) -> Array:
     """Return the containment on the common cells: the map's own, or anew from the sums of finer cells."""
-    if total.shape == one.cells.shape:
-        return one.containment
-    return areas.containment(total, area, one.coarse)[0]
+    if total.shape == own.cells.shape:
+        return own.containment
+    return areas.containment(total, cell_area, own.coarse)[0]
 
 
 def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, Array]:
     """Return mean positions, longitudes run on from the grid's western edge."""
     west = grid.lon()[0] - 180
-    found = {}
+    positions = {}
     for name, at in (
-        ("mean", [one.all for one in mean]),
-        ("datum", [one.adrift for one in mean]),
-        ("scenario_mean", [one.scenario for one in mean]),
+        ("mean", [m.all for m in mean]),
+        ("datum", [m.adrift for m in mean]),
+        ("scenario_mean", [m.scenario for m in mean]),
     ):
-        positions = np.array(at)
-        found[f"{name}_lon"] = sphere.east_of_degrees(positions[..., 0], west)
-        found[f"{name}_lat"] = positions[..., 1]
-    return found
+        lonlat = np.array(at)
+        positions[f"{name}_lon"] = sphere.east_of_degrees(lonlat[..., 0], west)
+        positions[f"{name}_lat"] = lonlat[..., 1]
+    return positions

@@ -32,7 +32,7 @@ SAMPLE = 4096  # particles that tell how fine cells are to be
 REACH = 4  # cells, and standard deviations, as far as a kernel reaches
 BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
 BELL /= BELL.sum()
-WIDER = 4.0  # times as many particles are in the kernels of the densest cells as in those of the thinnest
+WIDER = 4.0  # kernels of the densest cells hold so many times the particles of those of the thinnest
 PER_KERNEL = 0.07  # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
 
 
@@ -97,9 +97,10 @@ def _finer(coarse: Array, shape: tuple[int, int]) -> Array:
 
 
 def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
-    """Return the four cells of the next level among which each of some cells shares its mass by PARTS, (4, n), and its shape.
+    """Return the cells of the next level that share the mass of each cell, (4, n), and that level's shape.
 
-    It is `_coarser` and `_finer` of a few cells, given and returned as flat indices.
+    The shares are PARTS: it does what `_coarser` and `_finer` do, for a few cells that are given and returned as flat
+    indices.
     """
     coarse = ((shape[0] + 1) // 2, (shape[1] + 1) // 2)
     row, column = np.divmod(cells, shape[1])
@@ -109,7 +110,7 @@ def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]
 
 
 def _raised(cells: Array, values: Array, shape: tuple[int, int]) -> Array:
-    """Return `_coarser` of a grid that is zero but in some cells (flat indices, n)."""
+    """Return `_coarser` of a grid that is zero except in some cells (flat indices, n)."""
     if FEW * cells.size < shape[0] * shape[1]:
         above, coarse = _above(cells, shape)
         summed = np.bincount(above.ravel(), np.outer(PARTS, values).ravel(), coarse[0] * coarse[1])
@@ -127,8 +128,9 @@ def _gauss(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Medium:
-    """Where mass may lie: allowed cells (nlat, nlon) and, for each level of the pyramid, the kernel's share on them.
+    """Where mass may lie: allowed cells (nlat, nlon).
 
+    reach: the kernel's share on them, for each level of the pyramid.
     few: the flat indices of the allowed cells, where they are few; None where they are not.
     """
 
@@ -149,15 +151,15 @@ def medium(allowed: Array) -> Medium:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Deposits of one medium: at each level of the pyramid the effective number of particles in a kernel about a cell."""
+    """The effective number of particles in a kernel about each cell, at each level of the pyramid, for one medium."""
 
     number: tuple[Array, ...]
 
 
 def wider(first: Array, area: Array) -> tuple[Array, ...]:
-    """Return how many times as many particles kernels hold in each cell, at each level of the pyramid, by a first map.
+    """Return how many times as many particles the kernels of each cell hold, for each level of the pyramid.
 
-    WIDER to the power 1 - s, where s is the share of the first map (nlat, nlon) that is denser than the cell.
+    It is WIDER to the power 1 - s, where s is the share of a first map (nlat, nlon) that is denser than the cell.
     """
     order = ranked(first / area[:, None])
     inside = np.cumsum(first.ravel()[order])
@@ -173,10 +175,9 @@ def wider(first: Array, area: Array) -> tuple[Array, ...]:
 def histogram(
     cells: Array, mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None
 ) -> Histogram:
-    """Return the pyramids of deposited weights w and of w^2 in cells (flat indices), each (n,).
+    """Return the effective numbers of particles, from weights and their squares in cells (flat indices), each (n,).
 
-    The effective number is that over `more` (see `wider`; as they are without it): so many times as many are then in a
-    kernel.
+    more: factors by which they are divided (see `wider`), so that kernels take in so many times as many.
     """
     numbers = []
     for level, reach in enumerate(where.reach):
@@ -193,14 +194,14 @@ def histogram(
 
 
 def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Array | None = None) -> Array:
-    """Return mass in cells (flat indices, n) as a map (nlat, nlon), smoothed by kernels that hold `m` effective particles of the guide.
+    """Return mass in cells (flat indices, n) as a smooth map (nlat, nlon).
 
-    at: flat indices of the cells whose values alone are wanted, and returned, (k,). Linear in mass: the maps of
-    scenarios add up to that of all. The total is kept to rounding.
+    Kernels hold `m` effective particles of the guide. The map is linear in mass: those of scenarios add up to that of
+    all. The total is kept to rounding. at: flat indices of the cells whose values alone are wanted, and returned, (k,).
     """
-    staying: list[tuple[Array, Array]] = []  # by level: in which cells mass is smoothed there, and how much
+    staying: list[tuple[Array, Array]] = []  # for each level the cells whose mass is smoothed there, and how much
     for number in guide.number[:-1]:
-        # wanted variance / this level's = m / number, between 1 and 4: shares of this and the next level make it
+        # The wanted variance is m / number times this level's, and the next level's is 4 times: shares of both give it.
         share = np.clip((4 - m / np.maximum(number.ravel()[cells], m / 8)) / 3, 0, 1)
         stays = share > 0
         staying.append((cells[stays], (mass * share)[stays]))
@@ -218,7 +219,10 @@ def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium,
 
 
 def _smoothed(staying: Sequence[tuple[Array, Array]], where: Medium, level: int, at: Array | None) -> Array:
-    """Return what stays at a level and above, smoothed there and brought down to it: everywhere, or at flat indices."""
+    """Return what stays at a level and above, smoothed there and brought down to it.
+
+    at: flat indices of the cells that are wanted; None for all.
+    """
     reach, (cells, stay) = where.reach[level], staying[level]
     shape = (reach.shape[0], reach.shape[1])
     if not any(above[0].size for above in staying[level + 1 :]):
@@ -269,7 +273,10 @@ class Calibration:
 
 
 def ranked(density: Array, least: float = 0.0) -> Array:
-    """Return flat indices of the cells with any probability, densest first; ties in order of the index. least: so dense at least."""
+    """Return flat indices of the cells with any probability, densest first; ties in order of the index.
+
+    least: density under which cells are left out.
+    """
     occupied = np.flatnonzero(density >= least if least > 0 else density > 0)
     sparse = -density.ravel()[occupied]
     order = np.argsort(sparse)  # twice as fast as a stable sort: ties, which are few, are brought into order afterwards
@@ -282,10 +289,13 @@ def ranked(density: Array, least: float = 0.0) -> Array:
 
 
 def calibrate(mass: Array, area: Array, cells: Array, unseen: Array) -> Calibration:
-    """Return the calibration of a map (nlat, nlon) by the deposit (n,) in cells (flat indices) of particles that it has not seen."""
+    """Return the calibration of a map (nlat, nlon) by particles that it has not seen.
+
+    unseen: their deposit (n,) in cells (flat indices).
+    """
     density, held = mass / area[:, None], np.zeros(mass.size)
     held[cells] = unseen
-    order = ranked(density, density.ravel()[cells[unseen > 0]].min())  # farther out nothing of it is left
+    order = ranked(density, density.ravel()[cells[unseen > 0]].min())  # none of the unseen lies in thinner cells
     inside, seen = np.cumsum(mass.ravel()[order]), np.cumsum(held[order]) / unseen.sum()
     share = np.interp(KNOTS, np.concatenate([[0.0], inside / mass.sum()]), np.concatenate([[0.0], seen]))
     share[-1] = 1.0

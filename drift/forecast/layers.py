@@ -38,7 +38,7 @@ PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1
 
 
 def prior_style(which: int) -> dict[str, Any]:
-    """Return colour, dashes and halo of a scenario's area or trackline; twenty differ, in grey too by their dashes."""
+    """Return the style of a scenario's area or trackline; twenty differ, by their dashes in grey print too."""
     return {
         "color": PRIOR_COLOURS[which % len(PRIOR_COLOURS)],
         "linestyle": PRIOR_DASHES[which % len(PRIOR_DASHES)],
@@ -62,13 +62,13 @@ def extent(
 ) -> Frame:
     """Return the frame of what is shaded at these times, the mean track and what is marked; not of outliers.
 
-    also: shapes, each several (n, 2) [deg], that it shows too where it is then at most LARGER times as large.
+    also: places, each some shapes (n, 2) [deg]; one is shown too unless that makes the frame over LARGER times as wide.
     """
     data = forecast.data
     lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
-    for one in forecast.contours:
-        if one.time in times and one.share == max(c.share for c in forecast.contours) and not one.polygon.is_empty:
-            west, south, east, north = _shaded(forecast, one)
+    for contour in forecast.contours:
+        if contour.time in times and contour.share == forecast.shares[-1] and not contour.polygon.is_empty:
+            west, south, east, north = _shaded(forecast, contour)
             lon.append(np.array([west, east]))
             lat.append(np.array([south, north]))
     middle = float(data["lon"].mean())
@@ -80,28 +80,31 @@ def extent(
         lon.append(np.asarray(line.lon, float) + shift)
         lat.append(np.asarray(line.lat, float))
     every_lon, every_lat = np.concatenate(lon), np.concatenate(lat)
-    known = np.isfinite(every_lon) & np.isfinite(every_lat)
-    if not known.any():
-        every_lon, every_lat, known = data["lon"].values[[0, -1]], data["lat"].values[[0, -1]], np.array([True, True])
-    here = chart.frame(every_lon[known], every_lat[known], aspect, margin=0.05)
+    finite = np.isfinite(every_lon) & np.isfinite(every_lat)
+    if not finite.any():
+        every_lon, every_lat, finite = data["lon"].values[[0, -1]], data["lat"].values[[0, -1]], np.array([True, True])
+    frame = chart.frame(every_lon[finite], every_lat[finite], aspect, margin=0.05)
     for shapes in also:
-        if beyond.hidden(here, shapes):
-            more = [*lines, *(Line(one[:, 0].tolist(), one[:, 1].tolist(), "") for one in shapes)]
+        if beyond.hidden(frame, shapes):
+            more = [*lines, *(Line(points[:, 0].tolist(), points[:, 1].tolist(), "") for points in shapes)]
             whole = extent(forecast, times, marks, more, aspect)
-            here, lines = (whole, more) if little(here, whole) else (here, lines)
-    return here
+            frame, lines = (whole, more) if little(frame, whole) else (frame, lines)
+    return frame
 
 
-def little(here: Frame, whole: Frame) -> bool:
-    """Whether a frame is at most LARGER times as large as another."""
-    return whole.x[1] - whole.x[0] <= LARGER * (here.x[1] - here.x[0])
+def little(frame: Frame, whole: Frame) -> bool:
+    """Whether the whole frame is at most LARGER times as wide as a frame."""
+    return whole.x[1] - whole.x[0] <= LARGER * (frame.x[1] - frame.x[0])
 
 
-def _shaded(forecast: Forecast, one: Contour) -> tuple[float, float, float, float]:
-    """Return the bounds [deg] of the cells shaded at a contour's time, at most its size beyond the contour: no outliers."""
+def _shaded(forecast: Forecast, contour: Contour) -> tuple[float, float, float, float]:
+    """Return the bounds [deg] of the cells that are shaded at a contour's time.
+
+    Outliers do not count: on each side the bounds reach at most the contour's size beyond the contour.
+    """
     data = forecast.data
-    west, south, east, north = one.polygon.bounds
-    cells = data["containment"].values[int(np.flatnonzero(data["time"].values == one.time)[0])] <= SHOWN
+    west, south, east, north = contour.polygon.bounds
+    cells = data["containment"].values[int(np.flatnonzero(data["time"].values == contour.time)[0])] <= SHOWN
     lon, lat = (data[name].values[np.flatnonzero(cells.any(axis=axis))] for name, axis in (("lon", 0), ("lat", 1)))
     if not len(lon):
         return west, south, east, north
@@ -119,6 +122,7 @@ def _shaded(forecast: Forecast, one: Contour) -> tuple[float, float, float, floa
 
 
 def near(lon: float, middle: float) -> float:
+    """Return a longitude [deg] at the number of turns that brings it nearest to another."""
     return sphere.near_degrees(lon, middle)
 
 
@@ -131,7 +135,8 @@ def density(forecast: Forecast, time: int) -> Array:
 def scale_top(at: Any) -> float:
     """Return the density [% per nmi2] that ends the colour scale: the area above it holds a tenth of those adrift.
 
-    The narrow strip of those ashore, marked by symbols, would take most of the scale; it counts if hardly any drift.
+    Those ashore have symbols of their own, and their narrow strip would take most of the scale: they count only where
+    hardly any are adrift.
     """
     mass = at["probability"].values.astype(np.float64).ravel()
     adrift = mass - at["probability_ashore"].values.astype(np.float64).ravel()
@@ -143,20 +148,20 @@ def scale_top(at: Any) -> float:
     return best if best > 0 else max(float(density.max()), 1e-12)
 
 
-def shade(ax: Axes, here: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
-    """Shade cells, only the rows and columns that hold anything."""
+def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
+    """Shade cells that have a value, and return the mesh."""
     rows, columns = (np.flatnonzero(np.isfinite(values).any(axis=axis)) for axis in (1, 0))
     lon, lat = chart.edges(forecast.data["lon"].values), chart.edges(forecast.data["lat"].values)
     r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
     c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
-    x, y = here.project(*np.meshgrid(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1]))
+    x, y = frame.project(*np.meshgrid(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1]))
     return ax.pcolormesh(x, y, np.ma.masked_invalid(values[r, c]), cmap=shading(), norm=norm, zorder=1, rasterized=True)
 
 
 def kept(polygon: shapely.MultiPolygon) -> list[Array]:
     """Return the rings to draw of an area, each (n, 2): without islands and holes of less than ISLAND of its size.
 
-    That is for pictures, not for files; where islands are so many that they make up a tenth, the larger ones stay.
+    Pictures alone leave them out, files do not. Where islands make up more than a tenth, the larger ones stay.
     """
     if polygon.is_empty:
         return []
@@ -172,9 +177,9 @@ def kept(polygon: shapely.MultiPolygon) -> list[Array]:
     return rings
 
 
-def rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str, Any]) -> None:
+def rings(ax: Axes, frame: Frame, polygon: shapely.MultiPolygon, style: dict[str, Any]) -> None:
     """Draw the outlines of an area."""
-    lines = [np.column_stack(here.project(ring[:, 0], ring[:, 1])) for ring in kept(polygon)]
+    lines = [np.column_stack(frame.project(ring[:, 0], ring[:, 1])) for ring in kept(polygon)]
     ax.add_collection(
         LineCollection(
             lines,
@@ -189,56 +194,85 @@ def rings(ax: Axes, here: Frame, polygon: shapely.MultiPolygon, style: dict[str,
 
 
 def lines(shares: Sequence[float]) -> dict[float, dict[str, Any]]:
-    """Return the style of each area's outline, by its share, ascending: solid within, dotted without."""
-    styles = [INNERMOST, *({**INNERMOST, "linewidth": 1.5, "linestyle": one} for one in BETWEEN)]
+    """Return the style of each area's outline by its share: solid for the innermost, dotted for the outermost."""
+    styles = [INNERMOST, *({**INNERMOST, "linewidth": 1.5, "linestyle": dashes} for dashes in BETWEEN)]
     return dict(zip(shares, [*styles[: len(shares) - 1], OUTERMOST] if len(shares) > 1 else styles, strict=False))
 
 
 def line(share: float, forecast: Forecast, few: bool = False) -> dict[str, Any]:
-    """Return the style of an area's outline; where few particles count it is thin and grey, for it is no edge."""
+    """Return the style of an area's outline, which is thin and grey where few particles count."""
     style = lines(forecast.shares)[share]
     return unsure(style) if few else style
 
 
 def areas_of(forecast: Forecast, time: Any, shares: Sequence[float]) -> list[Contour]:
     """Return the outlines of some shares at a time."""
-    return [one for one in forecast.contours if one.time == time and one.share in shares]
+    return [contour for contour in forecast.contours if contour.time == time and contour.share in shares]
 
 
 def unsure(style: dict[str, Any]) -> dict[str, Any]:
-    """Return the style of an outline as it is where few count."""
+    """Return the style of an outline where few particles count: thin and grey, for it is no edge."""
     return {**style, "color": "#55606b", "linewidth": 0.55 * style["linewidth"]}
 
 
 def widest(outlines: Sequence[Contour]) -> shapely.MultiPolygon:
     """Return the largest of a time's areas."""
-    return max(outlines, key=lambda one: one.share).polygon if outlines else shapely.MultiPolygon()
+    return max(outlines, key=lambda contour: contour.share).polygon if outlines else shapely.MultiPolygon()
 
 
-def rough(ax: Axes, here: Frame, area: shapely.MultiPolygon) -> None:
-    """Hatch an area, where few count: its edges are not where they seem."""
-    rings = [Outline(np.column_stack(here.project(*ring.T)), closed=True) for ring in kept(area)]
+def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
+    """Hatch an area of few particles: its edges are not where they seem."""
+    rings = [Outline(np.column_stack(frame.project(*ring.T)), closed=True) for ring in kept(area)]
     if rings:
         ax.add_patch(PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
 
 
-def beside(here: Frame, at: Any, count: effective.Count) -> list[str]:
-    """Return in a few words, for a small map, whether few count and what its frame leaves out."""
-    found = [f"only {count.words}"] if count.few else []
-    out = beyond.aside(here, at)
-    return [*found, out] if out else found
+def outline(
+    ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contour], few: bool, width: float = 1.0
+) -> None:
+    """Draw the outlines of a time's areas, `width` times as wide as usual; hatch where few particles count."""
+    if few:
+        rough(ax, frame, widest(contours))
+    for contour in contours:
+        style = line(contour.share, forecast, few)
+        rings(ax, frame, contour.polygon, {**style, "linewidth": width * style["linewidth"]})
 
 
-def prior_line(ax: Axes, here: Frame, line: Line, which: int) -> None:
+def note(ax: Axes, texts: Sequence[str], **style: Any) -> None:
+    """Write warnings in the lower right corner of a small map."""
+    if texts:
+        ax.text(
+            0.98,
+            0.02,
+            "\n".join(texts),
+            color=LAST_KNOWN,
+            ha="right",
+            va="bottom",
+            transform=ax.transAxes,
+            path_effects=labels.HALO,
+            zorder=16,
+            **style,
+        )
+
+
+def beside(frame: Frame, at: Any, count: effective.Count) -> list[str]:
+    """Return the notes of a small map: whether few particles count, and what its frame leaves out."""
+    notes = [f"only {count.words}"] if count.few else []
+    out = beyond.aside(frame, at)
+    return [*notes, out] if out else notes
+
+
+def prior_line(ax: Axes, frame: Frame, line: Line, which: int) -> None:
     """Draw a scenario's area or trackline in the style of its number among them."""
     lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
     if line.closed:
         lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
-    ax.plot(*here.project(lon, lat), zorder=8, **prior_style(which))
+    ax.plot(*frame.project(lon, lat), zorder=8, **prior_style(which))
 
 
-def mark_point(ax: Axes, here: Frame, mark: Mark, size: float) -> None:
-    x, y = here.project(mark.lon, mark.lat)
+def mark_point(ax: Axes, frame: Frame, mark: Mark, size: float) -> None:
+    """Draw a mark as a ring with a cross; size: of the ring [points]."""
+    x, y = frame.project(mark.lon, mark.lat)
     ax.plot(
         x, y, "o", markersize=size, markerfacecolor="white", markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12
     )
@@ -254,17 +288,17 @@ def mark_symbol(ring: float, cross: float, width: float = 1.6) -> tuple[Line2D, 
     )
 
 
-def ashore_marks(ax: Axes, here: Frame, forecast: Forecast, time: int, scale: float = 1.0) -> float:
+def ashore_marks(ax: Axes, frame: Frame, forecast: Forecast, time: int, scale: float = 1.0) -> float:
     """Mark where the object may be ashore, gathered on a coarse net; return the probability of all of it."""
     ashore = forecast.data["probability_ashore"].values[time].astype(np.float64)
     rows, columns = np.nonzero(ashore)
     total = float(ashore.sum())
     if total < 5e-4:
         return total
-    x, y = here.project(forecast.data["lon"].values[columns], forecast.data["lat"].values[rows])
+    x, y = frame.project(forecast.data["lon"].values[columns], forecast.data["lat"].values[rows])
     weight = ashore[rows, columns]
-    net = (here.x[1] - here.x[0]) / 45
-    bins = np.floor((y - here.y[0]) / net) * 1000 + np.floor((x - here.x[0]) / net)
+    net = (frame.x[1] - frame.x[0]) / 45
+    bins = np.floor((y - frame.y[0]) / net) * 1000 + np.floor((x - frame.x[0]) / net)
     _, member = np.unique(bins, return_inverse=True)
     sums = np.bincount(member, weight)
     order = np.lexsort((-weight, member))  # a symbol stands at the likeliest cell of its mesh
@@ -275,46 +309,48 @@ def ashore_marks(ax: Axes, here: Frame, forecast: Forecast, time: int, scale: fl
     return total
 
 
-def occupied(here: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
+def occupied(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
     """Return points [m] of what must not be covered: the outer contours and the track."""
-    xy = [np.column_stack(here.project(forecast.data["mean_lon"].values, forecast.data["mean_lat"].values))]
+    xy = [np.column_stack(frame.project(forecast.data["mean_lon"].values, forecast.data["mean_lat"].values))]
     xy += [
-        np.column_stack(here.project(*np.array(part.exterior.coords).T))
-        for one in forecast.contours
-        if one.time in times
-        for part in one.polygon.geoms
+        np.column_stack(frame.project(*np.array(part.exterior.coords).T))
+        for contour in forecast.contours
+        if contour.time in times
+        for part in contour.polygon.geoms
     ]
     every = np.concatenate(xy)
     return every[:, 0], every[:, 1]
 
 
 def complete(forecast: Forecast) -> int:
-    """Return the first output from which on the mean track is that of the whole; see effective.released."""
+    """Return the first output from which on the mean is that of all that is released; see effective.released."""
     return effective.released(forecast.data)
 
 
 def spaced(times: Array, most: int) -> list[int]:
-    """Return which of the times to write, the last one always: all, or of more than `most` those that are well apart."""
+    """Return which of some times to write: at most `most`, well apart, the last one always."""
     if len(times) <= most:
         return list(range(len(times)))
-    least, found = abs(times[-1] - times[0]) / (most - 1), [len(times) - 1]
+    least, picks = abs(times[-1] - times[0]) / (most - 1), [len(times) - 1]
     for k in range(len(times) - 2, -1, -1):
-        if abs(times[k] - times[found[-1]]) >= least:
-            found.append(k)
-    return found[::-1]
+        if abs(times[k] - times[picks[-1]]) >= least:
+            picks.append(k)
+    return picks[::-1]
 
 
-def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, time: int, marks: Sequence[Mark]) -> None:
+def track(
+    ax: Axes, canvas: FigureCanvasAgg, frame: Frame, forecast: Forecast, time: int, marks: Sequence[Mark]
+) -> None:
     """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner.
 
-    Where a part is not released yet, the mean jumps with each release: there it is thin and dotted.
+    While a part is not released yet, the mean jumps with each release: that part of the track is thin and dotted.
     """
     data = forecast.data
     lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values
     last = range(len(times))[time]
-    known = [i for i in range(last + 1) if np.isfinite(lat[i])]
-    x, y = here.project(lon[known], lat[known])
-    first = int(np.searchsorted(known, complete(forecast)))
+    picks = [i for i in range(last + 1) if np.isfinite(lat[i])]
+    x, y = frame.project(lon[picks], lat[picks])
+    first = int(np.searchsorted(picks, complete(forecast)))
     ax.plot(x[first:], y[first:], color="white", linewidth=3.2, zorder=10, solid_capstyle="round")
     ax.plot(x[first:], y[first:], color=TRACK, linewidth=1.4, zorder=10.5)
     ax.plot(x[first:], y[first:], "o", color="white", markeredgecolor=TRACK, markersize=4.5, zorder=11)
@@ -323,13 +359,13 @@ def track(ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, ti
     small = {"fontsize": 8, "color": TRACK}
     texts: list[labels.Point] = []
     for mark in marks:
-        mark_point(ax, here, mark, 9)
-        mx, my = here.project(mark.lon, mark.lat)
+        mark_point(ax, frame, mark, 9)
+        mx, my = frame.project(mark.lon, mark.lat)
         texts.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
     must = range(len(texts))
-    told = spaced(times[known], 12)
-    texts += [(float(x[k]), float(y[k]), f"{notation.group(times[known[k]])[:6]}Z", small) for k in told]
-    cx, cy = occupied(here, forecast, [times[last]])
-    mx, my = here.project([m.lon for m in marks], [m.lat for m in marks])
-    bar = chart.scale_bar(ax, here, chart.free_corner(here, np.append(cx, mx), np.append(cy, my)))
+    written = spaced(times[picks], 12)
+    texts += [(float(x[k]), float(y[k]), notation.day_time(times[picks[k]]), small) for k in written]
+    cx, cy = occupied(frame, forecast, [times[last]])
+    mx, my = frame.project([m.lon for m in marks], [m.lat for m in marks])
+    bar = chart.scale_bar(ax, frame, chart.free_corner(frame, np.append(cx, mx), np.append(cy, my)))
     labels.place(ax, canvas, texts, [bar], must={*must, len(texts) - 1})

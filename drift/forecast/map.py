@@ -1,30 +1,32 @@
-"""Pictures of a forecast: the map that a planner pins up, small multiples by time, and a forcing field.
+"""Pictures of a forecast: the map that a planner pins up, and small multiples by time.
 
 Land comes from the polygons handed in; nothing is downloaded. Figures are made and drawn without pyplot and leave no
 state behind. Shading runs from light to dark (magma reversed): even steps to the eye and in grey print.
 """
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.path import Path as Outline
 
 from drift.forecast import beyond, effective, layers
 from drift.forecast import words as forecast_words
-from drift.forecast.build import Forecast
+from drift.forecast.build import Contour, Forecast
 from drift.maps import chart, labels, sheet
 from drift.maps.chart import GREY, INK, Frame
-from drift.maps.imprint import Imprint
-from drift.maps.marks import Line, Mark
+from drift.maps.imprint import Setting
 from drift.maps.overlay import AtTime
 from drift.maps.sheet import Badge, Row, Sheet
 from geo import notation
+from geo.array import Array
 from geo.notation import NMI
 
 ROW = 0.03  # of the page, a row of warnings over the map
@@ -35,95 +37,79 @@ SHEET = Sheet(
 
 
 def draw_map(
-    forecast: Forecast,
-    path: Path,
-    imprint: Imprint,
-    *,
-    polygons: Iterable[Any] = (),
-    marks: Sequence[Mark] = (),
-    lines: Sequence[Line] = (),
-    known_as: str = "Last known position",
-    particles: int | None = None,
-    time: int = -1,
-    overlays: Sequence[AtTime] = (),
+    forecast: Forecast, path: Path, setting: Setting, *, time: int = -1, overlays: Sequence[AtTime] = ()
 ) -> None:
-    """Draw the forecast at one output time (index).
-
-    polygons: shapely land polygons [deg]. known_as: what the marks are. particles: their number in the run.
-    overlays: what other topics draw on it at its time.
-    """
+    """Draw the forecast at one output time (index); overlays: what other topics draw on it at its time."""
     on = sheet.begin(SHEET)
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
-    outlines = [c for c in forecast.contours if c.time == now]
-    over = [overlay(now) for overlay in overlays]
-    places = {name: shapes for one in over for name, shapes in one.places.items()}
-    count = effective.at(forecast.data, time, particles)
-    said = [
-        text
-        for text in (forecast_words.missing(at), forecast_words.unshaded(at), *effective.parts(forecast.data, time))
-        if text
-    ]
-
-    def framed(above: list[str]) -> tuple[float, Frame, list[str]]:
-        """Return the map's height [of the page] under a banner and rows of text, its frame, and what that leaves out."""
-        high = 0.775 - ROW * (count.few + len(above))
-        here = layers.extent(
-            forecast, [now], marks, lines, 0.665 * SHEET.width / (high * SHEET.height), places.values()
-        )
-        return high, here, textwrap.wrap(beyond.told(here, at, places), 135)
-
-    high, here, out = framed(said)
-    if out:
-        high, here, out = framed([*said, *out])
-    ax = on.figure.add_axes((0.055, 0.095, 0.665, high))
-    chart.prepare(ax, here)
+    drawn_over = [overlay(now) for overlay in overlays]
+    places = {name: shapes for overlay in drawn_over for name, shapes in overlay.places.items()}
+    count = effective.at(forecast.data, time, setting.particles)
+    height, frame, warnings = _layout(forecast, setting, time, count, places)
+    ax = on.figure.add_axes((0.055, 0.095, 0.665, height))
+    chart.prepare(ax, frame)
     density = layers.density(forecast, time)
     shown = np.where(at["containment"].values <= layers.SHOWN, density, np.nan)
-    mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
-    land = chart.land_path(here, polygons, 1100)
+    mesh = layers.shade(ax, frame, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
+    land = chart.land_path(frame, setting.polygons, 1100)
     chart.draw_land(ax, land)
-    chart.graticule(ax, here)
-    for i, line in enumerate(lines):
-        layers.prior_line(ax, here, line, i)
-    if count.few:
-        layers.rough(ax, here, layers.widest(outlines))
-    for outline in outlines:
-        layers.rings(ax, here, outline.polygon, layers.line(outline.share, forecast, count.few))
-    for one in over:
-        one.draw(ax, here)
-    ashore = layers.ashore_marks(ax, here, forecast, time)
-    layers.track(ax, on.canvas, here, forecast, time, marks)
+    chart.graticule(ax, frame)
+    for i, line in enumerate(setting.lines):
+        layers.prior_line(ax, frame, line, i)
+    outlines = layers.areas_of(forecast, now, forecast.shares)
+    layers.outline(ax, frame, forecast, outlines, count.few)
+    for overlay in drawn_over:
+        overlay.draw(ax, frame)
+    ashore = layers.ashore_marks(ax, frame, forecast, time)
+    layers.track(ax, on.canvas, frame, forecast, time, setting.marks)
 
     valid = f"Valid {notation.group(now)}   ({notation.iso(now)}, UTC)"
-    sheet.head(on, imprint, valid, forecast_words.basis(forecast, time, particles))
+    sheet.head(on, setting.imprint, valid, forecast_words.basis(forecast, time, setting.particles))
     if count.few:
         sheet.rough(on, effective.banner(count))
-    for k, text in enumerate([*said, *out], 1 + count.few):
+    for k, text in enumerate(warnings, 1 + count.few):
         sheet.say(on, sheet.warning(0.879 - ROW * k, 9.5, 130), text)
-    rows = _rows(forecast, time, outlines, lines, ashore, (known_as, len(marks)), land is not None, count.few)
-    rows += [row for one in over for row in one.key]
+    rows = _rows(forecast, setting, time, outlines, ashore, land is not None, count.few)
+    rows += [row for overlay in drawn_over for row in overlay.key]
     _legend(on.figure, rows)
     _panel(on.figure, at, mesh)
     on.figure.text(0.055, 0.04, forecast_words.account(at), fontsize=9.5, color=INK)
-    sheet.end(on, path, imprint)
+    sheet.end(on, path, setting.imprint)
 
 
-def draw_snapshots(
-    forecast: Forecast,
-    path: Path,
-    imprint: Imprint,
-    *,
-    polygons: Iterable[Any] = (),
-    marks: Sequence[Mark] = (),
-    particles: int | None = None,
-) -> None:
+def _layout(
+    forecast: Forecast, setting: Setting, time: int, count: effective.Count, places: Mapping[str, Sequence[Array]]
+) -> tuple[float, Frame, list[str]]:
+    """Return the map's height [of the page], its frame, and the rows of warnings over it.
+
+    What the frame leaves out is a warning too, whose rows make the map lower and so the frame another.
+    """
+    at = forecast.data.isel(time=time)
+    now = at["time"].values[()]
+    texts = (forecast_words.missing(at), forecast_words.unshaded(at), *effective.parts(forecast.data, time))
+    warnings = [text for text in texts if text]
+
+    def under(rows: int) -> tuple[float, Frame, list[str]]:
+        """Return the map's height and frame under some rows of text, and what the frame leaves out."""
+        height = 0.775 - ROW * (count.few + rows)
+        aspect = 0.665 * SHEET.width / (height * SHEET.height)
+        frame = layers.extent(forecast, [now], setting.marks, setting.lines, aspect, places.values())
+        return height, frame, textwrap.wrap(beyond.told(frame, at, places), 135)
+
+    height, frame, left_out = under(len(warnings))
+    if left_out:
+        height, frame, left_out = under(len(warnings) + len(left_out))
+    return height, frame, [*warnings, *left_out]
+
+
+def draw_snapshots(forecast: Forecast, path: Path, setting: Setting) -> None:
     """Draw the output times side by side, at most twelve, on one extent and one colour scale; see draw_map."""
-    count = forecast.data.sizes["time"]
-    picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int))
+    count, imprint = forecast.data.sizes["time"], setting.imprint
+    picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int)).tolist()
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
     rows = -(-len(picks) // columns)
-    least, least_at = effective.fewest(forecast.data, picks, particles)
+    least, least_at = effective.fewest(forecast.data, picks, setting.particles)
     wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(imprint.caution) + least.few), 0.5, 0.35
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
     on = sheet.begin(
@@ -135,70 +121,65 @@ def draw_snapshots(
         )
     )  # fmt: skip
     times = [forecast.data["time"].values[i] for i in picks]
-    here = layers.extent(forecast, times, marks, (), aspect=1.0)
-    land = chart.land_path(here, polygons, 420)
-    densities = [layers.density(forecast, i) for i in picks]
-    # what few leave must not make the others pale
-    sure = [i for i in picks if not effective.at(forecast.data, int(i)).few]
+    frame = layers.extent(forecast, times, setting.marks, (), aspect=1.0)
+    land = chart.land_path(frame, setting.polygons, 420)
+    # The shading of maps that stand on few particles must not make the others pale.
+    sure = [i for i in picks if not effective.at(forecast.data, i).few]
     top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or picks)
-    waiting = "not yet released" if times[-1] < times[0] else "not yet adrift"
-    norm, mesh = LogNorm(top / 1000, top), None
-    for k, (i, density) in enumerate(zip(picks, densities, strict=True)):
+    for k, i in enumerate(picks):
         row, column = divmod(k, columns)
         left, bottom = side + column * (wide + gap), height - head - (row + 1) * (wide + 0.28) + 0.28
         ax = on.figure.add_axes((left / width, bottom / height, wide / width, wide / height))
-        chart.prepare(ax, here)
-        at = forecast.data.isel(time=i)
-        contained = at["containment"].values
-        shown = np.where((contained <= layers.SHOWN) & (density > 0), np.maximum(density, top / 1000), np.nan)
-        mesh = layers.shade(ax, here, forecast, shown, norm)
-        chart.draw_land(ax, land)
-        below = k + columns >= len(picks)
-        chart.graticule(ax, here, lines=3, size=7, labels=(below, column == 0))
-        stands_on = effective.at(forecast.data, int(i), particles)
-        outlines = layers.areas_of(forecast, at["time"].values, forecast.ends)
-        if stands_on.few:
-            layers.rough(ax, here, layers.widest(outlines))
-        for outline in outlines:
-            style = layers.line(outline.share, forecast, stands_on.few)
-            layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
-        layers.ashore_marks(ax, here, forecast, int(i), scale=0.5)
-        for mark in marks:
-            layers.mark_point(ax, here, mark, 6)
-        ax.set_title(notation.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
-        ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
-        notes = [_off_map(at, waiting)] if forecast_words.missing(at) and np.isfinite(at["mean_lat"]) else []
-        notes += layers.beside(here, at, stands_on)
-        if notes:
-            ax.text(
-                0.98,
-                0.02,
-                "\n".join(notes),
-                fontsize=7,
-                color=layers.LAST_KNOWN,
-                ha="right",
-                va="bottom",
-                transform=ax.transAxes,
-                path_effects=labels.HALO,
-                zorder=16,
-            )
+        mesh = _small_map(ax, frame, forecast, i, top, land, setting)
+        chart.graticule(ax, frame, lines=3, size=7, labels=(k + columns >= len(picks), column == 0))
         if k == 0:
-            chart.scale_bar(ax, here, chart.free_corner(here, *layers.occupied(here, forecast, times)), small=True)
-    sheet.head(on, imprint, _joined(forecast_words.span(times, forecast.ends), particles))
+            chart.scale_bar(ax, frame, chart.free_corner(frame, *layers.occupied(frame, forecast, times)), small=True)
+    sheet.head(on, imprint, _joined(forecast_words.span(times, forecast.ends), setting.particles))
     if least.few:
-        sheet.rough(
-            on, effective.banner(least, "areas are rough", notation.group(forecast.data["time"].values[least_at]))
-        )
-    if mesh is not None:
-        bar = on.figure.add_axes((1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height))
-        on.figure.colorbar(mesh, cax=bar, extend="both")
-        per, unit = labels.scale(top)
-        powers = 10.0 ** np.arange(np.ceil(np.log10(top * per) - 3), np.floor(np.log10(top * per)) + 1)
-        bar.set_yticks(powers / per, labels=[labels.plain(v) for v in powers])
-        bar.minorticks_off()
-        bar.set_title(f"% per {unit}", fontsize=7, color=INK, pad=8)
-        bar.tick_params(labelsize=7)
+        when = notation.group(forecast.data["time"].values[least_at])
+        sheet.rough(on, effective.banner(least, "areas are rough", when))
+    _log_bar(on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh)
     sheet.end(on, path, imprint)
+
+
+def _small_map(
+    ax: Axes, frame: Frame, forecast: Forecast, i: int, top: float, land: Outline | None, setting: Setting
+) -> Any:
+    """Draw one output with its smallest and its largest area; return the shading.
+
+    top: density [% per nmi2] at the upper end of the colour scale, which spans three powers of ten.
+    """
+    at, density = forecast.data.isel(time=i), layers.density(forecast, i)
+    chart.prepare(ax, frame)
+    holds = (at["containment"].values <= layers.SHOWN) & (density > 0)
+    shown = np.where(holds, np.maximum(density, top / 1000), np.nan)
+    mesh = layers.shade(ax, frame, forecast, shown, LogNorm(top / 1000, top))
+    chart.draw_land(ax, land)
+    count = effective.at(forecast.data, i, setting.particles)
+    outlines = layers.areas_of(forecast, at["time"].values, forecast.ends)
+    layers.outline(ax, frame, forecast, outlines, count.few, width=0.7)
+    layers.ashore_marks(ax, frame, forecast, i, scale=0.5)
+    for mark in setting.marks:
+        layers.mark_point(ax, frame, mark, 6)
+    times = forecast.data["time"].values
+    waiting = "not yet released" if times[-1] < times[0] else "not yet adrift"
+    ax.set_title(notation.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
+    ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
+    notes = [_off_map(at, waiting)] if forecast_words.missing(at) and np.isfinite(at["mean_lat"]) else []
+    layers.note(ax, [*notes, *layers.beside(frame, at, count)], fontsize=7)
+    return mesh
+
+
+def _log_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -> None:
+    """Draw a logarithmic colour scale of density with powers of ten; box: left, bottom, width, height of the page."""
+    bar, top = figure.add_axes(box), mesh.norm.vmax
+    figure.colorbar(mesh, cax=bar, extend="both")
+    per, unit = labels.scale(top)
+    powers = 10.0 ** np.arange(np.ceil(np.log10(top * per) - 3), np.floor(np.log10(top * per)) + 1)
+    bar.set_yticks(powers / per, labels=[labels.plain(v) for v in powers])
+    bar.minorticks_off()
+    bar.set_title(f"% per {unit}", fontsize=7, color=INK, pad=8)
+    bar.tick_params(labelsize=7)
 
 
 def _joined(text: str, particles: int | None) -> str:
@@ -224,23 +205,19 @@ def _off_map(at: Any, waiting: str) -> str:
 
 def _rows(
     forecast: Forecast,
+    setting: Setting,
     time: int,
-    outlines: Sequence[Any],
-    lines: Sequence[Line],
+    outlines: Sequence[Contour],
     ashore: float,
-    marks: tuple[str, int],
     land: bool,
     few: bool,
 ) -> list[tuple[Any, str]]:
-    """Return symbols and texts of the legend: areas, track, priors, what is ashore.
-
-    marks: what they are, and how many. few: few particles count.
-    """
+    """Return symbols and texts of the legend: areas, track, priors, what is ashore; few: few particles count."""
     rows: list[tuple[Any, str]] = []
-    for one in outlines:
-        size = labels.number(one.area / NMI**2)
-        words = f"{notation.percent(one.share)} % area: {'rough, ' if few else ''}{size} nmi²"
-        rows.append((Line2D([], [], **layers.line(one.share, forecast, few)), words))
+    for outline in outlines:
+        size = labels.number(outline.area / NMI**2)
+        words = f"{notation.percent(outline.share)} % area: {'rough, ' if few else ''}{size} nmi²"
+        rows.append((Line2D([], [], **layers.line(outline.share, forecast, few)), words))
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))
     style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}
@@ -255,10 +232,11 @@ def _rows(
     if np.isfinite(forecast.data["mean_lat"].values[:first]).any():
         rows.append((Line2D([], [], **layers.PARTIAL), "Mean of the part adrift so far"))
     rows.append((Line2D([], [], linestyle="none", markersize=7, **style), "Mean position at the valid time"))
-    if marks[1]:
-        symbol = layers.mark_symbol(8, 13)
-        rows.append((symbol, marks[0] if marks[1] == 1 else marks[0].replace("osition", "ositions")))
-    for i, line in enumerate(lines):
+    if setting.marks:
+        many = len(setting.marks) > 1
+        name = setting.known_as.replace("osition", "ositions") if many else setting.known_as
+        rows.append((layers.mark_symbol(8, 13), name))
+    for i, line in enumerate(setting.lines):
         kind = "area" if line.closed else "trackline"
         rows.append((Line2D([], [], **layers.prior_style(i)), f"Start {kind}: {line.label}"))
     if ashore >= labels.TINY:

@@ -6,30 +6,33 @@ import numpy as np
 
 from geo import notation
 
-TOLD = 0.005  # share of the probability off the grid from which on it is told of
-COARSE = 1.0  # cells to the bandwidth of the densest part, from which on areas are those of cells
+OFF = 0.005  # share of the probability off the grid from which on a run is warned of
+COARSE = 1.0  # cells to the bandwidth of the densest part; with fewer, areas are too large
 
 
 def warnings(data: Any) -> list[str]:
-    """Return the warnings of a forecast (drift.forecast.dataset) on a grid of the user's own; none on one that follows the particles."""
+    """Return the warnings of a forecast (drift.forecast.dataset) on a grid of the user's own.
+
+    There are none on a grid that follows the particles.
+    """
     if "off_grid" not in data:
         return []
-    found, times = [], data["time"].values
+    texts, times = [], data["time"].values
     off, wide = data["off_grid"].values, data["cells_per_kernel"].values
     worst = int(np.argmax(off))
-    if off[worst] >= TOLD:
-        found.append(
-            f"output.grid: {off[worst]:.1%} of the probability lies outside it at {notation.group(times[worst])}{_others(off >= TOLD)}; "
-            "areas and containment count it, cells do not"
+    if off[worst] >= OFF:
+        texts.append(
+            f"output.grid: {off[worst]:.1%} of the probability lies outside it at {notation.group(times[worst])}"
+            f"{_others(off >= OFF)}; areas and containment count it, cells do not"
         )
     coarse = np.nan_to_num(wide, nan=np.inf) < COARSE
     if coarse.any():
         at = int(np.argmin(np.where(np.isfinite(wide), wide, np.inf)))
-        found.append(
-            f"output.grid: its cells are too coarse for the particles at {notation.group(times[at])}{_others(coarse)}: areas are too "
-            f"large there; a spacing of a {np.ceil(1 / wide[at]):.0f}th would tell"
+        texts.append(
+            f"output.grid: its cells are too coarse for the particles at {notation.group(times[at])}{_others(coarse)}: "
+            f"areas are too large there; a spacing of a {np.ceil(1 / wide[at]):.0f}th would tell"
         )
-    return found
+    return texts
 
 
 def _others(which: Any) -> str:

@@ -1,18 +1,18 @@
-"""Which shares of the probability have their areas told: output.areas of a case, in percent."""
+"""Shares of the probability whose areas a forecast gives: output.areas of a case, in percent."""
 
-SHARES = (0.5, 0.75, 0.95)  # where a case does not say
+SHARES = (0.5, 0.75, 0.95)  # where a case names none
 MOST = 6  # lines that a map can tell apart
-LEAST, LARGEST = 1.0, 99.9  # [%] what particles can tell
+LEAST, LARGEST = 1.0, 99.9  # [%], of areas that particles can resolve
 
 
 def percents(value: object) -> tuple[float, ...]:
-    """Return percentages, ascending; raise ValueError where a list is none of areas."""
+    """Return percentages, ascending; raise ValueError where a value is no list of areas."""
     if not isinstance(value, list | tuple) or not all(isinstance(v, int | float) and v is not True for v in value):
         raise ValueError(f"{value!r} must be a list of percentages, like [50, 90, 95]")
-    found = tuple(sorted({float(one) for one in value}))
-    if not 1 <= len(value) <= MOST or len(found) < len(value):
+    shares = tuple(sorted({float(share) for share in value}))
+    if not 1 <= len(value) <= MOST or len(shares) < len(value):
         raise ValueError(f"{value!r} holds {len(value)} areas; must be 1 to {MOST} of them, each another")
-    for one in found:
-        if not LEAST <= one <= LARGEST:
-            raise ValueError(f"{one:g} % is no area that particles can tell; must be {LEAST:g} to {LARGEST:g} %")
-    return found
+    for share in shares:
+        if not LEAST <= share <= LARGEST:
+            raise ValueError(f"{share:g} % is no area that particles can tell; must be {LEAST:g} to {LARGEST:g} %")
+    return shares

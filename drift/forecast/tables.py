@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from drift.forecast.build import Forecast
-from drift.output import formats
-from geo import antimeridian, notation, sphere
+from drift.output import formats, geojson
+from geo import notation, sphere
 from geo.notation import NMI
 
 
@@ -134,30 +134,19 @@ def _numbers(*values: float, form: str) -> list[str]:
     return [format(value, form) if np.isfinite(value) else "" for value in values]
 
 
-def geojson(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]:
+def contours(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the containment contours as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian."""
     features, times = [], forecast.data["time"].values
-    for one in forecast.contours:
-        geometry = antimeridian.cut(one.polygon)
-        if geometry.is_empty:
+    for contour in forecast.contours:
+        geometry = geojson.polygons(contour.polygon)
+        if not geometry["coordinates"]:
             continue
-        features.append(
-            {
-                "type": "Feature",
-                "geometry": {
-                    "type": "MultiPolygon",
-                    "coordinates": [
-                        [np.round(ring.coords, 7).tolist() for ring in (part.exterior, *part.interiors)]
-                        for part in geometry.geoms
-                    ],
-                },
-                "properties": {
-                    "time": notation.iso(one.time),
-                    "level": one.share,
-                    "area_nmi2": one.area / NMI**2,
-                    "area_km2": one.area / 1e6,
-                    **counts(forecast.data, int(np.flatnonzero(times == one.time)[0])),
-                },
-            }
-        )
-    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+        properties = {
+            "time": notation.iso(contour.time),
+            "level": contour.share,
+            "area_nmi2": contour.area / NMI**2,
+            "area_km2": contour.area / 1e6,
+            **counts(forecast.data, int(np.flatnonzero(times == contour.time)[0])),
+        }
+        features.append(geojson.feature(geometry, properties))
+    return geojson.collection(features, attributes)

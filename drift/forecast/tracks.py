@@ -1,4 +1,4 @@
-"""Tracks of a subsample of the particles, and how they are written: particles.nc, CF trajectories that share their times."""
+"""Tracks of a subsample of the particles, and particles.nc: CF trajectories that share their times."""
 
 import re
 from collections.abc import Sequence
@@ -25,23 +25,23 @@ class Trajectories:
     lat: Array  # int32 binary angle, (m, t)
     status: Array  # drift.motion.status.Status, (m, t)
     weight: Array  # probability of the particle [1], (m, t)
-    # int32 [s] in the direction of the run after its start, (m,); -1: none; None: not known
-    release: Array | None = None
-    ended: Array | None = None  # when it went ashore, outside the forcing or left the domain
-    edge: Array | None = None  # int32 (m,), edge of the shoreline where it went ashore; -1: none; None: not known
+    # Each int32 (m,), -1 where there is none; None: not known. Times count from the start of the run in its direction.
+    release: Array | None = None  # [s]
+    ended: Array | None = None  # [s], when it went ashore, outside the forcing or left the domain
+    edge: Array | None = None  # of the shoreline, where it went ashore
 
 
 def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
     """Return a subsample's tracks as CF trajectories that share their times, (trajectory, time)."""
     codes = np.array([int(s) for s in Status], np.int8)
-    both = ("trajectory", "time")
+    by_time = ("trajectory", "time")
     names = [str(name) for name in forecast.data["scenario"].values]
     around = float(forecast.data["lon"][0]) - 180
     lon = sphere.east_of_degrees(sphere.to_degrees(tracks.lon), around)  # no jump at the antimeridian
     return xr.Dataset(
         {
             "status": (
-                both,
+                by_time,
                 tracks.status.astype(np.int8),
                 {
                     "long_name": "what became of the particle",
@@ -49,7 +49,11 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                     "flag_meanings": " ".join(s.name.lower() for s in Status),
                 },
             ),
-            "weight": (both, tracks.weight.astype(np.float64), {"long_name": "particle's probability", "units": "1"}),
+            "weight": (
+                by_time,
+                tracks.weight.astype(np.float64),
+                {"long_name": "particle's probability", "units": "1"},
+            ),
             "scenario": (
                 "trajectory",
                 tracks.scenario.astype(np.int32),
@@ -72,9 +76,9 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                 tracks.time.astype("datetime64[ns]"),
                 {"standard_name": "time", "long_name": "time, UTC", "axis": "T"},
             ),
-            "lon": (both, lon, {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"}),
+            "lon": (by_time, lon, {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"}),
             "lat": (
-                both,
+                by_time,
                 sphere.to_degrees(tracks.lat),
                 {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"},
             ),
@@ -84,40 +88,38 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
 
 
 def _flags(names: Sequence[str]) -> list[str]:
-    """Return names as words of CF's flag_meanings, each another: letters, digits and _-.+@ alone, no blank."""
-    made: list[str] = []
+    """Return names as words of CF's flag_meanings: of letters, digits and _-.+@ alone, no two the same."""
+    words: list[str] = []
     for name in names:
         plain = word = re.sub(r"[^\w.+@-]", "_", "_".join(name.split()))
         number = 1
-        while word in made:
+        while word in words:
             number += 1
             word = f"{plain}_{number}"
-        made.append(word)
-    return made
+        words.append(word)
+    return words
 
 
 def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]]:
-    """Return as variables when each trajectory was released and ended, and where on the coast; none that is not known."""
-    found: dict[str, tuple[str, Array, dict[str, str]]] = {}
+    """Return what is known of when each trajectory was released and ended, and where on the coast, as variables."""
+    variables: dict[str, tuple[str, Array, dict[str, str]]] = {}
     direction = -1 if tracks.time[-1] < tracks.time[0] else 1
     halted = np.isin(tracks.status[:, -1], (Status.ASHORE, Status.OUTSIDE, Status.LEFT))
 
-    clock = {
-        "units": formats.EPOCH,
-        "calendar": "standard",
-    }  # written as numbers: xarray cannot encode times that are all NaT
+    # Times are written as numbers, for xarray cannot encode times that are all NaT.
+    clock = {"units": formats.EPOCH, "calendar": "standard"}
     begin = notation.epoch(tracks.time[0])
 
-    def times(seconds: Array, known: Array) -> Array:
-        return np.where(known & (seconds >= 0), begin + direction * seconds.astype(np.float64), np.nan)
+    def times(seconds: Array, happened: Array) -> Array:
+        return np.where(happened & (seconds >= 0), begin + direction * seconds.astype(np.float64), np.nan)
 
     if tracks.release is not None:
         released = times(tracks.release, np.ones(len(tracks.slot), bool))
-        found["time_released"] = ("trajectory", released, {"long_name": "time of release, UTC", **clock})
+        variables["time_released"] = ("trajectory", released, {"long_name": "time of release, UTC", **clock})
     if tracks.ended is not None:
         words = {"long_name": "time of going ashore, out of the forcing or out of the domain, UTC; see status", **clock}
-        found["time_ended"] = ("trajectory", times(tracks.ended, halted), words)
+        variables["time_ended"] = ("trajectory", times(tracks.ended, halted), words)
     if tracks.edge is not None:
         words = {"long_name": "edge of the run's shoreline where it went ashore", "comment": "-1: not ashore"}
-        found["coast_edge"] = ("trajectory", tracks.edge.astype(np.int32), words)
-    return found
+        variables["coast_edge"] = ("trajectory", tracks.edge.astype(np.int32), words)
+    return variables

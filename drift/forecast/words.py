@@ -19,6 +19,7 @@ STATUS = {
 }
 
 OFF_MAP = {"outside": "ran out of forcing", "left": "left the domain", "sunk": "sank", "pending": "is not yet released"}
+REST = "areas are shares of the rest"
 
 TELLING = 0.01  # share of the probability off the map from which a picture warns
 
@@ -41,13 +42,13 @@ def missing(at: Any) -> str:
         return ""
     if len(off) == 1:
         ((name, value),) = off.items()
-        return f"{labels.percent(value)} of the probability {OFF_MAP[name]} and is not on the map; areas are shares of the rest"
+        return f"{labels.percent(value)} of the probability {OFF_MAP[name]} and is not on the map; {REST}"
     parts = ", ".join(f"{labels.percent(value)} {OFF_MAP[name]}" for name, value in off.items())
-    return f"{labels.percent(sum(off.values()))} of the probability is not on the map: {parts}; areas are shares of the rest"
+    return f"{labels.percent(sum(off.values()))} of the probability is not on the map: {parts}; {REST}"
 
 
 def unshaded(at: Any) -> str:
-    """Return a warning of the probability that lies outside a grid of the user's own; empty if that is at most TELLING."""
+    """Return a warning of the probability outside a grid of the user's own; empty if that is at most TELLING."""
     off = float(at["off_grid"]) if "off_grid" in at else 0.0
     if not off > TELLING:
         return ""

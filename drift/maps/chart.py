@@ -22,7 +22,7 @@ from geo.array import Array
 from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
-GREY, RED = "#55606b", "#c62828"  # of what is said besides, and of warnings
+GREY, RED = "#55606b", "#c62828"  # of secondary words, and of warnings
 # [arc minutes] between lines of the graticule
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 180, 300, 600, 900, 1800)
 GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
@@ -45,6 +45,10 @@ class Frame:
         xyz = self.crs.transform_points(DEGREES, lon.ravel(), lat.ravel())
         return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
 
+    def holds(self, x: Any, y: Any) -> Array:
+        """Return which points [m] are in the frame, bool; same shape."""
+        return np.asarray((self.x[0] <= x) & (x <= self.x[1]) & (self.y[0] <= y) & (y <= self.y[1]))
+
     def bounds(self) -> tuple[float, float, float, float]:
         """Return (west, south, east, north) [deg] that hold the whole frame, unwrapped round the centre."""
         x, y = np.meshgrid(np.linspace(*self.x, 25), np.linspace(*self.y, 25))
@@ -55,7 +59,10 @@ class Frame:
 
 
 def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: float = 200.0) -> Frame:
-    """Return the frame that shows all positions [deg, unwrapped], of width / height `aspect`, at least `least` m."""
+    """Return the frame that shows all positions [deg, unwrapped].
+
+    aspect: width / height. margin: share of the size on each side. least: smallest width and height [m].
+    """
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
     if np.abs(lat).max() <= 75 and np.ptp(lon) < 180:
@@ -70,24 +77,24 @@ def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: fl
     return Frame(crs, middle, (cx - wide / 2, cx + wide / 2), (cy - high / 2, cy + high / 2))
 
 
-def prepare(ax: Axes, here: Frame) -> None:
+def prepare(ax: Axes, frame: Frame) -> None:
     """Fit axes to a frame."""
-    ax.set_xlim(*here.x)
-    ax.set_ylim(*here.y)
+    ax.set_xlim(*frame.x)
+    ax.set_ylim(*frame.y)
     ax.set_aspect("equal", adjustable="box")
     ax.set_facecolor(SEA)
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=1.0, zorder=20)
 
 
-def land_path(here: Frame, polygons: Iterable[Any], pixels: float) -> Outline | None:
+def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline | None:
     """Return land polygons [deg] cut to the frame and thinned to a pixel of it, as one path in metres."""
     shapes = np.array(list(polygons), dtype=object)
     if not len(shapes):
         return None
-    west, south, east, north = here.bounds()
+    west, south, east, north = frame.bounds()
     pad = 0.02 * max(east - west, north - south)
-    pixel = (here.x[1] - here.x[0]) / pixels
+    pixel = (frame.x[1] - frame.x[0]) / pixels
     fine = 0.5 * pixel / (sphere.RADIUS * np.pi / 180)  # [deg], half a pixel of latitude
     bounds = shapely.bounds(shapes)
     vertices, codes = [], []
@@ -100,22 +107,22 @@ def land_path(here: Frame, polygons: Iterable[Any], pixels: float) -> Outline | 
                 continue
             for ring in (part.exterior, *part.interiors):
                 xy = np.array(ring.coords)
-                vertices.append(np.column_stack(here.project(xy[:, 0] - turn, xy[:, 1])))
+                vertices.append(np.column_stack(frame.project(xy[:, 0] - turn, xy[:, 1])))
                 codes.append([Outline.MOVETO, *[Outline.LINETO] * (len(xy) - 2), Outline.CLOSEPOLY])
     return Outline(np.concatenate(vertices), np.concatenate(codes)) if vertices else None
 
 
 def draw_land(ax: Axes, path: Outline | None) -> None:
-    """Fill land, over the shading and under the lines that lie on it."""
+    """Fill land, over shading, areas and graticule, and under routes and marks."""
     if path is not None:
         ax.add_patch(PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
 
 
 def graticule(
-    ax: Axes, here: Frame, lines: int = 5, size: float = 8.0, labels: tuple[bool, bool] = (True, True)
+    ax: Axes, frame: Frame, lines: int = 5, size: float = 8.0, labels: tuple[bool, bool] = (True, True)
 ) -> None:
     """Draw meridians and parallels with their degrees and minutes on the lower and left edges."""
-    west, south, east, north = here.bounds()
+    west, south, east, north = frame.bounds()
     drawn, ticks = [], []
     for low, high, is_lon in ((west, east, True), (south, north, False)):
         step = next((s for s in STEPS if (high - low) * 60 / s <= lines + 1.5), STEPS[-1])
@@ -124,22 +131,22 @@ def graticule(
         beyond = 0.02 * (high - low)
         across = np.linspace(low - beyond, high + beyond, 100)
         across = across.clip(-90, 90) if is_lon else across
-        found: list[tuple[float, str]] = []
+        labelled: list[tuple[float, str]] = []
         for value in values:
-            x, y = here.project(*((value, across) if is_lon else (across, value)))
+            x, y = frame.project(*((value, across) if is_lon else (across, value)))
             drawn.append(np.column_stack([x, y]))
-            edge = _crossing(x, y, here.y[0]) if is_lon else _crossing(y, x, here.x[0])
-            if edge is not None and (here.x if is_lon else here.y)[0] <= edge <= (here.x if is_lon else here.y)[1]:
-                found.append((edge, degrees_minutes(value, is_lon, step)))
-        ticks.append(found)
+            edge = _crossing(x, y, frame.y[0]) if is_lon else _crossing(y, x, frame.x[0])
+            if edge is not None and (frame.x if is_lon else frame.y)[0] <= edge <= (frame.x if is_lon else frame.y)[1]:
+                labelled.append((edge, degrees_minutes(value, is_lon, step)))
+        ticks.append(labelled)
     ax.add_collection(LineCollection(drawn, colors=INK, linewidths=0.4, alpha=0.35, zorder=4), autolim=False)
-    for axis, found, shown in zip((ax.xaxis, ax.yaxis), ticks, labels, strict=True):
-        low, high = here.x if axis is ax.xaxis else here.y
+    for axis, labelled, shown in zip((ax.xaxis, ax.yaxis), ticks, labels, strict=True):
+        low, high = frame.x if axis is ax.xaxis else frame.y
         inset = (0.1 if lines <= 3 else 0.02) * (high - low)  # keep clear of the neighbour's labels and of the corner
-        clear = [low + inset <= at <= high - inset for at, _ in found]
+        clear = [low + inset <= at <= high - inset for at, _ in labelled]
         axis.set_ticks(
-            [at for at, _ in found],
-            labels=[text if shown and ok else "" for (_, text), ok in zip(found, clear, strict=True)],
+            [at for at, _ in labelled],
+            labels=[text if shown and ok else "" for (_, text), ok in zip(labelled, clear, strict=True)],
         )
         axis.set_tick_params(labelsize=size, length=4, color=INK, labelcolor=INK)
     for text in ax.get_yticklabels():
@@ -147,7 +154,10 @@ def graticule(
 
 
 def _crossing(along: Array, across: Array, edge: float) -> float | None:
-    """Return where a line (x along, y across) crosses an edge y = edge; beside the frame if it does not."""
+    """Return where along a line its other coordinate crosses an edge; None if it does not.
+
+    along, across: coordinates of its points along the edge and across it, (n,).
+    """
     order = np.argsort(across)
     if not across[order[0]] <= edge <= across[order[-1]]:
         return None
@@ -169,15 +179,15 @@ def degrees_minutes(value: float, is_lon: bool, step: float) -> str:
     return f"{degrees:0{3 if is_lon else 2}d}°{minutes / unit:0{width}.{decimals}f}'{name}"
 
 
-def scale_bar(ax: Axes, here: Frame, corner: tuple[float, float], small: bool = False) -> Bbox:
+def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool = False) -> Bbox:
     """Draw a bar in nautical miles with its lower left at a corner [axes fraction]; return its box.
 
     A north arrow stands beside it, unless small.
     """
-    (x0, x1), (y0, y1) = here.x, here.y
+    (x0, x1), (y0, y1) = frame.x, frame.y
     high, size = (0.105, 7) if small else (0.075, 8)
     at = (x0 + (x1 - x0) * (corner[0] + 0.12), y0 + (y1 - y0) * (corner[1] + 0.04))
-    ends = DEGREES.transform_points(here.crs, np.array([at[0], at[0] + 0.05 * (x1 - x0)]), np.array([at[1]] * 2))
+    ends = DEGREES.transform_points(frame.crs, np.array([at[0], at[0] + 0.05 * (x1 - x0)]), np.array([at[1]] * 2))
     true = float(sphere.distance(*np.radians(ends[0, :2]), *np.radians(ends[1, :2]))) / (0.05 * (x1 - x0))
     room = 0.2 * (x1 - x0) * true / NMI  # [nmi]
     length = next(m * 10.0**e for e in range(4, -6, -1) for m in (5, 2, 1) if m * 10.0**e <= room)
@@ -230,16 +240,16 @@ def scale_bar(ax: Axes, here: Frame, corner: tuple[float, float], small: bool = 
     return box_drawn
 
 
-def free_corner(here: Frame, x: Array, y: Array) -> tuple[float, float]:
+def free_corner(frame: Frame, x: Array, y: Array) -> tuple[float, float]:
     """Return the corner [axes fraction] for a scale bar with the fewest of these points [m] under it."""
-    fx, fy = (x - here.x[0]) / (here.x[1] - here.x[0]), (y - here.y[0]) / (here.y[1] - here.y[0])
+    fx, fy = (x - frame.x[0]) / (frame.x[1] - frame.x[0]), (y - frame.y[0]) / (frame.y[1] - frame.y[0])
     corners = ((0.015, 0.015), (0.685, 0.015), (0.015, 0.91), (0.685, 0.91))
     crowd = [np.sum((fx > a - 0.02) & (fx < a + 0.32) & (fy > b - 0.02) & (fy < b + 0.1)) for a, b in corners]
     return corners[int(np.argmin(crowd))]
 
 
 def edges(centres: Array) -> Array:
-    """Return the edges between centres, and one beyond on both sides."""
+    """Return the edges of cells from their centres, (n,) -> (n + 1,)."""
     if len(centres) == 1:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = (centres[1:] + centres[:-1]) / 2

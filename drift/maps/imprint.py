@@ -1,4 +1,4 @@
-"""What the pictures of a run share: the words that stand on each, and what their charts show besides what each is about."""
+"""What the pictures of a run share: the words that stand on each, and what every chart shows."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

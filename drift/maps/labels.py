@@ -1,4 +1,4 @@
-"""The words on a picture: labels of points that keep clear of each other, and numbers, accounts and scales as text."""
+"""The words on a picture: labels of points that keep clear of each other, and numbers and scales as text."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -43,20 +43,20 @@ def place(ax: Axes, canvas: FigureCanvasAgg, points: Sequence[Point], taken: Seq
         px, py = ax.transData.transform((x, y))
         boxes.append(Bbox.from_bounds(px - 5, py - 5, 10, 10))
     for i in sorted(range(len(points)), key=lambda i: (i not in must, i)):
-        found: list[tuple[int, int, Bbox]] = []
+        options: list[tuple[int, int, Bbox]] = []
         for k in range(len(SPOTS)):
             label = _write(ax, points[i], k)
             box = label.get_window_extent(renderer).padded(2)
             label.remove()
             inside = paper.x0 <= box.x0 and box.x1 <= paper.x1 and paper.y0 <= box.y0 and box.y1 <= paper.y1
-            found.append((sum(box.overlaps(other) for other in boxes) + (0 if inside else 100), k, box))
-            if found[-1][0] == 0:
+            options.append((sum(box.overlaps(other) for other in boxes) + (0 if inside else 100), k, box))
+            if options[-1][0] == 0:
                 break
-        clashes, k, box = min(found, key=lambda option: option[:2])
+        clashes, k, box = min(options, key=lambda option: option[:2])
         if clashes == 0 or i in must:
             _write(ax, points[i], k)
             boxes.append(box)
-            if k >= 8:  # it stands off: a hair line leads to its point
+            if k >= 8:  # it stands far off: a hairline leads to its point
                 ax.annotate("", points[i][:2], SPOTS[k], textcoords="offset points", zorder=13, arrowprops=LEADER)
 
 
@@ -85,7 +85,7 @@ def number(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in percent that tells nothing (0 %) from little (< 0.1 %), and all from nearly all."""
+    """Return a share in percent; nothing (0 %) differs from little (< 0.1 %), and all from nearly all."""
     if share <= 0:
         return "0 %"
     if share < TINY:
@@ -101,13 +101,13 @@ def scale(top: float) -> tuple[float, str]:
 
 
 def ticks(top: float) -> Array:
-    """Return 0 and round numbers (1, 2 or 5 times a power of ten) up to `top`, well apart on a scale of square roots."""
+    """Return 0 and round numbers (1, 2 or 5 times a power of ten) up to `top`, well apart on a scale of roots."""
     power = int(np.floor(np.log10(top)))
-    found = [np.inf]
-    for value in (m * 10.0**e for e in range(power, power - 3, -1) for m in (5, 2, 1)):
-        if value <= top * (1 + 1e-9) and np.sqrt(min(found[-1], 4 * top) / top) - np.sqrt(value / top) >= 0.18:
-            found.append(value)
-    return np.array([0.0, *(v for v in found[:0:-1] if np.sqrt(v / top) >= 0.14)])
+    values = [np.inf]
+    for candidate in (m * 10.0**e for e in range(power, power - 3, -1) for m in (5, 2, 1)):
+        if candidate <= top * (1 + 1e-9) and np.sqrt(min(values[-1], 4 * top) / top) - np.sqrt(candidate / top) >= 0.18:
+            values.append(candidate)
+    return np.array([0.0, *(v for v in values[:0:-1] if np.sqrt(v / top) >= 0.14)])
 
 
 def plain(value: float) -> str:

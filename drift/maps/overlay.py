@@ -1,4 +1,4 @@
-"""What another topic draws on a chart: its layers, the places that the frame is to show, and its rows of the legend."""
+"""What another topic draws on a chart: its layers, the places that the frame should show, its rows of the legend."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,9 +15,8 @@ class Overlay:
     """Layers of a topic that the chart knows nothing of."""
 
     draw: Callable[[Axes, Frame], None]
-    places: Mapping[
-        str, Sequence[Array]
-    ]  # by name: shapes, each (n, 2) [deg]; the chart says so where it cannot show one
+    # Shapes by name, each (n, 2) [deg]; the chart says so where it cannot show one.
+    places: Mapping[str, Sequence[Array]]
     key: Sequence[tuple[Any, str]]  # symbols and texts
 
 

@@ -25,7 +25,7 @@ def literal() -> AbstractContextManager[None]:
 
 
 def kept(draw: Callable[[Path], None]) -> Callable[[Path], None]:
-    """Return a drawing that, where it fails, costs its own picture only: hours of forecast hang on the other files."""
+    """Return a drawing that, where it fails, costs only its own picture and no other file of a long run."""
 
     def attempt(path: Path) -> None:
         try:

@@ -1,7 +1,7 @@
 """A sheet: what every picture has on its page, and where. A map adds its own layers to it.
 
-Places are shares of the page from its lower left corner, sizes of letters typographic points. Where there is room for
-so many letters only, longer texts are cut.
+Places are shares of the page from its lower left corner; sizes of letters are typographic points. A text longer than
+the number of letters that there is room for is cut.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Badge:
-    """A banner that ends or begins at a place: its side is where the place is."""
+    """A banner; side: the end of it, left or right, that is at the place."""
 
     x: float
     y: float
@@ -115,7 +115,10 @@ def _banner(on: Page, badge: Badge, text: str) -> None:
 
 
 def end(on: Page, path: Path, imprint: Imprint, title: str = "") -> None:
-    """Write the line at the foot, and the picture into its file; title: there, where it is not that of the imprint."""
+    """Write the line at the foot, and the picture into its file.
+
+    title: of the file, where it differs from that of the imprint.
+    """
     if imprint.footer:
         say(on, on.sheet.footer, imprint.footer)
     page.save(on.canvas, path, title or imprint.title, imprint.attributes, dpi=on.sheet.dpi)
@@ -129,7 +132,7 @@ def legend(figure: Figure, rows: Sequence[tuple[Any, str]], **style: Any) -> Any
 
 
 def density_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -> tuple[Axes, str]:
-    """Draw the colour scale of a probability density [% per nmi2] with round numbers; return its axes and the unit of these numbers.
+    """Draw the colour scale of a probability density [% per nmi2] with round numbers; return its axes and their unit.
 
     box: left, bottom, width, height of the page; the scale runs along its longer side.
     """

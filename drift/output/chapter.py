@@ -1,4 +1,4 @@
-"""A chapter: what a topic hands out. Each room has one, drift.flow joins those of a run, drift.output.writer writes them.
+"""A chapter: what a topic hands out. Each room has one; drift.flow joins those of a run, drift.output.writer writes.
 
 A room keeps its files and its pictures as tables: the name of each, and the function that makes it from what the topic
 has found. A new file is a new row.
@@ -40,9 +40,9 @@ def joined(chapters: Iterable[Chapter]) -> Chapter:
     """Return all that several chapters hand out; of one name the last counts, warnings add up."""
     every = list(chapters)
     return Chapter(
-        numbers={name: value for one in every for name, value in one.numbers.items()},
-        files={name: make for one in every for name, make in one.files.items()},
-        pictures={name: draw for one in every for name, draw in one.pictures.items()},
-        facts={name: value for one in every for name, value in one.facts.items()},
-        warnings=tuple(warning for one in every for warning in one.warnings),
+        numbers={name: value for chapter in every for name, value in chapter.numbers.items()},
+        files={name: make for chapter in every for name, make in chapter.files.items()},
+        pictures={name: draw for chapter in every for name, draw in chapter.pictures.items()},
+        facts={name: value for chapter in every for name, value in chapter.facts.items()},
+        warnings=tuple(warning for chapter in every for warning in chapter.warnings),
     )

@@ -1,4 +1,4 @@
-"""How results are written: CSV that a spreadsheet shows and does not run, values that JSON can hold, the name of a run."""
+"""How results are written: CSV that no spreadsheet runs, values that JSON can hold, the name of a run."""
 
 import csv
 import hashlib
@@ -14,7 +14,7 @@ import numpy as np
 from geo import notation
 
 EPOCH = "seconds since 1970-01-01 00:00:00"  # units of times in netCDF files
-FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # with what a spreadsheet's formula begins
+FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # what the formula of a spreadsheet begins with
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
@@ -43,9 +43,9 @@ def plain(value: Any) -> Any:
 
 
 def run_id(attributes: Mapping[str, Any]) -> str:
-    """Return a short name of a run, the same in all its files: a digest of what made it (case, forcing, versions), the seed.
+    """Return a short name of a run: a digest of what made it (case, forcing, versions), and its seed.
 
-    No spreadsheet takes it for a number or a date.
+    It is the same in all files of the run. No spreadsheet takes it for a number or a date.
     """
     names = ("case", "seed", "forcing", "coast", "versions", "backend")
     text = "\0".join(f"{name}={attributes.get(name, '')}" for name in names)

@@ -23,18 +23,18 @@ except ImportError:  # Windows: the owner is known by name alone
 
 PREFIX = ".drift-partial-"
 LOCK = "lock"
-STALE = 86_400  # [s] without a change after which a folder whose owner cannot be asked is nobody's
+STALE = 86_400  # [s]; a folder whose owner cannot be asked is nobody's after so long without a change
 ATTEMPTS = 10
 
 
 def make(ground: Path) -> tuple[Path, int]:
     """Return a new hidden folder in another, and the open lock by which it is owned."""
     for _ in range(ATTEMPTS):
-        made = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{'-'.join(_self())}-", dir=ground))
-        lock = os.open(made / LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+        folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{'-'.join(_self())}-", dir=ground))
+        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
         # Another run may have taken the folder for a dead one's in the moment before the lock was held.
-        if _locked(lock) is not False and (made / LOCK).exists():
-            return made, lock
+        if _locked(lock) is not False and (folder / LOCK).exists():
+            return folder, lock
         os.close(lock)
     raise OSError(f"no folder can be made in {ground}")
 
@@ -47,9 +47,9 @@ def remove(folder: Path) -> None:
 def within(ground: Path) -> list[Path]:
     """Return the hidden folders in a folder, by name."""
     try:
-        with os.scandir(ground) as found:
+        with os.scandir(ground) as entries:
             names = sorted(
-                one.name for one in found if one.name.startswith(PREFIX) and one.is_dir(follow_symlinks=False)
+                entry.name for entry in entries if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False)
             )
     except OSError:
         return []
@@ -70,7 +70,10 @@ def taken(folder: Path) -> Iterator[bool]:
 
 
 def _dead(folder: Path, locked: bool | None) -> bool:
-    """Whether the owner of a folder is known to be dead; locked: whether its lock could be had, None if that says nothing."""
+    """Whether the owner of a folder is known to be dead.
+
+    locked: whether its lock could be had; None if that says nothing.
+    """
     if locked is False:
         return False
     host, kernel, space, process = _self()
@@ -116,14 +119,14 @@ def _locked(lock: int) -> bool | None:
 
 
 def _self() -> tuple[str, str, str, str]:
-    """Return short names of this machine, its kernel since it was started, its space of process numbers, and the process."""
+    """Return short names of this machine, its running kernel, its space of process numbers, and the process."""
     host, kernel, space = socket.gethostname(), "", ""
     with contextlib.suppress(OSError):
         kernel = Path("/proc/sys/kernel/random/boot_id").read_text()
         space = str(os.stat("/proc/self/ns/pid").st_ino)
     names = (host, kernel or host, f"{kernel or host} {space}")
-    one, two, three = (hashlib.sha256(name.encode()).hexdigest()[:8] for name in names)
-    return one, two, three, str(os.getpid())
+    first, second, third = (hashlib.sha256(name.encode()).hexdigest()[:8] for name in names)
+    return first, second, third, str(os.getpid())
 
 
 @contextmanager

@@ -55,7 +55,7 @@ def read(folder: Path) -> Manifest | None:
         if not regular(path) or path.stat().st_size > LARGEST:
             return None
         held = json.loads(path.read_bytes())
-        entries = tuple(Entry(one["name"], one["size"], one["sha256"]) for one in held["files"])
+        entries = tuple(Entry(row["name"], row["size"], row["sha256"]) for row in held["files"])
         run_id = held["run_id"]
     except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
         return None
@@ -69,7 +69,7 @@ def _plain(entry: Entry) -> bool:
 
 
 def fault(folder: Path, manifest: Manifest) -> str | None:
-    """Return what a folder holds otherwise than its manifest says, in words; None where all is as it was written."""
+    """Return in words where a folder differs from its manifest; None where all is as it was written."""
     for entry in manifest.files:
         path = folder / entry.name
         if not os.path.lexists(path):

@@ -29,7 +29,7 @@ from geo.errors import UserError
 
 ADVICE = "name another with --out, or add --overwrite"
 NEW, OLD, JOURNAL = "new", "old", "journal.json"
-PATIENCE = 10.0  # [s] in which another process's renames are over
+PATIENCE = 10.0  # [s] after which another process is taken to hang, for renames are short
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def staged(target: Path) -> Iterator[Stage]:
     """Give a hidden folder on the target's file system, gone afterwards; what dead processes left goes too."""
     inside = target.is_dir()
     ground = target.absolute() if inside else target.absolute().parent
-    made = [path for path in (ground, *ground.parents) if not path.exists()]  # the innermost first
+    created = [path for path in (ground, *ground.parents) if not path.exists()]  # the innermost first
     ground.mkdir(parents=True, exist_ok=True)
     if inside:
         settle(target)
@@ -106,7 +106,7 @@ def staged(target: Path) -> Iterator[Stage]:
                 if not (folder / JOURNAL).exists():  # else the old result is in it, and could not be put back
                     hidden.remove(folder)
                 with contextlib.suppress(OSError):  # the results are in them, or they were there before
-                    for path in made:
+                    for path in created:
                         os.rmdir(path)
             finally:
                 os.close(lock)
@@ -215,34 +215,34 @@ def _refuse_obstacles(folder: Path, names: Iterable[str]) -> None:
 
 def settle(folder: Path) -> None:
     """Put back the old result where a dead process left it half replaced; raise UserError where that cannot be."""
-    if any((one / JOURNAL).exists() for one in hidden.within(folder)):
+    if any((place / JOURNAL).exists() for place in hidden.within(folder)):
         with _alone(folder), undisturbed():
             _settle(folder)
 
 
 def _settle(folder: Path) -> None:
     """Do what `settle` does, in a folder that is held."""
-    for one in hidden.within(folder):
-        if not (one / JOURNAL).exists():
+    for place in hidden.within(folder):
+        if not (place / JOURNAL).exists():
             continue
-        with hidden.taken(one) as held:
+        with hidden.taken(place) as held:
             if not held:
                 raise UserError(
-                    f"output folder {folder}: another process is replacing its results just now ({one.name}); wait for "
-                    "its end, or name another with --out"
+                    f"output folder {folder}: another process is replacing its results just now ({place.name}); "
+                    "wait for its end, or name another with --out"
                 )
             try:
-                _finish(folder, one)
+                _finish(folder, place)
             except OSError as error:
                 raise UserError(
                     f"output folder {folder}: a run died while it replaced the results, and the old ones cannot be put "
-                    f"back from {one.name} ({error.strerror}); mend that, or name another with --out"
+                    f"back from {place.name} ({error.strerror}); mend that, or name another with --out"
                 ) from None
-            hidden.remove(one)
+            hidden.remove(place)
 
 
 def _finish(target: Path, folder: Path) -> None:
-    """End an exchange by its journal: the old files are dropped if the new manifest stands, else they are put back."""
+    """End an exchange by its journal: the old files go if the new manifest stands, else they are put back."""
     try:
         journal: dict[str, Any] = json.loads((folder / JOURNAL).read_text(encoding="utf-8"))
         aside, new = list(journal["old"]), dict(journal["new"])
@@ -268,8 +268,8 @@ def _put_back(target: Path, folder: Path, aside: list[str], new: dict[str, str])
             continue
         if os.path.lexists(target / name):
             raise UserError(
-                f'output folder {target}: a run died while it replaced the results, and "{name}", which is not its own, '
-                f"is in the way of the old ones in {folder.name}/{OLD}; move it away"
+                f'output folder {target}: a run died while it replaced the results, and "{name}", which is not its '
+                f"own, is in the way of the old ones in {folder.name}/{OLD}; move it away"
             )
         os.rename(folder / OLD / name, target / name)
     _sync(target)
@@ -291,13 +291,13 @@ def results(folder: str | os.PathLike[str]) -> list[Path]:
     try:
         settle(folder)
         with _alone(folder, shared=True):
-            found = manifest.read(folder)
-            fault = manifest.fault(folder, found) if found else f"it has no {manifest.NAME} of ours"
+            listed = manifest.read(folder)
+            fault = manifest.fault(folder, listed) if listed else f"it has no {manifest.NAME} of ours"
     except OSError as error:
         raise UserError(f"results {folder}: cannot be read ({error.strerror})") from None
-    if found is None or fault:
+    if listed is None or fault:
         raise UserError(f"results {folder}: not the whole result of a run: {fault}; run the case again")
-    return [folder / name for name in sorted(found.names)]
+    return [folder / name for name in sorted(listed.names)]
 
 
 @contextmanager

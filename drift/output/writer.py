@@ -31,7 +31,7 @@ def check_folder(folder: Path, overwrite: bool = False, names: Iterable[str] = (
 
 
 def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False) -> list[Path]:
-    """Write all that the chapters of a run hand out into a folder, complete or not at all, and return the paths of its files.
+    """Write all that the chapters of a run hand out into a folder, complete or not at all; return the files' paths.
 
     Their numbers become the summary. To their facts, which every file carries (title, case, seed, versions, forcing),
     `run_id`, `history` and `date_created` are added. With `overwrite` what an earlier run wrote into the folder and
@@ -60,19 +60,19 @@ def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False)
     except OSError as error:
         file = f" at {os.path.basename(error.filename)}" if isinstance(error.filename, str) else ""
         raise UserError(
-            f"output folder {folder}: cannot be written ({error.strerror or error}{file}), and nothing of this run was; "
-            "make room, or name another with --out"
+            f"output folder {folder}: cannot be written ({error.strerror or error}{file}), and nothing of this run was "
+            "written; make room, or name another with --out"
         ) from error
 
 
-def _file(path: Path, made: Contents, stamped: Stamped) -> None:
+def _file(path: Path, contents: Contents, stamped: Stamped) -> None:
     """Write a dataset with the run's attributes, a JSON object, or a text."""
-    if isinstance(made, xr.Dataset):
-        _netcdf(made.assign_attrs({**stamped, **made.attrs}), path)
-    elif isinstance(made, str):
-        path.write_text(made, encoding="utf-8", newline="\n")
+    if isinstance(contents, xr.Dataset):
+        _netcdf(contents.assign_attrs({**stamped, **contents.attrs}), path)
+    elif isinstance(contents, str):
+        path.write_text(contents, encoding="utf-8", newline="\n")
     else:
-        _json(made, path, indent=None)
+        _json(contents, path, indent=None)
 
 
 def _netcdf(data: xr.Dataset, path: Path) -> None:

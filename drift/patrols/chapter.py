@@ -32,10 +32,10 @@ def _patrols(one: Matter, path: Path) -> None:
         washup_map.Patrolled(slot.team.name, slot.when, slot.team.detection, [visit.segment for visit in visits])
         for slot, visits in patrol_planner.by_patrol(one.plan)
     ]
-    imprint = replace(on.imprint, title=f"Planned patrols: {on.imprint.title}")
+    setting = replace(on, imprint=replace(on.imprint, title=f"Planned patrols: {on.imprint.title}"))
     washup_map.draw(
-        after.washup, after.segments, path, imprint, polygons=on.polygons, marks=on.marks, finds=spill_chapter.finds(after),
-        patrols=planned, patrolled="planned patrol", near=True, warning=renewal.warning(after),
+        after.washup, after.segments, path, setting, finds=spill_chapter.finds(after),
+        patrols=washup_map.Patrols(planned, "planned patrol", near=True), warning=renewal.warning(after),
     )  # fmt: skip
 
 

@@ -1,1 +1,1 @@
-"""What was looked for, how, and what its failure or success says: sorties, contacts, the filter, the decision to suspend."""
+"""What was looked for and how, and what its failure or success says: sorties, contacts, the filter."""

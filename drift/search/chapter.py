@@ -24,47 +24,43 @@ class Matter:
     setting: Setting
 
 
-def _evidence(one: Matter, path: Path) -> None:
-    from drift.search import evidence_map  # here: Matplotlib takes a second to import
+def _evidence(matter: Matter, path: Path) -> None:
+    from drift.search import evidence_map  # imported here, for Matplotlib takes a second
 
-    evidence_map.draw(one.updates, path, one.setting.imprint, particles=one.setting.particles)
+    evidence_map.draw(matter.updates, path, matter.setting)
 
 
-def _search(one: Matter, path: Path, page: int = 1) -> None:
+def _search(matter: Matter, path: Path, page: int = 1) -> None:
     from drift.search import map as search_map
 
-    on = one.setting
-    search_map.draw(
-        one.forecast, one.updates.sorties, one.contacts, one.updates, path, on.imprint, page=page, polygons=on.polygons,
-        marks=on.marks, particles=on.particles,
-    )  # fmt: skip
+    sorties = matter.updates.sorties
+    search_map.draw(matter.forecast, sorties, matter.contacts, matter.updates, path, matter.setting, page=page)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "sorties.csv": lambda one, stamped: search_tables.csv(one.updates, stamped["run_id"]),
-    "sorties.geojson": lambda one, stamped: search_tables.geojson(
-        one.updates.sorties, one.contacts, one.updates, stamped
+    "sorties.csv": lambda matter, stamped: search_tables.csv(matter.updates, stamped["run_id"]),
+    "sorties.geojson": lambda matter, stamped: search_tables.shapes(
+        matter.updates.sorties, matter.contacts, matter.updates, stamped
     ),
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
     "evidence.png": _evidence,
 }
-MAPS: dict[
-    str, Callable[[Matter, Path], None]
-] = {  # a picture for each sortie: of a forecast with outputs at its times
+# Maps of the sorties, which need a forecast with outputs at their times.
+MAPS: dict[str, Callable[[Matter, Path], None]] = {
     "search.png": _search,
 }
 
 
-def chapter(one: Matter, *, mapped: bool) -> Chapter:
+def chapter(matter: Matter, *, mapped: bool) -> Chapter:
     """Return the chapter of a search; mapped: whether the forecast has outputs at the times of its sorties."""
-    pictures = bound(PICTURES, one)
-    if mapped and one.updates.sorties:
+    pictures = bound(PICTURES, matter)
+    if mapped and matter.updates.sorties:
         from drift.search import map as search_map
 
-        more = range(2, 1 + search_map.pages(one.updates.sorties))
-        pictures |= bound(MAPS, one) | {f"search-{page}.png": partial(_search, one, page=page) for page in more}
-    return Chapter({"search": search_tables.numbers(one.updates)}, bound(FILES, one), pictures)
+        more = range(2, 1 + search_map.pages(matter.updates.sorties))
+        pictures |= bound(MAPS, matter) | {f"search-{page}.png": partial(_search, matter, page=page) for page in more}
+    return Chapter({"search": search_tables.numbers(matter.updates)}, bound(FILES, matter), pictures)
 
 
 def overlay(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any) -> Any:

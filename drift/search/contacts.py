@@ -14,22 +14,22 @@ from geo.array import Array
 from geo.polyline import Area
 
 LOG_TURN = math.log(2 * math.pi)
-BEYOND = 6.0  # standard deviations: 2e-9 of a normal
+BEYOND = 6.0  # standard deviations; a normal has 2e-9 of its probability beyond
 
 
 def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
-    """Return the log likelihood of a contact at binary angles lon, lat, float64, shape (n,); -inf where it is impossible.
+    """Return the log likelihood of a contact at binary angles lon, lat, float64 (n,); -inf where it is impossible.
 
-    A density: per m2 for positions and areas, per radian for bearings, per metre for ranges; belief and false contacts
-    are left out. Beyond 6 standard deviations, where no error is normal, it is impossible: a wrong digit must not look
-    like a discovery.
+    It is a density: per m2 for positions and areas, per radian for bearings, per metre for ranges. Belief and false
+    contacts are left out. Beyond 6 standard deviations, where no error is normal, it is -inf: a wrong digit must not
+    look like a discovery.
     """
     with np.errstate(divide="ignore"):
         return LIKELIHOODS[contact.kind](contact, lon, lat)
 
 
 def _area(contact: Contact, lon: Array, lat: Array) -> Array:
-    """Return the log of one over the area inside it, and of nothing outside."""
+    """Return the log of 1 / area inside it, and -inf outside."""
     assert contact.area is not None
     return np.asarray(
         np.log(inside(contact.area, lon, lat).astype(np.float64)) - math.log(patterns.square_metres(contact.area))
@@ -41,9 +41,9 @@ def _bearing(contact: Contact, lon: Array, lat: Array) -> Array:
     east, north = _from_sensor(contact, lon, lat)
     far = np.hypot(east, north)
     apart = sphere.wrap(np.arctan2(east, north) - contact.bearing)
-    found = _normal(apart, contact.bearing_std)
-    found = np.where((far >= contact.near) & (far <= contact.far), found, -np.inf)
-    return np.asarray(found + np.log(_detection(contact, far)))
+    log_density = _normal(apart, contact.bearing_std)
+    log_density = np.where((far >= contact.near) & (far <= contact.far), log_density, -np.inf)
+    return np.asarray(log_density + np.log(_detection(contact, far)))
 
 
 def _range(contact: Contact, lon: Array, lat: Array) -> Array:
@@ -67,8 +67,8 @@ def _fixes(contact: Contact, lon: Array, lat: Array) -> Array:
     for fix in contact.fixes:
         east, north = sphere.offset(math.radians(fix.lon), math.radians(fix.lat), x, y)
         along, across = north * c + east * s, east * c - north * s
-        one = _normal(along, contact.major) + _normal(across, contact.minor) + math.log(fix.share)
-        total = np.logaddexp(total, one)
+        log_density = _normal(along, contact.major) + _normal(across, contact.minor) + math.log(fix.share)
+        total = np.logaddexp(total, log_density)
     if contact.zones is not None and contact.sensor is not None:
         at = math.radians(contact.sensor[0]), math.radians(contact.sensor[1])
         total += np.log(_detection(contact, sphere.distance(*at, x, y)))

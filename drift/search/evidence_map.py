@@ -1,7 +1,8 @@
-"""The picture of what a search has shown: which story is likely after each update and why, and the POS so far by story.
+"""The picture of what a search has shown: how likely each scenario is after each update, and its POS so far.
 
-Left, downward in time, each update with the probability of each scenario after it and the Bayes factor of the scenario
-that it moved most. Right, the cumulative POS by scenario: what a decision to suspend rests on.
+On the left, downward in time, stands each update with the probability of each scenario after it, and with the Bayes
+factor of the scenario that it moved most. On the right stands the cumulative POS by scenario, on which a decision to
+suspend rests.
 """
 
 import math
@@ -19,7 +20,7 @@ from matplotlib.transforms import blended_transform_factory
 from drift.forecast import effective, layers
 from drift.maps import labels, page, sheet
 from drift.maps.chart import GREY, INK
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Setting
 from drift.maps.sheet import Badge, Row, Sheet
 from drift.search import particles_left
 from drift.search import shapes as search_shapes
@@ -28,11 +29,14 @@ from drift.search.updates import Update, Updates
 from geo import notation
 from geo.array import Array
 
-A_LINE = 4  # scenarios in a line of the legend
+A_LINE = 4  # scenarios on a line of the legend
 HUGE = 1e6  # Bayes factor beyond which its figure says no more
 MOST = 22  # rows; of more updates the last are shown
-DIGIT, OVERHANG = 0.072, 0.12  # [in] of a small digit; by which numbers over a chart may reach beyond its right edge
-# Light to dark and by hatch, so that neighbours differ in grey print too
+DIGIT, OVERHANG = (
+    0.072,
+    0.12,
+)  # [in], width of a small digit; how far numbers over a chart may reach beyond its right edge
+# Neighbours differ by lightness or hatch, in grey print too.
 FILLS: tuple[dict[str, Any], ...] = (
     {"facecolor": "#cfe0ee", "hatch": ""},
     {"facecolor": "#0b4f8a", "hatch": ""},
@@ -58,20 +62,14 @@ STROKES: tuple[tuple[str, Any, str], ...] = (  # colour, dashes, marker
 STRENGTH = ((1.2, ""), (3.0, "weak"), (20.0, "positive"), (150.0, "strong"), (math.inf, "very strong"))
 
 
-def draw(
-    updates: Updates,
-    path: Path,
-    imprint: Imprint,
-    *,
-    particles: int | None = None,
-) -> None:
-    """Draw the evidence of a search; particles: their number in the run."""
+def draw(updates: Updates, path: Path, setting: Setting) -> None:
+    """Draw the evidence of a search."""
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
-    lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # of the legend
-    least = particles_left.lowest(updates, particles)
-    below = 0.32 * least.few  # [in] by which all is lower for a warning
+    lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # in the legend
+    least = particles_left.lowest(updates, setting.particles)
+    below = 0.32 * least.few  # [in] that a warning takes
     over = 1.45 + 0.24 * lines + below
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
     on = sheet.begin(
@@ -85,28 +83,28 @@ def draw(
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
     _cumulative(figure, updates, room)
-    sheet.head(on, imprint, _account(updates, len(steps) - len(shown)))
+    sheet.head(on, setting.imprint, _account(updates, len(steps) - len(shown)))
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:
         sheet.rough(on, effective.banner(least, "shares, evidence and POS are rough"))
     figure.text(0.02, 0.33 / height, _explained(updates), fontsize=8, color=GREY, linespacing=1.35, va="center")
-    sheet.end(on, path, imprint)
+    sheet.end(on, path, setting.imprint)
 
 
 def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:
     """Return in plain words what an update says about the scenarios, and its Bayes factor and strength.
 
-    It tells the scenario whose odds against the others it moved most; both are empty where there is but one.
+    It names the scenario whose odds against the others it moved most; both are empty where there is but one.
     """
     factors = search_tables.bayes_factors(update, before)
-    known = [j for j in range(len(factors)) if not np.isnan(factors[j])]
-    if not known:
+    defined = [j for j in range(len(factors)) if not np.isnan(factors[j])]
+    if not defined:
         return "", ""
-    gone = [scenarios[j] for j in known if factors[j] == 0]
+    gone = [scenarios[j] for j in defined if factors[j] == 0]
     if gone:
         return f"rules out {_quoted(gone)}", "it could not have been seen there"
-    most = max(known, key=lambda j: abs(math.log(factors[j])))
+    most = max(defined, key=lambda j: abs(math.log(factors[j])))
     factor = float(factors[most])
     if factor == math.inf:
         return f"leaves only {_quoted([scenarios[most]])}", "the others rule out what was seen"
@@ -123,12 +121,12 @@ def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[st
 
 
 def _quoted(names: list[str]) -> str:
-    found = [f'"{page.fit(name, 30)}"' for name in names[:2]]
-    return " and ".join(found) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
+    quoted = [f'"{page.fit(name, 30)}"' for name in names[:2]]
+    return " and ".join(quoted) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
 
 
 def _account(updates: Updates, hidden: int) -> str:
-    """Return in a line how much was done, and how it stands."""
+    """Return in a line what was done, and how the search stands."""
     sorties = [u for u in updates.all if u.kind == "sortie"]
     contacts = len(updates.all) - len(sorties)
     parts = [f"{len(sorties)} sortie{'s' * (len(sorties) != 1)} that found nothing"]
@@ -150,9 +148,9 @@ def _explained(updates: Updates) -> str:
     if len(updates.scenarios) == 1:
         return "Cumulative POS: probability that the sorties so far would have found the object."
     return (
-        "Bayes factor: what was seen is that many times as probable under the scenario as under the others together; to 3 weak, to "
-        "20 positive, to 150 strong.\nCumulative POS: probability that the sorties so far would have found "
-        "the object had the scenario been true; a low one says that the scenario has hardly been searched."
+        "Bayes factor: what was seen is that many times as probable under the scenario as under the others together; "
+        "to 3 weak, to 20 positive, to 150 strong.\nCumulative POS: probability that the sorties so far would have "
+        "found the object had the scenario been true; a low one says that the scenario has hardly been searched."
     )
 
 
@@ -203,7 +201,7 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
 
 
 def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
-    """Draw POC and POS of each sortie as bars, where there is but one scenario to tell of."""
+    """Draw POC and POS of each sortie as bars, where there is only one scenario."""
     said = [("", "")]
     for _, (update, _) in shown:
         pod, figures = update.pod, ""
@@ -220,7 +218,7 @@ def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, fl
 def _rows(
     figure: Figure, room: tuple[float, float], shown: Shown, begin: str, said: Said, heads: tuple[str, str]
 ) -> Axes:
-    """Return axes for a bar a row, from 0 to 1, with the updates' names left of them and two lines right of them."""
+    """Return axes for a bar in each row, from 0 to 1, with its update's name on the left and two lines on the right."""
     ax = figure.add_axes((0.185, room[0], 0.21, room[1] - room[0]))
     ax.set_xlim(0, 1)
     ax.set_ylim(len(shown) + 0.5, -0.5 if begin else 0.5)
@@ -261,7 +259,7 @@ def _figure(ax: Axes, x: float, y: int, text: str, fill: dict[str, Any]) -> None
 
 
 def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> None:
-    """Draw the cumulative POS by scenario over time, with its last value at the end of each line, and the legend."""
+    """Draw the cumulative POS by scenario over time, with its last value and name at the end of each line."""
     ax = figure.add_axes((0.665, room[0], 0.185, room[1] - room[0]))
     high = figure.get_figheight()
     figure.text(0.665, room[1] + 0.25 / high, "Cumulative POS [%]", fontsize=10, weight="bold", color=INK)
@@ -294,7 +292,7 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
         texts.append((float(values[-1, j]), f"{_percent(values[-1, j])}  {page.fit(name, 24)}", colour, j < 0))
     _ends(ax, texts)
     ticks = labels.round_times(*ax.get_xlim(), 4)
-    ax.set_xticks(ticks, labels=[f"{notation.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
+    ax.set_xticks(ticks, labels=[notation.day_time(np.datetime64(round(t), "s")) for t in ticks])
     _numbers(ax, [number for number, _ in done], times)
 
 
@@ -332,7 +330,7 @@ def _runs(numbers: list[int]) -> str:
 
 
 def _ends(ax: Axes, texts: list[tuple[float, str, str, bool]]) -> None:
-    """Write each line's last value and name right of the chart, at its height, moved apart where they would touch."""
+    """Write each line's last value and name right of the chart, moved apart where they would touch."""
     texts = sorted(texts)
     inches = ax.get_window_extent().height / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
     least = 0.19 / inches
@@ -344,9 +342,11 @@ def _ends(ax: Axes, texts: list[tuple[float, str, str, bool]]) -> None:
         y[i] = min(y[i], y[i + 1] - least)
     for at, (value, text, colour, bold) in zip(y, texts, strict=True):
         weight = "bold" if bold else "normal"
-        ax.annotate(text, (1.0, value), (1.07, at), xycoords="axes fraction", textcoords="axes fraction", fontsize=8.5,
-                    va="center", color=colour, weight=weight, annotation_clip=False,
-                    arrowprops={"arrowstyle": "-", "color": GREY, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)})  # fmt: skip
+        leader = {"arrowstyle": "-", "color": GREY, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)}
+        ax.annotate(
+            text, (1.0, value), (1.07, at), xycoords="axes fraction", textcoords="axes fraction", fontsize=8.5,
+            va="center", color=colour, weight=weight, annotation_clip=False, arrowprops=leader,
+        )  # fmt: skip
 
 
 def _percent(share: float) -> str:

@@ -21,7 +21,7 @@ from kernels import runtime, sweep
 
 Device = Any
 
-CERTAIN = 1 - 1e-12  # a watch's chance of detection of which a hazard can be told
+CERTAIN = 1 - 1e-12  # highest chance of detection of a watch that has a finite hazard
 
 
 class SortieExposure:
@@ -41,8 +41,8 @@ class SortieExposure:
         self._datum = (0.0, 0.0)
         if sortie.frame == "datum":
             self._datum, self._markers = self._drifting(start, scenarios)
-        self._seen = self.begin  # until when its columns tell
-        self.columns: list[Device] = []  # exposure; the share of time in its area, where that is another
+        self._seen = self.begin  # the time [s] up to which its columns count
+        self.columns: list[Device] = []  # exposure; where that is another quantity, also the share of time in its area
 
     def _drifting(self, start: int, scenarios: int) -> tuple[tuple[float, float], list[Marker | Tracked]]:
         """Return where a drifting frame begins (lon, lat) [deg], and its marker in each scenario."""
@@ -63,7 +63,10 @@ class SortieExposure:
         return int(sweep.CUBE if laws.of(self.sortie.law).detects == "along" else sweep.ABEAM)
 
     def as_flown(self, scenario: int, start: int) -> Sortie:
-        """Return the sortie, with the track of its marker in a scenario if it drifts; start: of the run [s since 1970]."""
+        """Return the sortie, with the track of its marker in a scenario if it drifts.
+
+        start: of the run [s since 1970].
+        """
         marker = self._markers[scenario] if self._markers else None
         return replace(self.sortie, marker=marker.legs(start)) if isinstance(marker, Marker) else self.sortie
 
@@ -75,9 +78,10 @@ class SortieExposure:
     def expose(
         self, ensemble: Ensemble, before: tuple[Device, Device], step: tuple[int, int], until: int, keep: bool = True
     ) -> list[Device]:
-        """Return its columns with what it does until a time, within the step (elapsed, duration) that has just been made.
+        """Return its columns with what it does until a time within the step (elapsed, duration) that was just made.
 
-        Unless they are kept, its own stay as they were: whoever merely looks on does not cut its legs.
+        keep: whether its own columns change. They stay as they were for one who merely looks, so that its legs are not
+        cut there.
         """
         if not self.columns:
             several = len(self.factors) if self._kind == sweep.ABEAM else 1
@@ -117,8 +121,8 @@ class SortieExposure:
     def fail(self, ensemble: Ensemble, columns: list[Device], shared: Device, log_weight: Device) -> None:
         """Multiply weights by the chance that it has missed each particle, in place.
 
-        columns: what it has done to them. shared: logs of the misses so far of all sorties that share its unknown
-        factor of sweep width.
+        columns: its exposure of them. shared: logs of the misses so far of all sorties that share its unknown factor of
+        sweep width.
         """
         for scenario, slots in enumerate(ensemble.scenarios):
             meaning, coefficient = self._coefficients(scenario)
@@ -126,7 +130,7 @@ class SortieExposure:
                 sweep.fail(slots, meaning, columns[0], coefficient, self.chances, shared, log_weight)
 
     def _coefficients(self, scenario: int) -> tuple[int, Array]:
-        """Return what the exposure means, and what to multiply it by, by factor of the sweep width."""
+        """Return what the exposure means, and what to multiply it by for each factor of the sweep width."""
         sortie, kind = self.sortie, self._kind
         if kind == sweep.ZONES:
             return sweep.HAZARD, np.ones(1, np.float32)
@@ -143,7 +147,7 @@ class SortieExposure:
     def searched(self) -> Array:
         """Return the share of its time that each particle was where it searched, float64 (n,).
 
-        That is its area; of what has none, a watch, all that came into a zone.
+        That is in its area; of a watch, which has none, the share is 1 of all that came into a zone.
         """
         if self._place is None:
             exposed = self.columns[0].to_numpy().reshape(len(self.factors) if self._kind == sweep.ABEAM else 1, -1)

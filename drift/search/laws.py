@@ -1,11 +1,11 @@
 """Laws of detection: each one entry of a table, from coverage to probability of detection and back.
 
 Coverage C is sweep width times track over area. Sources: Koopman 1980, Search and Screening, chapter 3 (inverse cube,
-random search, definite range); Washburn 2014, Search and Detection, chapter 2; the M-beta law is SAROPS' way to put a
-sweep width into a chance and a range.
+random search, definite range); Washburn 2014, Search and Detection, chapter 2; the M-beta law is SAROPS' way to turn
+a sweep width into a chance and a range.
 
-A new law is one entry of LAWS; a law with numbers of its own adds them to drift.search.records.Law and its keys to
-drift.case.sensor.
+A new law is one entry of LAWS; a law with parameters of its own adds them to drift.search.records.Law and their keys
+to drift.case.sensor.
 """
 
 import math
@@ -20,8 +20,8 @@ import numpy.typing as npt
 from drift.search.records import Law
 from geo.array import Array
 
-NODES = 16  # of the quadrature over an unknown sweep width
-OFFSETS = 2000  # at which endless sweeps by a curve are averaged
+NODES = 16  # nodes of the quadrature over an unknown sweep width
+OFFSETS = 2000  # offsets over which endless sweeps by a curve are averaged
 MOST = 50.0  # coverage beyond which nothing is asked
 ACROSS = 4000  # ranges at which a lateral range curve is looked up
 ENDS = 0.25  # sweep widths by which the two ends of a path of inverse cube make it longer (drift.planner.concave)
@@ -33,28 +33,25 @@ def _plain(law: Law) -> str:
 
 @dataclass(frozen=True)
 class Formulas:
-    """What a law is made of. Each function takes the law, for the numbers that it has of its own."""
+    """The formulas of a law. Each takes the law, for its parameters."""
 
-    detects: Literal[
-        "anywhere", "along", "abeam"
-    ]  # at a rate in its area; at a rate all along its legs; once, abeam of a leg
+    # How it detects: at a rate anywhere in its area; at a rate all along its legs; once, abeam of a leg.
+    detects: Literal["anywhere", "along", "abeam"]
     pod: Callable[[Law, Array], Array]  # b(C)
-    cap: Callable[
-        [Law, Array], Array
-    ]  # g(h): the integral across a leg of its hazard, cut off at h, over its sweep width
-    coverage: Callable[[Law, float], float] | None = None  # C of a POD; None: found by trying
-    lateral: Callable[[Law], tuple[Array, Array]] | None = (
-        None  # range curve, as `table` returns it; what detects abeam has one
-    )
-    width: Callable[[Law], float] | None = None  # sweep width [m] that the law brings along; None: it has to be told
-    any_legs: Callable[[Law, Array], Array] | None = None  # most that any legs find at C, if cap tells more than that
+    # g(h): the integral across a leg of its hazard, cut off at h, over its sweep width
+    cap: Callable[[Law, Array], Array]
+    coverage: Callable[[Law, float], float] | None = None  # C of a POD; None: by a root finder
+    # The lateral range curve as `table` returns it; each law that detects abeam has one.
+    lateral: Callable[[Law], tuple[Array, Array]] | None = None
+    width: Callable[[Law], float] | None = None  # sweep width [m] that the law implies; None: it must be given
+    any_legs: Callable[[Law, Array], Array] | None = None  # the most that any legs find at C, where cap says more
     sure: bool = False  # whether some coverage detects for certain
     ends: float = 0.0  # sweep widths by which the two ends of a path make it longer, at the most
     written: Callable[[Law], str] = _plain  # the law as a case file has it, in TOML
 
 
 def of(law: Law) -> Formulas:
-    """Return what a law is made of."""
+    """Return the formulas of a law."""
     return LAWS[law.kind]
 
 
@@ -73,15 +70,15 @@ def coverage_of(law: Law, chance: float) -> float:
         return inverse(law, chance)
     if pod(law, MOST) <= chance:
         raise ValueError(f"this law reaches a POD of {float(pod(law, MOST)):.3g} at most, not {chance:g}")
-    from scipy import optimize  # here, since most cases search nothing, and it takes a third of a second
+    from scipy import optimize  # imported here, since most cases search nothing and it takes a third of a second
 
     return float(optimize.brentq(lambda c: float(pod(law, c)) - chance, 0.0, MOST, xtol=1e-12))
 
 
 def table(law: Law) -> tuple[Array, Array]:
-    """Return the lateral range curve of a law without a rate: ranges as shares of W, and the chance there.
+    """Return the lateral range curve of a law that detects abeam: ranges as shares of W, and the chances there.
 
-    Straight in between, nothing beyond the last; two equal ranges are a jump. Twice its integral is 1.
+    The curve is straight between them and 0 beyond the last; two equal ranges are a jump. Twice its integral is 1.
     """
     if (lateral := of(law).lateral) is None:
         raise ValueError(f"{law.kind} has no lateral range curve of its own")
@@ -95,7 +92,7 @@ def swept(law: Law) -> float:
 
 
 def _inverse_cube(_law: Law, c: Array) -> Array:
-    from scipy import special  # here, as above
+    from scipy import special  # imported here, as above
 
     return np.asarray(special.erf(math.sqrt(math.pi) / 2 * c))
 
@@ -136,15 +133,15 @@ def _endless(law: Law) -> tuple[Array, Array]:
     """Return coverages and the POD of endless parallel sweeps by a lateral range curve at spacing W / C."""
     ranges, chances = table(law)
     coverages = np.concatenate([np.linspace(0, 4, 161), np.linspace(4.25, MOST, 184)])
-    found = np.zeros(len(coverages))
+    pods = np.zeros(len(coverages))
     for k, c in enumerate(coverages[1:], 1):
         tracks = np.arange(-math.ceil(ranges[-1] * c) - 1, math.ceil(ranges[-1] * c) + 2) / c
         offset = (np.arange(OFFSETS) + 0.5) / OFFSETS / c
         miss = np.ones(OFFSETS)
         for track in tracks:
             miss *= 1 - np.interp(np.abs(offset - track), ranges, chances, right=0.0)
-        found[k] = 1 - miss.mean()
-    return coverages, found
+        pods[k] = 1 - miss.mean()
+    return coverages, pods
 
 
 LAWS = {
@@ -185,15 +182,15 @@ LAWS = {
 
 
 def factors(shape: float, count: int = NODES) -> tuple[Array, Array]:
-    """Return nodes and weights of the unknown factor of a sweep width: gamma of a shape, mean 1; one node where W is known.
+    """Return nodes and weights of the unknown factor of a sweep width; one node where the width is known.
 
-    Gauss-Laguerre by the eigenvalues of its Jacobi matrix (Golub and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1);
-    SciPy's roots_genlaguerre gives weights that are not numbers for shapes above 171, a sweep width known to 7.6 % or
-    better.
+    The factor has a gamma distribution of this shape and of mean 1. Gauss-Laguerre by the eigenvalues of its Jacobi
+    matrix (Golub and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1); SciPy's roots_genlaguerre gives weights that are
+    not numbers for shapes above 171, a sweep width known to 7.6 % or better.
     """
     if math.isinf(shape):
         return np.ones(1), np.ones(1)
-    from scipy.linalg import eigh_tridiagonal  # here, as above
+    from scipy.linalg import eigh_tridiagonal  # imported here, as above
 
     k = np.arange(count)
     nodes, vectors = eigh_tridiagonal(2 * k + shape, np.sqrt(k[1:] * (k[1:] + shape - 1)))

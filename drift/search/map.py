@@ -3,7 +3,7 @@
 All maps of a page have one extent and one colour scale, so that a hole that a sortie has made can be told from drift.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -21,8 +21,7 @@ from drift.forecast.build import Forecast
 from drift.maps import chart, labels, sheet
 from drift.maps import page as paper  # `page` is the number of one
 from drift.maps.chart import INK, Frame
-from drift.maps.imprint import Imprint
-from drift.maps.marks import Mark
+from drift.maps.imprint import Setting
 from drift.maps.sheet import Badge, Row, Sheet
 from drift.search import layers as search_layers
 from drift.search.records import Contact, Sortie
@@ -33,8 +32,8 @@ A_PAGE = 4  # sorties
 WIDE, HIGH = 3.35, 2.85  # [in] of a map
 GAP, OVER, HEAD, FOOT, LEFT, RIGHT = 0.14, 0.66, 0.85, 1.0, 0.42, 1.15  # [in]
 STAGES = ("before", "mid-search", "after")
-RECENT = np.timedelta64(6, "h")  # before a sortie, from when on contacts are drawn with it
-RANGE = 3.0  # densest map over the middle one on the colour scale: a contact must not make the others pale
+RECENT = np.timedelta64(6, "h")  # contacts are drawn with a sortie from so long before it
+RANGE = 3.0  # most of the scale's top over the median map's: a contact must not make the others pale
 
 
 def pages(sorties: Sequence[Sortie]) -> int:
@@ -48,80 +47,71 @@ def draw(
     contacts: Sequence[Contact],
     updates: Updates,
     path: Path,
-    imprint: Imprint,
+    setting: Setting,
     *,
     page: int,
-    polygons: Iterable[Any] = (),
-    marks: Sequence[Mark] = (),
-    particles: int | None = None,
 ) -> None:
-    """Draw one page (from 1) of a search's maps; see drift.forecast.map.draw_map for the rest.
+    """Draw one page (from 1) of a search's maps.
 
     forecast: with outputs at start, middle and end of each sortie, each given all that was seen up to it.
     """
-    first = (page - 1) * A_PAGE
-    some = sorties[first : first + A_PAGE]
-    picks = [[_index(forecast, time) for time in _moments(one)] for one in some]
-    part = replace(forecast, data=forecast.data.isel(time=np.unique(picks)))
+    on_page = sorties[(page - 1) * A_PAGE : page * A_PAGE]
+    outputs = [[_index(forecast, time) for time in _moments(sortie)] for sortie in on_page]
+    part = replace(forecast, data=forecast.data.isel(time=np.unique(outputs)))
     times = list(part.data["time"].values)
-    seen = [[one for one in contacts if sortie.start - RECENT <= one.time <= sortie.end] for sortie in some]
-    places = search_layers.places([*dict.fromkeys(chain(*seen))])
-    here = layers.extent(part, times, marks, search_layers.extent(some), WIDE / HIGH, places.values())
+    seen = [[c for c in contacts if sortie.start - RECENT <= c.time <= sortie.end] for sortie in on_page]
+    every_seen = list(chain(*seen))
+    places = search_layers.places([*dict.fromkeys(every_seen)])
+    frame = layers.extent(part, times, setting.marks, search_layers.extent(on_page), WIDE / HIGH, places.values())
     tops = [layers.scale_top(part.data.isel(time=i)) for i in range(len(times))]
     norm = PowerNorm(0.5, 0, min(max(tops), RANGE * float(np.median(tops))))
-    land = chart.land_path(here, polygons, 450)
-    known = {update.name: (k, update) for k, update in enumerate(updates.all, 1) if update.kind == "sortie"}
+    land = chart.land_path(frame, setting.polygons, 450)
+    numbered = {update.name: (k, update) for k, update in enumerate(updates.all, 1) if update.kind == "sortie"}
 
-    least, least_at = effective.fewest(forecast.data, np.unique(picks), particles)
-    out = beyond.named(here, places)
+    least, least_at = effective.fewest(forecast.data, np.unique(outputs), setting.particles)
+    out = beyond.named(frame, places)
     head = HEAD + 0.3 * (least.few + bool(out))
-    size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, head + len(some) * (HIGH + OVER) + FOOT)
-    on = sheet.begin(
-        Sheet(
-            *size, 130, left=LEFT / size[0], title=sheet.heading(1 - 0.37 / size[1], 13, 100), beside=68,
-            lines=(Row(1 - 0.63 / size[1], 9),), caution=Badge(1 - 0.15 / size[0], 1 - 0.37 / size[1], 9, "right"),
-            rough=Badge(LEFT / size[0], 1 - 0.93 / size[1], 9), footer=sheet.small(0.12 / size[1], 7, size[0] * 17),
-        )
-    )  # fmt: skip
-    figure = on.figure
-    corner = chart.free_corner(here, *_busy(here, part, some, times))
-    mesh = None
-    for row, (sortie, indices) in enumerate(zip(some, picks, strict=True)):
+    size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, head + len(on_page) * (HIGH + OVER) + FOOT)
+    on = sheet.begin(_sheet(*size))
+    corner = chart.free_corner(frame, *_busy(frame, part, on_page, times))
+    for row, sortie in enumerate(on_page):
         bottom = size[1] - head - (row + 1) * (HIGH + OVER)
-        number, update = known.get(sortie.name, (0, None))
-        _heading(
-            figure, size, bottom + HIGH + 0.3, f"{number}  {sortie.name}" if number else sortie.name, sortie, update
-        )
-        for column, (i, wanted) in enumerate(zip(indices, _moments(sortie), strict=True)):
+        number, update = numbered.get(sortie.name, (0, None))
+        name = f"{number}  {sortie.name}" if number else sortie.name
+        _heading(on.figure, size, bottom + HIGH + 0.3, name, sortie, update)
+        for column, (i, wanted) in enumerate(zip(outputs[row], _moments(sortie), strict=True)):
             left = LEFT + column * (WIDE + GAP)
-            ax = figure.add_axes((left / size[0], bottom / size[1], WIDE / size[0], HIGH / size[1]))
-            count = effective.at(forecast.data, i, particles)
-            mesh = _map(ax, here, forecast, i, norm, land, count)
-            chart.graticule(ax, here, lines=3, size=7, labels=(row == len(some) - 1, column == 0))
-            search_layers.sortie(ax, here, sortie, wanted)
-            for one in seen[row]:
-                if one.time <= forecast.data["time"].values[i]:
-                    search_layers.contact(ax, here, one, 0.8)
-            for mark in marks:
-                layers.mark_point(ax, here, mark, 6)
-            _titles(ax, column, forecast.data["time"].values[i], wanted, update)
+            ax = on.figure.add_axes((left / size[0], bottom / size[1], WIDE / size[0], HIGH / size[1]))
+            mesh = _map(ax, frame, forecast, i, norm, land, setting)
+            chart.graticule(ax, frame, lines=3, size=7, labels=(row == len(on_page) - 1, column == 0))
+            search_layers.sortie(ax, frame, sortie, wanted)
+            time = forecast.data["time"].values[i]
+            for contact in (c for c in seen[row] if c.time <= time):
+                search_layers.contact(ax, frame, contact, 0.8)
+            _titles(ax, column, time, wanted, update)
             if row == column == 0:
-                chart.scale_bar(ax, here, corner, small=True)
-    told = _told(sorties, page, numbered=any(sortie.name in known for sortie in some), contacts=any(seen))
-    if particles is not None:
-        told += f"   ·   {particles:,} particles"
-    sheet.head(on, imprint, told)
+                chart.scale_bar(ax, frame, corner, small=True)
+    contents = _contents(sorties, page, any(s.name in numbered for s in on_page), bool(every_seen), setting.particles)
+    sheet.head(on, setting.imprint, contents)
     if least.few:
         when = notation.group(forecast.data["time"].values[least_at])
         sheet.rough(on, effective.banner(least, "areas and shares are rough", when))
     if out:
         sheet.say(on, sheet.warning(1 - (0.93 + 0.3 * least.few) / size[1], 9, size[0] * 12), out)
-    _key(figure, size, forecast, search_layers.key(some, list(chain(*seen)), 0.9), bool(marks))
-    _bar(figure, size, mesh)
-    sheet.end(on, path, imprint)
+    _key(on.figure, size, forecast, search_layers.key(on_page, every_seen, 0.9), bool(setting.marks))
+    _bar(on.figure, size, mesh)
+    sheet.end(on, path, setting.imprint)
 
 
-def _told(sorties: Sequence[Sortie], page: int, *, numbered: bool, contacts: bool) -> str:
+def _sheet(width: float, height: float) -> Sheet:
+    return Sheet(
+        width, height, 130, left=LEFT / width, title=sheet.heading(1 - 0.37 / height, 13, 100), beside=68,
+        lines=(Row(1 - 0.63 / height, 9),), caution=Badge(1 - 0.15 / width, 1 - 0.37 / height, 9, "right"),
+        rough=Badge(LEFT / width, 1 - 0.93 / height, 9), footer=sheet.small(0.12 / height, 7, width * 17),
+    )  # fmt: skip
+
+
+def _contents(sorties: Sequence[Sortie], page: int, numbered: bool, contacts: bool, particles: int | None) -> str:
     """Return in a line what a page shows."""
     many = len(sorties)
     parts = [f"{many} sorties that found nothing, in order of start" if many > 1 else "One sortie that found nothing"]
@@ -131,54 +121,46 @@ def _told(sorties: Sequence[Sortie], page: int, *, numbered: bool, contacts: boo
         parts.append("numbered as in evidence.png" if many > 1 else "its number as in evidence.png")
     if contacts:
         parts.append(f"contacts from {RECENT // np.timedelta64(1, 'h')} h before the sortie on")
+    if particles is not None:
+        parts.append(f"{particles:,} particles")
     return "   ·   ".join(parts)
 
 
-def _moments(one: Sortie) -> tuple[Any, Any, Any]:
-    return one.start, one.start + (one.end - one.start) // 2, one.end
+def _moments(sortie: Sortie) -> tuple[Any, Any, Any]:
+    return sortie.start, sortie.start + (sortie.end - sortie.start) // 2, sortie.end
 
 
 def _index(forecast: Forecast, time: Any) -> int:
-    """Return the output nearest to a time; of equal ones the last, which knows more."""
+    """Return the output nearest to a time; of two as near, the last, which has seen more."""
     apart = np.abs(forecast.data["time"].values - time)
     return int(np.flatnonzero(apart == apart.min())[-1])
 
 
-def _busy(here: Frame, part: Forecast, some: Sequence[Sortie], times: Sequence[Any]) -> tuple[Any, Any]:
+def _busy(frame: Frame, part: Forecast, some: Sequence[Sortie], times: Sequence[Any]) -> tuple[Any, Any]:
     """Return points [m] that the scale bar should not cover."""
-    x, y = layers.occupied(here, part, times)
+    x, y = layers.occupied(frame, part, times)
     for line in search_layers.extent(some):
-        px, py = here.project(line.lon, line.lat)
+        px, py = frame.project(line.lon, line.lat)
         x, y = np.append(x, px), np.append(y, py)
     return x, y
 
 
 def _map(
-    ax: Axes,
-    here: Frame,
-    forecast: Forecast,
-    i: int,
-    norm: PowerNorm,
-    land: Outline | None,
-    count: effective.Count,
+    ax: Axes, frame: Frame, forecast: Forecast, i: int, norm: PowerNorm, land: Outline | None, setting: Setting
 ) -> Any:
     """Draw the probability at an output with its smallest and its largest area; return the shading."""
-    chart.prepare(ax, here)
+    chart.prepare(ax, frame)
     at = forecast.data.isel(time=i)
     shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
-    mesh = layers.shade(ax, here, forecast, shown, norm)
+    mesh = layers.shade(ax, frame, forecast, shown, norm)
     chart.draw_land(ax, land)
+    count = effective.at(forecast.data, i, setting.particles)
     outlines = layers.areas_of(forecast, at["time"].values, forecast.ends)
-    if count.few:
-        layers.rough(ax, here, layers.widest(outlines))
-    for outline in outlines:
-        style = layers.line(outline.share, forecast, count.few)
-        layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.6 * style["linewidth"]})
-    if notes := layers.beside(here, at, count):
-        words: dict[str, Any] = {"fontsize": 7.5, "weight": "bold", "color": layers.LAST_KNOWN, "zorder": 16}
-        words |= {"ha": "right", "va": "bottom", "transform": ax.transAxes, "path_effects": labels.HALO}
-        ax.text(0.98, 0.02, "\n".join(notes), **words)
-    layers.ashore_marks(ax, here, forecast, i, scale=0.45)
+    layers.outline(ax, frame, forecast, outlines, count.few, width=0.6)
+    layers.note(ax, layers.beside(frame, at, count), fontsize=7.5, weight="bold")
+    layers.ashore_marks(ax, frame, forecast, i, scale=0.45)
+    for mark in setting.marks:
+        layers.mark_point(ax, frame, mark, 6)
     return mesh
 
 
@@ -186,7 +168,7 @@ def _heading(
     figure: Figure, size: tuple[float, float], y: float, name: str, sortie: Sortie, update: Update | None
 ) -> None:
     """Write over a row which sortie it is, when it was and what it was worth."""
-    when = f"{notation.group(sortie.start)[:6]}Z to {notation.group(sortie.end)}"
+    when = f"{notation.day_time(sortie.start)} to {notation.group(sortie.end)}"
     parts = [when, *([sortie.kind] if sortie.kind else [])]
     if sortie.frame == "datum" and sortie.marker is None:
         parts.append("drawn at its datum")
@@ -194,14 +176,12 @@ def _heading(
         parts.append(f"{100 * sortie.completed:.0f} % completed")
     if update is not None and update.pos is not None:
         parts.append(_worth(update))
-    told = "   ·   ".join(parts)
-    room = (
-        size[0] - LEFT - RIGHT - 0.071 * len(told)
-    )  # [in]; letters of 9 points are 0.07 in wide, bold ones of 10.5 0.1
-    figure.text(
-        LEFT / size[0], y / size[1], paper.fit(name, max(room / 0.1, 16)), fontsize=10.5, weight="bold", color=INK
-    )
-    figure.text((size[0] - RIGHT) / size[0], y / size[1], told, fontsize=9, color=INK, ha="right")
+    words = "   ·   ".join(parts)
+    # Letters of 9 points are 0.07 in wide, bold ones of 10.5 points 0.1 in.
+    room = size[0] - LEFT - RIGHT - 0.071 * len(words)  # [in]
+    name = paper.fit(name, max(room / 0.1, 16))
+    figure.text(LEFT / size[0], y / size[1], name, fontsize=10.5, weight="bold", color=INK)
+    figure.text((size[0] - RIGHT) / size[0], y / size[1], words, fontsize=9, color=INK, ha="right")
 
 
 def _worth(update: Update) -> str:
@@ -216,10 +196,10 @@ def _worth(update: Update) -> str:
 
 
 def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None) -> None:
-    """Write over a map its time, and what that stage says; where no output is at the time, by how much it is off."""
+    """Write over a map its time, by how much that is off where no output is at the time, and what the stage says."""
     apart = (time - wanted) / np.timedelta64(1, "m")
     off = f" ({apart:+.0f} min)" if abs(apart) >= 1 else ""
-    text = f"{STAGES[column]} {notation.group(time)[:6]}Z{off}"
+    text = f"{STAGES[column]} {notation.day_time(time)}{off}"
     ax.set_title(text, fontsize=8.5, weight="bold", loc="left", pad=3, color=INK)
     if update is None or update.pos is None:
         return

@@ -1,7 +1,7 @@
 """Datum markers: where a pattern that drifts with the water has got to.
 
-A marker whose track is not known drifts as water does, from the pattern's datum on, in the scenario's own forcing and
-without its errors: by Runge-Kutta steps on the host, one a step of the run.
+A marker whose track is not known drifts with the water from the pattern's datum on, in the scenario's own forcing and
+without errors: by Runge-Kutta steps on the host, one for each step of the run.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from geo.polyline import Legs
 class Marker:
     """The way of one marker in one scenario."""
 
-    lon: float  # [deg] where it began
+    lon: float  # [deg], where it began
     lat: float
     begin: float  # [s after the run's start]
     scenario: int
@@ -33,7 +33,7 @@ class Marker:
         return np.interp(time, self._time, lon), np.interp(time, self._time, lat)
 
     def legs(self, start: int) -> Legs | None:
-        """Return its way; start: of the run [s since 1970]. None if it has not drifted."""
+        """Return its track, None if it has not drifted; start: of the run [s since 1970]."""
         if not self._time:
             return None
         lon, lat = np.degrees(np.array(self._place)).T
@@ -41,23 +41,23 @@ class Marker:
         return Legs(time, tuple(lon.tolist()), tuple(lat.tolist()), (True,) * (len(time) - 1))
 
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
-        """Take it over the step from `elapsed` on, for which the forcing is set."""
+        """Move it over the step from `elapsed` on, for which the forcing is set."""
         begin, end = max(float(elapsed), self.begin), float(elapsed + duration)
         if end <= begin:
             return
         if not self._time:
             self._time, self._place = [begin], [np.radians([self.lon, self.lat])]
-        dt, here = end - begin, self._place[-1]
+        dt, place = end - begin, self._place[-1]
         first, middle, last = (np.array([begin, 0.5 * (begin + end), end]) - elapsed) / duration
-        k1 = self._rate(forcing, here, first)
-        k2 = self._rate(forcing, here + 0.5 * dt * k1, middle)
-        k3 = self._rate(forcing, here + 0.5 * dt * k2, middle)
-        k4 = self._rate(forcing, here + dt * k3, last)
+        k1 = self._rate(forcing, place, first)
+        k2 = self._rate(forcing, place + 0.5 * dt * k1, middle)
+        k3 = self._rate(forcing, place + 0.5 * dt * k2, middle)
+        k4 = self._rate(forcing, place + dt * k3, last)
         self._time.append(end)
-        self._place.append(here + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+        self._place.append(place + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
 
     def _rate(self, forcing: Forcing, place: Array, share: float) -> Array:
-        """Return the change of lon and lat [rad/s] in the current; none where there is no forcing, so that it stays."""
+        """Return the change of lon and lat [rad/s] in the current; 0 where there is no forcing: there it stays."""
         ranges = forcing.ranges[self.scenario]
         at = (sphere.to_binary(np.degrees([angle])) for angle in place)
         east, north, valid = forcing.tiles.at(ranges[0], ranges[1], *at, float(share))[0]
@@ -67,7 +67,7 @@ class Marker:
 
 @dataclass(frozen=True)
 class Tracked:
-    """A marker whose track is known, a buoy's: the same in every scenario."""
+    """A marker whose track is known, such as a buoy's: it is the same in every scenario."""
 
     time: Array  # [s after the run's start]
     lon: Array  # [rad] without jumps
@@ -78,9 +78,9 @@ class Tracked:
         return np.interp(time, self.time, self.lon), np.interp(time, self.time, self.lat)
 
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
-        """Do nothing: its track is known."""
+        """Do nothing, for its track is known."""
 
 
 def tracked(track: Legs, start: int) -> Tracked:
-    """Return a marker by its track; start: of the run [s since 1970]."""
+    """Return the marker of a known track; start: of the run [s since 1970]."""
     return Tracked(np.array(track.time) - start, np.unwrap(np.radians(track.lon)), np.radians(track.lat))

@@ -1,4 +1,4 @@
-"""How many particles sorties and contacts leave, and what is warned of where these are few."""
+"""How many particles sorties and contacts leave, and the warnings where these are few."""
 
 from typing import Any
 
@@ -8,27 +8,27 @@ from drift.search.updates import Update, Updates
 
 
 def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
-    """Return the warnings of a forecast: after which update few count, at which outputs, and of which parts at its end."""
+    """Return warnings of few particles: after which update, at which outputs, and of which parts at the end."""
     update = first_low(updates) if updates else None
     if update is None:
         return effective.of_run(data, particles)
     low = Count(update.ess_after, particles)
     anew = "" if update.resampled else ", or [resampling] below = 0.05"
     words = effective.sentence(low, after(update), "areas and shares after it are rough")
-    told = f"{words}. Check it; else give more particles{anew}"
-    return [told, *effective.of_run(data, particles, update.time, update.ess_after)]
+    warning = f"{words}. Check it; else give more particles{anew}"
+    return [warning, *effective.of_run(data, particles, update.time, update.ess_after)]
 
 
 def first_low(updates: Updates) -> Update | None:
-    """Return the first sortie or contact after which few particles count; what comes after it stands on these."""
+    """Return the first sortie or contact after which few particles count; all later ones stand on these."""
     return next((update for update in updates.all if Count(update.ess_after).few), None)
 
 
 def lowest(updates: Updates, particles: int | None = None) -> Count:
-    """Return how many particles the evidence stands on: the least that any update has left, as copies add nothing."""
+    """Return how many particles the evidence stands on: the fewest after any update, for copies add nothing."""
     return Count(min((update.ess_after for update in updates.all), default=0.0), particles)
 
 
 def after(update: Update) -> str:
-    """Return in words after what."""
+    """Return in words after which update."""
     return f'after {update.kind} "{update.name}"'

@@ -14,13 +14,13 @@ from geo import sphere
 from geo.array import Array
 from geo.polyline import Area, Legs, LonLat, fly, unwrap
 
-MOST_LEGS = 10_000  # of a pattern
+MOST_LEGS = 10_000  # most legs of a pattern
 ROUND = 36  # corners of a circle's outline
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """What is flown, and what that searches; area: None where only the sweep width could tell."""
+    """Legs and the area that they search; None where that depends on the sweep width."""
 
     legs: Legs
     area: Area | None
@@ -47,7 +47,7 @@ def _area(lon: Array, lat: Array) -> Area:
 
 def square_metres(area: Area) -> float:
     """Return the area [m2] that great circles enclose on the sphere."""
-    import pyproj  # here, since most cases search nothing and the import takes 0.1 s
+    import pyproj  # imported here, since most cases search nothing and the import takes 0.1 s
 
     size, _ = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).polygon_area_perimeter(area.lon, area.lat)
     return float(abs(size))
@@ -65,10 +65,11 @@ def parallel(
 ) -> Pattern:
     """Return a parallel sweep (PS): legs along the length, which creep across it.
 
-    As many legs as fit the width, n = max(1, floor(width / spacing + 1/2)), exactly one spacing apart and centred in
-    it, so that the outer ones lie half a spacing inside where the width is a whole number of spacings. Legs end half
-    a spacing inside too, and the cross legs between them are searched. corner: (along, across), each -1 or 1, of the
-    rectangle, nearest to which it commences; (-1, -1) is the one astern and to the left of the orientation.
+    There are as many legs as fit the width, n = max(1, floor(width / spacing + 1/2)). They lie exactly one spacing
+    apart and centred in it, so that the outer ones lie half a spacing inside where the width is a whole number of
+    spacings. Legs end half a spacing inside too, and the cross legs between them are searched.
+    corner: (along, across), each -1 or 1, of the rectangle, nearest to which the search commences; (-1, -1) is astern
+    and to the left of the orientation.
     """
     number = leg_count(width, spacing)
     if number > MOST_LEGS:
@@ -95,7 +96,7 @@ def creeping(
     corner: tuple[int, int] = (-1, -1),
 ) -> Pattern:
     """Return a creeping line search (CS): legs across the length, which creep along it; see `parallel`."""
-    # Turned to the right by a quarter: what was to the right is ahead, what was ahead is to the left.
+    # A quarter turn to the right: what was to the right is now ahead, and what was ahead is to the left.
     turned = (corner[1], -corner[0])
     swept = parallel(centre, width, length, orientation + math.pi / 2, spacing, start, speed, turned)
     return Pattern(swept.legs, rectangle(centre, length, width, orientation))
@@ -107,14 +108,14 @@ def leg_count(width: float, spacing: float) -> int:
 
 
 def square(datum: LonLat, spacing: float, orientation: float, legs: int, start: float, speed: float) -> Pattern:
-    """Return an expanding square search (SS): S, S, 2 S, 2 S, 3 S, ... from the datum, all turns 90 deg to starboard."""
+    """Return an expanding square search (SS): S, S, 2 S, 2 S, 3 S, ... from the datum, turns 90 deg to starboard."""
     import shapely
 
     reach = (np.arange(legs) // 2 + 1) * spacing
     course = np.arange(legs) % 4
     along = np.concatenate([[0.0], np.cumsum(reach * np.array([1, 0, -1, 0])[course])])
     across = np.concatenate([[0.0], np.cumsum(reach * np.array([0, 1, 0, -1])[course])])
-    # Legs lie a spacing apart: what lies within half of one of them has no holes, but for rounding.
+    # Legs lie a spacing apart: the half spacing on each side leaves no holes, but for rounding.
     swept = shapely.LineString(np.column_stack([along, across])).buffer(
         0.5001 * spacing, cap_style="square", join_style="mitre"
     )
@@ -123,7 +124,7 @@ def square(datum: LonLat, spacing: float, orientation: float, legs: int, start: 
 
 
 def square_legs(spacing: float, distance: float) -> int:
-    """Return the legs of an expanding square that a distance [m] begins to fly."""
+    """Return how many legs of an expanding square are begun within a distance [m]."""
     # n legs are S (1 + 1 + 2 + 2 + ...) = S ceil(n/2) (floor(n/2) + 1) long.
     number = max(1, math.ceil(2 * math.sqrt(max(distance, 0.0) / spacing)) - 2)
     while spacing * -(-number // 2) * (number // 2 + 1) < distance * (1 - 1e-12):
@@ -134,8 +135,9 @@ def square_legs(spacing: float, distance: float) -> int:
 def sector(datum: LonLat, radius: float, sectors: int, orientation: float, start: float, speed: float) -> Pattern:
     """Return a sector search (VS) of 1 to 6 sectors through the datum.
 
-    A sector is an equilateral triangle: out along its radius, a chord, back, all turns 120 deg to starboard, straight
-    on over the datum into the next. Three sectors are a search; the fourth to sixth are a second one, turned by 30 deg.
+    A sector is an equilateral triangle: out along a radius, across by a chord and back, all turns 120 deg to starboard,
+    then straight on over the datum into the next. Three sectors are a search; the fourth to sixth are a second one,
+    turned by 30 deg.
     """
     along, across = [0.0], [0.0]
     for number in range(sectors):
@@ -151,7 +153,7 @@ def sector(datum: LonLat, radius: float, sectors: int, orientation: float, start
 
 
 def trackline(waypoints: list[LonLat], offset: float, back: bool, start: float, speed: float) -> Pattern:
-    """Return a trackline search (TS): along a route, `offset` [m] to its right, and back on its other side if `back`."""
+    """Return a trackline search (TS): along a route `offset` [m] to its right, and `back` on its other side."""
     lon, lat = _beside(waypoints, offset)
     if back:
         home = _beside(waypoints[::-1], offset)
@@ -160,7 +162,10 @@ def trackline(waypoints: list[LonLat], offset: float, back: bool, start: float, 
 
 
 def _beside(route: list[LonLat], offset: float) -> tuple[Array, Array]:
-    """Return a route [deg] displaced to its right by a distance [m]: mitred at turns below 90 deg, else round the corner."""
+    """Return a route [deg] displaced to its right by a distance [m].
+
+    Corners are mitred at turns up to 90 deg, and flown round at sharper ones.
+    """
     lon, lat = np.radians(np.array(route)).T
     if offset == 0:
         return np.degrees(lon), np.degrees(lat)

@@ -1,7 +1,7 @@
 """Records of a search: what was looked for where and how, what was seen, and what can be sent next.
 
 The engine takes these. All is SI and UTC; positions are degrees, their longitudes running on along one shape. What
-depends on the object looked for has one entry a scenario, in the order of the case.
+depends on the object that is looked for has one entry per scenario, in the order of the case.
 """
 
 import math
@@ -20,8 +20,8 @@ class Law:
 
     kind: str = "inverse_cube"  # an entry of drift.search.laws.LAWS
     beta: float = 1.0  # m_beta: chance of detection within M = W / (2 beta)
-    ranges: tuple[float, ...] = ()  # curve: lateral ranges [m], ascending from 0
-    chances: tuple[float, ...] = ()  # and the chance of detection there, straight in between, none beyond
+    ranges: tuple[float, ...] = ()  # of a curve: lateral ranges [m], ascending from 0
+    chances: tuple[float, ...] = ()  # chances of detection there; straight in between, none beyond
 
 
 @dataclass(frozen=True)
@@ -33,30 +33,30 @@ class Watch:
 
     inner: tuple[float, ...]  # [m]
     outer: tuple[float, ...]
-    pod: tuple[float, ...]  # in (0, 1]; zones do not overlap; nothing outside
+    pod: tuple[float, ...]  # chance of detection in each zone, in (0, 1]; zones do not overlap
 
 
 @dataclass(frozen=True)
 class Sortie:
-    """One search that found nothing. It has an area with a coverage, or legs, or a watch along its legs."""
+    """One search that found nothing, by an area with a coverage, by legs, or by a watch along its legs."""
 
     name: str
-    kind: str  # of unit, as in the sweep width tables; "" if not told
+    kind: str  # kind of unit, as in the sweep width tables; "" if not given
     start: np.datetime64
     end: np.datetime64
     law: Law
-    sweep_width: tuple[float, ...]  # [m], one a scenario; 0: its object is not seen
-    shape: float = math.inf  # of the gamma distribution, of mean 1, of the unknown factor of W; inf: W is known
+    sweep_width: tuple[float, ...]  # [m], one per scenario; 0: its object is not seen
+    shape: float = math.inf  # of the gamma distribution (mean 1) of the unknown factor of W; inf: W is known
     group: str = ""  # sorties of one group share that factor
-    area: Area | None = None  # where; with legs it only says what counts as searched
-    coverage: tuple[float, ...] = ()  # C = W v t / A, one a scenario: an area without legs
-    legs: Legs | None = None  # tracks that were made good; of a watch: where its sensor was
+    area: Area | None = None  # without legs, where it searched; with legs, what counts as searched
+    coverage: tuple[float, ...] = ()  # C = W v t / A, one per scenario; of an area without legs
+    legs: Legs | None = None  # tracks made good; of a watch, where its sensor was
     watch: Watch | None = None
-    completed: float = 1.0  # share of the effort that was spent; legs are cut already
-    frame: Literal["ground", "datum"] = "ground"  # datum: area and legs drift with a marker
-    marker: Legs | None = None  # where the marker was, if that is known; else it drifts as water does from `datum`
+    completed: float = 1.0  # share of the effort that was spent; legs are already cut
+    frame: Literal["ground", "datum"] = "ground"  # "datum": area and legs drift with a marker
+    marker: Legs | None = None  # track of the marker, if known; else it drifts with the water from `datum`
     datum: tuple[float, float] | None = None  # (lon, lat) [deg] where a drifting frame begins
-    # For action plans and legends only:
+    # Only action plans and legends use these.
     speed: float = math.nan  # [m/s]
     altitude: float = math.nan  # [m]
     spacing: float = math.nan  # [m]
@@ -68,34 +68,33 @@ class Fix:
 
     lon: float  # [deg]
     lat: float
-    share: float = 1.0  # of the contact's probability: fixes A and B of a beacon
+    share: float = 1.0  # of the contact's probability, for positions A and B of a beacon
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Something seen: a likelihood of where the object was. Exactly one of fixes, bearing, distance or area is given."""
+    """Something seen, which gives a likelihood of where the object was: by fixes, a bearing, a range or an area."""
 
     name: str
     time: np.datetime64
     kind: str  # an entry of drift.search.contacts.LIKELIHOODS
-    belief: float = 1.0  # that it is ours: belief N / E[N] + 1 - belief
-    false_density: float = (
-        0.0  # [1/m2] (range: [1/m], bearing: [1/rad]) of false contacts: N + false_density; then belief is 1
-    )
+    # With N the density of what was seen, the likelihood is belief N / E[N] + 1 - belief, or N + false_density.
+    belief: float = 1.0  # probability that it is of the object
+    false_density: float = 0.0  # of false contacts [1/m2] (range: [1/m], bearing: [1/rad]); belief is 1 then
     fixes: tuple[Fix, ...] = ()
     major: float = 0.0  # [m] standard deviation along the major axis
     minor: float = 0.0
     orientation: float = 0.0  # [rad] of the major axis, clockwise from north
-    sensor: tuple[float, float] | None = None  # (lon, lat) [deg] that bearing and range are from
+    sensor: tuple[float, float] | None = None  # (lon, lat) [deg] from which bearing and range were taken
     bearing: float = 0.0  # [rad] true
     bearing_std: float = 0.0
     range: float = 0.0  # [m]
     range_std: float = 0.0
-    near: float = 0.0  # [m] a bearing's object is between these ranges
+    near: float = 0.0  # [m]; the object of a bearing is between near and far
     far: float = math.inf
-    zones: Watch | None = None  # chance of detection by range; None: the same at all
+    zones: Watch | None = None  # chance of detection by range; None: the same at all ranges
     area: Area | None = None
-    drifter: Drifter | None = None  # debris, which drifts by this class; None: the object itself
+    drifter: Drifter | None = None  # of debris, how it drifts; None: it is the object itself
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ class Unit:
     transit_speed: float
     endurance: float  # [s] on scene; 85 % of it is search
     law: Law
-    sweep_width: tuple[float, ...]  # [m], one a scenario
+    sweep_width: tuple[float, ...]  # [m], one per scenario
     shape: float = math.inf
     group: str = ""
     altitude: float = math.nan  # [m]
@@ -123,20 +122,20 @@ class Unit:
 
     @property
     def afloat(self) -> bool:
-        """Whether it goes by sea: what flies goes straight on, and what is not said to be a boat is taken to fly."""
+        """Whether it goes by sea; a unit that is not called a boat is taken to fly, over land too."""
         return self.kind == "Boat"
 
 
 @dataclass(frozen=True)
 class PlanSpec:
-    """What is asked of a plan."""
+    """What a plan is asked for."""
 
     begin: np.datetime64  # nothing is flown before
     until: np.datetime64  # everything is flown by then
     objective: Literal["pos", "alive"] = "pos"
     separation: float = 0.0  # [m] between areas that are searched at the same time
     rounds: int = 1  # sorties of each unit, each planned on the failure of those before
-    particles: int = 40_000  # that the plan is made on; it is scored on the case's own
+    particles: int = 40_000  # on which the plan is made; it is scored on those of the case
 
 
 @dataclass(frozen=True)
@@ -144,4 +143,4 @@ class Resampling:
     """When and how particles are drawn anew in proportion to their weights."""
 
     method: Literal["systematic", "kahn"] = "systematic"
-    below: float = 0.0  # share of the particles under which the effective ones may not fall; 0: never
+    below: float = 0.0  # share of the particles; with fewer effective ones they are drawn anew; 0: never

@@ -14,18 +14,19 @@ from geo.array import Array
 from geo.polyline import Area, Legs
 from kernels.sweep import Track
 
-Moved = Callable[[Array], tuple[Array, Array]]  # times [s after start] -> where a marker is, lon and lat [rad]
+Moved = Callable[
+    [Array], tuple[Array, Array]
+]  # times [s after the run's start] -> where a marker is, lon and lat [rad]
 
-PIECE = (
-    50_000.0  # [m] of a leg up to 62 degrees N, shorter as the tangent of the latitude: past a particle within half of
-)
-# that its great circle is straight to 0.3 m, while the particle drifts by 1 km to 2 m
-EDGE = 10_000.0  # [m] of an area's edge: it bulges by less than 4 m up to 60 degrees N
+# [m], longest piece of a leg up to 62 degrees N; beyond, pieces are shorter as the tangent of the latitude grows.
+# Past a particle within half a piece its great circle is straight to 0.3 m; while the particle drifts by 1 km, to 2 m.
+PIECE = 50_000.0
+EDGE = 10_000.0  # [m], longest piece of an area's edge: it bulges by less than 4 m up to 60 degrees N
 
 
 @dataclass(frozen=True)
 class Path:
-    """Nodes of a sensor's way and its pieces between them, whole or part of a straight leg."""
+    """Nodes of a sensor's way, and the pieces between them, each a leg or a part of one."""
 
     time: Array  # [s after the run's start], ascending, (k + 1,)
     lon: Array  # [deg] without jumps
@@ -38,8 +39,8 @@ class Path:
     ) -> Track | None:
         """Return the way from begin to end [s after the run's start], within the step from `elapsed` on; None for none.
 
-        moved: where a marker is that takes it along, as far and in the direction from it as from its datum (lon, lat)
-        [deg].
+        moved: where the marker is that takes it along. The way then lies from the marker as it was laid out from the
+        datum (lon, lat) [deg].
         """
         begin, end = max(begin, float(self.time[0])), min(end, float(self.time[-1]))
         if begin >= end:
@@ -70,16 +71,16 @@ class Path:
         )
 
     def _at(self, time: Array) -> tuple[Array, Array]:
-        """Return where it is [deg]: the same to the bit for the same time, so that stretches join."""
+        """Return where it is [deg]. The same time gives the same bits, so that stretches join."""
         node = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.searching) - 1)
         share = (time - self.time[node]) / (self.time[node + 1] - self.time[node])
         lon, lat = np.radians(self.lon), np.radians(self.lat)
         east, north = sphere.offset(lon[node], lat[node], lon[node + 1], lat[node + 1])
         x, y = sphere.destination(lon[node], lat[node], share * east, share * north)
-        found = sphere.near_degrees(np.degrees(x), self.lon[node]), np.degrees(y)
+        between = sphere.near_degrees(np.degrees(x), self.lon[node]), np.degrees(y)
         first, last = (
-            np.select([share == 0, share == 1], [all_[node], all_[node + 1]], one)
-            for all_, one in zip((self.lon, self.lat), found, strict=True)
+            np.select([share == 0, share == 1], [nodes[node], nodes[node + 1]], inner)
+            for nodes, inner in zip((self.lon, self.lat), between, strict=True)
         )
         return first, last
 
@@ -113,7 +114,10 @@ def standing(lon: float, lat: float, begin: float, end: float) -> Path:
 
 
 def chart(at_lon: float, at_lat: float, lon: Array, lat: Array) -> tuple[Array, Array]:
-    """Return (x, y) [m] of places [rad] on the plane in which `kernels.sweep` tells whether they are in a ring about a place."""
+    """Return (x, y) [m] of places [rad] on the plane about a place [rad].
+
+    In this plane `kernels.sweep` tells whether they are in a ring.
+    """
     apart = lon - at_lon
     y = lat - at_lat - 0.25 * np.sin(2 * at_lat) * apart**2
     return apart * np.cos(at_lat) * sphere.RADIUS, y * sphere.RADIUS

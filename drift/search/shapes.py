@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import shapely
 
+from drift.output import geojson
 from drift.search.records import Contact, Sortie
-from geo import antimeridian, polyline, sphere
+from geo import polyline, sphere
 from geo.array import Array
 from geo.polyline import Area, Legs
 
@@ -23,7 +24,6 @@ NEAR_ALL = 0.95  # share of a contact's error that its shape holds
 IN_PLANE = math.sqrt(-2 * math.log(1 - NEAR_ALL))  # standard deviations: Rayleigh's quantile
 ON_LINE = 1.959964  # normal's two-sided quantile
 FARTHEST = 100 * 1852.0  # [m] to which a bearing without a far end is drawn
-DIGITS = 7  # decimals of a degree: 1 cm
 
 
 def epoch(time: np.datetime64) -> float:
@@ -44,7 +44,7 @@ def outline(area: Area) -> Array:
 
 
 def circle(lon: float, lat: float, radius: float, begin: float = 0.0, end: float = 2 * math.pi) -> Array:
-    """Return an arc [m, rad clockwise from north] round a point [deg], (n, 2); the whole circle unless told."""
+    """Return a circle of a radius [m] round a point [deg], (n, 2), or an arc of it [rad clockwise from north]."""
     angle = np.linspace(begin, end, max(int(abs(end - begin) / 0.05), 2) + 1)
     return _about(lon, lat, radius * np.sin(angle), radius * np.cos(angle))
 
@@ -55,7 +55,7 @@ def _about(lon: float, lat: float, east: Array, north: Array) -> Array:
 
 
 def searched(sortie: Sortie, time: np.datetime64 | None = None) -> Array | None:
-    """Return the closed outline of a sortie's area at a time (its start unless told), (n, 2); None if it has none."""
+    """Return the closed outline of a sortie's area at a time, by default its start, (n, 2); None if it has none."""
     if sortie.area is None:
         return None
     if not _drifts(sortie):
@@ -66,9 +66,9 @@ def searched(sortie: Sortie, time: np.datetime64 | None = None) -> Array | None:
 
 
 def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool, Array]]:
-    """Return a sortie's legs over the ground to a time (its end unless told): whether they search, and points (n, 2).
+    """Return a sortie's legs over the ground as lines: whether each searches, and its points (n, 2).
 
-    Neighbouring legs of one sort are one line.
+    until: the time to which they are drawn, by default the sortie's end. Neighbouring legs of one sort are one line.
     """
     if sortie.legs is None:
         return []
@@ -77,16 +77,16 @@ def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool
         if epoch(until) <= legs.time[0]:
             return []
         legs = polyline.between(legs, legs.time[0], epoch(until))
-    found: list[tuple[bool, list[int]]] = []
+    parts: list[tuple[bool, list[int]]] = []
     for i, searching in enumerate(legs.searching):
-        if not found or found[-1][0] != searching:
-            found.append((searching, [i]))
-        found[-1][1].append(i + 1)
-    return [(seeks, curve([legs.lon[i] for i in which], [legs.lat[i] for i in which])) for seeks, which in found]
+        if not parts or parts[-1][0] != searching:
+            parts.append((searching, [i]))
+        parts[-1][1].append(i + 1)
+    return [(seeks, curve([legs.lon[i] for i in which], [legs.lat[i] for i in which])) for seeks, which in parts]
 
 
 def place(legs: Legs, time: float) -> tuple[float, float]:
-    """Return where on its legs something is at a time [s since 1970], (lon, lat) [deg]; before and after, at their ends."""
+    """Return where on legs something is at a time [s since 1970], (lon, lat) [deg]; outside their time, an end."""
     return polyline.place(legs, min(max(time, legs.time[0]), legs.time[-1]))
 
 
@@ -99,26 +99,26 @@ def zones(sortie: Sortie, time: np.datetime64) -> list[Array]:
     return [circle(lon, lat, radius) for radius in edges if math.isfinite(radius)]
 
 
-def contact(one: Contact) -> list[Shape]:
+def contact(seen: Contact) -> list[Shape]:
     """Return where something seen may have been: points, and shapes that hold NEAR_ALL of its error.
 
     Shapes are "point" (1, 2), "region" (closed) or "line". A bearing without a far end is drawn to FARTHEST.
     """
-    return CONTACTS[one.kind](one)
+    return CONTACTS[seen.kind](seen)
 
 
-def _area(one: Contact) -> list[Shape]:
-    assert one.area is not None
-    return [("region", outline(one.area))]
+def _area(contact: Contact) -> list[Shape]:
+    assert contact.area is not None
+    return [("region", outline(contact.area))]
 
 
-def _bearing(one: Contact) -> list[Shape]:
-    assert one.sensor is not None
-    lon, lat = one.sensor
-    far = one.far if math.isfinite(one.far) else max(FARTHEST, 2 * one.near)
-    low, high = one.bearing - ON_LINE * one.bearing_std, one.bearing + ON_LINE * one.bearing_std
-    outer, inner = circle(lon, lat, far, low, high), circle(lon, lat, max(one.near, 1.0), high, low)
-    ends = _about(lon, lat, *(np.array([one.near, far]) * f(one.bearing) for f in (math.sin, math.cos)))
+def _bearing(contact: Contact) -> list[Shape]:
+    assert contact.sensor is not None
+    lon, lat = contact.sensor
+    far = contact.far if math.isfinite(contact.far) else max(FARTHEST, 2 * contact.near)
+    low, high = contact.bearing - ON_LINE * contact.bearing_std, contact.bearing + ON_LINE * contact.bearing_std
+    outer, inner = circle(lon, lat, far, low, high), circle(lon, lat, max(contact.near, 1.0), high, low)
+    ends = _about(lon, lat, *(np.array([contact.near, far]) * f(contact.bearing) for f in (math.sin, math.cos)))
     return [
         ("point", np.array([[lon, lat]])),
         ("region", np.concatenate([outer, inner, outer[:1]])),
@@ -126,27 +126,27 @@ def _bearing(one: Contact) -> list[Shape]:
     ]
 
 
-def _range(one: Contact) -> list[Shape]:
-    assert one.sensor is not None
-    lon, lat = one.sensor
-    near, far = one.range - ON_LINE * one.range_std, one.range + ON_LINE * one.range_std
-    circles = (circle(lon, lat, radius) for radius in (near, one.range, far) if radius > 0)
+def _range(contact: Contact) -> list[Shape]:
+    assert contact.sensor is not None
+    lon, lat = contact.sensor
+    near, far = contact.range - ON_LINE * contact.range_std, contact.range + ON_LINE * contact.range_std
+    circles = (circle(lon, lat, radius) for radius in (near, contact.range, far) if radius > 0)
     return [("point", np.array([[lon, lat]])), *(("line", points) for points in circles)]
 
 
-def _fixes(one: Contact) -> Iterator[Shape]:
+def _fixes(contact: Contact) -> Iterator[Shape]:
     angle = np.linspace(0, 2 * np.pi, 73)
-    along, across = IN_PLANE * one.major * np.cos(angle), IN_PLANE * one.minor * np.sin(angle)
-    east = along * math.sin(one.orientation) + across * math.cos(one.orientation)
-    north = along * math.cos(one.orientation) - across * math.sin(one.orientation)
-    for fix in one.fixes:
+    along, across = IN_PLANE * contact.major * np.cos(angle), IN_PLANE * contact.minor * np.sin(angle)
+    east = along * math.sin(contact.orientation) + across * math.cos(contact.orientation)
+    north = along * math.cos(contact.orientation) - across * math.sin(contact.orientation)
+    for fix in contact.fixes:
         yield "point", np.array([[fix.lon, fix.lat]])
-        if one.major > 0:
+        if contact.major > 0:
             yield "region", _about(fix.lon, fix.lat, east, north)
 
 
 CONTACTS: dict[str, Callable[[Contact], list[Shape]]] = {
-    "position": lambda one: [*_fixes(one)],
+    "position": lambda contact: [*_fixes(contact)],
     "area": _area,
     "bearing": _bearing,
     "range": _range,
@@ -156,28 +156,23 @@ CONTACTS: dict[str, Callable[[Contact], list[Shape]]] = {
 def polygon(rings: Sequence[Array]) -> dict[str, Any]:
     """Return closed outlines as a GeoJSON MultiPolygon, cut at the antimeridian, outer rings anticlockwise."""
     whole = shapely.MultiPolygon([part for ring in rings for part in _valid(ring)])
-    parts = [
-        [np.round(edge.coords, DIGITS).tolist() for edge in (part.exterior, *part.interiors)]
-        for part in antimeridian.cut(whole).geoms
-    ]
-    return {"type": "MultiPolygon", "coordinates": parts}
+    return geojson.polygons(whole)
 
 
 def _valid(ring: Array) -> list[Any]:
     """Return the polygons of an outline, which a planner may have drawn across itself."""
-    made = shapely.make_valid(shapely.Polygon(ring))
-    return [part for part in shapely.get_parts(made) if part.geom_type == "Polygon"]
+    valid = shapely.make_valid(shapely.Polygon(ring))
+    return [part for part in shapely.get_parts(valid) if part.geom_type == "Polygon"]
 
 
 def lines(parts: Sequence[Array]) -> dict[str, Any]:
     """Return lines as a GeoJSON MultiLineString, cut at the antimeridian."""
-    pieces = [piece for part in parts for piece in antimeridian.cut_line(shapely.LineString(part))]
-    return {"type": "MultiLineString", "coordinates": [np.round(piece.coords, DIGITS).tolist() for piece in pieces]}
+    return geojson.lines(map(shapely.LineString, parts))
 
 
 def point(lon: float, lat: float) -> dict[str, Any]:
     """Return a position [deg] as a GeoJSON Point."""
-    return {"type": "Point", "coordinates": [round(sphere.wrap_degrees(lon), DIGITS), round(lat, DIGITS)]}
+    return geojson.point(lon, lat)
 
 
 def _drifts(sortie: Sortie) -> bool:
@@ -186,7 +181,7 @@ def _drifts(sortie: Sortie) -> bool:
 
 
 def _over_ground(sortie: Sortie) -> Legs:
-    """Return legs over the ground: those flown in the frame of a marker move with it, in pieces between its fixes."""
+    """Return a sortie's legs over the ground; those flown in the frame of a marker move with it between its fixes."""
     assert sortie.legs is not None
     if not _drifts(sortie):
         return sortie.legs

@@ -3,12 +3,12 @@
 Works from the project's own copies, data/sweep_width.csv and data/sweep_width_corrections.csv. Everything taken and
 returned is SI. Rules where the tables leave them open:
 
-- visibility: a row holds up to the next one's; less than the tables' least (1 nmi) is refused;
-- height: straight between the tabulated ones; below an aircraft's lowest (300 ft) and above a boat's highest eye (14
-  ft) as there, which is generous for small objects (the tables fall from 500 to 300 ft for some); beyond the other end
-  refused;
-- speed: straight between the tabulated ones, beyond them as at the nearest; where a speed is left out nothing changes
-  from the one before it; boats have none;
+- visibility: a row holds up to the next one; less than the tables' least (1 nmi) is refused;
+- height: linear between the tabulated ones. Below an aircraft's lowest (300 ft) and above a boat's highest eye (14 ft)
+  the value of that end holds, which is generous for small objects (the tables fall from 500 to 300 ft for some);
+  beyond the other end it is refused;
+- speed: linear between the tabulated ones, beyond them as at the nearest. A speed that is left out has the value of the
+  one before it. Boats have no correction;
 - weather: the worse of what wind and seas say; fatigue multiplies by 0.9.
 """
 
@@ -32,17 +32,17 @@ SOURCE = (
 FOOT = 0.3048  # [m]
 KINDS = ("Aircraft", "Helicopter", "Boat")
 FATIGUE = 0.9
-WIND, SEAS = (15 * KNOT, 25 * KNOT), (2 * FOOT, 4 * FOOT)  # moderate from the first on, bad above the second
+WIND, SEAS = (15 * KNOT, 25 * KNOT), (2 * FOOT, 4 * FOOT)  # weather is moderate from the first on, bad above the second
 WEATHER = {"small": (1.0, 0.5, 0.25), "large": (1.0, 0.9, 0.9)}
 SPEEDS = {"Aircraft": (150, 180, 210), "Helicopter": (60, 90, 120, 140), "Boat": ()}  # [kn] columns of the tables
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """How a sortie sees."""
+    """The conditions in which a sortie searches."""
 
     visibility: float  # [m]
-    altitude: float  # [m]; of a boat: the height of eye
+    altitude: float  # [m]; of a boat, the height of eye
     speed: float = float("nan")  # [m/s]; needed by aircraft
     wind: float | None = None  # [m/s]
     seas: float | None = None  # [m] wave height
@@ -70,23 +70,23 @@ def lookup(name: str, kind: str, altitude: float, visibility: float) -> float:
 
 def width(name: str, kind: str, seen: Conditions) -> float:
     """Return the corrected sweep width [m] of an object for a kind of unit."""
-    found = lookup(name, kind, seen.altitude, seen.visibility)
+    uncorrected = lookup(name, kind, seen.altitude, seen.visibility)
     rough = FATIGUE if seen.fatigue else 1.0
-    return found * speed_factor(name, kind, seen.speed) * weather_factor(name, seen.wind, seen.seas) * rough
+    return uncorrected * speed_factor(name, kind, seen.speed) * weather_factor(name, seen.wind, seen.seas) * rough
 
 
 def speed_factor(name: str, kind: str, speed: float) -> float:
     """Return the correction for a speed [m/s]."""
-    known = _corrections()[find(name)].speeds.get(find_kind(kind))
-    if known is None:
+    factors = _corrections()[find(name)].speeds.get(find_kind(kind))
+    if factors is None:
         return 1.0
     if not speed > 0:
         raise UserError(f"the sweep width tables of {kind} need its speed; give speed, or the sweep width itself")
-    return float(np.interp(speed / KNOT, [knots for knots, _ in known], [factor for _, factor in known]))
+    return float(np.interp(speed / KNOT, [knots for knots, _ in factors], [factor for _, factor in factors]))
 
 
 def weather_factor(name: str, wind: float | None, seas: float | None) -> float:
-    """Return the correction for wind [m/s] and seas [m]; None is not told, and says nothing."""
+    """Return the correction for wind [m/s] and seas [m]; None where one is not known, which then has no effect."""
     worst = 0
     for value, (moderate, bad) in ((wind, WIND), (seas, SEAS)):
         if value is not None:
@@ -101,12 +101,12 @@ def objects() -> tuple[str, ...]:
 
 def find(name: str) -> str:
     """Return an object's name as in the tables; case, spaces and signs don't matter. An unknown one is refused."""
-    known = {_plain(key): key for key in objects()}
-    if _plain(name) in known:
-        return known[_plain(name)]
-    near = difflib.get_close_matches(_plain(name), known, n=1, cutoff=0.5)
+    names = {_plain(key): key for key in objects()}
+    if _plain(name) in names:
+        return names[_plain(name)]
+    near = difflib.get_close_matches(_plain(name), names, n=1, cutoff=0.5)
     if near:
-        raise UserError(f'no search object "{name}" in the sweep width tables; nearest is "{known[near[0]]}"')
+        raise UserError(f'no search object "{name}" in the sweep width tables; nearest is "{names[near[0]]}"')
     raise UserError(
         f'no search object "{name}" in the sweep width tables; they have Person in Water, and by size Raft (like '
         '"Raft 4 person"), Power Boat ("Power Boat 20ft"), Sail Boat ("Sail Boat 40ft"), Ship ("Ship 120ft")'
@@ -115,9 +115,9 @@ def find(name: str) -> str:
 
 def find_kind(kind: str) -> str:
     """Return a kind of unit as in the tables; an unknown one is refused."""
-    for known in KINDS:
-        if kind.strip().lower() == known.lower():
-            return known
+    for listed in KINDS:
+        if kind.strip().lower() == listed.lower():
+            return listed
     raise UserError(f'no unit kind "{kind}" in the sweep width tables; there are: {", ".join(KINDS)}')
 
 
@@ -129,7 +129,7 @@ def _plain(name: str) -> str:
 
 def _held(rows: list[tuple[float, float]], visibility: float) -> float:
     """Return the sweep width of the last row not above a visibility."""
-    return [found for least, found in rows if least <= visibility * (1 + 1e-9)][-1]
+    return [width for least, width in rows if least <= visibility * (1 + 1e-9)][-1]
 
 
 @dataclass(frozen=True)
@@ -156,17 +156,17 @@ def _table() -> dict[tuple[str, str], dict[float, list[tuple[float, float]]]]:
 
 @lru_cache(maxsize=1)
 def _corrections() -> dict[str, _Correction]:
-    made: dict[str, _Correction] = {}
+    corrections: dict[str, _Correction] = {}
     for row in _rows("sweep_width_corrections.csv"):
         weather: Literal["small", "large"] = "small" if row["weather_class"] == "small" else "large"
-        entry = made.setdefault(row["object"], _Correction(weather, {}))
+        entry = corrections.setdefault(row["object"], _Correction(weather, {}))
         entry.speeds.setdefault(row["unit"], []).append((float(row["speed_kn"]), float(row["factor"])))
-    for entry in made.values():
-        for kind, known in entry.speeds.items():
-            given = dict(known)
+    for entry in corrections.values():
+        for kind, factors in entry.speeds.items():
+            given = dict(factors)
             factor, filled = 1.0, []
-            for speed in SPEEDS[kind]:  # what is left out is as before
+            for speed in SPEEDS[kind]:  # one that is left out has the factor of the one before
                 factor = given.get(speed, factor)
                 filled.append((float(speed), factor))
             entry.speeds[kind] = filled
-    return made
+    return corrections

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.output import formats
+from drift.output import formats, geojson
 from drift.search import shapes as search_shapes
 from drift.search.records import Contact, Sortie
 from drift.search.updates import Update, Updates
@@ -41,7 +41,7 @@ HEADER = [
 
 
 def csv(updates: Updates, run: str) -> str:
-    """Return a row for each update and scenario, and one for all together, as CSV; run: its run_id, in the last column.
+    """Return a row for each update and scenario, and one for all together, as CSV; run: the run_id for the last column.
 
     prior and posterior are a scenario's probability before and after the update, bayes_factor its odds after over its
     odds before. A contact has no POD, POC and POS; empty: does not apply, or nothing known.
@@ -51,7 +51,7 @@ def csv(updates: Updates, run: str) -> str:
         factors, pod = bayes_factors(update, before), update.pod
         columns = [pod, update.poc, update.pos, update.alive, update.cumulative, update.log_evidence]
         for j, scenario in enumerate([*updates.scenarios, ALL]):
-            one = j < len(updates.scenarios)
+            single = j < len(updates.scenarios)
             rows.append(
                 [
                     number,
@@ -61,9 +61,9 @@ def csv(updates: Updates, run: str) -> str:
                     notation.group(update.time),
                     scenario,
                     *(_text(None if values is None else values[j]) for values in columns),
-                    _text(factors[j] if one else None),
-                    _text(before[j] if one else 1.0),
-                    _text(update.posterior[j] if one else 1.0),
+                    _text(factors[j] if single else None),
+                    _text(before[j] if single else 1.0),
+                    _text(update.posterior[j] if single else 1.0),
                     _text(update.ess_before),
                     _text(update.ess_after),
                     "yes" if update.resampled else "no",
@@ -82,25 +82,25 @@ def steps(updates: Updates) -> list[tuple[Update, Array]]:
 
 
 def bayes_factors(update: Update, before: Array) -> Array:
-    """Return by how much an update multiplied each scenario's odds against all others together, (scenarios,).
+    """Return the factors by which an update multiplied each scenario's odds against all others together, (scenarios,).
 
     It is P(seen | scenario) / P(seen | another), the others in proportion to `before`; NaN where there are no others.
     """
     log = np.asarray(update.log_evidence[:-1], float)
     top = log[before > 0].max(initial=-math.inf)
     like = np.exp(np.where(before > 0, log - top, -math.inf)) if math.isfinite(top) else np.zeros_like(before)
-    found = np.full(len(before), np.nan)
+    factors = np.full(len(before), np.nan)
     for j in range(len(before)):
         others = np.arange(len(before)) != j
         if not (before[j] > 0 and before[others].sum() > 0):
             continue
         rest = float(like[others] @ before[others] / before[others].sum())
-        found[j] = like[j] / rest if rest > 0 else (math.inf if like[j] > 0 else np.nan)
-    return found
+        factors[j] = like[j] / rest if rest > 0 else (math.inf if like[j] > 0 else np.nan)
+    return factors
 
 
 def numbers(updates: Updates) -> dict[str, Any]:
-    """Return what the summary tells of the search: each update, and where it stands after all of them."""
+    """Return the numbers of the search for the summary: each update, and how the search stands after all of them."""
     names = updates.scenarios
     done = [update for update in updates.all if update.cumulative is not None]
     last = updates.all[-1].posterior if updates.all else updates.prior
@@ -119,7 +119,7 @@ def numbers(updates: Updates) -> dict[str, Any]:
 
 def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
     names = updates.scenarios
-    told: dict[str, Any] = {
+    row: dict[str, Any] = {
         "name": update.name,
         "kind": update.kind,
         "time": update.time,
@@ -134,25 +134,25 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
         "distinct": update.distinct,
     }
     if update.kind == "sortie":
-        told |= {
+        row |= {
             "pod": _by_scenario(names, update.pod),
             "poc": _by_scenario(names, update.poc),
             "pos": _by_scenario(names, update.pos),
             "pos_alive": _by_scenario(names, update.alive),
             "cumulative_pos": _by_scenario(names, update.cumulative),
         }
-    return told
+    return row
 
 
 def _by_scenario(names: Sequence[str], values: Array | None) -> dict[str, Any] | None:
-    """Return figures under "all" and "scenarios" by name; a scenario may be called anything."""
+    """Return figures under "all" and, by name, under "scenarios": a scenario may itself be called "all"."""
     if values is None:
         return None
-    found = [float(v) for v in values]
-    return {ALL: found[-1], "scenarios": dict(zip(names, found[:-1], strict=True))}
+    figures = [float(v) for v in values]
+    return {ALL: figures[-1], "scenarios": dict(zip(names, figures[:-1], strict=True))}
 
 
-def geojson(
+def shapes(
     sorties: Sequence[Sortie], contacts: Sequence[Contact], updates: Updates, attributes: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return areas, legs as flown and contacts as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian.
@@ -161,10 +161,10 @@ def geojson(
     contact point, region or line. What drifts with a marker is where it was over the ground if the marker's track is
     known.
     """
-    known = {(update.kind, update.name): update for update in updates.all}
+    taken = {(update.kind, update.name): update for update in updates.all}
     features = []
     for sortie in sorties:
-        properties = _sortie(sortie, known.get(("sortie", sortie.name)), updates.scenarios)
+        properties = _sortie(sortie, taken.get(("sortie", sortie.name)), updates.scenarios)
         if (ring := search_shapes.searched(sortie)) is not None:
             features.append(_feature(search_shapes.polygon([ring]), "area", properties))
         parts = search_shapes.flown(sortie)
@@ -175,8 +175,8 @@ def geojson(
         if rings := search_shapes.zones(sortie, sortie.end):
             features.append(_feature(search_shapes.lines(rings), "zones", properties))
     for contact in contacts:
-        update = known.get(("contact", contact.name))
-        told = {
+        update = taken.get(("contact", contact.name))
+        properties = {
             "name": contact.name,
             "kind": "contact",
             "time": notation.iso(contact.time),
@@ -190,17 +190,17 @@ def geojson(
             elif shape == "line":
                 geometry = search_shapes.lines([points])
             else:
-                geometry = search_shapes.point(*points[0])
-            features.append(_feature(geometry, shape, told))
-    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+                geometry = geojson.point(*points[0])
+            features.append(_feature(geometry, shape, properties))
+    return geojson.collection(features, attributes)
 
 
 def _feature(geometry: dict[str, Any], shape: str, properties: Mapping[str, Any]) -> dict[str, Any]:
-    return {"type": "Feature", "geometry": geometry, "properties": {"shape": shape, **properties}}
+    return geojson.feature(geometry, {"shape": shape, **properties})
 
 
 def _sortie(sortie: Sortie, update: Update | None, scenarios: Sequence[str]) -> dict[str, Any]:
-    told = {
+    properties = {
         "name": sortie.name,
         "kind": "sortie",
         "unit": sortie.kind,
@@ -213,11 +213,11 @@ def _sortie(sortie: Sortie, update: Update | None, scenarios: Sequence[str]) -> 
         "sweep_width_nmi": dict(zip(scenarios, (w / NMI for w in sortie.sweep_width), strict=True)),
     }
     for name, values in () if update is None else (("pod", update.pod), ("poc", update.poc), ("pos", update.pos)):
-        told[name] = None if values is None else _finite(values[-1])
-        told[f"{name}_by_scenario"] = (
+        properties[name] = None if values is None else _finite(values[-1])
+        properties[f"{name}_by_scenario"] = (
             None if values is None else dict(zip(scenarios, map(_finite, values[:-1]), strict=True))
         )
-    return told
+    return properties
 
 
 def _finite(value: Any) -> float | None:

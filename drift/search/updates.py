@@ -1,4 +1,4 @@
-"""What each sortie and contact did to the probability: the record that tables, pictures and the debrief are made from."""
+"""What each sortie and contact did to the probability: the record behind tables, pictures and the debrief."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,21 +12,24 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Update:
-    """One sortie or contact, when it took effect. Arrays of shape (scenarios + 1,): each scenario, then all together."""
+    """One sortie or contact, when it took effect.
+
+    Arrays, unless they say otherwise, have shape (scenarios + 1,): each scenario, then all together.
+    """
 
     name: str
     kind: Literal["sortie", "contact"]
     time: np.datetime64
-    log_evidence: Array  # log probability (density) of what was seen given all before: of having failed, of the contact
+    log_evidence: Array  # log probability (density) of the sortie's failure, or of the contact, given all before
     posterior: Array  # (scenarios,) probability of each scenario afterwards
     ess_before: float
     ess_after: float
-    poc: Array | None = None  # a sortie's: probability that the object was where it searched, or would have been seen
-    pos: Array | None = None  # 1 - exp(log_evidence): it would have found the object
-    alive: Array | None = None  # of a sortie, with survival times: it would have found the object alive
+    poc: Array | None = None  # of a sortie: probability that the object was where it searched
+    pos: Array | None = None  # 1 - exp(log_evidence): probability that it would have found the object
+    alive: Array | None = None  # with survival times: probability that it would have found the object alive
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
     ess_resampled: float | None = None  # after particles were drawn anew, if they were
-    standing: Standing | None = None  # how it stands then
+    standing: Standing | None = None  # how the search stands then
     distinct: float = 1.0  # share of the original particles that still have descendants, after this update
 
     @property
@@ -36,7 +39,7 @@ class Update:
 
     @property
     def pod(self) -> Array | None:
-        """Probability of detection given that it was where the sortie searched: POS / POC."""
+        """Probability of detection, given that the object was where the sortie searched: POS / POC."""
         if self.pos is None or self.poc is None:
             return None
         return np.divide(self.pos, self.poc, out=np.zeros_like(self.pos), where=self.poc > 0)

@@ -1,4 +1,4 @@
-"""What a spill hands out besides its forecast: the washup by stretch of coast, the account of its objects, and its unknowns."""
+"""What a spill hands out besides its forecast: the washup by stretch of coast, the account, and its unknowns."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ class Matter:
     setting: Setting
 
 
-def _washup(one: Matter, path: Path) -> None:
-    from drift.spill import map as washup_map  # here: Matplotlib takes a second to import
+def _washup(matter: Matter, path: Path) -> None:
+    from drift.spill import map as washup_map  # imported here, for Matplotlib takes a second
 
-    after, on = one.after, one.setting
+    after = matter.after
     walked = [
-        washup_map.Patrolled(told["name"], told["time"], told["detection"], told["segments"])
-        for told in renewal.patrols(after.spill, after.segments)
+        washup_map.Patrolled(patrol["name"], patrol["time"], patrol["detection"], patrol["segments"])
+        for patrol in renewal.patrols(after.spill, after.segments)
     ]
     washup_map.draw(
-        after.washup, after.segments, path, on.imprint, polygons=on.polygons, marks=on.marks, finds=finds(after), patrols=walked,
+        after.washup, after.segments, path, matter.setting, finds=finds(after), patrols=washup_map.Patrols(walked),
         warning=renewal.warning(after),
     )  # fmt: skip
 
@@ -40,13 +40,13 @@ def finds(after: Aftermath) -> list[Mark]:
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "washup.nc": lambda one, stamped: one.after.washup,
-    "washup.csv": lambda one, stamped: washup_tables.stretches(one.after.washup, stamped["run_id"]),
-    "washup_times.csv": lambda one, stamped: washup_tables.times(one.after.washup, stamped["run_id"]),
-    "totals.csv": lambda one, stamped: washup_tables.totals(one.after.washup, stamped["run_id"]),
-    "washup.geojson": lambda one, stamped: washup_tables.geojson(one.after.washup, one.after.segments, stamped),
-    "unknowns.csv": lambda one, stamped: unknowns.text(
-        renewal.unknown(one.after), one.after.posterior.effective, stamped["run_id"]
+    "washup.nc": lambda matter, stamped: matter.after.washup,
+    "washup.csv": lambda matter, stamped: washup_tables.stretches(matter.after.washup, stamped["run_id"]),
+    "washup_times.csv": lambda matter, stamped: washup_tables.times(matter.after.washup, stamped["run_id"]),
+    "totals.csv": lambda matter, stamped: washup_tables.totals(matter.after.washup, stamped["run_id"]),
+    "washup.geojson": lambda matter, stamped: washup_tables.lines(matter.after.washup, matter.after.segments, stamped),
+    "unknowns.csv": lambda matter, stamped: unknowns.text(
+        renewal.unknown(matter.after), matter.after.posterior.effective, stamped["run_id"]
     ),
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
@@ -54,6 +54,6 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 }
 
 
-def chapter(one: Matter) -> Chapter:
+def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a spill."""
-    return Chapter(renewal.numbers(one.after), bound(FILES, one), bound(PICTURES, one))
+    return Chapter(renewal.numbers(matter.after), bound(FILES, matter), bound(PICTURES, matter))

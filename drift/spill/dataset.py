@@ -50,7 +50,7 @@ ERRORS_MEAN = (
 
 
 def build(
-    found: Mapping[str, Array],
+    figures: Mapping[str, Array],
     segments: Segments,
     touched: Array,
     weight: Array,
@@ -59,9 +59,9 @@ def build(
     start: np.datetime64,
     kinds: Sequence[str],
 ) -> xr.Dataset:
-    """Return figures (see drift.spill.washup.build) as a dataset; those of stretches have no stretch where none was touched.
+    """Return figures (see drift.spill.washup.build) as a dataset, which has no stretch where none was touched.
 
-    found: FIGURES and their errors by name, times in seconds after the start; those of stretches may be missing.
+    figures: FIGURES and their errors by name, times in seconds after the start; those of stretches may be missing.
     touched: numbers of the stretches in `segments`, (s,).
     """
     start = start.astype("datetime64[s]")
@@ -79,31 +79,15 @@ def build(
         "fate": ("fate", np.array(FATES, object), {"long_name": "what has become of an object", "comment": FATES_MEAN}),
     }
     sizes = {name: len(coords[name][1]) for name in ("time", "segment", "quantile", "kind", "fate")}
-    begin = notation.epoch(start)
-    data: dict[str, tuple[Any, ...]] = {}
-    for name, (dims, unit, words) in FIGURES.items():
-        blank = np.zeros([sizes[dim] for dim in dims])
-        value, error = found.get(name, blank), found.get(f"{name}_se", blank)
-        moment = unit == formats.EPOCH
-        clock = {"calendar": "standard"} if moment else {}
-        data[name] = (
-            dims,
-            begin + value if moment else value,
-            {"long_name": words, "units": unit, **clock, "ancillary_variables": f"{name}_se"},
-        )
-        data[f"{name}_se"] = (
-            dims,
-            error,
-            {"long_name": ERROR + words, "units": "s" if moment else unit, "comment": ERRORS_MEAN},
-        )
+    data = _variables(figures, sizes, notation.epoch(start))
     data["effective_arrivals"] = (
         ("segment",),
-        found.get("effective_arrivals", np.zeros(sizes["segment"])),
+        figures.get("effective_arrivals", np.zeros(sizes["segment"])),
         {"long_name": "effective number of worlds in which any object arrives on the stretch", "units": "1"},
     )
     data["world_total"] = (
         ("world", "time", "fate"),
-        found["world_total"],
+        figures["world_total"],
         {
             "long_name": "number of objects by what has become of them in each world, mean of its realisations",
             "units": "1",
@@ -120,8 +104,29 @@ def build(
     return xr.Dataset(data, coords)
 
 
+def _variables(figures: Mapping[str, Array], sizes: Mapping[str, int], begin: float) -> dict[str, tuple[Any, ...]]:
+    """Return FIGURES and their errors as variables, zero where they are missing; begin: of the run [s since 1970]."""
+    data: dict[str, tuple[Any, ...]] = {}
+    for name, (dims, unit, words) in FIGURES.items():
+        blank = np.zeros([sizes[dim] for dim in dims])
+        value, error = figures.get(name, blank), figures.get(f"{name}_se", blank)
+        moment = unit == formats.EPOCH
+        clock = {"calendar": "standard"} if moment else {}
+        data[name] = (
+            dims,
+            begin + value if moment else value,
+            {"long_name": words, "units": unit, **clock, "ancillary_variables": f"{name}_se"},
+        )
+        data[f"{name}_se"] = (
+            dims,
+            error,
+            {"long_name": ERROR + words, "units": "s" if moment else unit, "comment": ERRORS_MEAN},
+        )
+    return data
+
+
 def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dict[str, str]]]:
-    """Return what is known of the stretches as coordinates."""
+    """Return names, kinds of shore, middles and lengths of the stretches as coordinates."""
     return {
         "name": (
             "segment",

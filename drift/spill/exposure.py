@@ -13,7 +13,9 @@ import numpy.typing as npt
 from drift.spill.fates import FOREVER, Fates
 from geo.array import Array, Real
 
-LEAST = -700.0  # log of the chance that a certain detection misses: e^-700 is 0 to any sum, yet differences stay finite
+LEAST = (
+    -700.0
+)  # log of the chance that a sure detection misses: e^-700 is nothing in any sum, yet differences stay finite
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,14 @@ def expose(fates: Fates, reporting: Reporting, patrols: tuple[Patrol, ...]) -> E
         np.searchsorted(segment, np.arange(segments + 1)), tuple(map(tuple, visits)),
     )  # fmt: skip
     gone = np.flatnonzero(np.isfinite(leave))
-    if gone.size:  # afloat again: what earlier stays left of it
+    if gone.size:  # some refloat: the chance that earlier stays have left them
         through = np.zeros(slot.size)
         for s in np.unique(segment[gone]):
             rows = _rows(here, int(s))
             rows = rows.start + np.flatnonzero(np.isfinite(leave[rows]))
             through[rows] = _alive(here, int(s), rows, leave[rows])
         time_order = np.empty(slot.size)
-        time_order[order] = through  # as the stays are: by slot and arrival
+        time_order[order] = through  # in the order of the stays: by slot and arrival
         first = np.flatnonzero(np.diff(stays.slot, prepend=-1))
         ahead = np.cumsum(time_order) - time_order
         ahead -= np.repeat(ahead[first], np.diff(np.append(first, slot.size)))
@@ -90,14 +92,14 @@ def _rows(here: Exposure, segment: int) -> slice:
 
 
 def _missed(here: Exposure, segment: int) -> tuple[Real, Real]:
-    """Return the times of a stretch's patrols and the log chance (P + 1,) that the first so many missed an object."""
+    """Return the times of a stretch's P patrols and the log chances (P + 1,) that the first 0 to P all missed."""
     patrols = [here.patrols[k] for k in here.visits[segment]]
     miss = [max(np.log1p(-p.detection), LEAST) if p.detection < 1 else LEAST for p in patrols]
     return np.array([p.time for p in patrols], float), np.concatenate([[0.0], np.cumsum(miss)])
 
 
 def _alive(here: Exposure, segment: int, rows: slice | Array, until: Real | float) -> Real:
-    """Return the log chance of lying there unfound from arrival until just before a time: patrols in [arrival, until)."""
+    """Return the log chance of lying there unfound from arrival until just before a time."""
     times, miss = _missed(here, segment)
     arrival = here.arrival[rows]
     passed = miss[np.searchsorted(times, until)] - miss[np.searchsorted(times, arrival)]
@@ -105,7 +107,7 @@ def _alive(here: Exposure, segment: int, rows: slice | Array, until: Real | floa
 
 
 def reported(here: Exposure, segment: int, until: float) -> tuple[slice, Real]:
-    """Return the rows of a stretch and the chance (rows,) of each stay that the public has reported it by a time [s]."""
+    """Return the rows of a stretch, and each stay's chance (rows,) that the public has reported it by a time [s]."""
     rows = _rows(here, segment)
     times, miss = _missed(here, segment)
     arrival, loss, end = here.arrival[rows], here.loss[rows], np.minimum(here.leave[rows], until)
@@ -129,7 +131,7 @@ def public(here: Exposure, segment: int, time: float) -> tuple[slice, Real]:
 
 
 def lying(here: Exposure, segment: int, time: float) -> Real:
-    """Return the chance of each stay of a stretch, (rows,), that it lies there unfound at a time, before patrols of that time."""
+    """Return each stay's chance (rows,) of lying unfound on a stretch at a time, before the patrols of that time."""
     rows = _rows(here, segment)
     there = (here.arrival[rows] <= time) & (time < here.leave[rows])
     at = np.where(there, time, here.arrival[rows])

@@ -16,7 +16,7 @@ FOREVER = 2**31 - 1  # [s]
 
 @dataclass(frozen=True)
 class Stays:
-    """Stays of particles on the shore, one a row, sorted by slot and arrival; shape (m,)."""
+    """Stays of particles on the shore, one in each row, sorted by slot and arrival; shape (m,)."""
 
     slot: Ints
     segment: Ints  # number in geo.coast.segments.Segments
@@ -26,7 +26,7 @@ class Stays:
 
 @dataclass(frozen=True)
 class Fates:
-    """What became of every particle, by slot, shape (n,)."""
+    """What became of every particle, by slot; shape (n,)."""
 
     worlds: int
     world: Ints
@@ -39,7 +39,10 @@ class Fates:
 
 @dataclass(frozen=True)
 class Realisation:
-    """One complete simulated spill for every world; by world, sum of stands + destroyed + found = number of objects."""
+    """One complete simulated spill for every world.
+
+    In each world the sum of `stands`, with `destroyed` and `found`, is the number of objects.
+    """
 
     stands: Ints  # (n,) how many objects each slot stands for; 0: not drawn, destroyed or already found
     destroyed: Ints  # (worlds,) lost at once

@@ -2,15 +2,15 @@
 
 With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N - F): g is the
 density with which an object that was not destroyed is found there and then, q its probability of having been found by
-now, d the share destroyed at once. A product over classes; a sum over N, d, the class of finds where it is unknown, and
-which finds are none of ours. g and q come from a world's particles and are noisy: drift.spill.shrinkage draws them
-toward other worlds'.
+now, d the share destroyed at once. L is a product over classes. It is summed over N, over d, over the class of finds
+where that is unknown, and over which finds are none of ours. g and q come from a world's particles and are noisy:
+drift.spill.shrinkage draws them toward those of other worlds.
 
-A find at sea enters by g alone: nobody says where else at sea was looked.
+A find at sea enters by g alone, for nobody knows where else at sea was looked.
 A find that is none of ours with probability p has the density p / (1 - p) * B, where B is what true finds have on
 average: before any find, as many as expected, spread over the coast as length times reporting rate and evenly over the
 time since the first release (by a patrol: over its stretches as their length; at sea: over an ellipse as wide as what
-is adrift). Without finds and without patrols nothing is said, not even that nothing was found.
+is adrift). Without finds and without patrols L is 1: that nothing was found says nothing either.
 """
 
 from collections.abc import Mapping
@@ -33,12 +33,15 @@ from geo.errors import UserError
 Counts = tuple[int, ...]  # finds that are ours, by class
 
 FAR = 6.0  # radii beyond which a find at sea has no weight
-SAMPLE = 2000  # particles that the surprise of a find at sea is told from
+SAMPLE = 2000  # particles from which the surprise of a find at sea is estimated
 
 
 @dataclass(frozen=True)
 class AtSea:
-    """A place at sea [deg], the error of its position (one standard deviation of each component, m), chance of being seen."""
+    """A place at sea [deg].
+
+    radius: error of the position, one standard deviation of each component [m]. chance: of being seen there.
+    """
 
     lon: float
     lat: float
@@ -75,7 +78,7 @@ class Adrift:
 
 @dataclass(frozen=True)
 class Numbers:
-    """How many objects there are, of which class, and what share was destroyed at once, with prior probabilities."""
+    """The number of objects, their classes and the share destroyed at once, with prior probabilities."""
 
     objects: npt.NDArray[np.int64]  # (m,)
     objects_prior: Real
@@ -129,10 +132,10 @@ class Posterior:
 
 @dataclass(frozen=True)
 class Surprise:
-    """How a find was expected, given all before it.
+    """How far a find was to be expected, given all before it.
 
-    probability: that the next find turns up on this stretch (at sea: within its radius of this place, if at sea); tail:
-    of a stretch (place) at most as probable. Small tails are odd finds.
+    probability: that the next find turns up on this stretch (at sea: within its radius of this place, if at sea).
+    tail: that it turns up on a stretch (at a place) at most as probable as this. A find with a small tail is odd.
     """
 
     find: Detection
@@ -185,15 +188,15 @@ def surprises(fates: Fates, known: Known, latent: Real, log_weight: Real) -> tup
     """Return for every find, in order of time, how probable its place was given the finds and patrols before it."""
     here = exposure.expose(fates, known.reporting, known.patrols)
     evidence = _evidence(known, here, latent, log_weight)
-    told: list[Surprise] = []
+    surprises_in_order: list[Surprise] = []
     before: tuple[int, ...] = ()
     for number in sorted(range(len(known.finds)), key=lambda k: known.finds[k].time):
         find = known.finds[number]
         weighed = _weigh(known, here, evidence, before, exposure.found(here, find.time, before=True))
-        told.append(Surprise(find, *_odds(known, here, weighed, number)))
+        surprises_in_order.append(Surprise(find, *_odds(known, here, weighed, number)))
         if find.false < 1:
             before = (*before, number)
-    return tuple(told)
+    return tuple(surprises_in_order)
 
 
 def _per_class(fates: Fates, classes: int) -> npt.NDArray[np.int64]:
@@ -353,7 +356,7 @@ def _weigh(known: Known, here: Exposure, evidence: _Evidence, ours: tuple[int, .
 
 
 def _counted(evidence: _Evidence, ours: tuple[int, ...], classes: int, worlds: int) -> dict[Counts, Real]:
-    """Return the log of the summed densities (W,) of all ways to have so many finds of each class: one find at a time."""
+    """Return the log of the summed densities (W,) of all ways to have so many finds of each class."""
     ways: dict[Counts, Real] = {(0,) * classes: np.zeros(worlds)}
     for k in ours:
         ahead: dict[Counts, Real] = {}
@@ -372,9 +375,10 @@ def _counted(evidence: _Evidence, ours: tuple[int, ...], classes: int, worlds: i
 
 
 def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
-    """Return the log of prior times likelihood (W, objects, destroyed) of so many finds of each class, less densities.
+    """Return the log of prior times likelihood of so many finds of each class, without densities.
 
-    share: of an object of every class to have been found, were it not destroyed, (W, classes).
+    Its shape is (W, objects, destroyed). share: probability that an object of a class that was not destroyed has been
+    found, (W, classes).
     """
     with np.errstate(divide="ignore"):
         joint = np.log(numbers.objects_prior)[:, None] + np.log(numbers.destroyed_prior)
@@ -390,17 +394,17 @@ def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
     return np.asarray(joint)
 
 
-def remaining(told: Posterior) -> Real:
-    """Return the mean number of objects of every world and class (W, classes) that are neither destroyed nor found."""
-    numbers, left = told.known.numbers, np.zeros_like(told.share)
+def remaining(weighed: Posterior) -> Real:
+    """Return the mean number of objects (W, classes) of each world that are neither destroyed nor found."""
+    numbers, left = weighed.known.numbers, np.zeros_like(weighed.share)
     destroyed = numbers.destroyed
-    for counts, chosen in zip(told.counts, told.chosen, strict=True):
-        joint = joint_of(numbers, counts, told.share)
+    for counts, chosen in zip(weighed.counts, weighed.chosen, strict=True):
+        joint = joint_of(numbers, counts, weighed.share)
         peak = joint.max((1, 2), keepdims=True)
         mass = np.exp(joint - np.where(np.isfinite(peak), peak, 0.0))
         mass *= (chosen / np.maximum(mass.sum((1, 2)), 1e-300))[:, None, None]
         for c, found in enumerate(counts):
-            share = np.minimum(told.share[:, c, None, None], 1 - 1e-15)
+            share = np.minimum(weighed.share[:, c, None, None], 1 - 1e-15)
             alive = (1 - destroyed) * (1 - share) / (1 - (1 - destroyed) * share)
             left[:, c] += (mass * np.maximum(numbers.by_class[:, c, None] - found, 0) * alive).sum((1, 2))
     return left

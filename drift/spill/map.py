@@ -1,10 +1,10 @@
-"""The picture of a washup: the coast by expected number, by arrival time, and when the ten worst stretches get theirs.
+"""The picture of a washup: the coast by expected number and by arrival time, and a table of the ten worst stretches.
 
-Colour runs with lightness alone and width runs with the number, so that the picture reads in grey; dark is more, and
-sooner. Land comes from the polygons handed in; nothing is downloaded.
+Colours differ by lightness alone and lines are wider for larger numbers, so that the picture reads in grey print; dark
+is more, and sooner. Land comes from the polygons handed in; nothing is downloaded.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from matplotlib.transforms import Bbox
 from drift.forecast import effective, layers
 from drift.maps import chart, labels, page, sheet
 from drift.maps.chart import GREY, INK, Frame
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
 from drift.maps.sheet import Badge, Page, Row, Sheet
 from drift.spill import washup
@@ -35,17 +35,19 @@ from geo.array import Array
 from geo.coast.segments import Segments
 
 WORST = 10
-LEAST = 0.01  # probability of any arrival under which a stretch is not drawn, unless hardly any has more
-DECADES = 2.5  # of the expected number on the colour scale
+LEAST = 0.01  # least probability of any arrival with which a stretch is drawn; less where hardly any has more
+DECADES = 2.5  # decades of the expected number on the colour scale
 ROW = 0.032  # of the figure, the row of a warning over the maps
 SHEET = Sheet(
     13.0, 9.4, 140, left=0.03, title=sheet.heading(0.966, 15, 95), lines=(Row(0.939, 11.5), Row(0.9155, 9)),
     caution=Badge(0.967, 0.917, side="right"), rough=Badge(0.0325, 0.878 - ROW), footer=sheet.small(0.012, 7.5, 190),
 )  # fmt: skip
-MAP = (0.46, 0.405)  # of the figure
+MAP = (0.46, 0.405)  # width and height of a map, of the figure
+LEFT, RIGHT = 0.03, 0.03 + MAP[0] + 0.02  # where the maps begin
 PATROL, PATROL_INK = "#4fa3d1", "#0b4f8a"
-TOLD = 8  # patrols beside which day, time and detection are written
+NOTED = 8  # patrols beside which name, day, time and detection are written
 FIRST: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
+BADGE = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}  # of a rank
 BULK: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
 WORDS = {
     "ashore": "ashore",
@@ -60,7 +62,7 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Patrolled:
-    """A patrol: its name, when it was, what share it finds of what lies there, and its stretches by number."""
+    """A patrol: its name, its time, the share that it finds of what lies there, and the numbers of its stretches."""
 
     name: str
     time: np.datetime64
@@ -69,128 +71,118 @@ class Patrolled:
 
 
 @dataclass(frozen=True)
-class _Shown:
-    """What is drawn: stretches in order of their number (least first), and the ten worst of them (worst first)."""
+class Patrols:
+    """The patrols that a picture shows beside the coast."""
 
-    index: Array  # of the stretches in the data
+    all: Sequence[Patrolled] = ()
+    called: str = "patrolled"  # in the legend
+    near: bool = False  # whether the maps show only what lies about the patrols, and the table lists only that
+
+
+NO_PATROLS = Patrols()
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What is drawn: stretches by expected number (least first), and the ten worst of them (worst first)."""
+
     number: Array  # expected
     sooner: Array  # median time of the first arrival [s since 1970]
     lines: list[list[Array]]  # of each stretch, its parts' (n, 2) [deg]
     worst: Array  # those that are listed, indices in the data
-    rank: Array  # of these, as the tables number them: stretches that are not drawn have theirs too
+    lon: Array  # of these [deg]
+    lat: Array
+    rank: Array  # of these, as in the tables, where stretches that are not drawn count too
 
 
 def draw(
     data: xr.Dataset,
     segments: Segments,
     path: Path,
-    imprint: Imprint,
+    setting: Setting,
     *,
-    polygons: Iterable[Any] = (),
-    marks: Sequence[Mark] = (),
-    known_as: str = "Release",
     finds: Sequence[Mark] = (),
-    patrols: Sequence[Patrolled] = (),
-    patrolled: str = "patrolled",
-    near: bool = False,
+    patrols: Patrols = NO_PATROLS,
     warning: str | None = None,
 ) -> None:
     """Draw a washup (see drift.spill.washup.build) at its last output time.
 
-    polygons: shapely land polygons [deg]. marks: where the objects were released; known_as: what they are. finds: where
-    objects were found, each labelled by its number; numbers are of those not yet found. patrols: drawn beside the
-    coast, the last of them with name, day, time and detection; patrolled: what they are called. near: the maps show
-    what is patrolled, and of the rest what lies about it, and the table lists that. warning: printed on the page, in
-    red.
+    setting: its marks are where the objects were released. finds: where objects were found, each labelled by its
+    number; the figures are then of the objects not yet found. patrols: drawn beside the coast, the last of them with
+    name, day, time and detection. warning: printed on the page, in red.
     """
     on = sheet.begin(SHEET)
-    figure = on.figure
-    near = near and any(one.segments for one in patrols)
-    shown = _shown(data, segments, {int(k) for one in patrols for k in one.segments} if near else None)
-    bottom, count = 0.465, _count(data)
-    high = MAP[1] - ROW * count.few
-    walked = [
-        [np.array(part.coords) for k in one.segments for part in shapely.get_parts(segments.lines[k])]
-        for one in patrols
-    ]
-    here = _extent(segments, shown, marks, walked, MAP[0] * SHEET.width / (high * SHEET.height), near)
-    land = chart.land_path(here, polygons, 1000)
-    most = float(shown.number.max(initial=0.0)) or 1.0
-    numbers = (most / 10**DECADES, most)
-    hours = np.append(shown.sooner, [] if len(shown.sooner) else 0.0) / 3600
-    first = float(np.floor(hours.min()))
-    times = (3600 * first, 3600 * max(float(np.ceil(hours.max())), first + 1))
+    near = patrols.near and any(patrol.segments for patrol in patrols.all)
+    shown = _shown(data, segments, {int(k) for patrol in patrols.all for k in patrol.segments} if near else None)
+    count = _count(data)
+    height = MAP[1] - ROW * count.few
+    walked = [[part for k in patrol.segments for part in _parts(segments, k)] for patrol in patrols.all]
+    frame = _extent(segments, shown, setting.marks, walked, MAP[0] * SHEET.width / (height * SHEET.height), near)
+    land = chart.land_path(frame, setting.polygons, 1000)
+    numbers, times = _scales(shown)
     norm, when = LogNorm(*numbers, clip=True), Normalize(*times)
     widths = 1.4 + 4.6 * np.asarray(norm(np.maximum(shown.number, numbers[0])))
     for left, values, scale, colours in (
-        (0.03, shown.number, norm, _dark_is_more()),
-        (0.03 + MAP[0] + 0.02, shown.sooner, when, _dark_is_more().reversed()),
+        (LEFT, shown.number, norm, _dark_is_more()),
+        (RIGHT, shown.sooner, when, _dark_is_more().reversed()),
     ):
-        ax = figure.add_axes((left, bottom, MAP[0], high))
-        chart.prepare(ax, here)
+        ax = on.figure.add_axes((left, 0.465, MAP[0], height))
+        chart.prepare(ax, frame)
         chart.draw_land(ax, land)
-        chart.graticule(ax, here, labels=(True, left < 0.1))
-        _patrolled(ax, here, walked)
-        _coast(ax, here, shown, values, widths, scale, colours)
-        fx, fy = here.project(np.array([m.lon for m in finds]), np.array([m.lat for m in finds]))
-        some = _within(here, fx, fy)
-        ax.plot(
-            fx[some], fy[some], "^", markersize=7, markerfacecolor="white", markeredgecolor=layers.LAST_KNOWN, zorder=9
-        )
-        beside = _told(here, patrols, walked) if left < 0.1 else []
-        _points(ax, on.canvas, here, data, shown, marks, finds, beside)
-    if len(shown.index):
-        bar = _bar(
-            figure, norm, _dark_is_more(), 0.03, "min", "Expected, not yet found" if finds else "Expected number ashore"
-        )
-        ticks = _round_numbers(*numbers)
-        bar.set_xticks(ticks, labels=[labels.plain(tick) for tick in ticks])
-        bar.minorticks_off()
-        bar = _bar(
-            figure,
-            when,
-            _dark_is_more().reversed(),
-            0.03 + MAP[0] + 0.02,
-            "neither",
-            "Median of the first arrival, UTC",
-        )
-        ticks = labels.round_times(*times, 6)
-        bar.set_xticks(ticks, labels=[_short(tick) for tick in ticks])
-        _chart(figure, data, shown)
-        there = [mark for mark in marks if _within(here, *here.project(mark.lon, mark.lat))]
-        _key(figure, (known_as, len(there)), patrolled if patrols else "")
+        chart.graticule(ax, frame, labels=(True, left == LEFT))
+        _patrolled(ax, frame, walked)
+        _coast(ax, frame, shown, values, widths, scale, colours)
+        notes = _beside(frame, patrols.all, walked) if left == LEFT else []
+        _points(ax, on.canvas, frame, shown, setting.marks, finds, notes)
+    if len(shown.number):
+        words = "Expected, not yet found" if finds else "Expected number ashore"
+        _bar(on.figure, norm, LEFT, words, {tick: labels.plain(tick) for tick in _round_numbers(*numbers)})
+        words = "Median of the first arrival, UTC"
+        _bar(on.figure, when, RIGHT, words, {tick: _short(tick) for tick in labels.round_times(*times, 6)})
+        _chart(on.figure, data, shown)
+        visible = [mark for mark in setting.marks if frame.holds(*frame.project(mark.lon, mark.lat))]
+        _key(on.figure, (setting.known_as, len(visible)), patrols.called if patrols.all else "")
     else:
-        text = (
-            f"None of the {_spills(data)} simulated spills puts any object ashore by {_moment(data['time'].values[-1])}"
-        )
-        figure.text(0.5, 0.25, text, fontsize=13, weight="bold", ha="center", color=INK)
-    _words(on, data, imprint)
-    if finds:
-        told = f"▲ after {len(finds)} find{'s' * (len(finds) > 1)}: numbers are of those not yet found"
-        figure.text(0.967, 0.945, told, fontsize=9, color=layers.LAST_KNOWN, ha="right", va="center")
+        end = _moment(data["time"].values[-1])
+        text = f"None of the {_spills(data)} simulated spills puts any object ashore by {end}"
+        on.figure.text(0.5, 0.25, text, fontsize=13, weight="bold", ha="center", color=INK)
+    _words(on, data, setting.imprint, len(finds))
     if count.few:
         sheet.rough(on, effective.banner(count, "numbers, ranges and times are rough"))
     if warning:
         sheet.say(on, sheet.warning(0.879, 7.5, 210, "center"), warning)
-    sheet.end(on, path, imprint)
+    sheet.end(on, path, setting.imprint)
 
 
-def _shown(data: xr.Dataset, segments: Segments, told: set[int] | None) -> _Shown:
-    """Return what is drawn; told: numbers of the stretches that are listed instead of the worst of all."""
+def _parts(segments: Segments, number: int) -> list[Array]:
+    """Return the lines of a stretch, each (n, 2) [deg]."""
+    return [np.array(part.coords) for part in shapely.get_parts(segments.lines[number])]
+
+
+def _scales(shown: _Shown) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ends of the colour scales: of the expected number, and of time [s since 1970]."""
+    most = float(shown.number.max(initial=0.0)) or 1.0
+    hours = np.append(shown.sooner, [] if len(shown.sooner) else 0.0) / 3600
+    first = float(np.floor(hours.min()))
+    return (most / 10**DECADES, most), (3600 * first, 3600 * max(float(np.ceil(hours.max())), first + 1))
+
+
+def _shown(data: xr.Dataset, segments: Segments, only: set[int] | None) -> _Shown:
+    """Return what is drawn; only: numbers of the stretches of which the worst are listed, None for all."""
     ever, number = data["ever"].values, data["expected"].values[-1]
     order = washup.worst(data)
     drawn = np.flatnonzero(ever[order] >= min(LEAST, 0.1 * ever.max(initial=0.0)))
     index = order[drawn]
-    lines = [
-        [np.array(part.coords) for part in shapely.get_parts(segments.lines[i])] for i in data["segment"].values[index]
-    ]
-    listed = drawn if told is None else np.flatnonzero(np.isin(data["segment"].values[order], list(told)))
+    lines = [_parts(segments, number) for number in data["segment"].values[index]]
+    listed = drawn if only is None else np.flatnonzero(np.isin(data["segment"].values[order], list(only)))
+    worst = order[listed[:WORST]]
     return _Shown(
-        index=index[::-1],
         number=number[index[::-1]],
         sooner=data["first_arrival"].values[1, index[::-1]],
         lines=lines[::-1],
-        worst=order[listed[:WORST]],
+        worst=worst,
+        lon=data["lon"].values[worst],
+        lat=data["lat"].values[worst],
         rank=listed[:WORST] + 1,
     )
 
@@ -203,7 +195,10 @@ def _extent(
     aspect: float,
     near: bool,
 ) -> Frame:
-    """Return the frame of the stretches that are drawn, or of all if none is, of what was patrolled, and of the marks; near: of patrols alone."""
+    """Return the frame of the stretches that are drawn, or of all if none is, of what was patrolled, and of the marks.
+
+    near: the frame of what was patrolled alone.
+    """
     lines = walked if near else (*shown.lines, *walked)
     marks = [] if near else marks
     points = np.concatenate([part for parts in lines for part in parts] or [np.empty((0, 2))])
@@ -224,14 +219,14 @@ def _dark_is_more() -> Colormap:
 
 
 def _coast(
-    ax: Axes, here: Frame, shown: _Shown, values: Array, widths: Array, scale: Normalize, colours: Colormap
+    ax: Axes, frame: Frame, shown: _Shown, values: Array, widths: Array, scale: Normalize, colours: Colormap
 ) -> None:
-    """Draw the stretches, the worst on top, each cased in ink: the lightest stand out from land and sea too."""
-    parts = [np.column_stack(here.project(*part.T)) for parts in shown.lines for part in parts]
+    """Draw the stretches, the worst on top, each cased in ink so that light ones stand out from land and sea."""
+    parts = [np.column_stack(frame.project(*part.T)) for parts in shown.lines for part in parts]
     owner = np.repeat(np.arange(len(shown.lines)), [len(parts) for parts in shown.lines])
     style: dict[str, Any] = {"capstyle": "round", "joinstyle": "round"}
     inks = colours(scale(values))[owner] if len(values) else []
-    for i in range(0, len(parts), 64):  # in pieces, so that the casing of the worst covers the lesser ones
+    for i in range(0, len(parts), 64):  # in pieces, so that the casing of worse stretches covers lesser ones
         some = slice(i, i + 64)
         thick = widths[owner[some]]
         ax.add_collection(LineCollection(parts[some], linewidths=thick + 1.3, colors=INK, zorder=6, **style), False)
@@ -241,89 +236,87 @@ def _coast(
 def _points(
     ax: Axes,
     canvas: FigureCanvasAgg,
-    here: Frame,
-    data: xr.Dataset,
+    frame: Frame,
     shown: _Shown,
     marks: Sequence[Mark],
     finds: Sequence[Mark],
-    told: Sequence[labels.Point],
+    notes: Sequence[labels.Point],
 ) -> None:
-    """Draw the release, the numbers of the worst stretches and of finds, what is told of patrols, and the scale bar, apart."""
+    """Draw the release, the worst stretches, the finds, the notes on patrols and the scale bar."""
     texts: list[labels.Point] = []
-    badge = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
-    x, y = here.project(data["lon"].values[shown.worst], data["lat"].values[shown.worst])
-    some = _within(here, x, y)
+    x, y = frame.project(shown.lon, shown.lat)
+    some = frame.holds(x, y)
     x, y = x[some], y[some]
     ax.plot(x, y, "o", markersize=3.6, markerfacecolor="white", markeredgecolor=INK, markeredgewidth=0.8, zorder=8)
     for rank, px, py in zip(shown.rank[some], x, y, strict=True):
-        style = {"fontsize": 8.5, "weight": "bold", "color": INK, "bbox": badge}
+        style = {"fontsize": 8.5, "weight": "bold", "color": INK, "bbox": BADGE}
         texts.append((float(px), float(py), f"{rank}", style))
     must = len(texts)
-    marks, finds = ([m for m in own if _within(here, *here.project(m.lon, m.lat))] for own in (marks, finds))
+    marks, finds = ([m for m in own if frame.holds(*frame.project(m.lon, m.lat))] for own in (marks, finds))
     for mark in marks:
-        layers.mark_point(ax, here, mark, 8)
-        mx, my = here.project(mark.lon, mark.lat)
+        layers.mark_point(ax, frame, mark, 8)
+        mx, my = frame.project(mark.lon, mark.lat)
         style = {"fontsize": 9, "color": layers.LAST_KNOWN, "weight": "bold"}
         texts.append((float(mx), float(my), mark.label, style))
     must += len(marks)
+    triangle: dict[str, Any] = {"markersize": 7, "markerfacecolor": "white", "markeredgecolor": layers.LAST_KNOWN}
     for mark in finds:
-        mx, my = here.project(mark.lon, mark.lat)
+        mx, my = frame.project(mark.lon, mark.lat)
+        ax.plot(mx, my, "^", zorder=9, **triangle)
         style = {"fontsize": 8, "color": layers.LAST_KNOWN, "weight": "bold"}
         texts.append((float(mx), float(my), f"▲{mark.label}", style))
-    texts += told
-    coast = [np.column_stack(here.project(*part.T)) for parts in shown.lines for part in parts]
+    texts += notes
+    coast = [np.column_stack(frame.project(*part.T)) for parts in shown.lines for part in parts]
     every = np.concatenate([*coast, np.array([text[:2] for text in texts]).reshape(-1, 2)])
-    bar = chart.scale_bar(ax, here, chart.free_corner(here, every[:, 0], every[:, 1]))
-    taken = [bar, *_along(here, coast)]
+    bar = chart.scale_bar(ax, frame, chart.free_corner(frame, every[:, 0], every[:, 1]))
+    taken = [bar, *_along(frame, coast)]
     labels.place(ax, canvas, texts, taken, must=set(range(must)))
 
 
-def _within(here: Frame, x: Array, y: Array) -> Array:
-    """Return whether points [m] are on a map."""
-    return np.asarray((here.x[0] <= x) & (x <= here.x[1]) & (here.y[0] <= y) & (y <= here.y[1]))
-
-
-def _patrolled(ax: Axes, here: Frame, walked: Sequence[list[Array]]) -> None:
+def _patrolled(ax: Axes, frame: Frame, walked: Sequence[list[Array]]) -> None:
     """Draw what was patrolled as a wide band under the coast."""
-    parts = [np.column_stack(here.project(*part.T)) for parts in walked for part in parts]
+    parts = [np.column_stack(frame.project(*part.T)) for parts in walked for part in parts]
     band = LineCollection(parts, linewidths=14, colors=PATROL, alpha=0.55, zorder=5, capstyle="butt")
     ax.add_collection(band, autolim=False)
 
 
-def _told(here: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array]]) -> list[labels.Point]:
-    """Return what is written beside the last of the patrols: name, day, time and detection, at the middle of their longest stretch."""
-    found: list[labels.Point] = []
-    order = sorted(range(len(patrols)), key=lambda k: patrols[k].time)[-TOLD:]
-    for k in order:
+def _beside(frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array]]) -> list[labels.Point]:
+    """Return labels of the last patrols, with name, day, time and detection, in the middle of their longest stretch."""
+    points: list[labels.Point] = []
+    for k in sorted(range(len(patrols)), key=lambda k: patrols[k].time)[-NOTED:]:
         longest = max(walked[k], key=lambda part: float(shapely.LineString(part).length))
-        x, y = here.project(*longest[len(longest) // 2])
-        told = f"{notation.group(patrols[k].time)[:6]}Z {100 * patrols[k].detection:.0f} %"
-        words = f"{page.fit(patrols[k].name, 22)}\n{told}"
-        found.append((float(x), float(y), words, {"fontsize": 8, "color": PATROL_INK, "weight": "bold"}))
-    return found
+        x, y = frame.project(*longest[len(longest) // 2])
+        when = f"{notation.day_time(patrols[k].time)} {100 * patrols[k].detection:.0f} %"
+        words = f"{page.fit(patrols[k].name, 22)}\n{when}"
+        points.append((float(x), float(y), words, {"fontsize": 8, "color": PATROL_INK, "weight": "bold"}))
+    return points
 
 
-def _along(here: Frame, coast: Sequence[Array]) -> list[Bbox]:
-    """Return small boxes [axes fraction] along lines [m], for labels to keep off."""
-    mesh = (here.x[1] - here.x[0]) / 60
+def _along(frame: Frame, coast: Sequence[Array]) -> list[Bbox]:
+    """Return small boxes [axes fraction] along lines [m], for labels to keep clear of."""
+    mesh = (frame.x[1] - frame.x[0]) / 60
     dense = [shapely.get_coordinates(shapely.segmentize(shapely.LineString(part), mesh / 2)) for part in coast]
-    corner = np.array([here.x[0], here.y[0]])
+    corner = np.array([frame.x[0], frame.y[0]])
     meshes = np.unique(np.floor((np.concatenate([*dense, np.empty((0, 2))]) - corner) / mesh), axis=0)
-    aspect = (here.x[1] - here.x[0]) / (here.y[1] - here.y[0])
+    aspect = (frame.x[1] - frame.x[0]) / (frame.y[1] - frame.y[0])
     return [Bbox.from_bounds(x / 60 + 0.004, (y / 60 + 0.004) * aspect, 1 / 120, aspect / 120) for x, y in meshes]
 
 
-def _bar(figure: Figure, norm: Normalize, colours: Colormap, left: float, extend: str, words: str) -> Axes:
+def _bar(figure: Figure, norm: Normalize, left: float, words: str, ticks: Mapping[float, str]) -> None:
+    """Draw the colour scale of a map under it, with what its ticks say."""
+    numbers = isinstance(norm, LogNorm)
+    colours = _dark_is_more() if numbers else _dark_is_more().reversed()
     figure.text(left, 0.421, words, fontsize=8.5, va="center", color=INK)
     bar = figure.add_axes((left + 0.17, 0.4145, MAP[0] - 0.18, 0.013))
     mappable = matplotlib.cm.ScalarMappable(norm, colours)
-    figure.colorbar(mappable, cax=bar, orientation="horizontal", extend=extend)
+    figure.colorbar(mappable, cax=bar, orientation="horizontal", extend="min" if numbers else "neither")
     bar.tick_params(labelsize=8, colors=INK, length=3, pad=2)
-    return bar
+    bar.set_xticks(list(ticks), labels=list(ticks.values()))
+    bar.minorticks_off()
 
 
 def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
-    """Draw when the first object and the bulk come to each of the worst stretches, with the numbers beside it."""
+    """Draw when the first object and the bulk reach each of the worst stretches, with their figures beside it."""
     ax = figure.add_axes((0.285, 0.085, 0.39, 0.265))
     at = data.isel(segment=shown.worst)
     first, bulk = at["first_arrival"].values, at["bulk_arrival"].values
@@ -346,14 +339,16 @@ def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
 
 
 def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
-    """Write each stretch's number and name and place left of the chart, its numbers right of it."""
+    """Write each stretch's rank, name and place left of the chart, and its figures right of it."""
     place = ax.get_yaxis_transform()
     middle = [notation.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)]
     names = []
     for i, name in enumerate(map(str, at["name"].values)):
-        told = middle[i] in name  # a stretch without a name is called by its place
-        names.append(f"stretch {at['segment'].values[i]}" if name == middle[i] else page.fit(name, 44 if told else 27))
-        middle[i] = "" if told and name != middle[i] else middle[i]
+        unnamed = middle[i] in name  # the name of a stretch without one is its place
+        names.append(
+            f"stretch {at['segment'].values[i]}" if name == middle[i] else page.fit(name, 44 if unnamed else 27)
+        )
+        middle[i] = "" if unnamed and name != middle[i] else middle[i]
     columns: list[tuple[float, str, str, list[str]]] = [
         (-0.635, "left", "Stretch", names),
         (-0.025, "right", "Middle", middle),
@@ -373,11 +368,9 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
         ax.text(x, -0.85, head, transform=place, ha=side, va="bottom", fontsize=8, color=GREY)
         for y, text in enumerate(texts):
             ax.text(x, y, text, transform=place, ha=side, va="center", fontsize=8.5 if x > 0 else 8, color=INK)
-    badge = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
     for y in range(at.sizes["segment"]):
-        ax.text(
-            -0.664, y, f"{rank[y]}", transform=place, ha="center", va="center", fontsize=8, weight="bold", color=INK, bbox=badge
-        )  # fmt: skip
+        number: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": INK, "bbox": BADGE}
+        ax.text(-0.664, y, f"{rank[y]}", transform=place, ha="center", va="center", **number)
 
 
 def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
@@ -408,7 +401,8 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     figure.text(
         0.7,
         0.044,
-        "Times: of the simulated spills in which any arrives there.\n± error: standard error. Stretches that any object reaches\n"
+        "Times: of the simulated spills in which any arrives there.\n"
+        "± error: standard error. Stretches that any object reaches\n"
         f"with under {100 * LEAST:g} % are not drawn, unless few have more.",
         fontsize=7.5,
         color=GREY,
@@ -417,14 +411,17 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     )
 
 
-def _words(on: Page, data: xr.Dataset, imprint: Imprint) -> None:
-    """Write title, valid time, basis and account over the maps."""
+def _words(on: Page, data: xr.Dataset, imprint: Imprint, finds: int) -> None:
+    """Write title, valid time, basis, account and the number of finds over the maps."""
     begin, end = data["start"].values[()], data["time"].values[-1]
     hours = (end - begin) / np.timedelta64(1, "h")
     valid = f"Washup by {_moment(end)}, {hours:g} h after the start, {notation.group(begin)}"
     sheet.head(on, imprint, valid, _basis(data))
     account = _account(data)
     sheet.say(on, sheet.heading(0.8905, min(9.5, 1320 / len(account))), account)
+    if finds:
+        text = f"▲ after {finds} find{'s' * (finds > 1)}: numbers are of those not yet found"
+        on.figure.text(0.967, 0.945, text, fontsize=9, color=layers.LAST_KNOWN, ha="right", va="center")
 
 
 def _basis(data: xr.Dataset) -> str:
@@ -463,7 +460,7 @@ def _moment(time: np.datetime64) -> str:
 
 def _short(seconds: float) -> str:
     """Return a time [s since 1970] as day and time, 211830Z."""
-    return f"{notation.group(np.datetime64(round(seconds), 's'))[:6]}Z"
+    return notation.day_time(np.datetime64(round(seconds), "s"))
 
 
 def _round_numbers(low: float, high: float) -> Array:

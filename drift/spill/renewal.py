@@ -32,16 +32,16 @@ from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 
 FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn anew
-NARROWING = 20.0  # times fewer worlds than are drawn may count where a proposal is made: what one renewal narrows down
-ENOUGH = 10.0  # effective worlds a latent that a proposal is made from at least
-WORST = 10  # stretches that the summary tells
+NARROWING = 20.0  # a proposal is made when so many times fewer worlds count than are drawn: one renewal narrows by that
+ENOUGH = 10.0  # least effective worlds per latent from which a proposal is made
+WORST = 10  # stretches in the summary
 ODD = 0.02  # tail probability below which a find is called odd
-REALISATIONS = 4  # complete spills drawn in every world, at most
+REALISATIONS = 4  # most complete spills that are drawn in every world
 
 
 @dataclass(frozen=True)
 class Drifted:
-    """A run that has been made: its ensemble at the end, the particles at its outputs, their stays on the shore."""
+    """A finished run: its ensemble at the end, the particles at its outputs, their stays on the shore."""
 
     ensemble: Ensemble
     snapshots: Spool
@@ -51,7 +51,7 @@ class Drifted:
 
 @dataclass(frozen=True)
 class Aftermath:
-    """What a spill has come to."""
+    """The results of a spill."""
 
     period: Period
     spill: Spill
@@ -66,7 +66,7 @@ class Aftermath:
 
 
 def stretches(period: Period, spill: Spill, coast: Coast, drawn: Worlds) -> Segments:
-    """Return the stretches of coast that a spill is told by; raise UserError for finds and patrols that cannot be."""
+    """Return the stretches of coast of a spill's figures; raise UserError for finds and patrols that cannot be."""
     segments = evidence.cut(spill, coast)
     evidence.build(period, spill, segments, coast, drawn)
     return segments
@@ -80,50 +80,50 @@ def settle(
     first: Drifted,
     renew: Callable[[Proposal, int], Drifted],
 ) -> tuple[Drifted, Aftermath]:
-    """Return the run whose worlds the finds leave enough of, weighted by them, and its aftermath.
+    """Return the run of which the finds leave enough worlds, weighted by the finds, and its aftermath.
 
-    renew: draws worlds anew from a proposal, and moves their objects through the run; it is told the number of the
-    renewal, from 1.
+    renew: draws worlds anew from a proposal and moves their objects through the run; it takes the number of the
+    renewal too, from 1.
     """
     assert first.worlds is not None
-    done, drawn, rounds = first, first.worlds, [0.0]
+    drifted, drawn, rounds = first, first.worlds, [0.0]
     while True:
         known = evidence.build(period, spill, segments, coast, drawn)
-        known = replace(known, adrift=_adrift(period, known, done.snapshots))
-        fates = _fates(spill, done, segments)
-        told = finds.posterior(fates, known, drawn.latent, drawn.log_weight)
-        rounds[-1] = told.effective
-        if told.effective >= FEWEST or len(rounds) > spill.renewals or not (known.finds or known.patrols):
+        known = replace(known, adrift=_adrift(period, known, drifted.snapshots))
+        fates = _fates(spill, drifted, segments)
+        posterior = finds.posterior(fates, known, drawn.latent, drawn.log_weight)
+        rounds[-1] = posterior.effective
+        if posterior.effective >= FEWEST or len(rounds) > spill.renewals or not (known.finds or known.patrols):
             break
         least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
-        # From where these worlds were drawn (exponent 0) towards where the finds have them (1): never back to the
+        # The exponent leads from where these worlds were drawn (0) to where the finds put them (1), never back to the
         # prior.
-        aim = told.log_likelihood + drawn.log_weight
+        aim = posterior.log_likelihood + drawn.log_weight
         about = worlds.around(drawn, weights.shares(finds.tempered(aim, least) * aim))
-        done = renew(about, len(rounds))
-        assert done.worlds is not None
-        drawn = done.worlds
+        drifted = renew(about, len(rounds))
+        assert drifted.worlds is not None
+        drawn = drifted.worlds
         rounds.append(0.0)
-    _reweigh(done, fates, told)
-    made = Aftermath(
+    _reweigh(drifted, fates, posterior)
+    aftermath = Aftermath(
         period,
         spill,
         segments,
         fates,
         drawn,
         first.worlds,
-        told,
+        posterior,
         finds.surprises(fates, known, drawn.latent, drawn.log_weight),
-        _washup(period, spill, segments, fates, told, done),
+        _washup(period, spill, segments, fates, posterior, drifted),
         tuple(rounds),
     )
-    return done, made
+    return drifted, aftermath
 
 
-def _fates(spill: Spill, done: Drifted, segments: Segments) -> Fates:
+def _fates(spill: Spill, drifted: Drifted, segments: Segments) -> Fates:
     """Return what became of every particle by the end of the run."""
-    ensemble = done.ensemble
-    snapshot = done.snapshots[-1]
+    ensemble = drifted.ensemble
+    snapshot = drifted.snapshots[-1]
     over = np.isin(snapshot.status, (Status.SUNK, Status.LEFT, Status.OUTSIDE))
     return Fates(
         worlds=spill.worlds,
@@ -132,35 +132,38 @@ def _fates(spill: Spill, done: Drifted, segments: Segments) -> Fates:
         release=ensemble.release.to_numpy(),
         ended=np.where(over, ensemble.status_since.to_numpy(), FOREVER).astype(np.int32),
         ending=snapshot.status,
-        stays=done.landings.stays(segments.of_edge),
+        stays=drifted.landings.stays(segments.of_edge),
     )
 
 
 def _adrift(period: Period, known: finds.Known, snapshots: Spool) -> dict[int, finds.Adrift]:
     """Return where the particles are at the times of finds at sea, which are output times."""
     times = _outputs(period, snapshots).tolist()
-    found = {}
+    adrift = {}
     for number, find in enumerate(known.finds):
         if isinstance(find.place, finds.AtSea):
             at = snapshots[times.index(find.time)]
-            found[number] = finds.Adrift(at.lon, at.lat, at.status)
-    return found
+            adrift[number] = finds.Adrift(at.lon, at.lat, at.status)
+    return adrift
 
 
-def _reweigh(done: Drifted, fates: Fates, told: finds.Posterior) -> None:
-    """Give the particles the weights of what is left: of their world, of the objects of their class still to be found in
-    it, in proportion to the chance of not having been found."""
-    left = finds.remaining(told)
-    if not (left * told.weight[:, None]).any():  # all are found: the map shows where they might have been
+def _reweigh(drifted: Drifted, fates: Fates, posterior: finds.Posterior) -> None:
+    """Give the particles the weights of what is left.
+
+    A world's weight is shared among its particles: by class in proportion to the objects still to be found, and within
+    a class in proportion to each particle's chance of not having been found.
+    """
+    left = finds.remaining(posterior)
+    if not (left * posterior.weight[:, None]).any():  # all are found: the map shows where they could have been
         left = np.ones_like(left)
     cell = fates.world.astype(np.int64) * left.shape[1] + fates.kind
-    unfound = 1 - told.found
+    unfound = 1 - posterior.found
     shared = np.bincount(cell, unfound, left.size)
     with np.errstate(divide="ignore"):
-        each = np.log(told.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300)).reshape(left.shape)
+        each = np.log(posterior.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300)).reshape(left.shape)
         log_weight = each.ravel()[cell] + np.log(np.maximum(unfound, 1e-300))
-    done.ensemble.log_weight.from_numpy((log_weight - log_weight.max()).astype(np.float32))
-    done.snapshots.reweigh(done.ensemble)
+    drifted.ensemble.log_weight.from_numpy((log_weight - log_weight.max()).astype(np.float32))
+    drifted.snapshots.reweigh(drifted.ensemble)
 
 
 def _outputs(period: Period, snapshots: Spool) -> npt.NDArray[np.int64]:
@@ -169,12 +172,14 @@ def _outputs(period: Period, snapshots: Spool) -> npt.NDArray[np.int64]:
 
 
 def _washup(
-    period: Period, spill: Spill, segments: Segments, fates: Fates, told: finds.Posterior, done: Drifted
+    period: Period, spill: Spill, segments: Segments, fates: Fates, posterior: finds.Posterior, drifted: Drifted
 ) -> xr.Dataset:
     count = int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
-    drawn: Sequence[Realisation] = realise(fates, told, done.ensemble.seed, count)
+    drawn: Sequence[Realisation] = realise(fates, posterior, drifted.ensemble.seed, count)
     kinds = [kind.name for kind in spill.kinds]
-    return washup.build(fates, segments, drawn, told.weight, _outputs(period, done.snapshots), period.start, kinds)
+    return washup.build(
+        fates, segments, drawn, posterior.weight, _outputs(period, drifted.snapshots), period.start, kinds
+    )
 
 
 def unknown(after: Aftermath) -> dict[str, Any]:
@@ -218,7 +223,7 @@ def position(after: Aftermath, find: finds.Detection) -> tuple[float, float]:
     """Return where a find lies (lon, lat) [deg]: as given, or the middle of its stretch."""
     if isinstance(find.place, finds.AtSea):
         return find.place.lon, find.place.lat
-    given = next(one for one in after.spill.finds if one.name == find.name)
+    given = next(row for row in after.spill.finds if row.name == find.name)
     if given.stretch is None:
         return given.lon, given.lat
     return float(after.segments.lon[find.place]), float(after.segments.lat[find.place])
@@ -251,11 +256,11 @@ def stretch(segments: Segments, number: int) -> str:
 
 
 def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
-    """Return what each patrol is taken to have searched."""
-    made = []
+    """Return the stretches that each patrol counts as having searched, with its time and detection."""
+    rows = []
     for patrol in spill.patrols:
         walked = list(evidence.walked(patrol, segments))
-        made.append(
+        rows.append(
             {
                 "name": patrol.name,
                 "time": patrol.time,
@@ -265,7 +270,7 @@ def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
                 "length_km": float(segments.length[walked].sum() / 1000),
             }
         )
-    return made
+    return rows
 
 
 def warning(after: Aftermath) -> str | None:
@@ -274,44 +279,45 @@ def warning(after: Aftermath) -> str | None:
 
 
 def warnings(after: Aftermath) -> list[str]:
-    """Return what of the finds does not fit, and what to raise where too few worlds count; empty where all is well."""
-    told = []
+    """Return warnings of finds that do not fit the spill and of too few worlds; empty where all is well."""
+    texts = []
     few, many = _odds(after)
     if min(few, many) < ODD:
         how = f"so few had a probability of {few:.1g}" if few < many else f"so many had a probability of {many:.1g}"
-        told.append(
-            f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; check the patrols' detection, "
-            "[spill.reporting] rate and [spill] destroyed before believing the figures"
+        texts.append(
+            f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; "
+            "check the patrols' detection, [spill.reporting] rate and [spill] destroyed before believing the figures"
         )
     count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
     if count.few:
         when = "after the finds" if after.posterior.known.finds else ""
-        told.append(
+        texts.append(
             f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.renewals, or check the finds "
             "that are called odd"
         )
-    return told
+    return texts
 
 
 def _odds(after: Aftermath) -> tuple[float, float]:
-    """Return the probabilities, before any find, of as few finds and of as many."""
-    told, numbers = after.posterior, after.posterior.known.numbers
-    found = sum(find.false < 0.5 and not isinstance(find.place, finds.AtSea) for find in told.known.finds)
-    if not told.known.finds and not told.known.patrols:
+    """Return the probabilities, before any find, of at most so many finds and of at least so many."""
+    posterior, numbers = after.posterior, after.posterior.known.numbers
+    ashore = sum(find.false < 0.5 and not isinstance(find.place, finds.AtSea) for find in posterior.known.finds)
+    if not posterior.known.finds and not posterior.known.patrols:
         return 1.0, 1.0
     world = weights.shares(after.worlds.log_weight)
-    chance = (told.share @ numbers.shares)[:, None, None] * (1 - numbers.destroyed)
+    chance = (posterior.share @ numbers.shares)[:, None, None] * (1 - numbers.destroyed)
     joint = world[:, None, None] * numbers.objects_prior[:, None] * numbers.destroyed_prior
     count = numbers.objects[:, None]
-    few = float((joint * special.bdtr(np.minimum(found, count), count, chance)).sum())
-    return few, float((joint * special.bdtrc(np.minimum(found - 1, count), count, chance)).sum())
+    few = float((joint * special.bdtr(np.minimum(ashore, count), count, chance)).sum())
+    return few, float((joint * special.bdtrc(np.minimum(ashore - 1, count), count, chance)).sum())
 
 
 def notes(spill: Spill) -> list[str]:
-    """Return what a reader of the numbers must know of how they were made."""
+    """Return what a reader of the figures must know about their accuracy."""
     if spill.objects[1] <= spill.per_world:
         return []
     return [
-        f"a world has {spill.per_world:,} particles for up to {spill.objects[1]:,} objects: each stands for several, which makes "
-        f"ranges up to {(spill.objects[1] / spill.per_world) ** 0.5:.2f} times too wide; raise spill.per_world"
+        f"a world has {spill.per_world:,} particles for up to {spill.objects[1]:,} objects: "
+        f"each stands for several, which makes ranges up to {(spill.objects[1] / spill.per_world) ** 0.5:.2f} times "
+        "too wide; raise spill.per_world"
     ]

@@ -3,9 +3,9 @@
 A world's probability of something is estimated from its few hundred particles, and the likelihood of many finds
 multiplies many such estimates: their noise would then decide between worlds. So each is drawn toward what worlds like
 it have: a quadratic in the worlds' latent unknowns, fitted to all worlds at once and corrected by each one's
-neighbours, is the mean of a prior whose width the worlds themselves tell (Fay and Herriot 1979,
-doi:10.1080/01621459.1979.10482505; Clayton and Kaldor 1987, doi:10.2307/2532003). Where these are right a world's own
-particles hardly count; elsewhere they decide.
+neighbours, is the mean of a prior whose width is estimated from all worlds (Fay and Herriot 1979,
+doi:10.1080/01621459.1979.10482505; Clayton and Kaldor 1987, doi:10.2307/2532003). Where the quadratic fits, a world's
+own particles hardly count; elsewhere they decide.
 """
 
 from collections.abc import Callable
@@ -18,24 +18,24 @@ from scipy import spatial, special
 from geo.array import Real
 
 NEIGHBOURS = 24  # nearest worlds that correct the quadratic
-STEPS = 40  # of Newton's method at most
+STEPS = 40  # most steps of Newton's method
 RIDGE = 1.0  # inverse variance of a coefficient of the standardised latents
-LEAST = 0.5  # particles, of all worlds together, that have been seen where none was
-STEEPEST = 30.0  # log of a mean or of odds
+LEAST = 0.5  # particles, in all worlds together, that count as seen where none was
+STEEPEST = 30.0  # largest log of a mean or of odds
 EXCESS = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # variance of the prior in means
 SQUARED = (1e-4, 0.01, 0.03, 0.1, 0.2, 0.4, 0.8, 1.6, 4.0, 10.0)  # variance of the prior in squared means
 
 
 @dataclass(frozen=True)
 class Likeness:
-    """How worlds are alike: terms (W, p) of a quadratic in their latents, and each world's nearest others (W, k)."""
+    """How worlds are alike: terms (W, p) of a quadratic in their latents, and the nearest others of each (W, k)."""
 
     terms: Real
     near: npt.NDArray[np.int64]
 
 
 def likeness(latent: Real) -> Likeness:
-    """Return how worlds of these latents (W, k) are alike; the quadratic has fewer terms where there are few worlds."""
+    """Return how worlds of these latents (W, k) are alike. The quadratic has fewer terms where worlds are few."""
     worlds = len(latent)
     spread = latent.std(0)
     z = (latent - latent.mean(0))[:, spread > 1e-9] / spread[spread > 1e-9]
@@ -51,15 +51,15 @@ def likeness(latent: Real) -> Likeness:
     return Likeness(np.concatenate(terms, axis=1), near)
 
 
-def rates(total: Real, squares: Real, n: int, alike: Likeness, one: float = 1.0) -> Real:
+def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0) -> Real:
     """Return every world's mean over its n particles (W,), drawn toward the means of worlds like it.
 
-    total, squares: sums over a world's particles of values and of squared values, (W,). one: the value of a particle
-    that counts in full, for where none does.
+    total, squares: sums over a world's particles of values and of squared values, (W,). full: the value of a particle
+    that counts in full, which is used where all sums are 0.
 
     Sums are taken as overdispersed Poisson in units of sum(squares) / sum(total).
     """
-    unit = squares.sum() / total.sum() if squares.sum() > 0 else one
+    unit = squares.sum() / total.sum() if squares.sum() > 0 else full
     count = total / unit
     worlds = count.size
     if count.sum() < LEAST:
@@ -79,7 +79,7 @@ def rates(total: Real, squares: Real, n: int, alike: Likeness, one: float = 1.0)
 
 
 def _nearby(count: Real, mean: Real, near: npt.NDArray[np.int64]) -> Real:
-    """Return factors (W,) on means that the counts of the nearest other worlds ask for: gamma-Poisson, mean 1."""
+    """Return factors (W,) by which the counts of the nearest other worlds correct means: gamma-Poisson, mean 1."""
     if not near.shape[1]:
         return np.ones_like(mean)
     seen, meant = count[near].sum(1), mean[near].sum(1)
@@ -98,7 +98,7 @@ def share(mean: Real, variance: Real, n: int, alike: Likeness) -> Real:
     if not mean.any():
         return mean
     sure = mean * (1 - mean)
-    size = n * max(sure.sum() / max(variance.sum(), 1e-300), 1.0)  # particles of 0 or 1 that tell as much
+    size = n * max(sure.sum() / max(variance.sum(), 1e-300), 1.0)  # of a sample of zeros and ones that says as much
     middle = float(np.clip(mean.mean(), 1e-12, 1 - 1e-12))
     prior = _fit(alike.terms, mean, BINOMIAL, float(special.logit(middle)), size)
     if alike.near.shape[1]:

@@ -1,7 +1,7 @@
-"""Stays of particles on the shore, taken down while a run goes on: when each came, to which edge, when it was gone.
+"""Stays of particles on the shore, noted during a run: when each came, to which edge, and when it left.
 
-Where what strands stays for good, the ensemble's own columns say it all at the end. Where it refloats they are compared
-after every step.
+Where stranded particles stay for good, the ensemble's own columns hold all stays at the end. Where they refloat, the
+columns are compared after every step.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from geo.array import Array
 
 @dataclass
 class Landings:
-    """The book of an ensemble's stays; `watch` is called after every step if anything can refloat."""
+    """The record of an ensemble's stays; `watch` is called after every step if anything can refloat."""
 
     ensemble: Ensemble
     refloats: bool
@@ -26,12 +26,12 @@ class Landings:
     _rows: list[Array] = field(init=False, default_factory=list)  # (4, m): slot, edge, arrival, leave
 
     def __post_init__(self) -> None:
-        """Open the book."""
+        """Begin with nothing ashore."""
         n = self.ensemble.n
         self._ashore, self._ended, self._edge = np.zeros(n, bool), np.zeros(n, np.int32), np.zeros(n, np.int32)
 
     def watch(self, elapsed: int) -> None:
-        """Take down what the step that began at `elapsed` [s after start] changed."""
+        """Note the stays that ended in the step that began at `elapsed` [s after start]."""
         if not self.refloats:
             return
         ashore = self.ensemble.status.to_numpy() == Status.ASHORE

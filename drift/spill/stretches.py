@@ -1,4 +1,4 @@
-"""How many objects lie on each stretch of coast, and when they come: figures by stretch and time over simulated spills.
+"""How many objects lie on each stretch of coast, and when they come: figures over simulated spills.
 
 Works stretch by stretch in pieces of CELLS rows by time: memory does not grow with the number of stretches.
 """
@@ -14,15 +14,15 @@ from drift.spill.dataset import SHARES
 from drift.spill.fates import Fates, Realisation
 from geo.array import Array
 
-CELLS = 2_000_000  # rows (a stretch of a world) by output time that are worked on together
+CELLS = 2_000_000  # most rows (a stretch in a world) times output times that are worked on together
 
 MEANS = ("expected", "probability", "arrived")
 
 
 def settled(fates: Fates) -> dict[str, Array]:
-    """Return release and end of every slot, arrival and leave of every stay [s] in which each comes before the next.
+    """Return release and end of every slot, and arrival and leave of every stay [s], without contradictions.
 
-    Not yet released goes before ended, and ended before ashore: of two that hold at a time, the former does.
+    "Not yet released" goes before "ended", and "ended" before "ashore": where two hold at a time, the former counts.
     """
     stays = fates.stays
     ended = np.maximum(fates.ended, fates.release)
@@ -33,27 +33,30 @@ def settled(fates: Fates) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class Rows:
-    """Stays of drawn objects (m,), sorted into rows, one a stretch and world; rows (r,) sorted by stretch."""
+    """Stays of drawn objects (m,), sorted into rows, one for each stretch and world; rows (r,) sorted by stretch."""
 
     slot: Array
     row: Array
     arrival: Array  # [s after start]
     begin: Array  # index of the first output at which it lies there
-    end: Array  # and of the first at which it no longer does
+    end: Array  # index of the first output at which it no longer does
     debut: Array  # whether it is the slot's first on the stretch
     segment: Array  # (r,)
     world: Array  # (r,)
-    most: Array  # (r,) no realisation has more objects in the row
+    most: Array  # (r,) largest number of objects in the row in any realisation
     first: Array  # (s,) first row of each stretch
     times: int
 
 
 def sorted_rows(fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array) -> Rows:
-    """Return the stays of all drawn objects as rows; weight: of the worlds, (W,); outputs: times [s after start], (T,)."""
+    """Return the stays of all drawn objects as rows.
+
+    weight: of the worlds, (W,). outputs: times [s after start], (T,).
+    """
     clean, stays = settled(fates), fates.stays
     drawn = np.zeros(len(fates.world), bool)
-    for one in realisations:
-        drawn |= one.stands > 0
+    for realisation in realisations:
+        drawn |= realisation.stands > 0
     drawn &= weight[fates.world] > 0
     chosen = np.flatnonzero(drawn[stays.slot] & (clean["arrival"] < clean["leave"]))
     slot, segment, arrival = stays.slot[chosen], stays.segment[chosen].astype(np.int64), clean["arrival"][chosen]
@@ -64,8 +67,8 @@ def sorted_rows(fates: Fates, realisations: Sequence[Realisation], weight: Array
     chosen, slot, pair, arrival = chosen[order], slot[order], pair[order], arrival[order]
     pairs, heads, row = np.unique(pair, return_index=True, return_inverse=True)
     most = np.zeros(len(pairs), np.int64)
-    for one in realisations if len(pairs) else ():
-        most = np.maximum(most, np.add.reduceat(one.stands[slot].astype(np.int64), heads))
+    for realisation in realisations if len(pairs) else ():
+        most = np.maximum(most, np.add.reduceat(realisation.stands[slot].astype(np.int64), heads))
     segment = pairs // fates.worlds
     return Rows(
         slot=slot,
@@ -83,7 +86,7 @@ def sorted_rows(fates: Fates, realisations: Sequence[Realisation], weight: Array
 
 
 def runs(rows: Rows) -> Iterator[tuple[int, int]]:
-    """Yield runs of stretches, from the first to before the second, that fit into CELLS, or that are but one."""
+    """Yield runs of stretches, from the first to before the second, that fit into CELLS; at least one stretch each."""
     if not len(rows.first):
         return
     count = np.diff(np.append(rows.first, len(rows.segment)))
@@ -111,7 +114,10 @@ class _Piece:
     squares: float  # sum of squared weights of all worlds
 
     def lying(self, amount: Array, leaves: bool = True) -> Array:
-        """Return the number by row and time, int32 (r, T), of stays that stand for these amounts (m,); leaves: until they end."""
+        """Return how many objects lie there by row and time, int32 (r, T); amount: of each stay (m,).
+
+        leaves: whether stays end; else those that ever lay there count.
+        """
         times = self.rows.times
         change = np.zeros(self.weight.size * (times + 1), np.int32)
         np.add.at(change, self.row * (times + 1) + self.rows.begin[self.stays], amount)
@@ -120,7 +126,7 @@ class _Piece:
         return np.cumsum(change.reshape(-1, times + 1), axis=1, dtype=np.int32)[:, :-1]
 
     def mean(self, name: str, values: Array) -> dict[str, Array]:
-        """Return the mean of values by row and time (r, T) over the worlds, (T, s), its error, and what `unseen` needs."""
+        """Return the mean over worlds, (T, s), of values by row and time (r, T), its error, and what `unseen` needs."""
         middle, error = estimate.mean(values, self.weight, self.start, self.squares)
         if name == "probability":
             error = np.maximum(error, estimate.least_error(middle, 1 / self.squares))
@@ -129,9 +135,10 @@ class _Piece:
 
 
 class _Histogram:
-    """The number of objects that lie on each stretch at each time, weighted, in as many classes as the stretch needs.
+    """Weighted histograms of the number of objects that lie on each stretch at each time.
 
-    They stand one after the other, so that no stretch with many objects costs the others memory.
+    Each stretch has as many classes as it needs; they are stored one after the other, so that a stretch with many
+    objects does not cost the others memory.
     """
 
     def __init__(self, piece: _Piece, most: Array) -> None:
@@ -148,7 +155,10 @@ class _Histogram:
         self._weight += np.bincount((self._cell + number).ravel(), filled, minlength=self._base[-1])
 
     def quantiles(self) -> dict[str, Array]:
-        """Return the quantiles of the numbers, (SHARES, T, s), and their errors; worlds that never touch a stretch have none there."""
+        """Return the quantiles of the numbers, (SHARES, T, s), and their errors.
+
+        Worlds of which nothing ever touches a stretch have the number 0 there.
+        """
         piece, times = self._piece, self._piece.rows.times
         groups = (self._base[:-1, None] + np.arange(times) * self._classes[:, None]).ravel()
         self._weight[groups] += np.repeat(1 - np.add.reduceat(piece.weight, piece.start), times).clip(0)
@@ -165,9 +175,9 @@ def _piece(rows: Rows, run: tuple[int, int], weight: Array) -> _Piece:
     stays = slice(*np.searchsorted(rows.row, (low, high)))
     start = rows.first[slice(*run)] - low
     stretch = np.repeat(np.arange(len(start)), np.diff(np.append(start, high - low)))
-    return _Piece(
-        rows, stays, rows.slot[stays], rows.row[stays] - low, start, stretch, weight[rows.world[low:high]], float(np.sum(weight**2))
-    )  # fmt: skip
+    squares = float(np.sum(weight**2))
+    slot, row = rows.slot[stays], rows.row[stays] - low
+    return _Piece(rows, stays, slot, row, start, stretch, weight[rows.world[low:high]], squares)
 
 
 def figures(
@@ -181,8 +191,8 @@ def figures(
     sums = {name: np.zeros(shape, np.int32) for name in MEANS}
     by_kind = np.zeros((kinds, *shape), np.int32) if kinds > 1 else None
     firsts: list[tuple[Array, Array, Array]] = []
-    for one in realisations:
-        amount = one.stands[piece.slot]
+    for realisation in realisations:
+        amount = realisation.stands[piece.slot]
         number = piece.lying(amount)
         sums["expected"] += number
         sums["probability"] += number > 0
@@ -197,68 +207,71 @@ def figures(
         figures |= piece.mean(name, values * share)
     if by_kind is not None:
         each = [piece.mean("expected_by_kind", values * share) for values in by_kind]
-        figures |= {name: np.array([one[name] for one in each]) for name in each[0]}
+        figures |= {name: np.array([kind[name] for kind in each]) for name in each[0]}
     else:
         figures |= {"expected_by_kind": figures["expected"][None], "expected_by_kind_se": figures["expected_se"][None]}
     return figures | _when(firsts, piece.weight * share, piece.stretch, piece.start, piece.squares)
 
 
 def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Array]:
-    """Return of the worlds whose values (rows, T) are not 0 what estimate.unseen takes, each (T, stretches)."""
+    """Return what estimate.unseen needs of the worlds whose values (rows, T) are not 0, each (T, stretches)."""
     w = weight[:, None]
     parts = {"hits": w * (value > 0), "count": (value > 0).astype(float), "square": w**3 * np.square(value)}
     return {f"{name}_{part}": np.add.reduceat(x, start).T for part, x in parts.items()}
 
 
-def unseen(found: dict[str, Array], weight: Array) -> dict[str, Array]:
-    """Return standard errors of expected numbers with what worlds that were not seen leave open; takes what _hits made out."""
-    many, made = weights.effective(weight), {}
-    for name in [name.removesuffix("_hits") for name in found if name.endswith("_hits")]:
-        parts = [found.pop(f"{name}_{part}") for part in ("hits", "count", "square")]
+def unseen(figures: dict[str, Array], weight: Array) -> dict[str, Array]:
+    """Return standard errors of expected numbers that allow for worlds that were not seen.
+
+    The results of `_hits` are taken out of the figures.
+    """
+    many, errors = weights.effective(weight), {}
+    for name in [name.removesuffix("_hits") for name in figures if name.endswith("_hits")]:
+        parts = [figures.pop(f"{name}_{part}") for part in ("hits", "count", "square")]
         shape = parts[0].shape
         hits, count, square = (part.reshape(-1, shape[-1]).T for part in parts)
         more = estimate.unseen(hits, count, square, many)
-        made[f"{name}_se"] = np.hypot(found[f"{name}_se"], more.T.reshape(shape))
-    if made and "expected_by_kind_se" not in made:
-        made["expected_by_kind_se"] = made["expected_se"][None]
-    return made
+        errors[f"{name}_se"] = np.hypot(figures[f"{name}_se"], more.T.reshape(shape))
+    if errors and "expected_by_kind_se" not in errors:
+        errors["expected_by_kind_se"] = errors["expected_se"][None]
+    return errors
 
 
 def _arrivals(row: Array, arrival: Array, amount: Array) -> tuple[Array, Array, Array]:
-    """Return the rows at which any of these objects arrive, when the first of a row does, and when their median does.
+    """Return the rows at which any object arrives, the time of the first arrival in each, and the median time.
 
     row: (m,) ascending; arrival: (m,) [s] ascending in each row; amount: (m,) objects, each arrives once.
     """
     there = np.flatnonzero(amount)
     row, arrival, amount = row[there], arrival[there], amount[there].astype(np.int64)
-    found, head = np.unique(row, return_index=True)
+    rows, head = np.unique(row, return_index=True)
     running = np.cumsum(amount)
     before = running[head] - amount[head]
     last = np.append(running[head[1:] - 1], running[-1:]) - before - 1  # number of the row's last object, from 0
     middle = [arrival[np.searchsorted(running, before + which, side="right")] for which in (last // 2, (last + 1) // 2)]
-    return found, arrival[head].astype(np.float64), np.mean(middle, axis=0)
+    return rows, arrival[head].astype(np.float64), np.mean(middle, axis=0)
 
 
 def _when(
     firsts: Sequence[tuple[Array, Array, Array]], weight: Array, stretch: Array, start: Array, squares: float
 ) -> dict[str, Array]:
-    """Return when the first object and the bulk arrive, [s after start], given that any does, and how probable that is.
+    """Return when the first object and the bulk arrive [s after start], if any does, and how probable that is.
 
     firsts: of each realisation, see _arrivals; weight: of a row in each realisation.
     """
-    row = np.concatenate([one[0] for one in firsts])
+    row = np.concatenate([arrivals[0] for arrivals in firsts])
     any_comes = np.bincount(row, minlength=len(weight))[:, None] / len(firsts)
     ever, ever_se = estimate.mean(any_comes, weight * len(firsts), start, squares)
     ever_se = np.maximum(ever_se, estimate.least_error(ever, 1 / squares))
     mass = weight * any_comes[:, 0]
-    # Of weights relative to the largest of each stretch: their squares may be too small for a float.
+    # Weights are relative to the largest of each stretch: their squares may be too small for a float.
     size = np.diff(np.append(start, mass.size))
     part = mass / np.repeat(np.maximum(np.maximum.reduceat(mass, start), np.finfo(float).tiny), size)
     many = np.add.reduceat(part, start) ** 2 / np.maximum(np.add.reduceat(part**2, start), np.finfo(float).tiny)
-    found = {"ever": ever[:, 0], "ever_se": ever_se[:, 0], "effective_arrivals": many}
+    figures = {"ever": ever[:, 0], "ever_se": ever_se[:, 0], "effective_arrivals": many}
     for name, which in (("first_arrival", 1), ("bulk_arrival", 2)):
-        value = np.concatenate([one[which] for one in firsts])
+        value = np.concatenate([arrivals[which] for arrivals in firsts])
         order = np.lexsort((value, stretch[row]))
         head = np.searchsorted(stretch[row][order], np.arange(len(start)))
-        found[name], found[f"{name}_se"] = estimate.quantiles(value[order], weight[row][order], head, SHARES, many)
-    return found
+        figures[name], figures[f"{name}_se"] = estimate.quantiles(value[order], weight[row][order], head, SHARES, many)
+    return figures

@@ -1,4 +1,4 @@
-"""The washup as text: stretches worst first as CSV and as GeoJSON lines, by time, and the account. Writes no file."""
+"""The washup as text: stretches, worst first, as CSV and GeoJSON, over time, and the account. Writes no file."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,13 +6,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift.output import formats
+from drift.output import formats, geojson
 from drift.spill import washup
-from geo import antimeridian, notation, sphere
+from geo import notation, sphere
 from geo.array import Array
 from geo.coast.segments import Segments
-
-DIGITS = 7  # decimals of a degree: 1 cm
 
 Columns = dict[str, Any]  # arrays or lists of the same length, by the column's name
 
@@ -20,7 +18,7 @@ Columns = dict[str, Any]  # arrays or lists of the same length, by the column's 
 def stretches(data: xr.Dataset, run: str) -> str:
     """Return the touched stretches at the end of the run, worst first, as CSV; run: its run_id, in the last column.
 
-    Arrival times are in UTC and in hours after the run's start; empty: nothing known.
+    Arrival times are in UTC and in hours after the run's start; a value that is not known is empty.
     """
     columns = records(data)
     rows = [[*map(_text, row), run] for row in zip(*columns.values(), strict=True)]
@@ -28,17 +26,17 @@ def stretches(data: xr.Dataset, run: str) -> str:
 
 
 def records(data: xr.Dataset) -> Columns:
-    """Return what is known of the touched stretches at the end of the run, worst first; NaN for unknown."""
+    """Return the figures of the touched stretches at the end of the run, worst first; NaN where not known."""
     order = washup.worst(data)
     at = data.isel(time=-1, segment=order)
     lon, lat = sphere.wrap_degrees(at["lon"].values), at["lat"].values
-    made: Columns = {
+    columns: Columns = {
         "rank": np.arange(1, len(order) + 1),
         "segment": at["segment"].values,
         "name": at["name"].values,
         "access": at["access"].values,
-        "lon": np.round(lon, DIGITS),
-        "lat": np.round(lat, DIGITS),
+        "lon": np.round(lon, geojson.DIGITS),
+        "lat": np.round(lat, geojson.DIGITS),
         "position": [notation.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
         "length_km": _significant(at["length"].values / 1000),
         **_figures(at),
@@ -49,24 +47,24 @@ def records(data: xr.Dataset) -> Columns:
     for short, name in (("first", "first_arrival"), ("bulk", "bulk_arrival")):
         for j, share in enumerate(_shares(data)):
             moment = at[name].values[j]
-            made[f"{short}_{share}"] = [notation.iso(when) for when in np.rint(moment).astype("datetime64[s]")]
-            made[f"{short}_{share}_h"] = _significant((moment - start) / 3600)
-            made[f"{short}_{share}_se_h"] = _significant(at[f"{name}_se"].values[j] / 3600)
+            columns[f"{short}_{share}"] = [notation.iso(when) for when in np.rint(moment).astype("datetime64[s]")]
+            columns[f"{short}_{share}_h"] = _significant((moment - start) / 3600)
+            columns[f"{short}_{share}_se_h"] = _significant(at[f"{name}_se"].values[j] / 3600)
     if data.sizes["kind"] > 1:
         for j, kind in enumerate(data["kind"].values):
             for end in ("", "_se"):
-                made[f"expected_{kind}{end}"] = _significant(at[f"expected_by_kind{end}"].values[j])
-    made["effective_worlds"] = np.full(len(order), _worlds(data))
-    return made
+                columns[f"expected_{kind}{end}"] = _significant(at[f"expected_by_kind{end}"].values[j])
+    columns["effective_worlds"] = np.full(len(order), _worlds(data))
+    return columns
 
 
 def called(number: int, name: str, place: str) -> str:
-    """Return what a stretch is called wherever it is named: one without a name, which bears its place, has its number too."""
+    """Return what a stretch is called: its name, or its number and place where its name is only its place."""
     return f"stretch {number}, {name}" if name == place else name
 
 
 def times(data: xr.Dataset, run: str) -> str:
-    """Return the stretches at every output time, as CSV, worst first at each; without those where none has ever come."""
+    """Return the stretches that anything has come to at each output time, worst first, as CSV."""
     rows: list[list[Any]] = []
     header, worlds = [*_figures(data.isel(time=0)), "effective_worlds"], _text(_worlds(data))
     for t, when in enumerate(data["time"].values):
@@ -83,7 +81,7 @@ def times(data: xr.Dataset, run: str) -> str:
 
 
 def totals(data: xr.Dataset, run: str) -> str:
-    """Return the account by time as CSV, one row a time and fate; the expected numbers of a time add up to N."""
+    """Return the account as CSV, a row for each time and fate; the expected numbers of a time add up to N."""
     mean, number = (
         [_significant(data[name + end].values) for end in ("", "_se")] for name in ("total", "total_number")
     )
@@ -98,31 +96,21 @@ def totals(data: xr.Dataset, run: str) -> str:
     return formats.csv_text(header, rows)
 
 
-def geojson(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:
+def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the touched stretches as a GeoJSON FeatureCollection of lines (RFC 7946), worst first, cut at 180 degrees.
 
     A feature's id is the stretch's number, its properties are the columns of `stretches`; null: unknown.
     """
     columns = records(data)
-    features = [
-        {
-            "type": "Feature",
-            "id": int(number),
-            "geometry": {
-                "type": "MultiLineString",
-                "coordinates": [
-                    np.round(part.coords, DIGITS).tolist() for part in antimeridian.cut_line(segments.lines[number])
-                ],
-            },
-            "properties": {name: _number(value) for name, value in zip(columns, row, strict=True)},
-        }
-        for number, row in zip(columns["segment"], zip(*columns.values(), strict=True), strict=True)
-    ]
-    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+    features = []
+    for number, row in zip(columns["segment"], zip(*columns.values(), strict=True), strict=True):
+        properties = {name: _number(value) for name, value in zip(columns, row, strict=True)}
+        features.append(geojson.feature(geojson.lines([segments.lines[number]]), properties, id=int(number)))
+    return geojson.collection(features, attributes)
 
 
 def _worlds(data: xr.Dataset) -> float:
-    """Return how many worlds count, to six digits: below effective.FEW all figures are rough."""
+    """Return how many worlds count, to six digits; with fewer than effective.FEW all figures are rough."""
     return float(f"{data['effective_worlds'].item():.6g}")
 
 
@@ -132,15 +120,15 @@ def _shares(data: xr.Dataset) -> list[str]:
 
 def _figures(at: xr.Dataset) -> dict[str, Array]:
     """Return the figures of a time by column, each (segment,)."""
-    found: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
     for name in ("expected", "probability", "number", "arrived"):
         for end in ("", "_se"):
             values = _significant(at[name + end].values)
             if name == "number":
-                found |= {f"number_{share}{end}": values[j] for j, share in enumerate(_shares(at))}
+                columns |= {f"number_{share}{end}": values[j] for j, share in enumerate(_shares(at))}
             else:
-                found[name + end] = values
-    return found
+                columns[name + end] = values
+    return columns
 
 
 def _significant(values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What nobody knew of a spill, before and after its finds: release, biases, sinking, numbers, side by side."""
+"""The unknowns of a spill, before and after its finds side by side: release, biases, sinking, numbers."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,7 +17,7 @@ SHARES = (0.1, 0.5, 0.9)
 def table(
     worlds: Worlds, prior: Worlds, posterior: finds.Posterior, start: np.datetime64, kinds: Sequence[str]
 ) -> dict[str, Any]:
-    """Return by unknown: its unit, and its mean and 10/50/90 % before and after the finds.
+    """Return the unit of each unknown, and its mean and 10/50/90 % quantiles before and after the finds.
 
     worlds: those weighted by the finds; prior: those first drawn.
     """
@@ -32,12 +32,12 @@ def table(
                 "posterior": _figures(after[name][1], posterior.weight),
             }
     numbers = posterior.known.numbers
-    for name, grid, weight, told in (
+    for name, grid, weight, after_finds in (
         ("number of objects", numbers.objects.astype(float), numbers.objects_prior, posterior.objects),
         ("share destroyed", numbers.destroyed, numbers.destroyed_prior, posterior.destroyed),
     ):
         if grid.size > 1:
-            rows[name] = {"unit": "1", "prior": _figures(grid, weight), "posterior": _figures(grid, told)}
+            rows[name] = {"unit": "1", "prior": _figures(grid, weight), "posterior": _figures(grid, after_finds)}
     return rows
 
 
@@ -46,7 +46,7 @@ def _columns(worlds: Worlds, start: np.datetime64, kinds: Sequence[str]) -> dict
     turn = 360 / 2**32
     west = int(worlds.lon[0])
     lon = np.subtract(worlds.lon, np.int32(west)) * turn + west * turn  # without a jump at the antimeridian
-    found: dict[str, tuple[str, Any]] = {
+    columns: dict[str, tuple[str, Any]] = {
         "release longitude": ("deg", lon),
         "release latitude": ("deg", worlds.lat * turn),
         "release": ("h after start", (worlds.release - begin) / 3600),
@@ -56,8 +56,8 @@ def _columns(worlds: Worlds, start: np.datetime64, kinds: Sequence[str]) -> dict
         "factor on reporting rates": ("1", worlds.reporting),
     }
     for k, kind in enumerate(kinds):
-        found[f"time to sink, {kind}"] = ("d", worlds.sinking[:, k] / 86_400)
-    return found
+        columns[f"time to sink, {kind}"] = ("d", worlds.sinking[:, k] / 86_400)
+    return columns
 
 
 def _figures(values: Real, weight: Real) -> dict[str, float]:

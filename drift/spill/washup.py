@@ -2,8 +2,8 @@
 
 Every world of every realisation is one complete simulated spill: N whole objects. Figures are means and quantiles over
 these, weighted; standard errors are over worlds (see drift.spill.estimate). An object lies on a stretch at a time if a
-stay of it contains the time; one that refloats counts where it lies, and has arrived wherever it ever lay. What was
-destroyed or found is in the account at all times, as if gone from the beginning, and on no stretch.
+stay of it contains the time; one that refloats counts where it lies, and has arrived wherever it ever lay. Objects that
+were destroyed or found are in the account at all times, as if gone from the beginning, and on no stretch.
 """
 
 from collections.abc import Sequence
@@ -37,11 +37,11 @@ def build(
     weight, outputs = np.asarray(weight, np.float64), np.asarray(outputs, np.int64)
     rows = stretches.sorted_rows(fates, realisations, weight, outputs)
     parts = [stretches.figures(rows, run, fates, realisations, weight, len(kinds)) for run in stretches.runs(rows)]
-    found = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]} if parts else {}
-    found |= stretches.unseen(found, weight)
-    found |= _account(fates, realisations, weight, outputs)
+    figures = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]} if parts else {}
+    figures |= stretches.unseen(figures, weight)
+    figures |= _account(fates, realisations, weight, outputs)
     touched = rows.segment[rows.first]
-    return washup_dataset.build(found, segments, touched, weight, len(realisations), outputs, start, kinds)
+    return washup_dataset.build(figures, segments, touched, weight, len(realisations), outputs, start, kinds)
 
 
 def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
@@ -54,12 +54,12 @@ def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
 
 
 def account(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
-    """Return how many of each world's objects have each of washup_dataset.FATES at each time, int64 (W, T, 7); adds up to N."""
+    """Return the number of each world's objects of each of washup_dataset.FATES at each time, int64 (W, T, 7)."""
     stands = realisation.stands
     when = {name: np.searchsorted(outputs, values) for name, values in stretches.settled(fates).items()}
 
     def by_world(world: Array, at: Array, amount: Array) -> Array:
-        """Sum of amounts by world up to each time."""
+        """Return the sums of amounts by world up to each time."""
         sums = np.zeros((fates.worlds, len(outputs) + 1), np.int64)
         np.add.at(sums, (world, at), amount)
         return np.cumsum(sums, axis=1)[:, :-1]
@@ -79,7 +79,8 @@ def account(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
 
 def _account(fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array) -> dict[str, Array]:
     """Return the totals over all stretches."""
-    every = np.stack([account(fates, one, outputs) for one in realisations])  # (realisation, world, time, fate)
+    # Shape (realisation, world, time, fate).
+    every = np.stack([account(fates, realisation, outputs) for realisation in realisations])
     middle = every.mean(axis=0)
     shape = every.shape[2:]
     squares = float(np.sum(weight**2))

@@ -72,7 +72,7 @@ def test_cells_hold_what_does_not_lie_outside(place: tuple[float, float]) -> Non
     assert float(data.off_grid) == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / N) + 1e-4)
     assert float(data["probability"].astype(float).sum()) == pytest.approx(1 - float(data.off_grid), abs=1e-5)
     told = off_grid.warnings(made(table, cloud(*place)).data)
-    assert bool(told) == (share > off_grid.TOLD)
+    assert bool(told) == (share > off_grid.OFF)
 
 
 @pytest.mark.parametrize("place", [(4.2, 60.3), (4.2, 60.75), (40.0, 10.0)])

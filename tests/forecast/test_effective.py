@@ -22,7 +22,7 @@ from drift.forecast import beyond, effective, layers, tables
 from drift.forecast import build as forecast_build
 from drift.forecast import map as forecast_map
 from drift.forecast.effective import Count
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Imprint, Setting
 from drift.motion import spool
 from drift.motion.status import Status
 from drift.planner import files as plan_files
@@ -112,17 +112,17 @@ def test_one_threshold_for_particles_and_one_for_worlds(count, few, text):
 
 
 def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
-    options = {"imprint": Imprint("Few", caution=WRONG), "particles": N}
-    forecast_map.draw_map(forecast, tmp_path / "map.png", **options)
-    options["imprint"] = Imprint("Few")
+    setting = Setting(Imprint("Few"), particles=N)
+    cautioned = Setting(Imprint("Few", caution=WRONG), particles=N)
+    forecast_map.draw_map(forecast, tmp_path / "map.png", cautioned)
     assert f"{BANNER}: the areas are rough" in words
     assert WRONG in words
     assert any(text.startswith("50 % area: rough, ") for text in words)
     words.clear()
-    forecast_map.draw_map(forecast, tmp_path / "sure.png", time=0, **options)
+    forecast_map.draw_map(forecast, tmp_path / "sure.png", setting, time=0)
     assert not any("ONLY" in text or "rough" in text.lower() for text in words)
     words.clear()
-    forecast_map.draw_snapshots(forecast, tmp_path / "snapshots.png", **options)
+    forecast_map.draw_snapshots(forecast, tmp_path / "snapshots.png", setting)
     assert f"{BANNER} at 220030ZNOV26: areas are rough" in words
     assert sum("only 4 of 100,000 particles count" in text for text in words) == 1  # on the panel of that time alone
 
@@ -130,13 +130,10 @@ def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
 def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
     seen = []
     monkeypatch.setattr(Figure, "savefig", lambda self, *args, **kwargs: seen.append(self))
-    options = {
-        "imprint": Imprint("A long title of a case, as they are given, " * 2, caution=WRONG),
-        "particles": N,
-    }
-    forecast_map.draw_map(forecast, tmp_path / "map.png", **options)
+    long, short = "A long title of a case, as they are given, " * 2, "Short"
+    forecast_map.draw_map(forecast, tmp_path / "map.png", Setting(Imprint(long, caution=WRONG), particles=N))
     forecast_map.draw_snapshots(
-        forecast, tmp_path / "snapshots.png", imprint=Imprint("Short", caution=WRONG), particles=N
+        forecast, tmp_path / "snapshots.png", Setting(Imprint(short, caution=WRONG), particles=N)
     )
     for figure in seen:
         draw = figure.canvas.get_renderer()
@@ -159,7 +156,7 @@ def test_files_carry_the_number_and_few_are_warned_of(forecast):
     np.testing.assert_allclose(data["status_effective"].sel(status="adrift"), wanted, rtol=1e-6)
     rows = list(csv.DictReader(io.StringIO(tables.track(forecast, "run"))))
     np.testing.assert_allclose([float(row["effective_particles"]) for row in rows], wanted, rtol=1e-5)
-    features = tables.geojson(forecast, {"warning": "w"})
+    features = tables.contours(forecast, {"warning": "w"})
     assert features["warning"] == "w"
     assert {round(f["properties"]["effective_particles"]) for f in features["features"]} == {N, 4}
     assert tables.numbers(forecast)["outputs"][1]["effective_particles"] == pytest.approx(4, rel=1e-6)
@@ -192,7 +189,7 @@ def test_a_spill_stands_on_its_worlds(tmp_path, words):
     assert made.data["effective_particles"].item() > 200
     assert tables.numbers(made)["outputs"][0]["effective_worlds"] == pytest.approx(own(share), rel=1e-9)
     assert effective.of_run(made.data, n)[0].startswith("only 3 of 100 worlds count at 211830ZNOV26: ")
-    forecast_map.draw_map(made, tmp_path / "map.png", imprint=Imprint("t"), particles=n)
+    forecast_map.draw_map(made, tmp_path / "map.png", Setting(Imprint("t"), particles=n))
     assert "ONLY 3 OF 100 WORLDS COUNT: the areas are rough" in words
 
 
@@ -254,9 +251,9 @@ def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(tmp_path, word
     ]
     far = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(*found, *there)[2]
     assert far < 1000  # the mean of 8,000 of 5 km each: 60 m; cells and tenths of a minute come on top
-    forecast_map.draw_map(made, tmp_path / "map.png", imprint=Imprint("t"))
+    forecast_map.draw_map(made, tmp_path / "map.png", Setting(Imprint("t")))
     assert any(f" % of the probability lies outside this frame, to the {point} (around " in text for text in words)
-    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", imprint=Imprint("t"))
+    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", Setting(Imprint("t")))
     assert any(text.endswith(f"% outside the frame, {point}") for text in words)
 
 
@@ -273,7 +270,7 @@ def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path
     contact = SimpleNamespace(name="flare", time=BEGIN, kind="range", sensor=(far[0, 0], far[0, 1]))
     contact = searches.Contact(**vars(contact), range=900.0, range_std=100.0)
     forecast_map.draw_map(
-        made, tmp_path / "map.png", imprint=Imprint("t"), overlays=[partial(search_layers.reminder, (), [contact])]
+        made, tmp_path / "map.png", Setting(Imprint("t")), overlays=[partial(search_layers.reminder, (), [contact])]
     )
     where = notation.position(*far[0])
     assert any(f'outside this frame: contact "flare", to the E (around {where})' in text for text in words)
@@ -305,11 +302,11 @@ def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
 
 
 def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
-    updates = searches.search()[3]
-    evidence_map.draw(updates, tmp_path / "sure.png", imprint=Imprint("t"), particles=12_000)
+    updates, setting = searches.search()[3], Setting(Imprint("t"), particles=12_000)
+    evidence_map.draw(updates, tmp_path / "sure.png", setting)
     assert not any("ONLY" in text for text in words)
     low = [replace(u, ess_after=7.9) if k == 2 else u for k, u in enumerate(updates.all)]
-    evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", imprint=Imprint("t"), particles=12_000)
+    evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", setting)
     assert "ONLY 8 OF 12,000 PARTICLES COUNT: shares, evidence and POS are rough" in words
     assert sum(text.endswith(", 8 particles count") for text in words) == 1
     told = particles_left.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))

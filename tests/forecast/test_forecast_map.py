@@ -17,7 +17,7 @@ from drift.forecast import layers
 from drift.forecast import map as forecast_map
 from drift.forecast import words as forecast_words
 from drift.maps import chart, field, labels
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Line, Mark
 from drift.motion.status import Status
 from geo import sphere
@@ -61,14 +61,14 @@ def test_pictures_anywhere_and_at_any_size(tmp_path, lon, lat, spread):
         shapely.box(lon + 4 * step, lat - 20 * step, lon + 400 * step, min(lat + 3 * step, 89)),
         shapely.box(lon - 360, lat, lon - 359, lat + 1),
     ]
-    options = {"imprint": Imprint("A test " * 30), "polygons": land, "marks": [Mark(lon, lat, "LKP 21/1830Z")]}
-    forecast_map.draw_map(
-        made,
-        tmp_path / "map.png",
+    setting = Setting(Imprint("A test " * 30), polygons=land, marks=[Mark(lon, lat, "LKP 21/1830Z")])
+    cautioned = replace(
+        setting,
+        imprint=Imprint("A test " * 30, footer="casp-drift", caution=WRONG),
         lines=[Line([lon, lon + step, lon + step], [lat, lat, lat + step], "Area", closed=True)],
-        **{**options, "imprint": Imprint("A test " * 30, footer="casp-drift", caution=WRONG)},
     )
-    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", **options)
+    forecast_map.draw_map(made, tmp_path / "map.png", cautioned)
+    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", setting)
     assert size(tmp_path / "map.png") == (1638, 1162)
     assert min(size(tmp_path / "snapshots.png")) > 500
 
@@ -84,8 +84,9 @@ def test_pictures_of_nothing(tmp_path):
         np.zeros(n, np.int32),
     )
     made = forecast_build.build([one], scenarios=["x"])
-    forecast_map.draw_map(made, tmp_path / "map.png", imprint=Imprint("pending"), marks=[Mark(-87.0, 28.0)])
-    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", imprint=Imprint("pending"))
+    setting = Setting(Imprint("pending"), marks=[Mark(-87.0, 28.0)])
+    forecast_map.draw_map(made, tmp_path / "map.png", setting)
+    forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", setting)
 
 
 def test_a_field_with_gaps(tmp_path):
@@ -258,14 +259,10 @@ def test_a_backward_run_counts_hours_before():
 
 
 def test_provenance_is_in_the_picture(tmp_path):
-    made, marks = forecast(-87.5, 28.7), [Mark(-87.5, 28.7)]
+    made = forecast(-87.5, 28.7)
+    setting = Setting(Imprint("t", attributes={"case": "title = 'Bjørnøya → 1'"}), marks=[Mark(-87.5, 28.7)])
     for name in ("a.png", "b.png"):
-        forecast_map.draw_map(
-            made,
-            tmp_path / name,
-            imprint=Imprint("t", attributes={"case": "title = 'Bjørnøya → 1'"}),
-            marks=marks,
-        )
+        forecast_map.draw_map(made, tmp_path / name, setting)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:
         assert image.text["case"] == "title = 'Bjørnøya → 1'"

@@ -16,7 +16,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from drift.forecast import map as forecast_map
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
 from drift.planner import map as plan_map
 from drift.search import evidence_map
@@ -48,12 +48,13 @@ def words(monkeypatch):
 
 IMPRINT = Imprint("A search", footer="casp-drift", attributes={"case": "x"})
 COMMON = {"imprint": IMPRINT}
+SETTING = Setting(IMPRINT)
 CAUTIONED = replace(IMPRINT, caution=WRONG)
 
 
 def test_each_sortie_before_amid_and_after(tmp_path, search, words):
     forecast, sorties, contacts, updates = search
-    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "search.png", page=1, imprint=CAUTIONED)
+    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "search.png", Setting(CAUTIONED), page=1)
     for stage in ("before", "mid-search", "after"):
         assert sum(text.startswith(stage) for text in words) == 4
     assert "before 221230Z" in words
@@ -71,7 +72,7 @@ def test_pages_hold_four_sorties_and_off_times_are_told(tmp_path, search, words)
     assert search_map.pages(many) == 2
     assert search_map.pages(many[:4]) == 1
     assert search_map.pages([]) == 0
-    search_map.draw(forecast, many, (), updates, tmp_path / "search-2.png", page=2, **COMMON)
+    search_map.draw(forecast, many, (), updates, tmp_path / "search-2.png", SETTING, page=2)
     assert "Towed array" in words  # it has no update, and so no number
     assert "Page 2 of 2   ·   5 sorties that found nothing, in order of start" in words
     assert "before 221230Z (+180 min)" in words  # no output is nearer to its start at 0930Z
@@ -86,12 +87,12 @@ def test_pictures_anywhere(tmp_path, lon, lat):
         "marks": [Mark(lon, lat)],
     }
     everything = [*sorties[2:], searches.watch(lon, lat)]
+    setting = Setting(**common)
     search_map.draw(
-        forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", page=1, **common
+        forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", setting, page=1
     )
-    forecast_map.draw_map(
-        forecast, tmp_path / "map.png", overlays=[partial(search_layers.reminder, everything, ())], **common
-    )
+    reminder = partial(search_layers.reminder, everything, ())
+    forecast_map.draw_map(forecast, tmp_path / "map.png", setting, overlays=[reminder])
     plan_map.draw(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", particles=1000, **common)
     for name in ("search", "map", "plan"):
         with Image.open(tmp_path / f"{name}.png") as image:
@@ -101,22 +102,22 @@ def test_pictures_anywhere(tmp_path, lon, lat):
 def test_only_sorties_begun_are_on_the_map(tmp_path, search, words):
     forecast, sorties, _, _ = search
     searched = [partial(search_layers.reminder, sorties, ())]
-    forecast_map.draw_map(forecast, tmp_path / "a.png", time=0, overlays=searched, imprint=Imprint("t"))
+    forecast_map.draw_map(forecast, tmp_path / "a.png", Setting(Imprint("t")), time=0, overlays=searched)
     assert "Searched area" not in words
-    forecast_map.draw_map(forecast, tmp_path / "b.png", overlays=searched, imprint=Imprint("t"))
+    forecast_map.draw_map(forecast, tmp_path / "b.png", Setting(Imprint("t")), overlays=searched)
     assert "Searched area" in words
     assert "Legs as flown" in words
 
 
 def test_no_searches_change_no_pixel(tmp_path, search):
     for name, more in (("a.png", {}), ("b.png", {"overlays": [partial(search_layers.reminder, (), ())]})):
-        forecast_map.draw_map(search[0], tmp_path / name, imprint=Imprint("t"), **more)
+        forecast_map.draw_map(search[0], tmp_path / name, Setting(Imprint("t")), **more)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 def test_the_evidence_says_what_moved_which_story(tmp_path, search, words):
     updates = search[3]
-    evidence_map.draw(updates, tmp_path / "evidence.png", imprint=CAUTIONED)
+    evidence_map.draw(updates, tmp_path / "evidence.png", Setting(CAUTIONED))
     assert "before the first update" in words
     assert any(text.startswith("4 sorties that found nothing") for text in words)
     assert 'speaks for "swamped while fishing"' in words
@@ -164,13 +165,13 @@ def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, wor
                 cumulative=alone(u.cumulative))
         for u in updates.all
     ]  # fmt: skip
-    evidence_map.draw(Updates(("only",), np.ones(1), tuple(single)), tmp_path / "one.png", **COMMON)
+    evidence_map.draw(Updates(("only",), np.ones(1), tuple(single)), tmp_path / "one.png", SETTING)
     assert "POC (light), POS (dark) [%]" in words
     many = tuple(replace(updates.all[k % 6], name=f"update {k}") for k in range(30))
-    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "many.png", **COMMON)
+    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "many.png", SETTING)
     assert "after update 8" in words
     assert any("the first 8 updates are in sorties.csv" in text for text in words)
-    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", **COMMON)
+    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", SETTING)
     assert "no sortie yet" in words
 
 
@@ -246,7 +247,7 @@ def test_numbers_of_updates_close_in_time_do_not_touch(tmp_path, search, figures
     sortie = updates.all[0]
     times = (0, 1, 40, 40.1, 40.3, 52, 70)
     many = tuple(replace(sortie, name=f"{k}", time=searches.hours(hour)) for k, hour in enumerate(times))
-    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "a.png", **COMMON)
+    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "a.png", SETTING)
     axes = figures[0].axes[1]
     renderer = figures[0].canvas.get_renderer()
     found = {t.get_text(): t.get_window_extent(renderer) for t in axes.texts if set(t.get_text()) <= set("1234567-, ")}
@@ -262,7 +263,7 @@ def test_sorties_have_the_numbers_of_their_updates(tmp_path, search, words):
     found = list(updates.all)
     found[swapped[0]], found[swapped[1]] = found[swapped[1]], found[swapped[0]]
     other = replace(updates, all=tuple(found))
-    search_map.draw(forecast, sorties, contacts, other, tmp_path / "a.png", page=1, **COMMON)
+    search_map.draw(forecast, sorties, contacts, other, tmp_path / "a.png", SETTING, page=1)
     for sortie in sorties:
         number = 1 + next(k for k, u in enumerate(found) if u.name == sortie.name)
         assert f"{number} {sortie.name}" in words
@@ -273,19 +274,19 @@ def test_contacts_are_drawn_with_the_sorties_that_they_concern(tmp_path, search,
     forecast, sorties, contacts, updates = search
     drawn = []
     monkeypatch.setattr(search_map.search_layers, "contact", lambda ax, here, one, scale: drawn.append(one.name))
-    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "a.png", page=1, **COMMON)
+    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "a.png", SETTING, page=1)
     assert sorted(drawn) == ["Beacon A/B"] * 3 + ["Red flare"] * 3
     drawn.clear()
     late = replace(sorties[3], start=searches.hours(20), end=searches.hours(22))
-    search_map.draw(forecast, [*sorties[:3], late], contacts, updates, tmp_path / "a.png", page=1, **COMMON)
+    search_map.draw(forecast, [*sorties[:3], late], contacts, updates, tmp_path / "a.png", SETTING, page=1)
     assert drawn == []
 
 
 def test_the_same_search_gives_the_same_bytes(tmp_path, search):
     forecast, sorties, contacts, updates = search
     for name in ("a", "b"):
-        search_map.draw(forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", page=1, **COMMON)
-        evidence_map.draw(updates, tmp_path / f"e{name}.png", **COMMON)
+        search_map.draw(forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", SETTING, page=1)
+        evidence_map.draw(updates, tmp_path / f"e{name}.png", SETTING)
     for prefix in ("", "e"):
         assert (tmp_path / f"{prefix}a.png").read_bytes() == (tmp_path / f"{prefix}b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:

@@ -96,7 +96,7 @@ def test_the_summary_is_json_and_ends_where_the_table_does(search):
 @pytest.mark.parametrize(("lon", "lat"), [(-88.2, 27.8), (179.9, -61.0)])
 def test_gdal_reads_the_shapes(tmp_path, lon, lat):
     done, seen = (*searches.sorties(lon, lat), searches.watch(lon, lat)), searches.contacts(lon, lat)
-    made = search_tables.geojson(done, seen, Updates(searches.NAMES, searches.PRIOR, ()), {"run_id": "r"})
+    made = search_tables.shapes(done, seen, Updates(searches.NAMES, searches.PRIOR, ()), {"run_id": "r"})
     path = tmp_path / "sorties.geojson"
     path.write_text(json.dumps(formats.plain(made), allow_nan=False))
     meta, _, geometry, columns = pyogrio.raw.read(path)

@@ -434,7 +434,7 @@ def test_nothing_ashore():
     assert made["total"].sel(fate="afloat").values.tolist() == [3, 3]
     for text in (washup_tables.stretches(made, "run"), washup_tables.times(made, "run")):
         assert len(text.splitlines()) == 1
-    assert washup_tables.geojson(made, stretches(2), {})["features"] == []
+    assert washup_tables.lines(made, stretches(2), {})["features"] == []
 
 
 def test_netcdf_there_and_back(tmp_path):
@@ -488,7 +488,7 @@ def test_geojson_is_cut_at_the_antimeridian():
                      np.arange(2), lines, ("wild", "town"))  # fmt: skip
     fates = spill([0, 0], [(0, 0, 5, FOREVER), (1, 1, 5, FOREVER)])
     made = washup.build(fates, where, [once([3, 1], 1)], level(1), np.array([10]), START)
-    made = json.loads(json.dumps(washup_tables.geojson(made, where, {"run_id": "x", "title": "T"}), allow_nan=False))
+    made = json.loads(json.dumps(washup_tables.lines(made, where, {"run_id": "x", "title": "T"}), allow_nan=False))
     assert made["run_id"] == "x"
     across, wrapped = (shapely.geometry.shape(f["geometry"]) for f in made["features"])
     assert across.geom_type == wrapped.geom_type == "MultiLineString"

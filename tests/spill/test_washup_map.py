@@ -10,7 +10,7 @@ from matplotlib.patches import BoxStyle
 from matplotlib.text import Text
 from PIL import Image
 
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
 from drift.motion.status import Status
 from drift.spill import map as washup_map
@@ -101,9 +101,11 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
         spill(where, list(touched)),
         where,
         tmp_path / "washup.png",
-        imprint=Imprint("A test " * 30, footer="casp-drift " * 40, caution=WRONG),
-        polygons=[land],
-        marks=[Mark(lon + 1.5, lat - 0.4, "Release 21/1800Z")],
+        Setting(
+            Imprint("A test " * 30, footer="casp-drift " * 40, caution=WRONG),
+            polygons=[land],
+            marks=[Mark(lon + 1.5, lat - 0.4, "Release 21/1800Z")],
+        ),
     )
     with Image.open(tmp_path / "washup.png") as picture:
         assert picture.size == (1820, 1316)
@@ -120,7 +122,7 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
 def test_none_ashore(tmp_path, monkeypatch):
     said = words(monkeypatch)
     where, land = coast(179.5, -17.0, 9)
-    washup_map.draw(spill(where, []), where, tmp_path / "washup.png", imprint=Imprint("T"), polygons=[land])
+    washup_map.draw(spill(where, []), where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=[land]))
     assert (
         "None of the 50 simulated spills puts any object ashore by 231800ZNOV1973 (1973-11-23T18:00:00Z, UTC)" in said
     )
@@ -130,12 +132,9 @@ def test_none_ashore(tmp_path, monkeypatch):
 def test_the_same_spill_gives_the_same_bytes(tmp_path):
     where, land = coast(-95.0, 29.0, 12)
     made = spill(where, list(range(12)))
+    setting = Setting(Imprint("T", attributes={"run_id": "abc-s1"}), polygons=[land])
     for name in ("one.png", "two.png"):
-        options = {
-            "imprint": Imprint("T", attributes={"run_id": "abc-s1"}),
-            "polygons": [land],
-        }
-        washup_map.draw(made, where, tmp_path / name, **options)
+        washup_map.draw(made, where, tmp_path / name, setting)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     with Image.open(tmp_path / "one.png") as picture:
         assert picture.text["run_id"] == "abc-s1"
@@ -163,7 +162,7 @@ def test_all_afloat_again(tmp_path, monkeypatch):
     made = spill(where, [5, 2, 9])
     for name in ("expected", "probability", "number"):
         made[name][..., -1, :] = 0
-    washup_map.draw(made, where, tmp_path / "washup.png", imprint=Imprint("T"))
+    washup_map.draw(made, where, tmp_path / "washup.png", Setting(Imprint("T")))
     assert said.count("(3)") == 3
     assert "0 - 0 - 0" in said
 
@@ -185,7 +184,7 @@ def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
     nothing = np.zeros(worlds, np.int32)
     one = Realisation(np.ones(n, np.int32), nothing, nothing)
     made = washup.build(fates, where, [one], np.full(worlds, 1 / worlds), np.array([40_000]), START)
-    washup_map.draw(made, where, tmp_path / "washup.png", imprint=Imprint("T"), polygons=[land])
+    washup_map.draw(made, where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=[land]))
     table = washup_tables.records(made)
     assert dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True)) == {4: 1, 7: 2, 9: 3}
     assert [text for text in said if text in ("(1)", "(2)", "(3)")] == ["(1)", "(3)"] * 3
@@ -199,10 +198,11 @@ def test_what_is_planned_is_shown_near_and_listed_alone(tmp_path, monkeypatch):
     table = washup_tables.records(made)
     ranks = dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True))
     walked = [washup_map.Patrolled("east", np.datetime64("1973-11-22T09:30:00"), 0.65, [9])]
-    options = {"imprint": Imprint("T"), "polygons": [land], "patrols": walked, "finds": [Mark(-94.6, 29.0, "far")]}
+    setting, finds = Setting(Imprint("T"), polygons=[land]), [Mark(-94.6, 29.0, "far")]
     for near, count in ((False, 3), (True, 1)):
         said.clear()
-        washup_map.draw(made, where, tmp_path / "near.png", near=near, **options)
+        patrols = washup_map.Patrols(walked, near=near)
+        washup_map.draw(made, where, tmp_path / "near.png", setting, finds=finds, patrols=patrols)
         assert said.count(f"({ranks[9]})") == 3  # on both maps, and in the table
         assert sum(text in ("(1)", "(2)", "(3)") for text in said) == 3 * count
         assert ("▲far" in said) == (not near)
@@ -214,8 +214,8 @@ def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     when = np.datetime64("1973-11-22T09:30:00")
     found = [Mark(-94.6, 29.0, "1"), Mark(-94.2, 29.0, "2")]
     walked = [washup_map.Patrolled("east", when, 0.65, [10, 11]), washup_map.Patrolled("west", when, 0.4, [0])]
-    options = {"imprint": Imprint("T"), "polygons": [land], "finds": found}
-    washup_map.draw(spill(where, [4, 5]), where, tmp_path / "with.png", patrols=walked, **options)
+    setting, patrols = Setting(Imprint("T"), polygons=[land]), washup_map.Patrols(walked)
+    washup_map.draw(spill(where, [4, 5]), where, tmp_path / "with.png", setting, finds=found, patrols=patrols)
     for text in ("▲1", "▲2"):
         assert said.count(text) == 2  # on both maps
     assert said.count("east\n220930Z 65 %") == said.count("west\n220930Z 40 %") == said.count("patrolled") == 1
@@ -225,7 +225,7 @@ def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     on_sea = np.abs(colours - band - 0.45 * np.array([0xF4, 0xF7, 0xF9])).max(axis=1) < 2
     assert on_sea.sum() > 200
     said.clear()
-    washup_map.draw(spill(where, [4, 5]), where, tmp_path / "without.png", **options)
+    washup_map.draw(spill(where, [4, 5]), where, tmp_path / "without.png", setting, finds=found)
     assert "patrolled" not in said
 
 

@@ -1,0 +1,45 @@
+"""GeoJSON (RFC 7946) of shapes with unwrapped longitudes [deg], which are cut at the antimeridian."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+
+from geo import antimeridian, sphere
+
+DIGITS = 7  # decimals of a degree: 1 cm
+
+
+def polygons(shape: shapely.MultiPolygon) -> dict[str, Any]:
+    """Return polygons as a MultiPolygon, outer rings anticlockwise; without coordinates if there is nothing left."""
+    coordinates = [
+        [_rounded(ring) for ring in (part.exterior, *part.interiors)] for part in antimeridian.cut(shape).geoms
+    ]
+    return {"type": "MultiPolygon", "coordinates": coordinates}
+
+
+def lines(shapes: Iterable[Any]) -> dict[str, Any]:
+    """Return lines (Shapely) as a MultiLineString."""
+    pieces = [piece for shape in shapes for piece in antimeridian.cut_line(shape)]
+    return {"type": "MultiLineString", "coordinates": [_rounded(piece) for piece in pieces]}
+
+
+def point(lon: float, lat: float) -> dict[str, Any]:
+    """Return a position as a Point."""
+    return {"type": "Point", "coordinates": [round(sphere.wrap_degrees(lon), DIGITS), round(lat, DIGITS)]}
+
+
+def _rounded(line: Any) -> list[list[float]]:
+    coordinates: list[list[float]] = np.round(line.coords, DIGITS).tolist()
+    return coordinates
+
+
+def feature(geometry: Mapping[str, Any], properties: Mapping[str, Any], **members: Any) -> dict[str, Any]:
+    """Return a feature; members: further ones, such as its id."""
+    return {"type": "Feature", **members, "geometry": geometry, "properties": properties}
+
+
+def collection(features: Sequence[Any], attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return features as a FeatureCollection with the attributes of a run, which stand first, by name."""
+    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
