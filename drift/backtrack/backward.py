@@ -195,7 +195,10 @@ def _prior_grid(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, resolutio
 
 @dataclass(frozen=True)
 class _Slice:
-    """What one release time adds to the posterior; all but find_mass are to be multiplied by exp(log_scale)."""
+    """What one release time adds to the posterior.
+
+    probability and sums are to be multiplied by exp(log_scale).
+    """
 
     time: int  # its number on the grid
     log_scale: float
@@ -236,7 +239,10 @@ def _slices(
 def _find_densities(
     spill: Spill, grid: _Grid, worlds: Worlds, groups: list[Group], ensemble: Ensemble, moment: simulate.Moment
 ) -> Array:
-    """Return each find's density by world and cell, relative to a uniform one over the box, (finds, worlds, ny, nx)."""
+    """Return each find's density by world and cell, relative to a uniform one over the box.
+
+    Its shape is (finds, worlds, ny, nx).
+    """
     gx, gy = grid.plane(grid.lon, grid.lat)
     area_ratio = (np.cos(np.radians(grid.centre[1])) / np.cos(np.radians(grid.lat)))[
         :, None
@@ -389,7 +395,7 @@ def cell_area(origin: Origin) -> Real:
 
 
 def summary(origin: Origin) -> dict[str, float | str]:
-    """Return the release in figures, by column: mean, radii and areas that hold 50 and 90 %, times by quantile.
+    """Return the release in figures by column: mean, radii and areas by share, times by quantile.
 
     A radius is about the mean position; an area is the smallest that holds the share, to a cell.
     """

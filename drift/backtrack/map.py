@@ -33,13 +33,13 @@ from geo.array import Array
 from geo.notation import NMI
 
 CAVEAT = (
-    "Backward: proposes where to look; objects not found are left out. The answer is a forward run with this release as "
-    "its prior, weighted by all finds."
+    "Backward: proposes where to look; objects not found are left out. "
+    "The answer is a forward run with this release as its prior, weighted by all finds."
 )
 LINES = layers.lines((0.5, 0.9))
 PRIOR: dict[str, Any] = {"color": layers.PRIOR_COLOURS[0], "linewidth": 1.6, "linestyle": layers.PRIOR_DASHES[0]}
 ALLOWED = 0.01  # share of the prior's largest density; cells of less hold too few draws to draw a line by
-FLOOR = float(np.exp(-4.0))  # share of a line's density; less counts as this, so that lines stay near cells that matter
+FLOOR = float(np.exp(-4.0))  # share of a line's density below which all counts as this, to keep lines near
 ROW = 0.032  # height of a row of warnings over the map, as a share of the page
 BY_FINDS: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
 BY_PRIOR: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
@@ -127,7 +127,7 @@ def _within(containment: Array, share: float) -> Array:
 
 
 def _outline(origin: Origin, values: Array, level: float) -> shapely.MultiPolygon:
-    """Return where a density exceeds a level [deg]; its logarithm is taken linear between the centres of cells."""
+    """Return where a density exceeds a level [deg], by its logarithm, linear between centres of cells."""
     floor = level * FLOOR
     field = np.pad(np.log(np.maximum(values, floor)), 1, constant_values=np.log(floor))
     lon, lat = (
@@ -157,7 +157,7 @@ def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) 
 
 
 def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
-    """Shade the cells by their density and return the mesh; what exceeds the top of the scale holds a tenth."""
+    """Shade the cells by their density; what exceeds the top of the scale holds a tenth."""
     top = float(shown.density[_within(shown.containment, 0.1)].min())
     corners = frame.project(*np.meshgrid(backward.edges(origin.lon), backward.edges(origin.lat)))
     inside = np.ma.masked_where(~_within(shown.containment, layers.SHOWN), shown.density)

@@ -1,4 +1,4 @@
-"""Particles that go back from the finds of a spill: where and when each begins, and its weight along the track.
+"""Particles that go back from the finds of a spill: where and when each begins, and its weight.
 
 Every find sends out particles of every class that it may be of, the same number in each world. They begin where and
 when their object was found. At sea that is about its place. Ashore it is a little off the beach, at a time of arrival
@@ -114,7 +114,7 @@ def _place(
     groups: list[Group],
     rng: np.random.Generator,
 ) -> None:
-    """Put every particle where and when its object was found at sea, or came ashore to lie there until found."""
+    """Put every particle where and when its object was found at sea, or came ashore until found."""
     lon, lat = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.int32)
     release, log_weight = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.float32)
     coast, segments = beaches.coast, beaches.segments
@@ -180,7 +180,7 @@ def _off_beach(edges: Array, coast: Coast, n: int, rng: np.random.Generator) -> 
 
 
 def _wait(find: Find, spill: Spill, rate: float, worlds: Worlds, count: int, rng: np.random.Generator) -> Real:
-    """Return times [s] from going ashore to being found, (worlds, count), none before the earliest release.
+    """Return times [s] from going ashore to being found, (worlds, count), none before any release.
 
     Objects are reported or removed at constant rates, so the times are exponential; they are uniform for a find of
     which only the latest time is known. rate: of reports on the segment [1/s], before each world's factor.

@@ -23,7 +23,7 @@ from drift.planner import bound as bounds
 from drift.planner import chapter, fleet, follow, optimiser
 from drift.planner.records import Plan, Tasking
 from drift.search.records import Unit
-from drift.suspend.decision import Planned
+from drift.suspend.further import Planned
 from geo.errors import UserError
 from geo.notation import group
 from kernels import noise
