@@ -1,8 +1,8 @@
-"""The picture of a plan: sub-areas, legs and search points on the probability at the time of search, and its figures."""
+"""The picture of a plan: sub-areas, legs and search points on the probability then, and its figures."""
 
 import math
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
 from drift.maps import chart, labels, page, sheet
 from drift.maps.chart import INK, Frame
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Setting
 from drift.maps.marks import Line, Mark
 from drift.maps.sheet import Badge, Page, Row, Sheet
 from drift.planner import subareas
@@ -35,7 +35,7 @@ from geo.notation import KNOT, NMI
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
 POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
 BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
-ROW = 0.03  # of the page, a row of warnings over the map
+ROW = 0.03  # height of a row of warnings over the map, as a share of the page
 FIGURES = 2.72  # [em] that "0.12  " is wide
 TITLED = 0.65  # of the page, where a title ends that has a warning right of it
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
@@ -45,62 +45,69 @@ SHEET = Sheet(
 )  # fmt: skip
 
 
-def draw(
-    forecast: Forecast,
-    plan: Plan,
-    path: Path,
-    imprint: Imprint,
-    *,
-    time: int | None = None,
-    polygons: Iterable[Any] = (),
-    marks: Sequence[Mark] = (),
-    particles: int | None = None,
-) -> None:
-    """Draw a plan on the probability at an output (index; the one nearest to the middle of its first round unless told).
+def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: int | None = None) -> None:
+    """Draw a plan on the probability at an output.
 
-    See drift.forecast.map.draw_map for the rest.
+    time: index of the output; by default the one nearest to the middle of the plan's first round.
     """
     i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
     at = forecast.data.isel(time=i)
-    now = at["time"].values[()]
     on = sheet.begin(SHEET)
-    figure = on.figure
-    count = effective.at(forecast.data, i, particles)
+    count = effective.at(forecast.data, i, setting.particles)
     least = count if count.few else min(_stood_on(plan, count), key=lambda one: one.number)
-    high = MAP[3] - ROW * least.few
-    here = _extent(forecast, plan, i, marks, high)
-    if out := textwrap.wrap(beyond.told(here, at), 110):
-        high -= ROW * len(out)
-        here = _extent(forecast, plan, i, marks, high)
-        out = textwrap.wrap(beyond.told(here, at), 110)
-    ax = figure.add_axes((*MAP[:3], high))
+    here, high, out = _framed(forecast, plan, i, setting.marks, MAP[3] - ROW * least.few)
+    ax = on.figure.add_axes((*MAP[:3], high))
     chart.prepare(ax, here)
     shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
-    land = chart.land_path(here, polygons, 1000)
+    land = chart.land_path(here, setting.polygons, 1000)
     chart.draw_land(ax, land)
     chart.graticule(ax, here)
-    outlines = layers.areas_of(forecast, now, forecast.ends)
-    if count.few:
-        layers.rough(ax, here, layers.widest(outlines))
-    for outline in outlines:
-        style = layers.line(outline.share, forecast, count.few)
-        layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+    outlines = layers.areas_of(forecast, at["time"].values[()], forecast.ends)
+    _areas(ax, here, forecast, outlines, count.few)
     ashore = layers.ashore_marks(ax, here, forecast, i)
-    _plan(ax, on.canvas, here, forecast, plan, i, marks)
-
-    when = f"Probability at {notation.group(now)}, given that all searches until then have failed"
-    many = "" if particles is None else f"   ·   {particles:,} particles"
-    title = _cut(on, imprint.title, TITLED if imprint.caution else 0.985)
-    sheet.head(on, replace(imprint, title=title), f"Plan: {plan_text.worth(plan)}", when + many)
+    _plan(ax, on.canvas, here, forecast, plan, i, setting.marks)
+    _words(on, plan, notation.group(at["time"].values[()]), setting)
     if least.few:
         sheet.rough(on, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):
         sheet.say(on, sheet.warning(0.875 - ROW * k, 9), text)
-    _legend(figure, plan, forecast, outlines, len(marks), ashore, land is not None, count.few)
-    _panel(figure, plan)
-    _bar(figure, mesh)
-    sheet.end(on, path, imprint)
+    _legend(on.figure, plan, forecast, outlines, len(setting.marks), ashore, land is not None, count.few)
+    _panel(on.figure, plan)
+    _bar(on.figure, mesh)
+    sheet.end(on, path, setting.imprint)
+
+
+def _framed(
+    forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float
+) -> tuple[Frame, float, list[str]]:
+    """Return the map's frame, its height [of the page], and lines over it that say what the frame leaves out."""
+    here = _extent(forecast, plan, i, marks, high)
+    at = forecast.data.isel(time=i)
+    out = textwrap.wrap(beyond.told(here, at), 110)
+    if out:
+        high -= ROW * len(out)
+        here = _extent(forecast, plan, i, marks, high)
+        out = textwrap.wrap(beyond.told(here, at), 110)
+    return here, high, out
+
+
+def _areas(ax: Axes, here: Frame, forecast: Forecast, outlines: Sequence[Any], few: bool) -> None:
+    """Draw the outlines of the areas by share, thin; few: too few particles count for certain ones."""
+    if few:
+        layers.rough(ax, here, layers.widest(outlines))
+    for outline in outlines:
+        style = layers.line(outline.share, forecast, few)
+        layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+
+
+def _words(on: Page, plan: Plan, time: str, setting: Setting) -> None:
+    """Write over the map what the plan is worth, and the time of the probability."""
+    imprint = setting.imprint
+    when = f"Probability at {time}, given that all searches until then have failed"
+    many = "" if setting.particles is None else f"   ·   {setting.particles:,} particles"
+    title = _cut(on, imprint.title, TITLED if imprint.caution else 0.985)
+    sheet.head(on, replace(imprint, title=title), f"Plan: {plan_text.worth(plan)}", when + many)
 
 
 def _cut(on: Page, title: str, right: float) -> str:
@@ -117,7 +124,7 @@ def _cut(on: Page, title: str, right: float) -> str:
 
 
 def nearest(forecast: Forecast, plan: Plan) -> int:
-    """Return the output nearest to the middle of the first round's time on scene; the last where nothing is tasked."""
+    """Return the output nearest to the middle of the first round's time on scene, the last of an empty plan."""
     first = [one for one in plan.taskings if one.round == plan.taskings[0].round]
     if not first:
         return int(forecast.data.sizes["time"]) - 1
@@ -131,7 +138,7 @@ def _stood_on(plan: Plan, shown: effective.Count) -> list[effective.Count]:
 
 
 def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float) -> Frame:
-    """Return the frame of the sub-areas and the probability; of the bases too where that makes it little larger."""
+    """Return the frame of the sub-areas and the probability, and of bases that make it little larger."""
     rings = [ring(one) for one in plan.taskings]
     lines = [Line(around[:, 0].tolist(), around[:, 1].tolist(), "") for around in rings]
     one = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
@@ -151,7 +158,7 @@ def ring(one: Tasking) -> Array:
 def _plan(
     ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark]
 ) -> None:
-    """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar in a free corner."""
+    """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar."""
     texts: list[labels.Point] = []
     busy = list(layers.occupied(here, forecast, [forecast.data["time"].values[i]]))
     for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
@@ -169,7 +176,7 @@ def _plan(
         x, y = here.project(*subareas.begin(one))
         ax.plot(x, y, markersize=7.5, markeredgewidth=1.8, zorder=12, **POINT)
         bold = {"fontsize": 9.5, "weight": "bold", "color": "#000000"}
-        # Areas may overlap where they are searched at other times: the label tells which is first
+        # Areas may overlap where they are searched at other times, so the label says when.
         label = f"{name} {page.fit(one.unit.name, 26)}\n{short(one.on_scene)}"
         texts.append((float(x), float(y), label, bold))
     must = len(texts)
@@ -218,8 +225,8 @@ def creep(ax: Axes, here: Frame, one: Tasking) -> None:
 
 
 def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
-    """Return what says at the chart's edge how far it is to a base beyond it, and in which direction, once a base."""
-    found: list[labels.Point] = []
+    """Return labels at the chart's edge: how far it is to each base beyond it, and in which direction."""
+    texts: list[labels.Point] = []
     for place in sorted({one.unit.base for one in plan.taskings}):
         x, y = (float(v) for v in here.project(*place))
         if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
@@ -238,13 +245,13 @@ def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
         far = float(sphere.distance(*start, *goal)) / NMI
         east, north = sphere.offset(*start, *goal)
         way = subareas.degrees(math.atan2(float(east), float(north)))
-        told = f"{_some(list(dict.fromkeys(o.unit.name for o in based)))}\nbase {far:.0f} nmi, {way:03d}T"
-        found.append((px + share * (x - px), py + share * (y - py), told, {"fontsize": 8, "color": INK}))
-    return found
+        words = f"{_some(list(dict.fromkeys(o.unit.name for o in based)))}\nbase {far:.0f} nmi, {way:03d}T"
+        texts.append((px + share * (x - px), py + share * (y - py), words, {"fontsize": 8, "color": INK}))
+    return texts
 
 
 def _some(who: list[str]) -> str:
-    """Return whose base it is."""
+    """Return whose base it is: the first unit's, and how many more."""
     more = f" and {len(who) - 1} more" if len(who) > 1 else ""
     return f"{page.fit(who[0], 26)}{more}"
 

@@ -1,4 +1,4 @@
-"""A plan as plain text: the search action plan, laid out as crews and coordinators read it (IAMSAR Manual, Vol. II).
+"""A plan as plain text: the search action plan as crews and coordinators read it (IAMSAR Manual, Vol. II).
 
 Plain ASCII of at most 78 columns but for names: it goes by mail, telex or radio. Positions are degrees and decimal
 minutes, directions true, times date-time groups.
@@ -19,7 +19,7 @@ from geo.notation import KNOT, NMI
 WIDE = 78
 FOOT = 0.3048  # [m]
 LABEL = 18
-LONG_WAIT = 0.5  # [h] that a crew is told the reason of
+LONG_WAIT = 0.5  # [h]; of a longer wait the crew is told the reason
 OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
 OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
 PATTERN = "parallel sweep (PS)"
@@ -48,10 +48,8 @@ def text(
     for name, tasking in zip(names, plan.taskings, strict=True):
         if tasking.round != number and plan.spec.rounds > 1:
             number = tasking.round
-            said = (
-                "" if number == 1 else ", planned on the failure of all before: plan anew with what was flown and seen"
-            )
-            lines += ["", *_fill(f"Round {number}{said}", 3)]
+            later = ", planned on the failure of all before: plan anew with what was flown and seen"
+            lines += ["", *_fill(f"Round {number}{later if number > 1 else ''}", 3)]
         lines += ["", *task(plan, name, tasking)]
     if not plan.taskings:
         lines += ["   none: no unit can search in this period"]
@@ -67,28 +65,28 @@ def text(
 
 
 def warnings(plan: Plan, synthetic: bool) -> list[str]:
-    """Return what stands at the head of a plan: what it must not be used for, or believed of."""
-    found = []
+    """Return the warnings at the head of a plan: what it must not be used for, and what is not reliable in it."""
+    lines = []
     if synthetic:
-        found.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
+        lines.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
     if plan.seen - plan.value > OPTIMISTIC:
-        found.append(
-            f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: it fits chance. "
-            "Plan with more particles."
+        lines.append(
+            f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: "
+            "it fits chance. Plan with more particles."
         )
-    return found + rough(plan)
+    return lines + rough(plan)
 
 
 def rough(plan: Plan) -> list[str]:
-    """Return which figures of a plan stand on few particles."""
-    found = []
+    """Return warnings of which figures of a plan stand on few particles."""
+    lines = []
     if plan.made_on is not None and plan.made_on.few:
-        found.append(
+        lines.append(
             effective.sentence(plan.made_on, "of those that the plan was made on", "its areas and its bound are rough")
         )
     if plan.scored_on is not None and plan.scored_on.few:
-        found.append(effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough"))
-    return found
+        lines.append(effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough"))
+    return lines
 
 
 def worth(plan: Plan) -> str:
@@ -108,8 +106,8 @@ def worth(plan: Plan) -> str:
 
 def chance(value: float, digits: int = 2) -> str:
     """Return a probability in so many digits; what is not certain is not written as 1."""
-    told = f"{value:.{digits}f}"
-    return f">{1 - 10.0**-digits:.{digits}f}" if value < 1 and float(told) == 1 else told
+    rounded = f"{value:.{digits}f}"
+    return f">{1 - 10.0**-digits:.{digits}f}" if value < 1 and float(rounded) == 1 else rounded
 
 
 def _up(value: float, digits: int) -> float:
@@ -123,17 +121,18 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         rows.append(("Datum", f"{where} at {notation.group(datum[2])}"))
     rows += [("Objective", OBJECTIVES[plan.spec.objective]), ("Worth", worth(plan))]
     if plan.bound:
-        rows.append(
-            (
-                "Bound",
-                f"An estimate: no plan of these units, laws and times is expected to find more than {_up(plan.bound, 3):.3f} of the particles "
-                f"that this one was made on. It finds {plan.seen:.3f} of those: {100 * plan.seen / plan.bound:.0f} %. The particles that its "
-                f"worth is told of are others: two standard errors of sampling are {_up(2 * plan.bound_error, 3):.3f}",
-            )
+        bound = (
+            "An estimate: no plan of these units, laws and times is expected to find more than "
+            f"{_up(plan.bound, 3):.3f} of the particles that this one was made on. It finds {plan.seen:.3f} of those: "
+            f"{100 * plan.seen / plan.bound:.0f} %. The particles that its worth is told of are others: two standard "
+            f"errors of sampling are {_up(2 * plan.bound_error, 3):.3f}"
         )
+        rows.append(("Bound", bound))
     if plan.spec.rounds > 1 and plan.bound is not None:
-        told = f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
-        rows.append(("", told))
+        loose = (
+            f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
+        )
+        rows.append(("", loose))
     rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
     for k, (name, pos) in enumerate(zip(plan.scenarios, plan.by_scenario, strict=True)):
         rows.append(("POS, had it been" if k == 0 else "", f"{chance(pos):5} {name}"))
@@ -188,8 +187,8 @@ def task(plan: Plan, name: str, one: Tasking) -> list[str]:
         ("Off scene", f"{notation.group(one.off_scene)}   at {notation.position(*subareas.end(one))}"),
         ("Home", f"{notation.group(one.home)}   at {notation.position(*unit.return_to)}"),
         *(
-            (told, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
-            for told, way, straight in subareas.by_sea(one)
+            (which, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
+            for which, way, straight in subareas.by_sea(one)
         ),
         ("POS", chance(one.pos)),
     ]
@@ -218,7 +217,7 @@ def _round(one: Tasking) -> str:
 
 
 def _expected(plan: Plan, one: Tasking) -> list[str]:
-    """Return the POD that a tasking expects: in a line where it is the same for all scenarios, else as a table of them."""
+    """Return the POD that a tasking expects: a line if all scenarios have the same, otherwise a table."""
     width, coverage, pod = np.array(one.sortie.sweep_width) / NMI, subareas.coverages(one), subareas.pods(one)
     if np.ptp(coverage) < 1e-9 and np.ptp(width) < 1e-9:
         return _row("Expected POD", f"{chance(pod[0])} at W {width[0]:.2f} nmi, coverage {coverage[0]:.2f}", indent=6)
@@ -233,15 +232,15 @@ def _alternatives(plan: Plan) -> list[str]:
     lines = []
     for other in plan.alternatives:
         gap = "better" if other.difference >= 0 else "WORSE"
-        told = f"{other.value:.3f}  {other.name}; the plan is {gap} by {abs(other.difference):.3f} +- {other.standard_error:.3f}"
-        lines += _fill(told, 3, 10)
+        by = f"{abs(other.difference):.3f} +- {other.standard_error:.3f}"
+        lines += _fill(f"{other.value:.3f}  {other.name}; the plan is {gap} by {by}", 3, 10)
     return lines
 
 
 def _standing(plan: Plan) -> tuple[str, ...]:
     boats = (
-        "Boats go by sea on the coast of this case, whose shores may be off by more than they keep from it; rocks awash, tides "
-        "and, without a depth grid, depths are not known: check the ways on a chart.",
+        "Boats go by sea on the coast of this case, whose shores may be off by more than they keep from it; rocks "
+        "awash, tides and, without a depth grid, depths are not known: check the ways on a chart.",
     )
     return (
         *boats * any(one.unit.afloat for one in plan.taskings),
@@ -271,7 +270,7 @@ def _both(angle: float) -> str:
 
 
 def _first_course(one: Tasking) -> int:
-    """Return the course [deg] of the first leg: of the two along the orientation the one that it is flown on."""
+    """Return the course [deg] of the first leg, which is along the orientation one way or the other."""
     legs = one.sortie.legs
     assert legs is not None
     east, north = sphere.offset(*np.radians([legs.lon[0], legs.lat[0], legs.lon[1], legs.lat[1]]))
