@@ -1,4 +1,4 @@
-"""When each unit can search where: after it has arrived, by daylight, until its endurance or the plan ends."""
+"""When each unit can search where: from its arrival on, by daylight, until its endurance or the plan ends."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

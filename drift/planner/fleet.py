@@ -84,7 +84,7 @@ def shown(case: Case, where: Environment, box: Box) -> Array:
 
 
 def checked(fleet: Fleet, taskings: Sequence[Tasking]) -> tuple[tuple[Tasking, ...], Fleet]:
-    """Return the taskings of which no metre of a boat's way lies on land, and the fleet with words on the others.
+    """Return the taskings of which no way by sea lies on land, and the fleet with words on the others.
 
     The check is Shapely's, on the coast in full.
     """

@@ -16,7 +16,7 @@ from drift.search.records import Unit
 from geo.array import Array
 
 NODES = {0: 1, 1: 6, 2: 4, 3: 3}  # of each unknown factor, by how many there are; more: 2
-MOST_GROUPS = 6  # unknown factors that are told apart
+MOST_GROUPS = 6  # unknown factors that are treated as such; further ones count as known
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Find:
 
 
 def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
-    """Return the factor of each unit's sweep width at the joint nodes, (units, nodes), and the nodes' weights, (nodes,)."""
+    """Return each unit's factor of sweep width at the joint nodes, (units, nodes), and their weights, (nodes,)."""
     names = [unit.group or unit.name for unit in units]
     groups = list(dict.fromkeys(n for n, unit in zip(names, units, strict=True) if math.isfinite(unit.shape)))[
         :MOST_GROUPS
@@ -51,7 +51,10 @@ def worth(finds: Sequence[Find], weight: Array) -> Array:
 
 
 def others(finds: Sequence[Find], time: float, weight: Array, m: int) -> tuple[Array, Array]:
-    """Return what is left of each particle at a time, times the nodes' weights, and what later sorties still bring, (m, nodes)."""
+    """Return what is left of each particle at a time, and what later sorties still bring, both (m, nodes).
+
+    What is left is multiplied by the nodes' weights.
+    """
     ordered = sorted(finds, key=lambda one: one.time)
     before = np.broadcast_to(weight, (m, len(weight))).copy()
     for one in ordered:

@@ -42,9 +42,9 @@ def plan(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> tuple[Plan, Result]:
-    """Plan the next search of a case; with `out`, write it and the forecast of its failure, complete or not at all.
+    """Plan the next search of a case; with `out`, write it and the forecast of its failure.
 
-    Raises UserError for all that the user can mend.
+    The folder is written completely or not at all. Raises UserError for all that the user can mend.
     """
     if not case.units:
         raise UserError(

@@ -1,4 +1,4 @@
-"""The sheet of a unit, A4 upright: its legs at a scale at which they can be told apart, what it is told, every turning point.
+"""The sheet of a unit, A4 upright: its legs at a scale that shows each, its task, every turning point.
 
 Turning points are numbered on the chart and in the table, which has their positions to a thousandth of a minute, as
 plotters take them. A search with more points than fit goes on on further pages.
@@ -36,7 +36,8 @@ from geo.box import Box
 
 SHEET = Sheet(  # A4
     8.27, 11.69, 150, left=0.06, title=sheet.heading(0.962, 17), lines=(Row(0.943, 9.5, 100), Row(0.928, 9.5)),
-    caution=Badge(0.95, 0.968, 8.5, "right"), rough=Badge(0.95, 0.945, 8.5, "right"), footer=sheet.small(0.012, 6.5, 150),
+    caution=Badge(0.95, 0.968, 8.5, "right"), rough=Badge(0.95, 0.945, 8.5, "right"),
+    footer=sheet.small(0.012, 6.5, 150),
 )  # fmt: skip
 MAP = (0.085, 0.535, 0.865, 0.37)  # of the page
 INSET = (0.665, 0.30, 0.285, 0.20)
@@ -49,12 +50,12 @@ KINDS = {"way": "way", "csp": "CSP", "leg": "", "turn": "round", "off": "off", "
 
 def pages(plan: Plan) -> list[tuple[str, int, int]]:
     """Return the sheets of a plan: file name, which tasking, and which page of it, from 1."""
-    found = []
+    sheets = []
     for k, (name, one) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
         rest = len(subareas.route(name, one)) - COLUMNS * ROWS
         many = 1 + max(math.ceil(rest / (COLUMNS * MORE)), 0)
-        found += [(f"plan-{name}{f'-{p}' if p > 1 else ''}.png", k, p) for p in range(1, many + 1)]
-    return found
+        sheets += [(f"plan-{name}{f'-{p}' if p > 1 else ''}.png", k, p) for p in range(1, many + 1)]
+    return sheets
 
 
 def box(plan: Plan) -> Box:
@@ -64,8 +65,8 @@ def box(plan: Plan) -> Box:
     )
     lon = np.array([_by(value, every[0, 0]) for value in every[:, 0]])
     west = sphere.wrap_degrees(float(lon.min()))
-    found = Box(west, float(every[:, 1].min()), west + max(float(np.ptp(lon)), 1e-6), float(every[:, 1].max()))
-    return found.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(every[:, 1])))
+    box = Box(west, float(every[:, 1].min()), west + max(float(np.ptp(lon)), 1e-6), float(every[:, 1].max()))
+    return box.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(every[:, 1])))
 
 
 def draw(
@@ -166,13 +167,13 @@ def _inset(figure: Figure, one: Tasking, land: Array) -> None:
 
 
 def _facts(figure: Figure, plan: Plan, name: str, one: Tasking) -> None:
-    """Write what the unit is told, as in the search action plan, and when it is light."""
+    """Write the unit's task, as in the search action plan, and when there is daylight."""
     lines = [line.removeprefix("      ") for line in plan_text.task(plan, name, one)[1:]]
     lines.append(f"{'Daylight':{plan_text.LABEL}}{light(one)}")
     for words in plan.said:
         if words.startswith(f"{one.unit.name} "):
-            told = textwrap.wrap(words.removeprefix(f"{one.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6)
-            lines += [f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}" for k, line in enumerate(told)]
+            wrapped = textwrap.wrap(words.removeprefix(f"{one.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6)
+            lines += [f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}" for k, line in enumerate(wrapped)]
     step = min(0.0098, (MAP[1] - 0.045 - TABLE - 0.02) / len(lines))
     for k, line in enumerate(lines):
         y = MAP[1] - 0.045 - step * k
@@ -190,9 +191,9 @@ def light(one: Tasking) -> str:
     rise, fall = ahead[0]
     if rise <= begin - 86_400 and fall >= begin + 86_400:
         return "all day: the sun does not set"
-    told = [f"{word} {plan_map.short(moment(time))}" for word, time, known in
-            (("sunrise", rise, rise > begin - 86_400), ("sunset", fall, fall < begin + 86_400)) if known]  # fmt: skip
-    return ", ".join(told)
+    words = [f"sunrise {plan_map.short(moment(rise))}"] if rise > begin - 86_400 else []
+    words += [f"sunset {plan_map.short(moment(fall))}"] if fall < begin + 86_400 else []
+    return ", ".join(words)
 
 
 def _table(figure: Figure, way: Sequence[Waypoint], top: float, rows: int) -> None:
@@ -210,7 +211,10 @@ def _table(figure: Figure, way: Sequence[Waypoint], top: float, rows: int) -> No
 
 
 def _short(point: Waypoint) -> str:
-    """Return what a point is called on its unit's own sheet: CSP, 02, ... END; W1, ... on the way out, H1, ... on that home."""
+    """Return what a point is called on its unit's own sheet.
+
+    Search points are CSP, 02, ... END; those on the way out W1, ..., on the way home H1, ...
+    """
     word, _, number = point.name.split(" ", 1)[1].partition(" ")
     if number:
         return f"{'W' if word == 'OUT' else 'H'}{int(number)}"
