@@ -39,16 +39,16 @@ def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
     if words := _about(plan, run):
         _leaf(about, "desc", words)
     named = list(zip(subareas.names(plan), plan.taskings, strict=True))
-    for name, one in named:
-        start = next(point for point in subareas.route(name, one) if point.what == "csp")
-        _point(root, "wpt", start, f"commence search, {one.unit.name}")
-    for number, (name, one) in enumerate(named, 1):
+    for name, tasking in named:
+        start = next(point for point in subareas.route(name, tasking) if point.what == "csp")
+        _point(root, "wpt", start, f"commence search, {tasking.unit.name}")
+    for number, (name, tasking) in enumerate(named, 1):
         way = ET.SubElement(root, "rte")
-        _leaf(way, "name", f"{name} {one.unit.name}")
-        _leaf(way, "desc", _description(one))
+        _leaf(way, "name", f"{name} {tasking.unit.name}")
+        _leaf(way, "desc", _description(tasking))
         _leaf(way, "number", str(number))
         _leaf(way, "type", "search")
-        for point in subareas.route(name, one):
+        for point in subareas.route(name, tasking):
             _point(way, "rtept", point, "")
     return _xml(root)
 
@@ -78,16 +78,16 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
             if kind == "area":
                 fill = ET.SubElement(style, "PolyStyle")
                 _leaf(fill, "color", f"22{ink[2:]}")
-    for k, (name, one) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
+    for k, (name, tasking) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
         folder = ET.SubElement(document, "Folder")
-        _leaf(folder, "name", f"{name} {one.unit.name}")
-        for shape, geometry in _shapes(one).items():
+        _leaf(folder, "name", f"{name} {tasking.unit.name}")
+        for shape, geometry in _shapes(tasking).items():
             place = ET.SubElement(folder, "Placemark")
             _leaf(place, "name", name if shape == "area" else f"{name} {shape}")
-            _leaf(place, "description", html.escape(_description(one), quote=False))  # shown as HTML
+            _leaf(place, "description", html.escape(_description(tasking), quote=False))  # shown as HTML
             span = ET.SubElement(place, "TimeSpan")
-            _leaf(span, "begin", notation.iso(one.takeoff if shape == "transit" else one.on_scene))
-            _leaf(span, "end", notation.iso(one.home if shape == "transit" else one.off_scene))
+            _leaf(span, "begin", notation.iso(tasking.takeoff if shape == "transit" else tasking.on_scene))
+            _leaf(span, "end", notation.iso(tasking.home if shape == "transit" else tasking.off_scene))
             if shape != "csp":
                 _leaf(place, "styleUrl", f"#{'transit' if shape == 'round' else shape}{k % len(INKS)}")
             _geometry(place, geometry)
@@ -125,33 +125,33 @@ def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
     features = []
     whole = numbers(plan)
     counts = {f"effective_particles_{name}": value for name, value in whole["effective_particles"].items()}
-    for row, one in zip(whole["taskings"], plan.taskings, strict=True):
-        for shape, geometry in _shapes(one).items():
+    for row, tasking in zip(whole["taskings"], plan.taskings, strict=True):
+        for shape, geometry in _shapes(tasking).items():
             properties = {"shape": shape, **row, **counts}
             features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
 
 
-def _shapes(one: Tasking) -> dict[str, dict[str, Any]]:
+def _shapes(tasking: Tasking) -> dict[str, dict[str, Any]]:
     """Return a tasking's shapes as GeoJSON geometries."""
-    area = patterns.rectangle(one.centre, one.length, one.width, one.orientation)
+    area = patterns.rectangle(tasking.centre, tasking.length, tasking.width, tasking.orientation)
     shapes = {"area": search_shapes.polygon([search_shapes.outline(area)])}
-    if legs := search_shapes.flown(one.sortie):
+    if legs := search_shapes.flown(tasking.sortie):
         shapes["legs"] = search_shapes.lines([points for searching, points in legs if searching])
         if ways := [points for searching, points in legs if not searching]:
             shapes["round"] = search_shapes.lines(ways)
-    if ways := subareas.transits(one):
+    if ways := subareas.transits(tasking):
         shapes["transit"] = search_shapes.lines(ways)
-    return {**shapes, "csp": search_shapes.point(*subareas.begin(one))}
+    return {**shapes, "csp": search_shapes.point(*subareas.begin(tasking))}
 
 
-def _description(one: Tasking) -> str:
+def _description(tasking: Tasking) -> str:
     """Return a tasking in a line."""
     return (
-        f"{one.unit.name}: on scene {notation.group(one.on_scene)}, off {notation.group(one.off_scene)}; "
-        f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, spacing {one.spacing / NMI:.2f} nmi, "
-        f"creep {subareas.degrees(one.creep):03d}T, {one.unit.search_speed / KNOT:.0f} kn; "
-        f"POS {plan_text.chance(one.pos)}"
+        f"{tasking.unit.name}: on scene {notation.group(tasking.on_scene)}, off {notation.group(tasking.off_scene)}; "
+        f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi, spacing {tasking.spacing / NMI:.2f} nmi, "
+        f"creep {subareas.degrees(tasking.creep):03d}T, {tasking.unit.search_speed / KNOT:.0f} kn; "
+        f"POS {plan_text.chance(tasking.pos)}"
     )
 
 
@@ -181,18 +181,19 @@ def toml(plan: Plan, taken: Sequence[str] = ()) -> str:
         '# completed = "60 %" or actual = "track.gpx".',
     ]  # fmt: skip
     parts += [f"# WARNING: {warning}" for warning in plan_text.rough(plan)]
-    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
-        title, number = f"{name} {one.unit.name}", 2
+    for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
+        title, number = f"{name} {tasking.unit.name}", 2
         while title in used:
-            title, number = f"{name} {one.unit.name} ({number})", number + 1
+            title, number = f"{name} {tasking.unit.name} ({number})", number + 1
         used.add(title)
-        parts += ["", "[[sortie]]", *(f"{key} = {value}" for key, value in _table(title, one, plan.scenarios).items())]
+        table = _table(title, tasking, plan.scenarios)
+        parts += ["", "[[sortie]]", *(f"{key} = {value}" for key, value in table.items())]
     return "\n".join(parts) + "\n"
 
 
-def _table(name: str, one: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
+def _table(name: str, tasking: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
     """Return the keys of a [[sortie]] table with their values in TOML."""
-    sortie = one.sortie
+    sortie = tasking.sortie
     table = {"name": _quoted(name)}
     if sortie.kind:
         table["unit"] = _quoted(sortie.kind)
@@ -205,29 +206,29 @@ def _table(name: str, one: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
         table["sweep_width_uncertainty"] = f"{1 / math.sqrt(sortie.shape):.9g}"
     if sortie.group:
         table["sweep_group"] = _quoted(sortie.group)
-    table["speed"] = _quoted(f"{one.unit.search_speed / KNOT:.9g} kn")
+    table["speed"] = _quoted(f"{tasking.unit.search_speed / KNOT:.9g} kn")
     if math.isfinite(sortie.altitude):
         table["altitude"] = _quoted(f"{sortie.altitude / 0.3048:.9g} ft")
-    return table | _where(one)
+    return table | _where(tasking)
 
 
-def _where(one: Tasking) -> dict[str, str]:
+def _where(tasking: Tasking) -> dict[str, str]:
     """Return what a sortie searches: a pattern, waypoints, or an area with its spacing."""
-    sortie = one.sortie
+    sortie = tasking.sortie
     shape = {
-        "centre": _quoted(place(*one.centre)),
-        "length": _quoted(f"{one.length / NMI:.9g} nmi"),
-        "width": _quoted(f"{one.width / NMI:.9g} nmi"),
-        "orientation": f"{math.degrees(one.orientation) % 360:.9g}",
+        "centre": _quoted(place(*tasking.centre)),
+        "length": _quoted(f"{tasking.length / NMI:.9g} nmi"),
+        "width": _quoted(f"{tasking.width / NMI:.9g} nmi"),
+        "orientation": f"{math.degrees(tasking.orientation) % 360:.9g}",
     }
     if sortie.legs is None:
         # The spacing at which these sweep widths give the plan's coverage.
-        spacing = next(
-            (w / c for w, c in zip(sortie.sweep_width, sortie.coverage, strict=True) if w > 0 and c > 0), one.spacing
-        )
-        return {"area": _inline(shape), "spacing": _quoted(f"{spacing / NMI:.9g} nmi")}
-    if _is_parallel(one):
-        shape |= {"spacing": _quoted(f"{one.spacing / NMI:.9g} nmi"), "corner": _quoted(place(*subareas.begin(one)))}
+        pairs = zip(sortie.sweep_width, sortie.coverage, strict=True)
+        apart = next((width / coverage for width, coverage in pairs if width > 0 and coverage > 0), tasking.spacing)
+        return {"area": _inline(shape), "spacing": _quoted(f"{apart / NMI:.9g} nmi")}
+    if _is_parallel(tasking):
+        spacing, corner = f"{tasking.spacing / NMI:.9g} nmi", place(*subareas.begin(tasking))
+        shape |= {"spacing": _quoted(spacing), "corner": _quoted(corner)}
         return {"pattern": _inline({"kind": '"parallel"', **shape})}
     legs = sortie.legs
     rows = [
@@ -240,21 +241,22 @@ def _where(one: Tasking) -> dict[str, str]:
     return searched
 
 
-def _is_parallel(one: Tasking) -> bool:
+def _is_parallel(tasking: Tasking) -> bool:
     """Return whether the legs are those of the parallel pattern of the same size, at the same times."""
-    legs = one.sortie.legs
+    legs = tasking.sortie.legs
     assert legs is not None
-    start, size = search_shapes.epoch(one.sortie.start), (one.length, one.width, one.orientation, one.spacing)
+    start = search_shapes.epoch(tasking.sortie.start)
+    size = tasking.length, tasking.width, tasking.orientation, tasking.spacing
     for corner in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         try:
-            pattern = patterns.parallel(one.centre, *size, start, one.unit.search_speed, corner).legs
+            pattern = patterns.parallel(tasking.centre, *size, start, tasking.unit.search_speed, corner).legs
         except ValueError:
             return False
         if len(pattern.lon) != len(legs.lon) or not all(legs.searching):
             return False
         apart = sphere.distance(*np.radians([pattern.lon, pattern.lat, legs.lon, legs.lat]))
         late = np.abs(np.subtract(pattern.time, legs.time))
-        if apart.max() < SAME and late.max() < SAME / one.unit.search_speed + 1:
+        if apart.max() < SAME and late.max() < SAME / tasking.unit.search_speed + 1:
             return True
     return False
 

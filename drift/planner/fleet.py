@@ -89,21 +89,21 @@ def checked(fleet: Fleet, taskings: Sequence[Tasking]) -> tuple[tuple[Tasking, .
     The check is Shapely's, on the coast in full.
     """
     kept = []
-    for one in taskings:
-        course = fleet.courses.get(one.unit.name)
+    for tasking in taskings:
+        course = fleet.courses.get(tasking.unit.name)
         dry = 0.0
         if course is not None:
             polygons = fleet.land(course.box)
-            legs = one.sortie.legs
+            legs = tasking.sortie.legs
             ways = (
-                [one.out, one.back]
+                [tasking.out, tasking.back]
                 if legs is None
-                else [one.out, tuple(zip(legs.lon, legs.lat, strict=True)), one.back]
+                else [tasking.out, tuple(zip(legs.lon, legs.lat, strict=True)), tasking.back]
             )
             dry = sum(courses.on_land(polygons, *np.array(way).T) for way in ways if len(way) > 1)
         if dry == 0:
-            kept.append(one)
+            kept.append(tasking)
         else:
-            words = f"{one.unit.name} is not sent: {dry:.1f} m of the way that was found for it lie on land."
+            words = f"{tasking.unit.name} is not sent: {dry:.1f} m of the way that was found for it lie on land."
             fleet = replace(fleet, said=(*fleet.said, words))
     return tuple(kept), fleet

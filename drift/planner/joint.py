@@ -47,7 +47,7 @@ def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
 
 def worth(finds: Sequence[Find], weight: Array) -> Array:
     """Return what finding is worth on average, for each particle (m,): for POS, its chance of being found."""
-    return _later(sorted(finds, key=lambda one: one.time)) @ weight
+    return _later(sorted(finds, key=lambda find: find.time)) @ weight
 
 
 def others(finds: Sequence[Find], time: float, weight: Array, m: int) -> tuple[Array, Array]:
@@ -55,17 +55,17 @@ def others(finds: Sequence[Find], time: float, weight: Array, m: int) -> tuple[A
 
     What is left is multiplied by the nodes' weights.
     """
-    ordered = sorted(finds, key=lambda one: one.time)
+    ordered = sorted(finds, key=lambda find: find.time)
     before = np.broadcast_to(weight, (m, len(weight))).copy()
-    for one in ordered:
-        if one.time < time:
-            before *= 1 - one.chance
-    later = [one for one in ordered if one.time >= time]
+    for find in ordered:
+        if find.time < time:
+            before *= 1 - find.chance
+    later = [find for find in ordered if find.time >= time]
     return before, _later(later) if later else np.zeros((m, len(weight)))
 
 
 def _later(ordered: Sequence[Find]) -> Array:
     total = np.zeros(ordered[0].chance.shape)
-    for one in reversed(ordered):
-        total = one.chance * one.worth[:, None] + (1 - one.chance) * total
+    for find in reversed(ordered):
+        total = find.chance * find.worth[:, None] + (1 - find.chance) * total
     return total

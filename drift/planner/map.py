@@ -54,7 +54,7 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
     at = forecast.data.isel(time=i)
     on = sheet.begin(SHEET)
     count = effective.at(forecast.data, i, setting.particles)
-    least = count if count.few else min(_stood_on(plan, count), key=lambda one: one.number)
+    least = count if count.few else min(_stood_on(plan, count), key=lambda count: count.number)
     here, high, out = _framed(forecast, plan, i, setting.marks, MAP[3] - ROW * least.few)
     ax = on.figure.add_axes((*MAP[:3], high))
     chart.prepare(ax, here)
@@ -125,10 +125,10 @@ def _cut(on: Page, title: str, right: float) -> str:
 
 def nearest(forecast: Forecast, plan: Plan) -> int:
     """Return the output nearest to the middle of the first round's time on scene, the last of an empty plan."""
-    first = [one for one in plan.taskings if one.round == plan.taskings[0].round]
+    first = [tasking for tasking in plan.taskings if tasking.round == plan.taskings[0].round]
     if not first:
         return int(forecast.data.sizes["time"]) - 1
-    begin, end = min(one.on_scene for one in first), max(one.off_scene for one in first)
+    begin, end = min(tasking.on_scene for tasking in first), max(tasking.off_scene for tasking in first)
     return int(np.argmin(np.abs(forecast.data["time"].values - (begin + (end - begin) // 2))))
 
 
@@ -139,19 +139,19 @@ def _stood_on(plan: Plan, shown: effective.Count) -> list[effective.Count]:
 
 def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float) -> Frame:
     """Return the frame of the sub-areas and the probability, and of bases that make it little larger."""
-    rings = [ring(one) for one in plan.taskings]
+    rings = [ring(tasking) for tasking in plan.taskings]
     lines = [Line(around[:, 0].tolist(), around[:, 1].tolist(), "") for around in rings]
-    one = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
-    times, aspect = [one.data["time"].values[0]], MAP[2] * SHEET.width / (high * SHEET.height)
-    here = layers.extent(one, times, marks, lines, aspect)
+    now = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
+    times, aspect = [now.data["time"].values[0]], MAP[2] * SHEET.width / (high * SHEET.height)
+    here = layers.extent(now, times, marks, lines, aspect)
     bases = [Mark(*place) for t in plan.taskings for place in (t.unit.base, t.unit.return_to)]
-    whole = layers.extent(one, times, [*marks, *bases], lines, aspect)
+    whole = layers.extent(now, times, [*marks, *bases], lines, aspect)
     return whole if layers.little(here, whole) else here
 
 
-def ring(one: Tasking) -> Array:
+def ring(tasking: Tasking) -> Array:
     """Return the closed outline of a sub-area, (n, 2) [deg]."""
-    corners = np.array(subareas.corners(one))
+    corners = np.array(subareas.corners(tasking))
     return search_shapes.curve(np.append(corners[:, 0], corners[0, 0]), np.append(corners[:, 1], corners[0, 1]))
 
 
@@ -161,34 +161,35 @@ def _plan(
     """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar."""
     texts: list[labels.Point] = []
     busy = list(layers.occupied(here, forecast, [forecast.data["time"].values[i]]))
-    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
-        for points in subareas.transits(one):
+    for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
+        for points in subareas.transits(tasking):
             line(ax, here, points, {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}, 7)
-        for searching, points in search_shapes.flown(one.sortie):
+        for searching, points in search_shapes.flown(tasking.sortie):
             line(ax, here, points, search_layers.LEGS if searching else search_layers.TRANSIT, 8)
-        around = ring(one)
-        style = {**search_layers.AREA, "linewidth": 2.0, "linestyle": "-" if one.round == 1 else LATER}
+        around = ring(tasking)
+        style = {**search_layers.AREA, "linewidth": 2.0, "linestyle": "-" if tasking.round == 1 else LATER}
         line(ax, here, around, style, 8.5)
         x, y = here.project(around[:, 0], around[:, 1])
         busy = [np.append(busy[0], x), np.append(busy[1], y)]
-        if one.sortie.legs is not None:
-            creep(ax, here, one)
-        x, y = here.project(*subareas.begin(one))
+        if tasking.sortie.legs is not None:
+            creep(ax, here, tasking)
+        x, y = here.project(*subareas.begin(tasking))
         ax.plot(x, y, markersize=7.5, markeredgewidth=1.8, zorder=12, **POINT)
         bold = {"fontsize": 9.5, "weight": "bold", "color": "#000000"}
         # Areas may overlap where they are searched at other times, so the label says when.
-        label = f"{name} {page.fit(one.unit.name, 26)}\n{short(one.on_scene)}"
+        label = f"{name} {page.fit(tasking.unit.name, 26)}\n{short(tasking.on_scene)}"
         texts.append((float(x), float(y), label, bold))
     must = len(texts)
     for mark in marks:
         layers.mark_point(ax, here, mark, 8)
         x, y = here.project(mark.lon, mark.lat)
         texts.append((float(x), float(y), mark.label, {"fontsize": 8.5, "color": layers.LAST_KNOWN, "weight": "bold"}))
-    for place in sorted({place for one in plan.taskings for place in (one.unit.base, one.unit.return_to)}):
+    units = [tasking.unit for tasking in plan.taskings]
+    for place in sorted({place for unit in units for place in (unit.base, unit.return_to)}):
         x, y = here.project(*place)
         if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
             ax.plot(x, y, markersize=8, markeredgewidth=1.0, zorder=12, **BASE)
-            who = [one.unit.name for one in plan.taskings if place in (one.unit.base, one.unit.return_to)]
+            who = [unit.name for unit in units if place in (unit.base, unit.return_to)]
             texts.append((float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK}))
     texts += _beyond(here, plan)
     bar = chart.scale_bar(ax, here, chart.free_corner(here, *busy))
@@ -210,13 +211,13 @@ def line(ax: Axes, here: Frame, points: Array, style: dict[str, Any], zorder: fl
     )
 
 
-def creep(ax: Axes, here: Frame, one: Tasking) -> None:
+def creep(ax: Axes, here: Frame, tasking: Tasking) -> None:
     """Draw an arrow in the direction of creep in the middle of a sub-area."""
-    reach = 0.22 * one.width
+    reach = 0.22 * tasking.width
     ends = []
     for sign in (-1, 1):
-        east, north = sign * reach * np.sin(one.creep), sign * reach * np.cos(one.creep)
-        lon, lat = sphere.destination(math.radians(one.centre[0]), math.radians(one.centre[1]), east, north)
+        east, north = sign * reach * np.sin(tasking.creep), sign * reach * np.cos(tasking.creep)
+        lon, lat = sphere.destination(math.radians(tasking.centre[0]), math.radians(tasking.centre[1]), east, north)
         ends.append((np.degrees(lon), np.degrees(lat)))
     (x0, y0), (x1, y1) = (here.project(*end) for end in ends)
     arrow = {"arrowstyle": "-|>,head_width=0.28,head_length=0.5", "color": "#000000", "linewidth": 1.5}
@@ -227,13 +228,13 @@ def creep(ax: Axes, here: Frame, one: Tasking) -> None:
 def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
     """Return labels at the chart's edge: how far it is to each base beyond it, and in which direction."""
     texts: list[labels.Point] = []
-    for place in sorted({one.unit.base for one in plan.taskings}):
+    for place in sorted({tasking.unit.base for tasking in plan.taskings}):
         x, y = (float(v) for v in here.project(*place))
         if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
             continue
-        based = [one for one in plan.taskings if one.unit.base == place]
-        one = based[0]
-        px, py = (float(v) for v in here.project(*subareas.begin(one)))
+        based = [tasking for tasking in plan.taskings if tasking.unit.base == place]
+        begin = subareas.begin(based[0])
+        px, py = (float(v) for v in here.project(*begin))
         shares = [
             (edge - start) / (end - start)
             for start, end, edges in ((px, x, here.x), (py, y, here.y))
@@ -241,7 +242,7 @@ def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
             if abs(end - start) > 1e-6 and (edge - start) / (end - start) > 0
         ]
         share = 0.97 * min([1.0, *shares])
-        start, goal = np.radians(subareas.begin(one)), np.radians(place)
+        start, goal = np.radians(begin), np.radians(place)
         far = float(sphere.distance(*start, *goal)) / NMI
         east, north = sphere.offset(*start, *goal)
         way = subareas.degrees(math.atan2(float(east), float(north)))
@@ -273,7 +274,7 @@ def _legend(
         (Line2D([], [], markersize=8, **BASE), "Base"),
         (Line2D([], [], color="#000000", linewidth=0.9, linestyle=(0, (1, 2.5))), "Way out and home"),
     ]
-    if any(one.round > 1 for one in plan.taskings):
+    if any(tasking.round > 1 for tasking in plan.taskings):
         rows.insert(1, (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0, "linestyle": LATER}), "Later round"))
     for outline in outlines:
         style = layers.line(outline.share, forecast, few)
@@ -310,16 +311,18 @@ def _panel(figure: Figure, plan: Plan) -> None:
     def say(text: str, high: float = 1.0, weight: str = "normal", indent: float = 0.0) -> None:
         lines.append((text, high, weight, indent))
 
-    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
-        say(f"{name}  {page.fit(one.unit.name, 26)}   POS {plan_text.chance(one.pos)}", 1.15, "bold")
-        say(f"on scene {short(one.on_scene)} to {short(one.off_scene)}, home {short(one.home)}")
-        say(f"{one.length / NMI:.1f} × {one.width / NMI:.1f} nmi along {subareas.degrees(one.orientation):03d}T, "
-            f"{one.unit.search_speed / KNOT:.0f} kn")  # fmt: skip
-        if one.sortie.legs is not None:
-            say(f"CSP {notation.position(*subareas.begin(one))}")
-            say(f"{one.legs} legs, spacing {one.spacing / NMI:.2f} nmi, creep {subareas.degrees(one.creep):03d}T", 1.35)
+    for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
+        say(f"{name}  {page.fit(tasking.unit.name, 26)}   POS {plan_text.chance(tasking.pos)}", 1.15, "bold")
+        say(f"on scene {short(tasking.on_scene)} to {short(tasking.off_scene)}, home {short(tasking.home)}")
+        extent = f"{tasking.length / NMI:.1f} × {tasking.width / NMI:.1f} nmi"
+        along = f"along {subareas.degrees(tasking.orientation):03d}T"
+        say(f"{extent} {along}, {tasking.unit.search_speed / KNOT:.0f} kn")
+        if tasking.sortie.legs is not None:
+            say(f"CSP {notation.position(*subareas.begin(tasking))}")
+            spacing, creep = tasking.spacing / NMI, subareas.degrees(tasking.creep)
+            say(f"{tasking.legs} legs, spacing {spacing:.2f} nmi, creep {creep:03d}T", 1.35)
         else:
-            say(f"centre {notation.position(*one.centre)}", 1.35)
+            say(f"centre {notation.position(*tasking.centre)}", 1.35)
     if not plan.taskings:
         say("No unit can search in this period.", 1.5, "bold")
     say("POS, had it been", 1.05, "bold")

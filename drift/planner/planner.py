@@ -219,9 +219,9 @@ def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
 
     It has few outputs, because planners wait for it.
     """
-    sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda one: (one.start, one.end)))
+    sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda sortie: (sortie.start, sortie.end)))
     first = [tasking for tasking in tasked if tasking.round == 1]
-    begin, end = min(one.on_scene for one in first), max(one.off_scene for one in first)
+    begin, end = min(tasking.on_scene for tasking in first), max(tasking.off_scene for tasking in first)
     middle = begin + (end - begin) // 2  # what plan.png shows
     outputs = np.unique(np.array([case.start, case.plan.begin, middle, case.plan.until], "datetime64[s]"))
     return replace(case, sorties=sorties, outputs=outputs, end=case.plan.until)

@@ -191,7 +191,7 @@ def numbers(plan: Plan) -> dict[str, Any]:
         "value_on_planning_particles": plan.seen,
         "optimism": plan.seen - plan.value,
         "effective_particles": {"made_on": _counted(plan.made_on), "scored_on": _counted(plan.scored_on)},
-        "taskings": [_tasking(plan, name, one) for name, one in zip(names(plan), plan.taskings, strict=True)],
+        "taskings": [_tasking(plan, name, tasking) for name, tasking in zip(names(plan), plan.taskings, strict=True)],
         "alternatives": [
             {
                 "name": other.name,
@@ -208,38 +208,38 @@ def _counted(count: Count | None) -> float | None:
     return None if count is None else count.number
 
 
-def _tasking(plan: Plan, name: str, one: Tasking) -> dict[str, Any]:
+def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
     return {
         "area": name,
-        "unit": one.unit.name,
-        "kind": one.unit.kind,
-        "round": one.round,
-        "pos": one.pos,
-        "takeoff": one.takeoff,
-        "on_scene": one.on_scene,
-        "off_scene": one.off_scene,
-        "home": one.home,
-        "corners": [_place(*corner) for corner in corners(one)],
-        "centre": _place(*one.centre),
-        "commence_search_point": _place(*begin(one)),
-        "length_nmi": one.length / NMI,
-        "width_nmi": one.width / NMI,
-        "orientation_deg": math.degrees(one.orientation) % 360,
-        "creep_deg": math.degrees(one.creep) % 360,
-        "spacing_nmi": one.spacing / NMI,
-        "legs": one.legs,
-        "leg_length_nmi": leg_length(one) / NMI,
-        "track_nmi": track_length(one) / NMI,
-        "legs_cut": list(one.cut),
-        "round_nmi": round_length(one) / NMI,
+        "unit": tasking.unit.name,
+        "kind": tasking.unit.kind,
+        "round": tasking.round,
+        "pos": tasking.pos,
+        "takeoff": tasking.takeoff,
+        "on_scene": tasking.on_scene,
+        "off_scene": tasking.off_scene,
+        "home": tasking.home,
+        "corners": [_place(*corner) for corner in corners(tasking)],
+        "centre": _place(*tasking.centre),
+        "commence_search_point": _place(*begin(tasking)),
+        "length_nmi": tasking.length / NMI,
+        "width_nmi": tasking.width / NMI,
+        "orientation_deg": math.degrees(tasking.orientation) % 360,
+        "creep_deg": math.degrees(tasking.creep) % 360,
+        "spacing_nmi": tasking.spacing / NMI,
+        "legs": tasking.legs,
+        "leg_length_nmi": leg_length(tasking) / NMI,
+        "track_nmi": track_length(tasking) / NMI,
+        "legs_cut": list(tasking.cut),
+        "round_nmi": round_length(tasking) / NMI,
         "transit": [
             {"way": which, "by_sea_nmi": way / NMI, "straight_nmi": straight / NMI}
-            for which, way, straight in by_sea(one)
+            for which, way, straight in by_sea(tasking)
         ],
-        "search_speed_kn": one.unit.search_speed / KNOT,
-        "altitude_ft": one.unit.altitude / 0.3048,
-        "sweep_width_nmi": {k: w / NMI for k, w in zip(plan.scenarios, one.sortie.sweep_width, strict=True)},
-        "pod": dict(zip(plan.scenarios, pods(one).tolist(), strict=True)),
+        "search_speed_kn": tasking.unit.search_speed / KNOT,
+        "altitude_ft": tasking.unit.altitude / 0.3048,
+        "sweep_width_nmi": {k: w / NMI for k, w in zip(plan.scenarios, tasking.sortie.sweep_width, strict=True)},
+        "pod": dict(zip(plan.scenarios, pods(tasking).tolist(), strict=True)),
     }
 
 

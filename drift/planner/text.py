@@ -141,62 +141,64 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
 
 def _table(plan: Plan, names: Sequence[str]) -> list[str]:
     lines = [f"   {'Area':6}{'Unit':24}{'Takeoff':9}{'On scene':10}{'Off':9}{'Home':9}{'POS':>5}"]
-    for name, one in zip(names, plan.taskings, strict=True):
-        times = [_short(time) for time in (one.takeoff, one.on_scene, one.off_scene, one.home)]
-        unit = one.unit.name if len(one.unit.name) <= 23 else f"{one.unit.name[:20]}..."
-        lines.append(f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{chance(one.pos):>5}")
+    for name, tasking in zip(names, plan.taskings, strict=True):
+        times = [_short(time) for time in (tasking.takeoff, tasking.on_scene, tasking.off_scene, tasking.home)]
+        unit = tasking.unit.name if len(tasking.unit.name) <= 23 else f"{tasking.unit.name[:20]}..."
+        lines.append(f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{chance(tasking.pos):>5}")
     return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
 
 
-def task(plan: Plan, name: str, one: Tasking) -> list[str]:
+def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
     """Return what a unit is told to do, as lines."""
-    unit, sortie = one.unit, one.sortie
+    unit, sortie = tasking.unit, tasking.sortie
     title = f"{name}  {unit.name}" + (f" ({unit.kind})" if unit.kind and unit.kind != unit.name else "")
-    corners = [notation.position(*corner) or "" for corner in subareas.corners(one)]
+    corners = [notation.position(*corner) or "" for corner in subareas.corners(tasking)]
+    size = f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f}"
     rows: list[tuple[str, str]] = [
         ("Corners", f"{corners[0]}   {corners[1]}"),
         ("", f"{corners[2]}   {corners[3]}"),
-        ("Centre", notation.position(*one.centre) or ""),
-        ("Size", f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, length along {_both(one.orientation)}"),
+        ("Centre", notation.position(*tasking.centre) or ""),
+        ("Size", f"{size} nmi, length along {_both(tasking.orientation)}"),
     ]
     if sortie.legs is not None:
-        many = f"{one.legs} leg{'s' * (one.legs != 1)}"
+        many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)}"
         rows += [
             ("Pattern", PATTERN),
-            ("CSP", f"{notation.position(*subareas.begin(one))}   (commence search point)"),
-            ("First leg", f"{_first_course(one):03d}T, {many} of {subareas.leg_length(one) / NMI:.1f} nmi"),
-            ("Creep", f"{subareas.degrees(one.creep):03d}T"),
-            ("Track spacing", f"{one.spacing / NMI:.2f} nmi"),
+            ("CSP", f"{notation.position(*subareas.begin(tasking))}   (commence search point)"),
+            ("First leg", f"{_first_course(tasking):03d}T, {many} of {subareas.leg_length(tasking) / NMI:.1f} nmi"),
+            ("Creep", f"{subareas.degrees(tasking.creep):03d}T"),
+            ("Track spacing", f"{tasking.spacing / NMI:.2f} nmi"),
         ]
     else:
-        rows.append(("Pattern", f"search of the whole area, {subareas.track_length(one) / NMI:.0f} nmi of track"))
-    if one.cut:
-        rows.append(("Cut legs", f"{listed(one.cut)}: cut at the coast; {_round(one)} of ways round it search nothing"))
+        rows.append(("Pattern", f"search of the whole area, {subareas.track_length(tasking) / NMI:.0f} nmi of track"))
+    if tasking.cut:
+        ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round it search nothing"
+        rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {ways}"))
     rows.append(("Speed", f"{unit.search_speed / KNOT:.0f} kn search, {unit.transit_speed / KNOT:.0f} kn transit"))
     if math.isfinite(unit.altitude):
         what = "Height of eye" if unit.kind == "Boat" else "Altitude"
         rows.append((what, f"{unit.altitude / FOOT:.0f} ft"))
-    waits = float((one.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
+    waits = float((tasking.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
     if waits >= LONG_WAIT:
         reasons = ["for daylight"] * unit.daylight + ["to keep clear of others"] * (plan.spec.separation > 0)
         why = ", ".join([*reasons, "or because more is found then" if reasons else "more is found then"])
         rows.append(("Waits", f"{waits:.1f} h after it is ready: {why}"))
     rows += [
-        ("Takeoff", f"{notation.group(one.takeoff)}   from {notation.position(*unit.base)}"),
-        ("On scene", f"{notation.group(one.on_scene)}   at the CSP" if sortie.legs else notation.group(one.on_scene)),
-        ("Off scene", f"{notation.group(one.off_scene)}   at {notation.position(*subareas.end(one))}"),
-        ("Home", f"{notation.group(one.home)}   at {notation.position(*unit.return_to)}"),
+        ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.position(*unit.base)}"),
+        ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),
+        ("Off scene", f"{notation.group(tasking.off_scene)}   at {notation.position(*subareas.end(tasking))}"),
+        ("Home", f"{notation.group(tasking.home)}   at {notation.position(*unit.return_to)}"),
         *(
             (which, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
-            for which, way, straight in subareas.by_sea(one)
+            for which, way, straight in subareas.by_sea(tasking)
         ),
-        ("POS", chance(one.pos)),
+        ("POS", chance(tasking.pos)),
     ]
     if unit.afloat:
         keeps = [f"{unit.clear_of_land / NMI:.2g} nmi off land"] * (unit.clear_of_land > 0)
         keeps += [f"in water deeper than {unit.draught:.1f} m"] * (unit.draught > 0)
         rows += [("Keeps", ", ".join(keeps))] * bool(keeps)
-    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, one)]
+    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, tasking)]
 
 
 def listed(numbers: Sequence[int]) -> str:
@@ -212,13 +214,10 @@ def listed(numbers: Sequence[int]) -> str:
     )
 
 
-def _round(one: Tasking) -> str:
-    return f"{subareas.round_length(one) / NMI:.1f} nmi"
-
-
-def _expected(plan: Plan, one: Tasking) -> list[str]:
+def _expected(plan: Plan, tasking: Tasking) -> list[str]:
     """Return the POD that a tasking expects: a line if all scenarios have the same, otherwise a table."""
-    width, coverage, pod = np.array(one.sortie.sweep_width) / NMI, subareas.coverages(one), subareas.pods(one)
+    width = np.array(tasking.sortie.sweep_width) / NMI
+    coverage, pod = subareas.coverages(tasking), subareas.pods(tasking)
     if np.ptp(coverage) < 1e-9 and np.ptp(width) < 1e-9:
         return _row("Expected POD", f"{chance(pod[0])} at W {width[0]:.2f} nmi, coverage {coverage[0]:.2f}", indent=6)
     wide = max(map(len, plan.scenarios))
@@ -243,7 +242,7 @@ def _standing(plan: Plan) -> tuple[str, ...]:
         "awash, tides and, without a depth grid, depths are not known: check the ways on a chart.",
     )
     return (
-        *boats * any(one.unit.afloat for one in plan.taskings),
+        *boats * any(tasking.unit.afloat for tasking in plan.taskings),
         "Altitudes and times are for planning: crews and controllers settle separation, weather and daylight.",
         "POD is for an object that stays in the area; POS counts those that drift in and out of it.",
         "Afterwards append plan.toml to the case, with what was flown: completed or actual.",
@@ -269,13 +268,13 @@ def _both(angle: float) -> str:
     return f"{low:03d}/{high:03d}T"
 
 
-def _first_course(one: Tasking) -> int:
+def _first_course(tasking: Tasking) -> int:
     """Return the course [deg] of the first leg, which is along the orientation one way or the other."""
-    legs = one.sortie.legs
+    legs = tasking.sortie.legs
     assert legs is not None
     east, north = sphere.offset(*np.radians([legs.lon[0], legs.lat[0], legs.lon[1], legs.lat[1]]))
-    ahead = math.sin(one.orientation) * float(east) + math.cos(one.orientation) * float(north) >= 0
-    return subareas.degrees(one.orientation + (0 if ahead else math.pi))
+    ahead = math.sin(tasking.orientation) * float(east) + math.cos(tasking.orientation) * float(north) >= 0
+    return subareas.degrees(tasking.orientation + (0 if ahead else math.pi))
 
 
 def _short(time: np.datetime64) -> str:

@@ -51,8 +51,8 @@ KINDS = {"way": "way", "csp": "CSP", "leg": "", "turn": "round", "off": "off", "
 def pages(plan: Plan) -> list[tuple[str, int, int]]:
     """Return the sheets of a plan: file name, which tasking, and which page of it, from 1."""
     sheets = []
-    for k, (name, one) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
-        rest = len(subareas.route(name, one)) - COLUMNS * ROWS
+    for k, (name, tasking) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
+        rest = len(subareas.route(name, tasking)) - COLUMNS * ROWS
         many = 1 + max(math.ceil(rest / (COLUMNS * MORE)), 0)
         sheets += [(f"plan-{name}{f'-{p}' if p > 1 else ''}.png", k, p) for p in range(1, many + 1)]
     return sheets
@@ -61,7 +61,10 @@ def pages(plan: Plan) -> list[tuple[str, int, int]]:
 def box(plan: Plan) -> Box:
     """Return the box that holds all that the sheets show."""
     every = np.concatenate(
-        [np.concatenate([plan_map.ring(one), *subareas.transits(one), [one.unit.base]]) for one in plan.taskings]
+        [
+            np.concatenate([plan_map.ring(tasking), *subareas.transits(tasking), [tasking.unit.base]])
+            for tasking in plan.taskings
+        ]
     )
     lon = np.array([_by(value, every[0, 0]) for value in every[:, 0]])
     west = sphere.wrap_degrees(float(lon.min()))
@@ -79,32 +82,31 @@ def draw(
     polygons: Iterable[Any] = (),
 ) -> None:
     """Draw page `number` of the sheet of tasking `which`."""
-    name, one = subareas.names(plan)[which], plan.taskings[which]
-    way = subareas.route(name, one)
+    name, tasking = subareas.names(plan)[which], plan.taskings[which]
+    way = subareas.route(name, tasking)
     on = sheet.begin(SHEET)
     figure = on.figure
-    head = f"{name}  {page.fit(one.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
-    when = (
-        f"On scene {notation.group(one.on_scene)} to {plan_map.short(one.off_scene)}. Times are UTC, directions true."
-    )
+    head = f"{name}  {page.fit(tasking.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
+    on_scene = f"{notation.group(tasking.on_scene)} to {plan_map.short(tasking.off_scene)}"
+    when = f"On scene {on_scene}. Times are UTC, directions true."
     sheet.head(on, replace(imprint, title=head), imprint.title, when)
     if plan_text.rough(plan):
         sheet.rough(on, "Few particles: areas and POS are rough")
     if number == 1:
         land = np.array(list(polygons), dtype=object)
-        _chart(figure, on.canvas, one, way, land)
-        _inset(figure, one, land)
-        _facts(figure, plan, name, one)
+        _chart(figure, on.canvas, tasking, way, land)
+        _inset(figure, tasking, land)
+        _facts(figure, plan, name, tasking)
         _table(figure, way[: COLUMNS * ROWS], TABLE, ROWS)
     else:
         first = COLUMNS * (ROWS + MORE * (number - 2))
         _table(figure, way[first : first + COLUMNS * MORE], 0.9, MORE)
-    sheet.end(on, path, imprint, f"{name} {one.unit.name}: {imprint.title}")
+    sheet.end(on, path, imprint, f"{name} {tasking.unit.name}: {imprint.title}")
 
 
-def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[Waypoint], land: Array) -> None:
+def _chart(figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Sequence[Waypoint], land: Array) -> None:
     """Draw the legs with the numbers of their turning points."""
-    ring = plan_map.ring(one)
+    ring = plan_map.ring(tasking)
     inner = [point for point in way if point.what in ("csp", "leg", "turn", "off")]
     lon = np.concatenate([ring[:, 0], [_by(point.lon, ring[0, 0]) for point in inner]])
     lat = np.concatenate([ring[:, 1], [point.lat for point in inner]])
@@ -113,13 +115,13 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[
     chart.prepare(ax, here)
     chart.draw_land(ax, chart.land_path(here, land, 1500))
     chart.graticule(ax, here)
-    _ways(ax, here, one)
-    for searching, points in search_shapes.flown(one.sortie):
+    _ways(ax, here, tasking)
+    for searching, points in search_shapes.flown(tasking.sortie):
         style = {**search_layers.LEGS, "linewidth": 1.0} if searching else {**search_layers.TRANSIT, "linewidth": 1.1}
         plan_map.line(ax, here, points, style, 8)
     plan_map.line(ax, here, ring, {**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}, 7.5)
-    if one.sortie.legs is not None:
-        plan_map.creep(ax, here, one)
+    if tasking.sortie.legs is not None:
+        plan_map.creep(ax, here, tasking)
     x, y = here.project([point.lon for point in inner], [point.lat for point in inner])
     ax.plot(x[1:], y[1:], "o", markersize=2.2, color=INK, zorder=11)
     ax.plot(x[0], y[0], markersize=8, markeredgewidth=1.8, zorder=12, **POINT)
@@ -135,7 +137,7 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[
         (Line2D([], [], **{**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}), "Sub-area"),
         (Line2D([], [], **WAY), "Way out and home"),
     ]
-    if one.sortie.legs is not None and not all(one.sortie.legs.searching):
+    if tasking.sortie.legs is not None and not all(tasking.sortie.legs.searching):
         handles.insert(1, (Line2D([], [], **{**search_layers.TRANSIT, "linewidth": 1.1}), "Way round land, no search"))
     sheet.legend(
         figure, handles, loc="upper left", bbox_to_anchor=(MAP[0] - 0.005, MAP[1] - 0.021), ncols=len(handles),
@@ -143,36 +145,36 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[
     )  # fmt: skip
 
 
-def _ways(ax: Axes, here: Frame, one: Tasking) -> None:
-    for points in subareas.transits(one):
+def _ways(ax: Axes, here: Frame, tasking: Tasking) -> None:
+    for points in subareas.transits(tasking):
         plan_map.line(ax, here, points, WAY, 7)
 
 
-def _inset(figure: Figure, one: Tasking, land: Array) -> None:
+def _inset(figure: Figure, tasking: Tasking, land: Array) -> None:
     """Draw the way out and home at the scale that shows them."""
-    ring = plan_map.ring(one)
-    ways = subareas.transits(one)
-    places = np.concatenate([ring, *ways, [one.unit.base, one.unit.return_to]])
+    ring = plan_map.ring(tasking)
+    ways = subareas.transits(tasking)
+    places = np.concatenate([ring, *ways, [tasking.unit.base, tasking.unit.return_to]])
     lon = np.array([_by(v, ring[0, 0]) for v in places[:, 0]])
     here = chart.frame(lon, places[:, 1], INSET[2] * SHEET.width / (INSET[3] * SHEET.height), margin=0.1)
     ax = figure.add_axes(INSET)
     chart.prepare(ax, here)
     chart.draw_land(ax, chart.land_path(here, land, 600))
     chart.graticule(ax, here, lines=2, size=6.5)
-    _ways(ax, here, one)
+    _ways(ax, here, tasking)
     plan_map.line(ax, here, ring, {**search_layers.AREA, "linewidth": 1.2}, 8)
-    x, y = here.project(*zip(one.unit.base, one.unit.return_to, strict=True))
+    x, y = here.project(*zip(tasking.unit.base, tasking.unit.return_to, strict=True))
     ax.plot(x, y, markersize=6, markeredgewidth=0.8, zorder=12, **BASE)
     chart.scale_bar(ax, here, chart.free_corner(here, x, y), small=True)
 
 
-def _facts(figure: Figure, plan: Plan, name: str, one: Tasking) -> None:
+def _facts(figure: Figure, plan: Plan, name: str, tasking: Tasking) -> None:
     """Write the unit's task, as in the search action plan, and when there is daylight."""
-    lines = [line.removeprefix("      ") for line in plan_text.task(plan, name, one)[1:]]
-    lines.append(f"{'Daylight':{plan_text.LABEL}}{light(one)}")
+    lines = [line.removeprefix("      ") for line in plan_text.task(plan, name, tasking)[1:]]
+    lines.append(f"{'Daylight':{plan_text.LABEL}}{light(tasking)}")
     for words in plan.said:
-        if words.startswith(f"{one.unit.name} "):
-            wrapped = textwrap.wrap(words.removeprefix(f"{one.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6)
+        if words.startswith(f"{tasking.unit.name} "):
+            wrapped = textwrap.wrap(words.removeprefix(f"{tasking.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6)
             lines += [f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}" for k, line in enumerate(wrapped)]
     step = min(0.0098, (MAP[1] - 0.045 - TABLE - 0.02) / len(lines))
     for k, line in enumerate(lines):
@@ -180,10 +182,10 @@ def _facts(figure: Figure, plan: Plan, name: str, one: Tasking) -> None:
         figure.text(0.06, y, line, fontsize=min(7.0, 7.0 * step / 0.0092), family="monospace", color=INK, va="top")
 
 
-def light(one: Tasking) -> str:
+def light(tasking: Tasking) -> str:
     """Return sunrise and sunset at the commence search point, of the day about the search."""
-    begin = float(notation.epoch(one.on_scene))
-    place = subareas.begin(one)
+    begin = float(notation.epoch(tasking.on_scene))
+    place = subareas.begin(tasking)
     spans = daylight.windows(begin - 86_400, begin + 86_400, *place)
     ahead = [span for span in spans if span[1] > begin]
     if not ahead:
