@@ -114,7 +114,7 @@ def _place(
     groups: list[Group],
     rng: np.random.Generator,
 ) -> None:
-    """Put every particle where and when its object was found at sea, or came ashore until found."""
+    """Put every particle where and when its object was found at sea, or went ashore; and weight it."""
     lon, lat = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.int32)
     release, log_weight = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.float32)
     coast, segments = beaches.coast, beaches.segments
@@ -180,7 +180,7 @@ def _off_beach(edges: Array, coast: Coast, n: int, rng: np.random.Generator) -> 
 
 
 def _wait(find: Find, spill: Spill, rate: float, worlds: Worlds, count: int, rng: np.random.Generator) -> Real:
-    """Return times [s] from going ashore to being found, (worlds, count), none before any release.
+    """Return times [s] from going ashore to being found, (worlds, count), since any release at most.
 
     Objects are reported or removed at constant rates, so the times are exponential; they are uniform for a find of
     which only the latest time is known. rate: of reports on the segment [1/s], before each world's factor.

@@ -82,9 +82,10 @@ def plan(after: Aftermath) -> PatrolPlan:
 
 
 def value(after: Aftermath) -> Real:
-    """Return how many objects not yet found each particle stands for, (n,).
+    """Return how many objects not yet found each particle stands for, if it has not been found itself, (n,).
 
-    It is given that the particle has not been found, so it is divided by that chance.
+    The objects left of a world and class are shared among its particles by their chances of not having been found; this
+    is the share of a particle divided by its chance.
     """
     posterior, fates = after.posterior, after.fates
     left = finds.remaining(posterior) * posterior.weight[:, None]
