@@ -36,8 +36,8 @@ MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
 POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
 BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
 ROW = 0.03  # height of a row of warnings over the map, as a share of the page
-FIGURES = 2.72  # [em] that "0.12  " is wide
-TITLED = 0.65  # of the page, where a title ends that has a warning right of it
+FIGURES = 2.72  # [em] width of "0.12  "
+TITLED = 0.65  # where a title with a warning to its right ends, as a share of the page's width
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
 SHEET = Sheet(
     11.7, 8.3, 140, left=0.055, title=sheet.heading(0.955, 15), lines=(sheet.heading(0.92, 12.5), Row(0.887, 9.5, 120)),

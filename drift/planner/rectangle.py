@@ -27,11 +27,11 @@ X, Y, TURN, SPACING, ASPECT, WAIT, ALONG, ACROSS = range(8)
 SHORTEST = 600.0  # [s] of search that is worth a sortie
 CLEAR = 300.0  # [s] that an area must have been left before one beside it is searched
 SLIMMEST = 2.0  # a leg's rectangle is at least so many spacings long
-LEAST_SEA = 0.3  # of a boat's rectangle
-FITS = 5  # lengths that are tried, so that legs cut at the coast fill the time there is
-FULL = 0.97  # of the time, which is enough
+LEAST_SEA = 0.3  # least share of a boat's rectangle that is sea
+FITS = 5  # lengths that are tried until legs cut at the coast fill the time there is
+FULL = 0.97  # share of the time that is full enough
 STEP = 0.01  # of coverage in the tables of b
-MOST = 12.0
+MOST = 12.0  # largest coverage there
 
 
 @dataclass(frozen=True)
