@@ -1,9 +1,9 @@
-"""Wall time of a plan for four units, 10^6 particles and 12 h, by phase; and what ten minutes of planning would find.
+"""Wall time of a plan for four units, 10^6 particles and 12 h, by phase; and what ten minutes would find.
 
     python benchmarks/plan_time.py [--particles 1e6] [--minutes 10] [--threads N]
 
-The first part runs `drift plan` in a process of its own. The second plans again and again on the same tracks with other seeds for
-as long as told and compares the best of these with the first. Nothing else should run meanwhile.
+The first part runs `drift plan` in a process of its own. The second plans again and again on the same tracks with other
+seeds for as long as asked, and compares the best of these plans with the first. Nothing else should run meanwhile.
 """
 
 import argparse
@@ -21,7 +21,8 @@ from rich.table import Table
 from drift.case import file as case_file
 from drift.planner import bound, follow, optimiser
 from drift.start import open_for
-from kernels import runtime
+from kernels import noise, runtime
+from kernels.noise import Purpose
 
 TEXT = """
 title = "Four units, 12 h"
@@ -90,7 +91,7 @@ def main() -> None:
         wall = time.perf_counter() - begin
         phases = json.loads((out / "summary.json").read_text())["wall_time_s"]
         plan = json.loads((out / "plan.json").read_text())
-        told = case_file.load(path, {"particles": str(int(given.particles))})
+        case = case_file.load(path, {"particles": str(int(given.particles))})
         table = Table("phase", "s", title=f"drift plan, {int(given.particles):,} particles, 12 h, 4 units")
         for phase, seconds in phases.items():
             table.add_row(phase, f"{seconds:.1f}")
@@ -101,19 +102,20 @@ def main() -> None:
         if given.minutes <= 0:
             return
         runtime.start("cpu", given.threads)
-        tracks = follow.follow(told, open_for(told))
-        survival = [scenario.survival for scenario in told.scenarios]
-        most = bound.bound(tracks, told.units, told.plan, survival)
-        found, begin = [], time.perf_counter()
-        while not found or time.perf_counter() - begin < 60 * given.minutes:
-            found.append(optimiser.plan(tracks, told.units, told.plan, told.seed + 1 + len(found), survival).seen)
+        tracks = follow.follow(case, open_for(case))
+        survival = [scenario.survival for scenario in case.scenarios]
+        most = bound.bound(tracks, case.units, case.plan, survival)
+        seen, begin = [], time.perf_counter()
+        while not seen or time.perf_counter() - begin < 60 * given.minutes:
+            seed = noise.seed_for(case.seed, Purpose.OPTIMISER, 1 + len(seen))
+            seen.append(optimiser.plan(tracks, case.units, case.plan, seed, survival).seen)
         spread = Table(
-            "first", "best", "first / best", "median / best", "worst / best", "bound", title=f"{len(found)} plans"
+            "first", "best", "first / best", "median / best", "worst / best", "bound", title=f"{len(seen)} plans"
         )
-        ordered = sorted(found)
-        shares = [found[0], ordered[len(found) // 2], ordered[0]]
+        ordered = sorted(seen)
+        shares = [seen[0], ordered[len(seen) // 2], ordered[0]]
         spread.add_row(
-            f"{found[0]:.4f}", f"{ordered[-1]:.4f}", *(f"{x / ordered[-1]:.4f}" for x in shares), f"{most.value:.4f}"
+            f"{seen[0]:.4f}", f"{ordered[-1]:.4f}", *(f"{x / ordered[-1]:.4f}" for x in shares), f"{most.value:.4f}"
         )
         show.print(spread)
 

@@ -40,7 +40,7 @@ from drift.spill.worlds import Proposal
 from drift.start import Start
 from drift.suspend import chapter as suspend_chapter
 from drift.suspend import decision
-from drift.suspend.decision import Planned
+from drift.suspend.further import Planned
 from geo.errors import UserError
 from kernels import deposit
 

@@ -1,22 +1,24 @@
-"""Where a spill came from: release place and time from its finds, by a run backward in time that says where to look.
+"""Where and when a spill was released, proposed by a run backward in time from its finds.
 
 As a function of the release (x, t), the density p(find | x, t) obeys the backward Kolmogorov equation. With s the time
-before the find it reads dp/ds = v . grad p + D lap p, and particles moved by -v with diffusion D have a density rho
-with drho/ds = div(v rho) + D lap rho: they differ by div(v) p, so p is rho with log weights -integral of div(v) ds
-along the tracks (Thomson 1987, doi:10.1017/S0022112087001940; Flesch et al. 1995,
+before the find it reads dp/ds = v . grad p + D lap p. Particles moved by -v with diffusion D have a density rho with
+drho/ds = div(v rho) + D lap rho. The two differ by div(v) p, so p is rho with log weights -integral of div(v) ds along
+the tracks (Thomson 1987, doi:10.1017/S0022112087001940; Flesch et al. 1995,
 doi:10.1175/1520-0450(1995)034<1320:BTLSDM>2.0.CO;2, for flows without divergence). Errors of current and wind and jibes
 are reversible in time, so backward they follow the same laws.
 
-Backward worlds share factors of windage and errors of the current, not a release: that lies on a grid. Within a world
-finds are independent given the release, so their densities multiply; worlds are averaged then.
+Backward worlds share factors of windage and errors of the current, but no release: the release lies on a grid. Within a
+world, finds are independent given the release, so their densities multiply. The product is then averaged over worlds.
 
-Left out, which is why the forward posterior (drift.spill.finds) is the answer and this is a proposal where to look:
-- the chance that the rest was missed (1 - u), and with it what finds say of the readiness to report. Where many
-  objects are not found this draws the release towards the finds: a release near them would have given more;
-- the flux onto a shore, for which the density tracks_back.OFFING off it stands: too far and too late by that much;
-- refloating and sliding: a track that meets the coast ends.
-All objects are taken to go adrift when half of `lasting` is over. A find that may be false has, as such, the density of
-one that is equally likely to come from anywhere in the box of the prior.
+The answer is the forward posterior (drift.spill.finds); this is a proposal where to look, because it leaves out:
+- the chance that the other objects were missed (1 - u), and with it what finds say of the readiness to report. Where
+  many objects are not found, leaving it out draws the release towards the finds: a release near them would have given
+  more of them;
+- the flux onto a shore. The density tracks.OFFING off the shore stands for it, so the release comes out too far and too
+  late by that distance;
+- refloating and sliding: a track that meets the coast ends there.
+All objects are taken to go adrift when half of `lasting` is over. A find that may be false has, if it is false, the
+density of one that is equally likely to come from anywhere in the box of the prior.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +30,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from drift.backtrack import tracks
-from drift.backtrack.tracks import Group
+from drift.backtrack.tracks import Beaches, Group
 from drift.forecast import effective
 from drift.forecast.effective import Count
 from drift.motion import domain, models, partials, simulate, step_size, weights
@@ -53,14 +55,14 @@ from kernels import advance, noise
 from kernels import coast as device_coast
 from kernels.noise import Purpose
 
-DRAWS = 2**19  # of the prior, for its share in every cell
-TAIL = 1e-4  # of the prior beyond each side of the grid
-SMALLEST = 10.0  # [m] cell
-POINT = 1e-4  # [deg] cell where all releases are at one longitude or latitude
-FINEST = 0.6  # cells: a normal curve that wide is summed over their centres to 0.2 %
-CUT = 6.0  # widths of a kernel beyond which it is nothing: 2e-9 of it
-LEAST = 1.0001 * np.exp(-(CUT**2) / 2)
-BATCH = 100  # worlds whose densities are reckoned at once
+DRAWS = 2**19  # from the prior, to count its share in every cell
+TAIL = 1e-4  # share of the prior that lies beyond each side of the grid
+SMALLEST = 10.0  # [m] side of a cell
+POINT = 1e-4  # [deg] width of the only cell where all releases are at one longitude or latitude
+FINEST = 0.6  # [cells] narrowest kernel: a normal curve of this width is summed over the centres of cells to 0.2 %
+CUT = 6.0  # widths beyond which a kernel counts as zero: 2e-9 of its mass lies there
+LEAST = 1.0001 * np.exp(-(CUT**2) / 2)  # height of a kernel there, with room for rounding
+BATCH = 100  # worlds whose densities are computed at once, to bound the memory
 SECOND = np.timedelta64(1, "s")
 ROUGH = "place and time are rough"
 
@@ -69,7 +71,7 @@ ROUGH = "place and time are rough"
 class Origin:
     """Release place and time on a grid; prior and probability have shape (time, lat, lon) and sum 1."""
 
-    lon: Real  # [deg] centres of cells, without jumps: may leave -180..180
+    lon: Real  # [deg] centres of cells, without a jump at the antimeridian, so they may leave -180..180
     lat: Real
     time: npt.NDArray[np.datetime64]  # [s] centres of equal parts of the release window
     prior: Real
@@ -78,7 +80,7 @@ class Origin:
     std: tuple[float, float, float]  # east, north [m], time [s]
     error: tuple[float, float, float]  # standard error of the mean by the delta method over worlds: [m], [m], [s]
     worlds: int
-    effective: float  # number of worlds that the finds leave
+    effective: float  # number of worlds that still count after the finds
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ class _Grid:
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Middle (lon, lat) [deg], where the plane of the map touches."""
+        """Middle (lon, lat) [deg], about which the map is a plane."""
         return float(self.lon[[0, -1]].mean()), float(self.lat[[0, -1]].mean())
 
     def plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
@@ -105,7 +107,7 @@ class _Grid:
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely an origin is told: worlds x per_find particles go back from each find."""
+    """How finely an origin is resolved: worlds x per_find particles go back from each find."""
 
     worlds: int = 500
     per_find: int = 200
@@ -116,7 +118,7 @@ class Resolution:
 def backward(
     spill: Spill,
     spec: EnsembleSpec,
-    cut: ClockSpec,
+    clock_spec: ClockSpec,
     where: Environment,
     segments: Segments | None,
     stretch: Sequence[int],
@@ -128,31 +130,34 @@ def backward(
     spec: of the forward run. stretch: the segment of each of the spill's finds (drift.spill.evidence.place), -1 at sea;
     segments: None if all are. Raises UserError without finds, and where no release that is allowed leads to them.
     """
-    worlds = resolution.worlds
     if not spill.finds:
         raise UserError("no finds: nothing says where the spill came from; add a [[find]]")
     rng = noise.generator(spec.seed, Purpose.BACKWARD_PLACES)
     is_land = partial(shoreline.is_land, where.coast) if where.coast else _nowhere
-    grid = _cells(spill, noise.seed_for(spec.seed, Purpose.BACKWARD_PRIOR), is_land, resolution.cells, resolution.times)
-    seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
-    shared = drawn_worlds.draw(spill, seed, is_land, count=worlds)
+    prior_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_PRIOR)
+    grid = _prior_grid(spill, prior_seed, is_land, resolution)
+    world_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
+    worlds = drawn_worlds.draw(spill, world_seed, is_land, count=resolution.worlds)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
-    elapsed = notation.epoch(latest) - (grid.time + round(spill.lasting / 2))  # backward run: [s] to each release
+    elapsed = notation.epoch(latest) - (
+        grid.time + round(spill.lasting / 2)
+    )  # [s] from the last find back to a release
     if elapsed.max() <= 0:
         raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
-    back = replace(spec, period=Period(latest, latest - elapsed.max() * SECOND, -1))
-    ensemble, groups = tracks.begin(back, spill, shared, where.coast, segments, stretch, resolution.per_find, rng)
+    backward_spec = replace(spec, period=Period(latest, latest - elapsed.max() * SECOND, -1))
+    beaches = Beaches(where.coast, segments, stretch)
+    ensemble, groups = tracks.begin(backward_spec, spill, worlds, beaches, resolution.per_find, rng)
     forcing = Forcing(list(where.scenarios), -1)
     try:
         shore = device_coast.upload(where.coast) if where.coast else None
         bias, box = spill.current_bias > 0, domain.binary(where.box)
-        place = advance.Surroundings(box, shore, bias=bias, divergence=True, scheme=cut.scheme)
+        place = advance.Surroundings(box, shore, bias=bias, divergence=True, scheme=clock_spec.scheme)
         scene = Scene(forcing, models.motions(spec.errors, spec.scenarios), place)
-        clock, _ = step_size.clock_of(back.period, cut, spec.errors, where.sources, ensemble, scene)
-        order = np.flatnonzero(elapsed > 0)[::-1]  # the latest release comes first
+        clock, _ = step_size.clock_of(backward_spec.period, clock_spec, spec.errors, where.sources, ensemble, scene)
+        order = np.flatnonzero(elapsed > 0)[::-1]  # a run backward meets the latest release first
         moments = simulate.run(ensemble, scene, clock, elapsed[order], progress)
-        slices = _slices(spill, grid, shared, groups, ensemble, zip(order, moments, strict=True))
-        return _posterior(spill, grid, worlds, slices)
+        slices = _slices(spill, grid, worlds, groups, ensemble, zip(order, moments, strict=True))
+        return _posterior(spill, grid, worlds.size, slices)
     finally:
         forcing.close()
 
@@ -161,86 +166,106 @@ def _nowhere(lon: Array, lat: Array) -> Array:
     return np.zeros(np.shape(lon), bool)
 
 
-def _cells(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, cells: int, times: int) -> _Grid:
-    """Return the grid, and the prior in it from many draws; place and time are independent but on a voyage."""
-    drawn = drawn_worlds.draw(spill, seed, is_land, count=DRAWS)
-    lon, lat = sphere.to_degrees(drawn.lon), sphere.to_degrees(drawn.lat)
+def _prior_grid(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, resolution: Resolution) -> _Grid:
+    """Return the grid with the prior in it, counted from many draws.
+
+    Place and time are independent unless the prior is a voyage, so all draws then count for the place at every time.
+    """
+    draws = drawn_worlds.draw(spill, seed, is_land, count=DRAWS)
+    lon, lat = sphere.to_degrees(draws.lon), sphere.to_degrees(draws.lat)
     lon = sphere.near_degrees(lon, lon[0])
     (west, east), (south, north) = (np.quantile(x, (TAIL, 1 - TAIL)) for x in (lon, lat))
     degree = np.radians(sphere.RADIUS)  # [m] of latitude
     width, height = (east - west) * degree * np.cos(np.radians((south + north) / 2)), (north - south) * degree
-    side = max(width / cells, height / cells, SMALLEST)
+    side = max(width / resolution.cells, height / resolution.cells, SMALLEST)
     axes = []
     for low, high, length in ((west, east, width), (south, north, height)):
         n = max(int(np.ceil(length / side - 1e-6)), 1)
         step = (high - low) / length * side if length > 0 else POINT
         axes.append((low + high) / 2 + step * (np.arange(n + 1) - n / 2))
     first, last = notation.epoch(spill.prior.release_start), notation.epoch(spill.prior.release_end)
-    edges = np.linspace(first, last, times + 1) if last > first else np.array([first - 0.5, first + 0.5])
-    share = np.histogramdd((drawn.release, lat, lon), (edges, axes[1], axes[0]))[0]
+    one_time = np.array([first - 0.5, first + 0.5])
+    time_edges = np.linspace(first, last, resolution.times + 1) if last > first else one_time
+    counts = np.histogramdd((draws.release, lat, lon), (time_edges, axes[1], axes[0]))[0]
     if not isinstance(spill.prior, TracklinePrior):
-        share = np.broadcast_to(share.mean(axis=0), share.shape)
-    middle = [(x[1:] + x[:-1]) / 2 for x in (*axes, edges)]
-    return _Grid(middle[0], middle[1], np.rint(middle[2]).astype(np.int64), share / share.sum(), side)
+        counts = np.broadcast_to(counts.mean(axis=0), counts.shape)
+    lon_centre, lat_centre, time_centre = ((x[1:] + x[:-1]) / 2 for x in (*axes, time_edges))
+    return _Grid(lon_centre, lat_centre, np.rint(time_centre).astype(np.int64), counts / counts.sum(), side)
 
 
 @dataclass(frozen=True)
 class _Slice:
-    """What one release time adds: everything but the finds' own mass times exp(-level)."""
+    """What one release time adds to the posterior.
 
-    time: int
-    level: float
-    chance: Real  # (ny, nx) prior times the likelihood's mean over worlds
-    sums: Real  # (worlds, 3) 1, x and y [m] over the map
-    finds: Real  # (finds,) each one's mass by itself
+    probability and sums are to be multiplied by exp(log_scale).
+    """
+
+    time: int  # its number on the grid
+    log_scale: float
+    probability: Real  # (ny, nx) prior times the likelihood's mean over worlds
+    sums: Real  # (worlds, 3) of prior times likelihood over the map: times 1, x and y [m]
+    find_mass: Real  # (finds,) prior times likelihood of each find alone, summed over the map
 
 
 def _slices(
     spill: Spill,
     grid: _Grid,
-    shared: Worlds,
+    worlds: Worlds,
     groups: list[Group],
     ensemble: Ensemble,
     moments: Iterator[tuple[int, simulate.Moment]],
 ) -> Iterator[_Slice]:
-    """Yield the likelihood of the finds on the grid, one release time after the other."""
+    """Yield prior times likelihood on the grid, one release time after the other."""
     gx, gy = grid.plane(grid.lon, grid.lat)
-    # the plane's area by the sphere's
-    true = (np.cos(np.radians(grid.centre[1])) / np.cos(np.radians(grid.lat)))[:, None]
-    box = grid.side**2 * gx.size * gy.size
-    release = ensemble.release.to_numpy()
     for k, moment in moments:
-        density = np.zeros((len(spill.finds), shared.size, gy.size, gx.size), np.float32)
-        log_weight = np.where(moment.status == Status.ADRIFT, ensemble.log_weight.to_numpy(), -np.inf)
-        x, y = grid.plane(sphere.to_degrees(moment.lon), sphere.to_degrees(moment.lat))
-        for group in groups:
-            shape = (shared.size, group.count)
-            slots = slice(group.first, group.first + shape[0] * shape[1])
-            age = (moment.elapsed - release[slots]).reshape(shape)
-            weight = np.exp(log_weight[slots].astype(np.float64)).reshape(shape) * (group.share / group.count)
-            weight *= tracks.afloat(spill.kinds[group.kind], shared.sinking[:, group.kind], age)
-            for b in range(0, shared.size, BATCH):
-                part = slice(b, b + BATCH)
-                density[group.find, part] += box * _smooth(
-                    x[slots].reshape(shape)[part], y[slots].reshape(shape)[part], weight[part], gx, gy,
-                    grid.side, spill.scatter,
-                )  # fmt: skip
-        density *= true
-        chance = grid.prior[k]
-        alone = np.array([float((chance * _mean(g)).sum()) for g in density])
+        density = _find_densities(spill, grid, worlds, groups, ensemble, moment)
+        prior = grid.prior[k]
+        find_mass = np.array([float((prior * _mean(g)).sum()) for g in density])
         with np.errstate(divide="ignore"):
-            log_like = sum(
+            log_likelihood = sum(
                 np.log((1 - find.false) * g.astype(np.float64) + find.false)
                 for find, g in zip(spill.finds, density, strict=True)
             )
-        log_like = np.where(chance > 0, log_like, -np.inf)
-        level = float(log_like.max())
-        if np.isfinite(level):
-            like = np.exp(log_like - level) * chance
-            sums = np.stack([like.sum((1, 2)), like.sum(1) @ gx, like.sum(2) @ gy], axis=1)
-            yield _Slice(k, level, _mean(like), sums, alone)
+        log_likelihood = np.where(prior > 0, log_likelihood, -np.inf)
+        log_scale = float(log_likelihood.max())
+        if np.isfinite(log_scale):
+            joint = np.exp(log_likelihood - log_scale) * prior
+            sums = np.stack([joint.sum((1, 2)), joint.sum(1) @ gx, joint.sum(2) @ gy], axis=1)
+            yield _Slice(k, log_scale, _mean(joint), sums, find_mass)
         else:
-            yield _Slice(k, level, np.zeros_like(chance), np.zeros((shared.size, 3)), alone)
+            yield _Slice(k, log_scale, np.zeros_like(prior), np.zeros((worlds.size, 3)), find_mass)
+
+
+def _find_densities(
+    spill: Spill, grid: _Grid, worlds: Worlds, groups: list[Group], ensemble: Ensemble, moment: simulate.Moment
+) -> Array:
+    """Return each find's density by world and cell, relative to a uniform one over the box.
+
+    Its shape is (finds, worlds, ny, nx).
+    """
+    gx, gy = grid.plane(grid.lon, grid.lat)
+    area_ratio = (np.cos(np.radians(grid.centre[1])) / np.cos(np.radians(grid.lat)))[
+        :, None
+    ]  # of a cell, plane by sphere
+    box = grid.side**2 * gx.size * gy.size
+    release = ensemble.release.to_numpy()
+    density = np.zeros((len(spill.finds), worlds.size, gy.size, gx.size), np.float32)
+    log_weight = np.where(moment.status == Status.ADRIFT, ensemble.log_weight.to_numpy(), -np.inf)
+    x, y = grid.plane(sphere.to_degrees(moment.lon), sphere.to_degrees(moment.lat))
+    for group in groups:
+        shape = (worlds.size, group.count)
+        slots = slice(group.first, group.first + shape[0] * shape[1])
+        age = (moment.elapsed - release[slots]).reshape(shape)
+        weight = np.exp(log_weight[slots].astype(np.float64)).reshape(shape) * (group.share / group.count)
+        weight *= tracks.afloat(spill.kinds[group.kind], worlds.sinking[:, group.kind], age)
+        for b in range(0, worlds.size, BATCH):
+            part = slice(b, b + BATCH)
+            density[group.find, part] += box * _smooth(
+                x[slots].reshape(shape)[part], y[slots].reshape(shape)[part], weight[part], gx, gy,
+                grid.side, spill.scatter,
+            )  # fmt: skip
+    density *= area_ratio
+    return density
 
 
 def _mean(values: Array) -> Array:
@@ -249,41 +274,42 @@ def _mean(values: Array) -> Array:
 
 
 def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, scatter: float) -> Array:
-    """Return densities [1/m2] (worlds, ny, nx) at (gx, gy) of weighted particles (worlds, n), convolved with the scatter.
+    """Return kernel densities [1/m2] of weighted particles, convolved with the scatter, (worlds, ny, nx).
 
-    Normal product kernels by Silverman's rule (1986, eq. 4.15), at least as wide as the scatter and FINEST cells; what
-    is wider than the scatter is taken off by drawing the particles in, so that variances stay (West 1993).
+    x, y [m], weight: (worlds, n); gx (nx,), gy (ny,) [m]: where the densities are wanted. Normal product kernels by
+    Silverman's rule (1986, eq. 4.15), at least as wide as the scatter and FINEST cells. What is wider than the scatter
+    is made up for by drawing the particles in towards their mean, so that variances stay (West 1993).
     """
     total = weight.sum(axis=1, keepdims=True)
     share = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0)
-    effective = 1 / np.maximum((share**2).sum(axis=1, keepdims=True), 1e-12)
+    effective_number = 1 / np.maximum((share**2).sum(axis=1, keepdims=True), 1e-12)
     kernels = []
     for place, node in ((x, gx), (y, gy)):
         mean = (share * place).sum(axis=1, keepdims=True)
         variance = (share * (place - mean) ** 2).sum(axis=1, keepdims=True)
-        square = np.maximum(variance * effective ** (-1 / 3), max(scatter, FINEST * side) ** 2)
-        drawn_in = np.sqrt(np.clip(1 - (square - scatter**2) / np.maximum(variance, 1e-6), 0, 1))
-        width = np.sqrt(square)
-        drawn = ((mean + drawn_in * (place - mean)) / width).astype(np.float32)
-        bell = drawn[..., None] - (node / width).astype(np.float32)[:, None]
+        width_squared = np.maximum(variance * effective_number ** (-1 / 3), max(scatter, FINEST * side) ** 2)
+        shrinkage = np.sqrt(np.clip(1 - (width_squared - scatter**2) / np.maximum(variance, 1e-6), 0, 1))
+        width = np.sqrt(width_squared)
+        shrunk = ((mean + shrinkage * (place - mean)) / width).astype(np.float32)
+        bell = shrunk[..., None] - (node / width).astype(np.float32)[:, None]
         bell *= bell
         np.exp(np.minimum(bell, CUT**2, out=bell) * np.float32(-0.5), out=bell)
-        bell *= bell > LEAST  # numbers too small for float32 would take a hundred times as long
+        bell *= bell > LEAST  # denormal float32 numbers would take a hundred times as long
         kernels.append(bell / (width * np.sqrt(2 * np.pi)).astype(np.float32)[..., None])
     return np.asarray(np.matmul((kernels[1] * weight[..., None].astype(np.float32)).transpose(0, 2, 1), kernels[0]))
 
 
-def _posterior(spill: Spill, grid: _Grid, worlds: int, slices: Iterator[_Slice]) -> Origin:
+def _posterior(spill: Spill, grid: _Grid, worlds: int, by_time: Iterator[_Slice]) -> Origin:
     """Return the posterior of all release times together."""
-    known = list(slices)
-    alone = np.sum([s.finds for s in known], axis=0)
-    for find, mass in zip(spill.finds, alone, strict=True):
+    slices = list(by_time)
+    find_mass = np.sum([s.find_mass for s in slices], axis=0)
+    for find, mass in zip(spill.finds, find_mass, strict=True):
         if mass <= 0 and find.false == 0:
             raise UserError(
-                f"{find.name}: no release that [spill] allows leads there, by {len(known)} times of release and the tracks "
-                "back from it; check its place and time, widen the release, or make [domain] larger"
+                f"{find.name}: no release that [spill] allows leads there, by {len(slices)} times of release and the "
+                "tracks back from it; check its place and time, widen the release, or make [domain] larger"
             )
-    top = max(s.level for s in known)
+    top = max(s.log_scale for s in slices)
     if not np.isfinite(top):
         raise UserError(
             "the finds exclude each other: each could come from a release that [spill] allows, but no release leads to "
@@ -291,15 +317,15 @@ def _posterior(spill: Spill, grid: _Grid, worlds: int, slices: Iterator[_Slice])
         )
     probability, sums = np.zeros(grid.prior.shape), np.zeros((worlds, 4))
     time0 = int(grid.time[0])
-    for s in known:
-        factor = np.exp(s.level - top)
-        probability[s.time] = factor * s.chance
+    for s in slices:
+        factor = np.exp(s.log_scale - top)
+        probability[s.time] = factor * s.probability
         sums[:, :3] += factor * s.sums
         sums[:, 3] += factor * s.sums[:, 0] * (grid.time[s.time] - time0)
     total = sums[:, 0].sum()
     mean = sums[:, 1:].sum(axis=0) / total
-    apart = sums[:, 1:] - mean * sums[:, :1]  # ratio estimates: each world's part in the error of the mean
-    error = np.sqrt((apart**2).sum(axis=0) * worlds / max(worlds - 1, 1)) / total
+    residual = sums[:, 1:] - mean * sums[:, :1]  # the mean is a ratio of sums: what each world adds to its error
+    error = np.sqrt((residual**2).sum(axis=0) * worlds / max(worlds - 1, 1)) / total
     probability /= probability.sum()
     gx, gy = grid.plane(grid.lon, grid.lat)
     spread = [
@@ -327,9 +353,9 @@ def count(origin: Origin) -> Count:
 
 
 def warnings(origin: Origin) -> list[str]:
-    """Return what must not be believed of an origin."""
-    few = effective.sentence(count(origin), "after the finds", f"{ROUGH}; look for a find that fits no other")
-    return [few] if count(origin).few else []
+    """Return warnings of what is not reliable in an origin."""
+    few_worlds = effective.sentence(count(origin), "after the finds", f"{ROUGH}; look for a find that fits no other")
+    return [few_worlds] if count(origin).few else []
 
 
 def dataset(origin: Origin) -> xr.Dataset:
@@ -359,7 +385,10 @@ def dataset(origin: Origin) -> xr.Dataset:
 
 
 def edges(centres: Real) -> Real:
-    """Return the edges [deg] of cells of equal width by their centres, shape (n + 1,); of a lone one POINT apart."""
+    """Return the edges [deg] of cells of equal width by their centres, shape (n + 1,).
+
+    A single cell is POINT wide.
+    """
     step = centres[1] - centres[0] if centres.size > 1 else POINT
     return np.append(centres - step / 2, centres[-1] + step / 2)
 
@@ -371,16 +400,16 @@ def cell_area(origin: Origin) -> Real:
 
 
 def summary(origin: Origin) -> dict[str, float | str]:
-    """Return the release in figures, one a column: mean, areas and radii that hold 50 and 90 %, times by quantile.
+    """Return the release in figures by column: mean, radii and areas by share, times by quantile.
 
-    A radius is about the mean position, an area the smallest that holds the share, to a cell.
+    A radius is about the mean position; an area is the smallest that holds the share, to a cell.
     """
     place, when = origin.probability.sum(axis=0), origin.probability.sum(axis=(1, 2))
     lon, lat = np.meshgrid(origin.lon, origin.lat)
     centre = np.radians(origin.mean[:2])
-    away = sphere.distance(centre[0], centre[1], np.radians(lon), np.radians(lat)).ravel()
+    distance = sphere.distance(centre[0], centre[1], np.radians(lon), np.radians(lat)).ravel()
     area = np.broadcast_to(cell_area(origin)[:, None], place.shape)
-    out: dict[str, float | str] = {
+    row: dict[str, float | str] = {
         "lon_deg": float(sphere.wrap_degrees(origin.mean[0])),
         "lat_deg": origin.mean[1],
         "time": _utc(origin.mean[2]),
@@ -391,19 +420,20 @@ def summary(origin: Origin) -> dict[str, float | str]:
         "north_error_km": origin.error[1] / 1000,
         "time_error_h": origin.error[2] / 3600,
     }
-    near, dense = np.argsort(away, kind="stable"), np.argsort(-(place / area).ravel(), kind="stable")
+    nearest = np.argsort(distance, kind="stable")
+    densest = np.argsort(-(place / area).ravel(), kind="stable")
     for share in (50, 90):
-        k, m = (int(np.searchsorted(np.cumsum(place.ravel()[order]), share / 100 - 1e-12)) for order in (near, dense))
-        out[f"radius_{share}_km"] = float(away[near[min(k, near.size - 1)]]) / 1000
-        out[f"area_{share}_km2"] = float(area.ravel()[dense[: m + 1]].sum()) / 1e6
+        k, m = (int(np.searchsorted(np.cumsum(place.ravel()[o]), share / 100 - 1e-12)) for o in (nearest, densest))
+        row[f"radius_{share}_km"] = float(distance[nearest[min(k, nearest.size - 1)]]) / 1000
+        row[f"area_{share}_km2"] = float(area.ravel()[densest[: m + 1]].sum()) / 1e6
     seconds = notation.epochs(origin.time)
     half = (seconds[1] - seconds[0]) / 2 if seconds.size > 1 else 0.0
-    edges = np.concatenate([seconds - half, [seconds[-1] + half]])
-    reached = np.concatenate([[0.0], np.cumsum(when)])
+    time_edges = np.concatenate([seconds - half, [seconds[-1] + half]])
+    cumulative = np.concatenate([[0.0], np.cumsum(when)])
     for share in (10, 50, 90):
-        out[f"time_{share}"] = _utc(float(np.interp(share / 100, reached, edges)))
-    out["worlds"], out["effective_worlds"] = float(origin.worlds), origin.effective
-    return out
+        row[f"time_{share}"] = _utc(float(np.interp(share / 100, cumulative, time_edges)))
+    row["worlds"], row["effective_worlds"] = float(origin.worlds), origin.effective
+    return row
 
 
 def _utc(seconds: float) -> str:

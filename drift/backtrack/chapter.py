@@ -1,7 +1,8 @@
 """What a backward run of a spill hands out: where and when it may have been released."""
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drift.backtrack import backward
@@ -18,29 +19,29 @@ from geo import notation
 class Matter:
     """What the files and pictures are made from."""
 
-    found: Origin
+    origin: Origin
     finds: Sequence[Find]
     setting: Setting
 
 
-def _table(one: Matter, stamped: Stamped) -> str:
-    facts = backward.summary(one.found)
-    return formats.csv_text([*facts, "run_id"], [[*facts.values(), stamped["run_id"]]])
+def _table(matter: Matter, stamped: Stamped) -> str:
+    row = backward.summary(matter.origin)
+    return formats.csv_text([*row, "run_id"], [[*row.values(), stamped["run_id"]]])
 
 
-def _picture(one: Matter, path: Path) -> None:
+def _picture(matter: Matter, path: Path) -> None:
     from drift.backtrack import map as origin_map  # here: Matplotlib takes a second to import
 
     marks = [
         Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
-        for k, find in enumerate(one.finds, 1)
-        if find.lat == find.lat  # a stretch by name has no place of its own
+        for k, find in enumerate(matter.finds, 1)
+        if not math.isnan(find.lat)  # a find on a named stretch has no place of its own
     ]
-    origin_map.draw(one.found, path, one.setting.imprint, polygons=one.setting.polygons, marks=marks)
+    origin_map.draw(matter.origin, path, replace(matter.setting, marks=marks))
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "origin.nc": lambda one, stamped: backward.dataset(one.found),
+    "origin.nc": lambda matter, stamped: backward.dataset(matter.origin),
     "origin.csv": _table,
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
@@ -48,8 +49,8 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 }
 
 
-def chapter(one: Matter) -> Chapter:
+def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a backward run."""
-    warnings = backward.warnings(one.found)
-    numbers = {"origin": backward.summary(one.found), "warnings": warnings}
-    return Chapter(numbers, bound(FILES, one), bound(PICTURES, one), warnings=tuple(warnings))
+    warnings = backward.warnings(matter.origin)
+    numbers = {"origin": backward.summary(matter.origin), "warnings": warnings}
+    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), warnings=tuple(warnings))

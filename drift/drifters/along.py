@@ -1,4 +1,4 @@
-"""Displacements of real drifters between their fixes, beside those that a case's winds and currents give there.
+"""Displacements of real drifters between their fixes, beside those by a case's winds and currents.
 
 The model's displacement between two fixes is the integral of its velocity at the places where the drifter really was,
 by two-point Gauss quadrature in pieces of an hour at most. So a drifter that has left the model's eddy does not count
@@ -153,7 +153,10 @@ def _specs(case: Case, quantity: str) -> tuple[ForcingSpec, ...]:
 
 
 def _points(track: Track) -> tuple[Array, Array, Array]:
-    """Return (times, weights, fixes) of points of quadrature: whole [s since 1970], [s], the fix that ends the way."""
+    """Return (times, weights, fixes) of the points of quadrature.
+
+    Times are whole [s since 1970], weights are in [s], fixes are the numbers of those that end the ways.
+    """
     steps = np.diff(track.time)
     count = np.maximum(np.ceil(steps / PIECE).astype(int), 1)
     owner = np.repeat(np.arange(1, track.time.size), count)

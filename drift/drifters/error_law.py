@@ -74,9 +74,9 @@ class Likelihood:
 
 
 def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array, Array]:
-    """Return by step [s]: phi, variance of i, covariance of i and e, variance of e, of an Ornstein-Uhlenbeck velocity.
+    """Return phi, variance of i, covariance of i and e, variance of e, of an Ornstein-Uhlenbeck velocity.
 
-    Over a step that begins with the velocity v0, it ends as v = phi v0 + e, and its integral is T (1 - phi) v0 + i,
+    All are by step [s]. Over a step that begins with the velocity v0, it ends as v = phi v0 + e, and its integral is T (1 - phi) v0 + i,
     where T is the decorrelation time, `memory`. The moments of (i, e) are those of Uhlenbeck and Ornstein 1930
     (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
     """
@@ -163,7 +163,10 @@ def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
 
 
 def _regressed(scaled: Array, log_variance: Array) -> Likelihood:
-    """Return the likelihood, given standardised errors of forecasts (drifters, fixes, 2, 1 + unknowns), data first."""
+    """Return the likelihood, given standardised errors of forecasts.
+
+    scaled: (drifters, fixes, 2, 1 + unknowns), the data first.
+    """
     data, design = scaled[..., 0], scaled[..., 1:]
     flat = design.reshape(data.size, design.shape[-1])
     normal = flat.T @ flat

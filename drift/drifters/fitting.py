@@ -1,4 +1,4 @@
-"""Errors of a case's forcing, and the windage of what drifts, from the tracks of real drifters: `drift fit-errors`.
+"""Errors of a case's forcing and the windage of what drifts, by tracks of real drifters: `drift fit-errors`.
 
 The parameters of `drift.drifters.error_law` are those under which the tracks are likeliest. Standard errors are those
 of the parameters' logarithms, from the curvature of the log likelihood. With ten drifters or more there is also the
@@ -258,9 +258,10 @@ def _starts(tracks: Tracks) -> list[Law]:
 
 
 def _errors(law: Law, tracks: Tracks, free: Sequence[str]) -> tuple[dict[str, float], dict[str, float], bool]:
-    """Return standard errors of the parameters' logarithms: as printed, by curvature, whether the first are clustered.
+    """Return standard errors of the parameters' logarithms, as printed and by curvature.
 
-    They are clustered by drifter where there are ENOUGH drifters, and are then the larger of both.
+    Third, it returns whether the first are clustered by drifter: they are where there are ENOUGH drifters, and are then
+    the larger of both.
     """
     inside = [n for n in free if BOUNDS[n][0] * 1.05 < getattr(law, n) < BOUNDS[n][1] / 1.05]
 
@@ -323,7 +324,7 @@ def _limit(law: Law, tracks: Tracks, free: Sequence[str], name: str, best: float
 
 
 def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Array:
-    """Return (lags, 4): hours, correlation of the data's velocity errors, its standard error, the law's correlation.
+    """Return hours, correlation of the data's velocity errors, its standard error, the law's, (lags, 4).
 
     Velocity errors are means over about an hour or longer. They are the sum of bias and Ornstein-Uhlenbeck velocity,
     without the mean error.

@@ -1,4 +1,4 @@
-"""How well a law of errors fitted to some drifters suits others: likelihood, and the share that its ellipses hold."""
+"""How well a law of errors fitted to some drifters suits others: likelihood, and shares in ellipses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -164,7 +164,7 @@ def _aground(track: Track) -> Array:
 
 
 def breaks(track: Track, longest: float = GAP, fastest: float = FASTEST) -> Array:
-    """Return which fixes begin a stretch: the first, those after a long silence, and those after a leap, shape (n,)."""
+    """Return which fixes begin a stretch: the first, those after a silence and those after a leap, (n,)."""
     index = np.arange(track.time.size)
     leap = _excess(track, index[:-1], index[1:], fastest) > 0
     return np.concatenate([[True], (np.diff(track.time) > longest) | leap])

@@ -1,4 +1,4 @@
-"""Scores of a forecast's particles against the drifter's real position: ranks of the drifter among them, and skill.
+"""Scores of a forecast's particles against the drifter's real position: ranks among them, and skill.
 
 If forecasts are true to what they say, the drifter is one more draw from the law of the particles. Then its rank among
 them, by any score that treats all alike, is uniform without approximation (Vovk, Gammerman and Shafer 2005,
@@ -56,7 +56,7 @@ def rank(values: Array, weight: Array) -> float:
 
 
 def skill(apart: Array, way: Array) -> float:
-    """Return the skill of a track: 1 minus the sum of separations over that of the drifter's path lengths, at least 0.
+    """Return the skill of a track: 1 minus the sum of separations over that of path lengths, at least 0.
 
     apart, way: separations and path lengths since the start [m], at times evenly spread after it, shape (m,). Liu and
     Weisberg 2011, doi:10.1029/2010JC006837, eq. 1 and 2 with n = 1.

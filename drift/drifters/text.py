@@ -16,9 +16,9 @@ MOST_LOST = 0.05  # if a larger share of the probability is lost, areas of the r
 
 
 def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
-    """Return whether areas that should hold a share are too small, too large, or as stated within two standard errors.
+    """Return whether areas that should hold a share are too small, too large, or as stated.
 
-    lost: share of the probability that is on no map. Nobody knows where it is, so areas of the rest cannot be judged
+    They are as stated within two standard errors. lost: share of the probability that is on no map. Nobody knows where it is, so areas of the rest cannot be judged
     where it is large.
     """
     if lost > MOST_LOST:

@@ -241,7 +241,7 @@ def _case(
     columns: Mapping[str, str],
     number: int,
 ) -> Case | None:
-    """Return the case of one forecast, which starts where the drifter was, with the base's sources, errors and object.
+    """Return the case of one forecast, which starts where the drifter was; all else is the base's.
 
     times: hours of its outputs; number: of the forecast. None where columns are named and have no values there.
     """
@@ -281,7 +281,10 @@ def _error_table(error: ForcingError) -> dict[str, Any]:
 def _table_rows(
     track: Track, start: int, length: float, quantity: str, columns: Mapping[str, str]
 ) -> list[dict[str, Any]]:
-    """Return a quantity from a track's columns as a case's table by time, from a fix before a forecast to one after."""
+    """Return a quantity from a track's columns as a case's table by time.
+
+    It begins with a fix before the forecast and ends with one after.
+    """
     first = max(int(np.searchsorted(track.time, start, "right")) - 1, 0)
     last = min(int(np.searchsorted(track.time, start + length, "left")), track.time.size - 1)
     east, north = (track.columns[columns[f"{quantity}_{side}"]] for side in ("east", "north"))

@@ -1,4 +1,4 @@
-"""What a plan of patrols hands out: the schedule, a table, [[patrol]] tables for the case, and its picture."""
+"""What a plan of patrols hands out: the schedule, a table, [[patrol]] tables and its picture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,33 +24,33 @@ class Matter:
     synthetic: bool  # winds or currents are made up
 
 
-def _patrols(one: Matter, path: Path) -> None:
+def _picture(matter: Matter, path: Path) -> None:
     from drift.spill import map as washup_map  # here: Matplotlib takes a second to import
 
-    after, on = one.after, one.setting
+    after, setting = matter.after, matter.setting
     planned = [
         washup_map.Patrolled(slot.team.name, slot.when, slot.team.detection, [visit.segment for visit in visits])
-        for slot, visits in patrol_planner.by_patrol(one.plan)
+        for slot, visits in patrol_planner.by_patrol(matter.plan)
     ]
-    setting = replace(on, imprint=replace(on.imprint, title=f"Planned patrols: {on.imprint.title}"))
+    imprint = replace(setting.imprint, title=f"Planned patrols: {setting.imprint.title}")
     washup_map.draw(
-        after.washup, after.segments, path, setting, finds=spill_chapter.finds(after),
+        after.washup, after.segments, path, replace(setting, imprint=imprint), finds=spill_chapter.finds(after),
         patrols=washup_map.Patrols(planned, "planned patrol", near=True), warning=renewal.warning(after),
     )  # fmt: skip
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "patrols.txt": lambda one, stamped: patrol_files.text(
-        one.plan, one.after, one.setting.imprint.title, stamped["run_id"], one.synthetic
+    "patrols.txt": lambda matter, stamped: patrol_files.text(
+        matter.plan, matter.after, matter.setting.imprint.title, stamped["run_id"], matter.synthetic
     ),
-    "patrols.csv": lambda one, stamped: patrol_files.csv(one.plan, one.after, stamped["run_id"]),
-    "patrols.toml": lambda one, stamped: patrol_files.toml(one.plan, one.after),
+    "patrols.csv": lambda matter, stamped: patrol_files.csv(matter.plan, matter.after, stamped["run_id"]),
+    "patrols.toml": lambda matter, stamped: patrol_files.toml(matter.plan, matter.after),
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
-    "patrols.png": _patrols,
+    "patrols.png": _picture,
 }
 
 
-def chapter(one: Matter) -> Chapter:
+def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a plan of patrols."""
-    return Chapter({"patrol_plan": patrol_files.numbers(one.plan)}, bound(FILES, one), bound(PICTURES, one))
+    return Chapter({"patrol_plan": patrol_files.numbers(matter.plan)}, bound(FILES, matter), bound(PICTURES, matter))

@@ -1,4 +1,7 @@
-"""A plan of patrols as text: the schedule for people, a table, and [[patrol]] tables to append once they were made."""
+"""A plan of patrols as text: a schedule for people, a table, and [[patrol]] tables for the case.
+
+The [[patrol]] tables are to be appended to the case once the patrols have been made.
+"""
 
 import json
 import math
@@ -15,35 +18,35 @@ from geo import notation
 
 WIDE = 78
 HEADER = (
-    "date_time_group", "time", "patrol_unit", "segment", "stretch", "position", "access", "length_km", "lying", "found", "found_se",
-    "effective_worlds", "run_id",
+    "date_time_group", "time", "patrol_unit", "segment", "stretch", "position", "access",
+    "length_km", "lying", "found", "found_se", "effective_worlds", "run_id",
 )  # fmt: skip
 
 
-def text(made: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bool) -> str:
-    """Return the schedule as plain ASCII but for names."""
+def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bool) -> str:
+    """Return the schedule; it is plain ASCII but for names."""
     lines = ["PATROL PLAN", *_fill(title), f"Run {run}. Times are UTC.", ""]
-    for warning in warnings(made, after, synthetic):
+    for warning in warnings(plan, after, synthetic):
         lines += [*_fill(f"WARNING: {warning}"), ""]
-    lines += ["1  WORTH", *_fill(f"Objective: the most objects found on average. {worth(made)}.", 3)]
-    if made.daily:
+    lines += ["1  WORTH", *_fill(f"Objective: the most objects found on average. {worth(plan)}.", 3)]
+    if plan.daily:
         lines += _fill("Planned day by day: the bound adds up the best of each day by itself and is loose.", 3)
-    lines += [*_fill(f"Not sent: {', '.join(made.idle)}", 3)] if made.idle else []
+    lines += [*_fill(f"Not sent: {', '.join(plan.idle)}", 3)] if plan.idle else []
     lines += ["", "2  PATROLS"]
-    for slot, visits in patrol_planner.by_patrol(made):
+    for slot, visits in patrol_planner.by_patrol(plan):
         length = sum(float(after.segments.length[visit.segment]) for visit in visits) / 1000
-        whole = sum(visit.found for visit in visits)
+        total = sum(visit.found for visit in visits)
         head = f"{notation.group(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
-        lines += ["", *_fill(f"{head}, detection {slot.team.detection:.2f}, {whole:.2g} found", 3, 6)]
+        lines += ["", *_fill(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6)]
         for visit in sorted(visits, key=lambda visit: -visit.found):
             name = renewal.stretch(after.segments, visit.segment)
             size = float(after.segments.length[visit.segment]) / 1000
-            told = f"{visit.found:.2g} +- {visit.error:.1g} found of {visit.lying:.2g}   {size:.1f} km   {name}"
-            lines += _fill(told, 6, 10)
+            figures = f"{visit.found:.2g} +- {visit.error:.1g} found of {visit.lying:.2g}   {size:.1f} km   {name}"
+            lines += _fill(figures, 6, 10)
     lines += ["", "3  NOTES"]
     for note in (
-        "Found: expected numbers, those left out that the public reports or that are taken away before the patrol comes; on a second "
-        "visit, what the first leaves and what has come since.",
+        "Found: expected numbers, those left out that the public reports or that are taken away before the patrol "
+        "comes; on a second visit, what the first leaves and what has come since.",
         f"A stretch is visited at most {patrol_planner.VISITS} times, whole. Ways between stretches are not counted. "
         f"Stretches that would add under {100 * patrol_planner.TRIFLE:g} % to a patrol are left out.",
         "Afterwards append patrols.toml to the case, with what was done, and each object found as a [[find]].",
@@ -52,9 +55,10 @@ def text(made: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bo
     return "\n".join(lines) + "\n"
 
 
-def worth(made: PatrolPlan) -> str:
+def worth(plan: PatrolPlan) -> str:
     """Return in a line what a plan is expected to find, and what none could exceed."""
-    return f"{made.found:.3g} +- {made.error:.2g} objects; no plan of these teams finds more than {_up(made.bound)} on average"
+    found = f"{plan.found:.3g} +- {plan.error:.2g} objects"
+    return f"{found}; no plan of these teams finds more than {_up(plan.bound)} on average"
 
 
 def _up(value: float) -> str:
@@ -65,46 +69,39 @@ def _up(value: float) -> str:
     return f"{math.ceil(value / step) * step:.3g}"
 
 
-def warnings(made: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
-    """Return what must not be believed of a plan."""
-    found = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
+def warnings(plan: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
+    """Return warnings of what is not reliable in a plan."""
+    lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
     count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
     if count.few:
-        found.append(effective.sentence(count, "", "numbers and the choice of stretches are rough"))
-    return found
+        lines.append(effective.sentence(count, "", "numbers and the choice of stretches are rough"))
+    return lines
 
 
-def csv(made: PatrolPlan, after: Aftermath, run: str) -> str:
+def csv(plan: PatrolPlan, after: Aftermath, run: str) -> str:
     """Return a row for each visit, by time and team."""
     segments, rows = after.segments, []
-    for slot, visits in patrol_planner.by_patrol(made):
+    for slot, visits in patrol_planner.by_patrol(plan):
         for visit in visits:
             s = visit.segment
             place = notation.position(float(segments.lon[s]), float(segments.lat[s])) or ""
-            figures = [
-                float(segments.length[s]) / 1000,
-                visit.lying,
-                visit.found,
-                visit.error,
-                after.posterior.effective,
-            ]
-            rows.append(
-                [
-                    notation.group(slot.when), notation.iso(slot.when), slot.team.name, s, segments.name[s], place, segments.access[s],
-                    *(f"{value:.6g}" for value in figures), run,
-                ]
-            )  # fmt: skip
+            length = float(segments.length[s]) / 1000
+            figures = [length, visit.lying, visit.found, visit.error, after.posterior.effective]
+            when = [notation.group(slot.when), notation.iso(slot.when), slot.team.name]
+            where = [s, segments.name[s], place, segments.access[s]]
+            rows.append([*when, *where, *(f"{value:.6g}" for value in figures), run])
     return formats.csv_text(list(HEADER), rows)
 
 
-def toml(made: PatrolPlan, after: Aftermath) -> str:
+def toml(plan: PatrolPlan, after: Aftermath) -> str:
     """Return [[patrol]] tables that can be appended to the case."""
     taken = {patrol.name for patrol in after.spill.patrols}
     parts = [
-        "# The plan's patrols. Append them to the case once they were made; say what was done: stretches left out, the time, the",
+        "# The plan's patrols. Append them to the case once they were made; say what was done: "
+        "stretches left out, the time, the",
         "# detection. Objects found are [[find]] tables with by = the patrol's name.",
     ]
-    for slot, visits in patrol_planner.by_patrol(made):
+    for slot, visits in patrol_planner.by_patrol(plan):
         name, number = patrol_planner.heading(slot), 2
         while name in taken:
             name, number = f"{patrol_planner.heading(slot)} ({number})", number + 1
@@ -120,13 +117,13 @@ def toml(made: PatrolPlan, after: Aftermath) -> str:
     return "\n".join(parts) + "\n"
 
 
-def numbers(made: PatrolPlan) -> dict[str, Any]:
+def numbers(plan: PatrolPlan) -> dict[str, Any]:
     """Return what the summary holds of a plan."""
     return {
-        "found": made.found,
-        "found_se": made.error,
-        "bound": made.bound,
-        "day_by_day": made.daily,
+        "found": plan.found,
+        "found_se": plan.error,
+        "bound": plan.bound,
+        "day_by_day": plan.daily,
         "patrols": [
             {
                 "patrol_unit": slot.team.name,
@@ -134,20 +131,20 @@ def numbers(made: PatrolPlan) -> dict[str, Any]:
                 "segments": [visit.segment for visit in visits],
                 "found": sum(visit.found for visit in visits),
             }
-            for slot, visits in patrol_planner.by_patrol(made)
+            for slot, visits in patrol_planner.by_patrol(plan)
         ],
     }
 
 
-def facts(made: PatrolPlan, after: Aftermath) -> dict[str, str]:
-    """Return what a terminal tells."""
-    told = {"plan": worth(made)}
-    for slot, visits in patrol_planner.by_patrol(made):
+def facts(plan: PatrolPlan, after: Aftermath) -> dict[str, str]:
+    """Return what a terminal shows."""
+    lines = {"plan": worth(plan)}
+    for slot, visits in patrol_planner.by_patrol(plan):
         names = "; ".join(renewal.stretch(after.segments, visit.segment) for visit in visits)
-        told[_key(slot)] = f"{sum(visit.found for visit in visits):.2g} found: {names}"
-    if made.idle:
-        told["not sent"] = ", ".join(made.idle)
-    return told | {f"warning {k}": warning for k, warning in enumerate(warnings(made, after, synthetic=False), 1)}
+        lines[_key(slot)] = f"{sum(visit.found for visit in visits):.2g} found: {names}"
+    if plan.idle:
+        lines["not sent"] = ", ".join(plan.idle)
+    return lines | {f"warning {k}": warning for k, warning in enumerate(warnings(plan, after, synthetic=False), 1)}
 
 
 def _key(slot: Slot) -> str:

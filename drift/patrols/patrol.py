@@ -32,12 +32,13 @@ def patrol(
     """
     if case.spill is None or not case.spill.teams:
         raise UserError(
-            f"{case.path.name}: has no [[patrol_unit]] to plan with: give each its length a day, detection and first patrol"
+            f"{case.path.name}: has no [[patrol_unit]] to plan with: "
+            "give each its length a day, detection and first patrol"
         )
     job = opened(case, out, datasets, threads, backend, overwrite, report)
     assert job.where.coast is not None
     segments = evidence.cut(case.spill, job.where.coast)
-    patrol_planner.patrols(case.period, case.spill, segments)  # before the drift: it may be refused
+    patrol_planner.patrols(case.period, case.spill, segments)  # before the drift, because it may refuse the case
     result = flow.forecasted(job)
     after = result.aftermath
     assert after is not None
@@ -46,7 +47,7 @@ def patrol(
         plan = patrol_planner.plan(after)
     if job.out is not None:
         job.tell("write", 0.0)
-        on = facts.with_coast(facts.setting(case, job.where))
-        patrols = chapter.chapter(chapter.Matter(plan, after, on, facts.synthetic(case)))
+        setting = facts.with_coast(facts.setting(case, job.where))
+        patrols = chapter.chapter(chapter.Matter(plan, after, setting, facts.synthetic(case)))
         flow.write(result, job.where, job.out, job.clock, more=[patrols], overwrite=overwrite)
     return plan, result

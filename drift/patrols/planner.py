@@ -1,11 +1,11 @@
-"""Which stretches to patrol next: the expected number of objects that the teams of a spill's case find, as large as it can be.
+"""Which stretches to patrol next, so that the teams of a spill's case find most objects on average.
 
 An object that lies on a stretch when a team comes is found with the team's detection, unless it was reported, buried,
-refloated or found before: SPILL's model (drift.spill.exposure), over the worlds as the finds weigh them. Stretches are
-then worth what the visits to each are worth, with diminishing returns: a choice of one set of visits a stretch under
-each team's length of shore a day, solved as an integer programme (HiGHS). What refloats and lands anew may be counted
-on two stretches by that; the figures told are reckoned without, over all visits at once, and the bound holds all the
-more.
+refloated or found before. That is the model of drift.spill.exposure, over the worlds as the finds weigh them. The
+visits to a stretch are worth what they find there, with diminishing returns, so a plan is a choice of one set of visits
+for each stretch within each team's length of shore a day, solved as an integer programme (HiGHS). In that choice, what
+refloats and lands anew may be counted on two stretches. The plan's figures are computed over all visits at once and do
+not count it twice; the bound does, and so holds all the more.
 """
 
 import itertools
@@ -24,12 +24,12 @@ from geo.array import Real
 from geo.coast.segments import Segments
 from geo.errors import UserError
 
-VISITS = 3  # of one stretch that a plan has at most
-CHOICES = 6_000  # sets of visits that are chosen from at once; of more, day by day
-TRIFLE = 0.01  # of what its patrol finds, that a visit must add
-LEAST = 1e-7  # of the best visit's worth under which a visit is not looked at
+VISITS = 3  # of one stretch, at most, in a plan
+CHOICES = 6_000  # sets of visits chosen from at once; where there are more, the plan is made day by day
+TRIFLE = 0.01  # share of what its patrol finds that a visit must add
+LEAST = 1e-7  # share of the best visit's worth below which a visit is not considered
 SECONDS = 60.0  # that the solver may take
-GAP = 1e-4  # relative, at which it may stop
+GAP = 1e-4  # relative, at which the solver may stop
 DAY = 86_400
 
 
@@ -49,103 +49,109 @@ class Visit:
 
     slot: Slot
     segment: int
-    lying: float  # expected number of objects there to be found, those that visits before it find left out
+    lying: float  # expected number of objects there to be found, without those that earlier visits find
     found: float  # expected number that it finds
     error: float  # its standard error
 
 
 @dataclass(frozen=True)
 class PatrolPlan:
-    """Visits by time, and what all of them are expected to find."""
+    """Visits by time, and what all of them together are expected to find."""
 
     visits: tuple[Visit, ...]
     found: float
     error: float
     bound: float  # no plan of at most VISITS visits a stretch finds more on average
-    daily: bool  # whether it was made day by day, and the bound with it
+    daily: bool  # whether plan and bound were made day by day
     idle: tuple[str, ...]  # teams with nothing to do
     slots: tuple[Slot, ...]
+
+
+Chosen = dict[int, tuple[int, ...]]  # numbers of patrols, ascending, by number of the stretch that they visit
 
 
 def plan(after: Aftermath) -> PatrolPlan:
     """Return the plan of a spill's teams."""
     slots = patrols(after.period, after.spill, after.segments)
-    here = exposure.expose(after.fates, after.posterior.known.reporting, after.posterior.known.patrols)
+    known = after.posterior.known
+    stays = exposure.expose(after.fates, known.reporting, known.patrols)
     worth = value(after)
-    tables = {s: table(here, s, worth, slots) for s in sorted({s for slot in slots for s in slot.reachable})}
-    length = after.posterior.known.length
-    chosen, bound, daily = choose(tables, length, slots)
-    chosen = worthwhile(tables, slots, chosen)
-    return _told(after, slots, chosen, bound, daily, worth)
+    tables = {s: table(stays, s, worth, slots) for s in sorted({s for slot in slots for s in slot.reachable})}
+    chosen, bound, daily = choose(tables, known.length, slots)
+    return _scored(after, slots, worthwhile(tables, slots, chosen), bound, daily, worth)
 
 
 def value(after: Aftermath) -> Real:
-    """Return how many of the objects not yet found each particle stands for, per its chance of not having been found, (n,)."""
-    told, fates = after.posterior, after.fates
-    left = finds.remaining(told) * told.weight[:, None]
-    cell = fates.world.astype(np.int64) * left.shape[1] + fates.kind
-    unfound = np.bincount(cell, 1 - told.found, left.size)
-    return np.asarray((left.ravel() / np.maximum(unfound, 1e-300))[cell])
+    """Return how many objects not yet found each particle stands for, if it has not been found itself, (n,).
+
+    The objects left of a world and class are shared among its particles by their chances of not having been found; this
+    is the share of a particle divided by its chance.
+    """
+    posterior, fates = after.posterior, after.fates
+    left = finds.remaining(posterior) * posterior.weight[:, None]
+    world_kind = fates.world.astype(np.int64) * left.shape[1] + fates.kind
+    unfound = np.bincount(world_kind, 1 - posterior.found, left.size)
+    return np.asarray((left.ravel() / np.maximum(unfound, 1e-300))[world_kind])
 
 
-def table(here: Exposure, segment: int, worth: Real, slots: Sequence[Slot]) -> Real:
+def table(stays: Exposure, segment: int, worth: Real, slots: Sequence[Slot]) -> Real:
     """Return what lies on a stretch at each patrol by the first patrol that could meet it, (M, M).
 
     Row i: what comes between the patrols i - 1 and i; column j: how much of it is still there at j.
     """
-    rows = slice(int(here.bounds[segment]), int(here.bounds[segment + 1]))
+    rows = slice(int(stays.bounds[segment]), int(stays.bounds[segment + 1]))
     times = np.array([slot.time for slot in slots])
-    first = np.searchsorted(times, here.arrival[rows])
-    found = np.zeros((len(slots) + 1, len(slots)))
+    first = np.searchsorted(times, stays.arrival[rows])
+    lying = np.zeros((len(slots) + 1, len(slots)))
     for j, time in enumerate(times):
-        lies = exposure.lying(here, segment, float(time)) * worth[here.slot[rows]]
-        found[:, j] = np.bincount(first, lies, len(slots) + 1)
-    return found[:-1]
+        still_there = exposure.lying(stays, segment, float(time)) * worth[stays.slot[rows]]
+        lying[:, j] = np.bincount(first, still_there, len(slots) + 1)
+    return lying[:-1]
 
 
-def expected(lies: Real, detection: Sequence[float], visits: Sequence[int]) -> float:
-    """Return the expected number that visits of a stretch find; lies: of `table`; visits: numbers of patrols, ascending."""
-    total, missed = 0.0, np.ones(len(lies))
+def expected(lying: Real, detection: Sequence[float], visits: Sequence[int]) -> float:
+    """Return the expected number that visits of a stretch find.
+
+    lying: of `table`. detection: by patrol. visits: numbers of patrols, ascending.
+    """
+    total, missed = 0.0, np.ones(len(lying))
     for j in visits:
-        come = np.arange(len(lies)) <= j
-        total += float((lies[:, j] * missed)[come].sum()) * detection[j]
-        missed = np.where(come, missed * (1 - detection[j]), missed)
+        arrived = np.arange(len(lying)) <= j
+        total += float((lying[:, j] * missed)[arrived].sum()) * detection[j]
+        missed = np.where(arrived, missed * (1 - detection[j]), missed)
     return total
 
 
-def worthwhile(
-    tables: dict[int, Real], slots: Sequence[Slot], chosen: dict[int, tuple[int, ...]]
-) -> dict[int, tuple[int, ...]]:
-    """Return visits without those that add less than TRIFLE to their patrol: they fill its length, and are not worth the way."""
+def worthwhile(tables: dict[int, Real], slots: Sequence[Slot], chosen: Chosen) -> Chosen:
+    """Return visits without those that add less than TRIFLE to their patrol.
+
+    Such visits fill the patrol's length and are not worth the way to the stretch.
+    """
     detection = [slot.team.detection for slot in slots]
     adds = {
-        (j, s): expected(tables[s], detection, some) - expected(tables[s], detection, [k for k in some if k != j])
-        for s, some in chosen.items()
-        for j in some
+        (j, s): expected(tables[s], detection, visits) - expected(tables[s], detection, [k for k in visits if k != j])
+        for s, visits in chosen.items()
+        for j in visits
     }
     patrol = [sum(gain for (k, _), gain in adds.items() if k == j) for j in range(len(slots))]
-    kept = {s: tuple(j for j in some if adds[j, s] >= TRIFLE * patrol[j]) for s, some in chosen.items()}
-    return {s: some for s, some in kept.items() if some}
+    kept = {s: tuple(j for j in visits if adds[j, s] >= TRIFLE * patrol[j]) for s, visits in chosen.items()}
+    return {s: visits for s, visits in kept.items() if visits}
 
 
-def choose(
-    tables: dict[int, Real], length: Real, slots: Sequence[Slot]
-) -> tuple[dict[int, tuple[int, ...]], float, bool]:
-    """Return the visits of each stretch, a bound of what any visits find, and whether both were made day by day.
+def choose(tables: dict[int, Real], length: Real, slots: Sequence[Slot]) -> tuple[Chosen, float, bool]:
+    """Return the visits of each stretch, a bound of what any visits find, and whether both are by day.
 
-    Visits before only take away from what later ones find, so that the best of each day by itself add up to a bound.
+    Earlier visits only take away from what later ones find, so the best of each day by itself add up to a bound.
     """
     reach = [set(slot.reachable) for slot in slots]
-    best = max((lies[: j + 1, j].sum() for lies in tables.values() for j in range(len(slots))), default=0.0)
-    worthy = [
-        s
-        for s, lies in tables.items()
-        if any(s in reach[j] and lies[: j + 1, j].sum() > LEAST * best for j in range(len(slots)))
-    ]
     every = range(len(slots))
-    rest = sum(  # what is not looked at could be found too
-        float(lies[: j + 1, j].sum()) * slots[j].team.detection
-        for s, lies in tables.items()
+    best = max((lying[: j + 1, j].sum() for lying in tables.values() for j in every), default=0.0)
+    worthy = [
+        s for s, lying in tables.items() if any(s in reach[j] and lying[: j + 1, j].sum() > LEAST * best for j in every)
+    ]
+    rest = sum(  # what is not considered could be found too
+        float(lying[: j + 1, j].sum()) * slots[j].team.detection
+        for s, lying in tables.items()
         for j in every
         if s in reach[j] and s not in worthy
     )
@@ -158,8 +164,8 @@ def choose(
     for _, group in days:
         today = list(group)
         bound += _solve(tables, length, slots, worthy, today, {})[1]
-        for s, more in _solve(tables, length, slots, worthy, today, chosen)[0].items():
-            chosen[s] = (*chosen.get(s, ()), *more)
+        for s, visits in _solve(tables, length, slots, worthy, today, chosen)[0].items():
+            chosen[s] = (*chosen.get(s, ()), *visits)
     return chosen, bound, True
 
 
@@ -176,97 +182,103 @@ def _solve(
     slots: Sequence[Slot],
     worthy: Sequence[int],
     today: Sequence[int],
-    before: dict[int, tuple[int, ...]],
-) -> tuple[dict[int, tuple[int, ...]], float]:
-    """Return the best visits of some patrols, given those before, and a bound of what they find."""
+    before: Chosen,
+) -> tuple[Chosen, float]:
+    """Return the best visits of some patrols, and a bound of what they find.
+
+    length: of the stretches [m], (S,). worthy: stretches to choose from. today: numbers of the patrols. before: visits
+    that earlier patrols make.
+    """
     from scipy import optimize, sparse  # here: a run that plans nothing needs neither
 
     detection = [slot.team.detection for slot in slots]
     reach = [set(slot.reachable) for slot in slots]
     columns = [
-        (s, some) for s in worthy for some in _sets(today, s, reach) if len(before.get(s, ())) + len(some) <= VISITS
+        (s, visits)
+        for s in worthy
+        for visits in _sets(today, s, reach)
+        if len(before.get(s, ())) + len(visits) <= VISITS
     ]
     if not columns:
         return {}, 0.0
     base = {s: expected(tables[s], detection, before.get(s, ())) for s in worthy}
-    gain = np.array([expected(tables[s], detection, (*before.get(s, ()), *some)) - base[s] for s, some in columns])
-    number = {s: k for k, s in enumerate(worthy)}
-    place = {j: k for k, j in enumerate(today)}
-    one = sparse.csr_array(
-        (np.ones(len(columns)), ([number[s] for s, _ in columns], range(len(columns)))), (len(worthy), len(columns))
+    gain = np.array([expected(tables[s], detection, (*before.get(s, ()), *visits)) - base[s] for s, visits in columns])
+    stretch_row = {s: row for row, s in enumerate(worthy)}
+    patrol_row = {j: row for row, j in enumerate(today)}
+    rows = [stretch_row[s] for s, _ in columns]
+    sets_of_stretch = sparse.csr_array(
+        (np.ones(len(columns)), (rows, range(len(columns)))), (len(worthy), len(columns))
     )
-    uses = [(place[j], k, length[s]) for k, (s, some) in enumerate(columns) for j in some]
+    uses = [(patrol_row[j], k, length[s]) for k, (s, visits) in enumerate(columns) for j in visits]
     row, column, amount = zip(*uses, strict=True)
-    day = sparse.csr_array((amount, (row, column)), (len(today), len(columns)))
+    length_of_patrol = sparse.csr_array((amount, (row, column)), (len(today), len(columns)))
     scale = max(float(gain.max()), 1e-300)
-    found = optimize.milp(
+    solution = optimize.milp(
         -gain / scale,
         integrality=np.ones(len(columns)),
         bounds=optimize.Bounds(0, 1),
         constraints=[
-            optimize.LinearConstraint(one, ub=np.ones(len(worthy))),
-            optimize.LinearConstraint(day, ub=np.array([slots[j].team.length for j in today]) * (1 + 1e-9)),
+            optimize.LinearConstraint(sets_of_stretch, ub=np.ones(len(worthy))),
+            optimize.LinearConstraint(
+                length_of_patrol, ub=np.array([slots[j].team.length for j in today]) * (1 + 1e-9)
+            ),
         ],
         options={"time_limit": SECONDS, "mip_rel_gap": GAP},
     )
-    if found.x is None:  # within its time it found none: nothing is planned, and everything could be found
-        return {}, float(
-            np.maximum.reduceat(gain, np.flatnonzero(np.diff([-1, *(number[s] for s, _ in columns)]))).sum()
-        )
-    chosen = {columns[k][0]: columns[k][1] for k in np.flatnonzero(found.x > 0.5)}
-    return chosen, float(-found.mip_dual_bound * scale)
+    if solution.x is None:  # none within its time: nothing is planned, and any stretch may yet have its best set
+        return {}, float(np.maximum.reduceat(gain, np.flatnonzero(np.diff([-1, *rows]))).sum())
+    chosen = {columns[k][0]: columns[k][1] for k in np.flatnonzero(solution.x > 0.5)}
+    return chosen, float(-solution.mip_dual_bound * scale)
 
 
 def patrols(period: Period, spill: Spill, segments: Segments) -> tuple[Slot, ...]:
-    """Return the patrols that a spill's teams can make, by time; raise UserError for a team that can go nowhere."""
-    found = []
+    """Return the patrols that a spill's teams can make, by time.
+
+    Raises UserError for a team that can reach no stretch.
+    """
+    slots = []
     for team in spill.teams:
         place = f'patrol_unit "{team.name}"'
         if team.stretches:
             near = [evidence.named(name, place, segments) for name in dict.fromkeys(team.stretches)]
         elif team.base is not None:
             lon, lat = np.radians(team.base)
-            away = sphere.distance(lon, lat, np.radians(segments.lon), np.radians(segments.lat))
-            near = np.flatnonzero(away <= team.reach).tolist()
+            distance = sphere.distance(lon, lat, np.radians(segments.lon), np.radians(segments.lat))
+            near = np.flatnonzero(distance <= team.reach).tolist()
         else:
             near = list(range(len(segments.name)))
         short = tuple(s for s in near if segments.length[s] <= team.length)
         if not short:
             what = f"the shortest is {segments.length[near].min() / 1000:.1f} km" if near else "its reach holds none"
             raise UserError(
-                f"{place}: no stretch that it can reach is at most {team.length / 1000:.1f} km long, its length a day: {what}; give a "
-                "greater length or reach, or make stretches shorter ([spill.stretches] length)"
+                f"{place}: no stretch that it can reach is at most {team.length / 1000:.1f} km long, its length a day: "
+                f"{what}; give a greater length or reach, or make stretches shorter ([spill.stretches] length)"
             )
-        found += [Slot(team, when, period.elapsed(when), short) for when in team.times]
-    return tuple(sorted(found, key=lambda slot: slot.time))
+        slots += [Slot(team, when, period.elapsed(when), short) for when in team.times]
+    return tuple(sorted(slots, key=lambda slot: slot.time))
 
 
-def _told(
-    after: Aftermath,
-    slots: tuple[Slot, ...],
-    chosen: dict[int, tuple[int, ...]],
-    bound: float,
-    daily: bool,
-    worth: Real,
+def _scored(
+    after: Aftermath, slots: tuple[Slot, ...], chosen: Chosen, bound: float, daily: bool, worth: Real
 ) -> PatrolPlan:
-    """Return a plan with its figures, reckoned over all visits at once."""
+    """Return a plan with its figures, computed over all visits at once."""
     known, fates, weight = after.posterior.known, after.fates, after.posterior.weight
-    visits = sorted((j, s) for s, some in chosen.items() for j in some)
-    planned = tuple(exposure.Patrol((s,), slots[j].time, slots[j].team.detection) for j, s in visits)
-    here = exposure.expose(fates, known.reporting, (*known.patrols, *planned))
-    share = worth / np.maximum(weight[fates.world], 1e-300)  # of a world by itself
-    total, made = np.zeros(fates.worlds), list[Visit]()
-    for k, (j, s) in enumerate(visits, len(known.patrols)):
-        rows, chance = exposure.searched(here, s, k)
-        owner = here.slot[rows]
-        by_world = np.bincount(fates.world[owner], chance * share[owner], fates.worlds).astype(float)
+    order = sorted((j, s) for s, visits in chosen.items() for j in visits)
+    planned = tuple(exposure.Walk((s,), slots[j].time, slots[j].team.detection) for j, s in order)
+    stays = exposure.expose(fates, known.reporting, (*known.patrols, *planned))
+    in_world = worth / np.maximum(weight[fates.world], 1e-300)  # objects for which a particle stands, given its world
+    total, visits = np.zeros(fates.worlds), list[Visit]()
+    for k, (j, s) in enumerate(order, len(known.patrols)):
+        rows, chance = exposure.searched(stays, s, k)
+        particle = stays.slot[rows]
+        by_world = np.bincount(fates.world[particle], chance * in_world[particle], fates.worlds).astype(float)
         total += by_world
         mean, error = _mean(by_world, weight)
-        made.append(Visit(slots[j], s, mean / slots[j].team.detection, mean, error))
+        visits.append(Visit(slots[j], s, mean / slots[j].team.detection, mean, error))
     found, error = _mean(total, weight)
-    busy = {visit.slot.team.name for visit in made}
+    busy = {visit.slot.team.name for visit in visits}
     idle = tuple(team.name for team in after.spill.teams if team.name not in busy)
-    return PatrolPlan(tuple(made), found, error, bound, daily, idle, slots)
+    return PatrolPlan(tuple(visits), found, error, bound, daily, idle, slots)
 
 
 def _mean(by_world: Real, weight: Real) -> tuple[float, float]:
@@ -275,11 +287,12 @@ def _mean(by_world: Real, weight: Real) -> tuple[float, float]:
     return float(mean[0, 0]), float(error[0, 0])
 
 
-def by_patrol(made: PatrolPlan) -> list[tuple[Slot, list[Visit]]]:
+def by_patrol(plan: PatrolPlan) -> list[tuple[Slot, list[Visit]]]:
     """Return the visits of each patrol that has any, by time and team."""
-    return [(slot, some) for slot in made.slots if (some := [visit for visit in made.visits if visit.slot is slot])]
+    visits = [(slot, [visit for visit in plan.visits if visit.slot is slot]) for slot in plan.slots]
+    return [(slot, of_slot) for slot, of_slot in visits if of_slot]
 
 
 def heading(slot: Slot) -> str:
-    """Return the name of a patrol that is planned: its team and day."""
+    """Return the name of a planned patrol: its team and time."""
     return f"{slot.team.name}, {notation.group(slot.when)}"

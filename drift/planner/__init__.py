@@ -1,1 +1,1 @@
-"""What to search next: units and their ways, rectangles, the optimiser, its estimated bound, the plan as crews read it."""
+"""What to search next: units, rectangles, the optimiser, its estimated bound, and the plan as crews read it."""

@@ -1,4 +1,4 @@
-"""When each unit can search where: after it has arrived, by daylight, until its endurance or the plan ends."""
+"""When each unit can search where: from its arrival on, by daylight, until its endurance or the plan ends."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from drift.search.records import PlanSpec, Unit
 from geo import notation, sphere
 from geo.array import Array
 
-MARGIN = 5.0  # [s] at most so much longer legs take in whole seconds on the sphere than on the plane
+MARGIN = 5.0  # [s] by which legs in whole seconds on the sphere may take longer than on the plane
 SHARE = 0.85  # of the endurance on scene that is search (Joint Pub 3-50, National Search and Rescue Supplement)
 
 
@@ -30,7 +30,7 @@ class Availability:
     transit_speed: float  # [m/s]
     spans: tuple[tuple[float, float], ...]  # in which it may search, in order
     search: float  # [s] of search in a sortie
-    # length [m] of the way to positions (lon, lat) [rad]; None: all ways are straight
+    # returns the length [m] of the way to positions (lon, lat) [rad]; None: all ways are straight
     way: Callable[[npt.ArrayLike, npt.ArrayLike], Array] | None = None
 
     def arrival(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
@@ -68,7 +68,7 @@ def of_unit(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float
     spans = [(begin, until)]
     if unit.daylight:
         spans = daylight.windows(begin, until, float(np.degrees(place[0])), float(np.degrees(place[1])))
-    if laws.of(unit.law).detects != "anywhere":  # which has no legs
+    if laws.of(unit.law).detects != "anywhere":  # a search without legs needs no margin
         spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
     base = tuple(float(v) for v in np.radians(unit.base))
     return Availability((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)

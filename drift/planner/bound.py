@@ -109,9 +109,9 @@ def silent(value: float, effective: float, error: float, seen: float, scored: fl
 
 
 def worth(tracks: Tracks, survival: Sequence[Survival | None], objective: str, time: Array | None = None) -> Array:
-    """Return what finding each particle is worth at times (k) [s since 1970], (k, m): 1, or its chance of being alive.
+    """Return what finding each particle is worth at some times, (k, m): 1, or its chance of being alive.
 
-    time: the tracks' own by default.
+    time: (k,) [s since 1970]; the tracks' own by default.
     """
     time = tracks.time if time is None else time
     value = np.ones((len(time), tracks.m))
@@ -195,7 +195,7 @@ def _field(
 
 
 def _bins(tracks: Tracks, plane: record.Plane) -> Bins:
-    """Return bins as short as particles' motion against each other requires, each when the cloud is densest in it."""
+    """Return bins as short as the particles' relative motion requires, each when the cloud is densest in it."""
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     time, duration = tracks.time, np.diff(tracks.time)
     side, apart = _strain(tracks, x, y)
@@ -230,7 +230,7 @@ def _bins(tracks: Tracks, plane: record.Plane) -> Bins:
 
 
 def _strain(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the mean side of boxes at each time of the tracks [m], and how far [m] their particles then move apart."""
+    """Return the mean side of boxes at each time of the tracks, and how far particles then move apart [m]."""
     tick = np.cumsum(tracks.weight)
     sample = np.minimum(np.searchsorted(tick, (np.arange(TRIAL) + 0.5) / TRIAL * tick[-1]), tracks.m - 1)
     sample = np.unique(sample)

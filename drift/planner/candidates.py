@@ -59,7 +59,7 @@ def choose(crew: Crew, row: Array, stage: Stage) -> Choice:
 
 
 def at_stage(plan: Plan, stage: Stage) -> Plan:
-    """Return the same rectangles with what they find at another stage, without those that are not possible there."""
+    """Return the same rectangles with what they find at another stage, without those impossible there."""
     chosen = [choice and choose(choice.crew, choice.row, stage) for choice in plan]
     return [choice if choice and choice.flown.possible[0] else None for choice in chosen]
 

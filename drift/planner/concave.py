@@ -41,7 +41,7 @@ SHORT = 1e-5  # share by which the integral over ROOTS may be too low
 
 @dataclass(frozen=True)
 class Curve:
-    """b at coverages 0, STEP, ..., MOST, concave and rising; slopes to search with; and its conjugate at slopes."""
+    """The curve b at coverages 0, STEP, ..., MOST: concave and rising; with its slopes and its conjugate."""
 
     value: Array  # (n,) smoothed: the integral of the slopes, at most b
     slope: Array  # (n,) falling: any slopes will do for a bound, these are near the true ones

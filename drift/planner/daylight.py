@@ -17,7 +17,10 @@ SAMPLE = 300.0  # [s] between samples of the elevation; with lines between them 
 
 
 def sun(time: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return the sun's declination [rad] and the equation of time [s] (apparent less mean) at times [s since 1970]."""
+    """Return the sun's declination [rad] and the equation of time [s], apparent less mean.
+
+    time: [s since 1970].
+    """
     days = (np.asarray(time, np.float64) - J2000) / 86_400 + 70 / 86_400  # TD is 70 s ahead
     t = days / 36_525
     mean = np.radians(280.46646 + 36_000.76983 * t + 0.0003032 * t**2)

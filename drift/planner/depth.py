@@ -27,7 +27,7 @@ def shoals(source: Depth, box: Box, draught: float) -> Array:
     try:
         with xr.open_dataset(source.file) as data:
             lon, lat, depth = _grid(data, source)
-            # At the turn that the box is written in
+            # Longitudes in the same turn as the box's.
             lon = sphere.east_of_degrees(lon, box.west)
             order = np.argsort(lon)
             columns = order[(lon[order] <= box.east)]
@@ -57,12 +57,12 @@ def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
     """Return longitudes, latitudes [deg] and the variable, (lat, lon)."""
     axes = {}
     for name, letters in (("lat", "lat"), ("lon", "lon")):
-        found = [c for c in data.variables if str(c).lower().startswith(letters) and data[c].ndim == 1]
-        if len(found) != 1:
+        candidates = [c for c in data.variables if str(c).lower().startswith(letters) and data[c].ndim == 1]
+        if len(candidates) != 1:
             raise UserError(
                 f'[depth]: "{source.file}" has no one-dimensional {name}; give a grid on latitude and longitude'
             )
-        axes[name] = found[0]
+        axes[name] = candidates[0]
     dims = tuple(data[axes[name]].dims[0] for name in ("lat", "lon"))
     known = [str(v) for v in data.data_vars if set(data[v].dims) == set(dims)]
     name = source.variable or (known[0] if len(known) == 1 else "")
@@ -80,12 +80,13 @@ def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
 def _sign(variable: Any, source: Depth) -> str:
     """Return whether a variable counts up or down from the sea's surface."""
     words = " ".join(str(variable.attrs.get(key, "")) for key in ("standard_name", "long_name")) + f" {variable.name}"
-    told: str = source.positive or str(variable.attrs.get("positive", "")).lower()
-    if told in ("up", "down"):
-        return told
+    positive: str = source.positive or str(variable.attrs.get("positive", "")).lower()
+    if positive in ("up", "down"):
+        return positive
     up, down = (any(word in words.lower() for word in kind) for kind in (UP, DOWN))
     if up == down:
         raise UserError(
-            f'[depth]: "{source.file}": nothing says whether {variable.name} counts up (elevation) or down (depth); give positive = "up" or "down"'
+            f'[depth]: "{source.file}": nothing says whether {variable.name} counts up (elevation) or down (depth); '
+            'give positive = "up" or "down"'
         )
     return "up" if up else "down"

@@ -1,4 +1,4 @@
-"""A plan as files for navigators and maps: GPX 1.1 routes, KML 2.2, GeoJSON; and as tables to append to the case."""
+"""A plan as files for navigators and maps (GPX 1.1 routes, KML 2.2, GeoJSON) and as tables for the case."""
 
 import html
 import json
@@ -19,7 +19,7 @@ from geo.notation import KNOT, NMI
 
 GPX = "http://www.topografix.com/GPX/1/1"
 KML = "http://www.opengis.net/kml/2.2"
-SAME = 20.0  # [m] by which legs may differ from those of the pattern that is written for them
+SAME = 20.0  # [m] by which legs may differ from those of a pattern that is written instead of them
 INKS = ("ff2a00c8", "ffb04f0b", "ff008a1c", "ff7a0f9b", "ff006a8a", "ff3a3a3a")  # aabbggrr
 
 
@@ -29,39 +29,42 @@ def numbers(plan: Plan) -> dict[str, Any]:
 
 
 def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
-    """Return a route for each tasking, from its base over the ends of its legs home, and its search point as a waypoint."""
+    """Return a route for each tasking, from base over the ends of its legs to home, and its search point.
+
+    The search point is a waypoint.
+    """
     root = ET.Element("gpx", {"xmlns": GPX, "version": "1.1", "creator": "casp-drift"})
     about = ET.SubElement(root, "metadata")
     _leaf(about, "name", title)
-    if told := _about(plan, run):
-        _leaf(about, "desc", told)
+    if words := _about(plan, run):
+        _leaf(about, "desc", words)
     named = list(zip(subareas.names(plan), plan.taskings, strict=True))
-    for name, one in named:
-        start = next(point for point in subareas.route(name, one) if point.what == "csp")
-        _point(root, "wpt", start, f"commence search, {one.unit.name}")
-    for number, (name, one) in enumerate(named, 1):
+    for name, tasking in named:
+        start = next(point for point in subareas.route(name, tasking) if point.what == "csp")
+        _point(root, "wpt", start, f"commence search, {tasking.unit.name}")
+    for number, (name, tasking) in enumerate(named, 1):
         way = ET.SubElement(root, "rte")
-        _leaf(way, "name", f"{name} {one.unit.name}")
-        _leaf(way, "desc", _told(one))
+        _leaf(way, "name", f"{name} {tasking.unit.name}")
+        _leaf(way, "desc", _description(tasking))
         _leaf(way, "number", str(number))
         _leaf(way, "type", "search")
-        for point in subareas.route(name, one):
+        for point in subareas.route(name, tasking):
             _point(way, "rtept", point, "")
     return _xml(root)
 
 
 def _point(parent: ET.Element, tag: str, point: subareas.Waypoint, words: str) -> None:
     lon = sphere.wrap_degrees(point.lon)
-    made = ET.SubElement(parent, tag, {"lat": f"{point.lat:.7f}", "lon": f"{lon:.7f}"})
-    _leaf(made, "time", notation.iso(point.time))
-    _leaf(made, "name", point.name)
+    element = ET.SubElement(parent, tag, {"lat": f"{point.lat:.7f}", "lon": f"{lon:.7f}"})
+    _leaf(element, "time", notation.iso(point.time))
+    _leaf(element, "name", point.name)
     if words:
-        _leaf(made, "desc", words)
-    _leaf(made, "type", point.what)
+        _leaf(element, "desc", words)
+    _leaf(element, "type", point.what)
 
 
 def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
-    """Return a folder for each tasking: its sub-area, legs, ways out and home and search point; cut at 180 degrees."""
+    """Return a folder for each tasking: sub-area, legs, ways out and home, search point; cut at 180 degrees."""
     root = ET.Element("kml", {"xmlns": KML})
     document = ET.SubElement(root, "Document")
     _leaf(document, "name", title)
@@ -75,16 +78,16 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
             if kind == "area":
                 fill = ET.SubElement(style, "PolyStyle")
                 _leaf(fill, "color", f"22{ink[2:]}")
-    for k, (name, one) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
+    for k, (name, tasking) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
         folder = ET.SubElement(document, "Folder")
-        _leaf(folder, "name", f"{name} {one.unit.name}")
-        for shape, geometry in _shapes(one).items():
+        _leaf(folder, "name", f"{name} {tasking.unit.name}")
+        for shape, geometry in _shapes(tasking).items():
             place = ET.SubElement(folder, "Placemark")
             _leaf(place, "name", name if shape == "area" else f"{name} {shape}")
-            _leaf(place, "description", html.escape(_told(one), quote=False))  # readers show it as HTML
+            _leaf(place, "description", html.escape(_description(tasking), quote=False))  # shown as HTML
             span = ET.SubElement(place, "TimeSpan")
-            _leaf(span, "begin", notation.iso(one.takeoff if shape == "transit" else one.on_scene))
-            _leaf(span, "end", notation.iso(one.home if shape == "transit" else one.off_scene))
+            _leaf(span, "begin", notation.iso(tasking.takeoff if shape == "transit" else tasking.on_scene))
+            _leaf(span, "end", notation.iso(tasking.home if shape == "transit" else tasking.off_scene))
             if shape != "csp":
                 _leaf(place, "styleUrl", f"#{'transit' if shape == 'round' else shape}{k % len(INKS)}")
             _geometry(place, geometry)
@@ -115,42 +118,46 @@ def _coordinates(points: Sequence[Sequence[float]]) -> str:
 
 
 def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return areas, legs, ways round land, ways out and home (transit) and search points as GeoJSON (RFC 7946), cut at 180 degrees."""
+    """Return areas, legs, ways round land, ways out and home (transit) and search points as GeoJSON.
+
+    It is that of RFC 7946: shapes are cut at 180 degrees.
+    """
     features = []
     whole = numbers(plan)
     counts = {f"effective_particles_{name}": value for name, value in whole["effective_particles"].items()}
-    for told, one in zip(whole["taskings"], plan.taskings, strict=True):
-        for shape, geometry in _shapes(one).items():
-            properties = {"shape": shape, **told, **counts}
+    for row, tasking in zip(whole["taskings"], plan.taskings, strict=True):
+        for shape, geometry in _shapes(tasking).items():
+            properties = {"shape": shape, **row, **counts}
             features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
 
 
-def _shapes(one: Tasking) -> dict[str, dict[str, Any]]:
+def _shapes(tasking: Tasking) -> dict[str, dict[str, Any]]:
     """Return a tasking's shapes as GeoJSON geometries."""
-    area = patterns.rectangle(one.centre, one.length, one.width, one.orientation)
-    found = {"area": search_shapes.polygon([search_shapes.outline(area)])}
-    if legs := search_shapes.flown(one.sortie):
-        found["legs"] = search_shapes.lines([points for searching, points in legs if searching])
+    area = patterns.rectangle(tasking.centre, tasking.length, tasking.width, tasking.orientation)
+    shapes = {"area": search_shapes.polygon([search_shapes.outline(area)])}
+    if legs := search_shapes.flown(tasking.sortie):
+        shapes["legs"] = search_shapes.lines([points for searching, points in legs if searching])
         if ways := [points for searching, points in legs if not searching]:
-            found["round"] = search_shapes.lines(ways)
-    if ways := subareas.transits(one):
-        found["transit"] = search_shapes.lines(ways)
-    return {**found, "csp": search_shapes.point(*subareas.begin(one))}
+            shapes["round"] = search_shapes.lines(ways)
+    if ways := subareas.transits(tasking):
+        shapes["transit"] = search_shapes.lines(ways)
+    return {**shapes, "csp": search_shapes.point(*subareas.begin(tasking))}
 
 
-def _told(one: Tasking) -> str:
+def _description(tasking: Tasking) -> str:
     """Return a tasking in a line."""
     return (
-        f"{one.unit.name}: on scene {notation.group(one.on_scene)}, off {notation.group(one.off_scene)}; "
-        f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, spacing {one.spacing / NMI:.2f} nmi, "
-        f"creep {subareas.degrees(one.creep):03d}T, {one.unit.search_speed / KNOT:.0f} kn; POS {plan_text.chance(one.pos)}"
+        f"{tasking.unit.name}: on scene {notation.group(tasking.on_scene)}, off {notation.group(tasking.off_scene)}; "
+        f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi, spacing {tasking.spacing / NMI:.2f} nmi, "
+        f"creep {subareas.degrees(tasking.creep):03d}T, {tasking.unit.search_speed / KNOT:.0f} kn; "
+        f"POS {plan_text.chance(tasking.pos)}"
     )
 
 
 def _about(plan: Plan, run: str) -> str:
     """Return what stands at the head of a file: the run, and what of the plan stands on few particles."""
-    return ". ".join([*([f"run {run}"] if run else []), *(f"WARNING: {told}" for told in plan_text.rough(plan))])
+    return ". ".join([*([f"run {run}"] if run else []), *(f"WARNING: {warning}" for warning in plan_text.rough(plan))])
 
 
 def _leaf(parent: ET.Element, tag: str, text: str) -> None:
@@ -173,89 +180,92 @@ def toml(plan: Plan, taken: Sequence[str] = ()) -> str:
         "# The plan's sorties. Append them to the case once they were flown and found nothing; say what was done with",
         '# completed = "60 %" or actual = "track.gpx".',
     ]  # fmt: skip
-    parts += [f"# WARNING: {told}" for told in plan_text.rough(plan)]
-    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
-        title, number = f"{name} {one.unit.name}", 2
+    parts += [f"# WARNING: {warning}" for warning in plan_text.rough(plan)]
+    for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
+        title, number = f"{name} {tasking.unit.name}", 2
         while title in used:
-            title, number = f"{name} {one.unit.name} ({number})", number + 1
+            title, number = f"{name} {tasking.unit.name} ({number})", number + 1
         used.add(title)
-        parts += ["", "[[sortie]]", *(f"{key} = {value}" for key, value in _table(title, one, plan.scenarios).items())]
+        table = _table(title, tasking, plan.scenarios)
+        parts += ["", "[[sortie]]", *(f"{key} = {value}" for key, value in table.items())]
     return "\n".join(parts) + "\n"
 
 
-def _table(name: str, one: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
+def _table(name: str, tasking: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
     """Return the keys of a [[sortie]] table with their values in TOML."""
-    sortie = one.sortie
-    found = {"name": _quoted(name)}
+    sortie = tasking.sortie
+    table = {"name": _quoted(name)}
     if sortie.kind:
-        found["unit"] = _quoted(sortie.kind)
-    found["start"] = _quoted(notation.iso(sortie.start))
+        table["unit"] = _quoted(sortie.kind)
+    table["start"] = _quoted(notation.iso(sortie.start))
     if sortie.legs is None:
-        found["end"] = _quoted(notation.iso(sortie.end))
-    found["law"] = laws.of(sortie.law).written(sortie.law)
-    found["sweep_width"] = _widths(sortie.sweep_width, scenarios)
+        table["end"] = _quoted(notation.iso(sortie.end))
+    table["law"] = laws.of(sortie.law).written(sortie.law)
+    table["sweep_width"] = _widths(sortie.sweep_width, scenarios)
     if math.isfinite(sortie.shape):
-        found["sweep_width_uncertainty"] = f"{1 / math.sqrt(sortie.shape):.9g}"
+        table["sweep_width_uncertainty"] = f"{1 / math.sqrt(sortie.shape):.9g}"
     if sortie.group:
-        found["sweep_group"] = _quoted(sortie.group)
-    found["speed"] = _quoted(f"{one.unit.search_speed / KNOT:.9g} kn")
+        table["sweep_group"] = _quoted(sortie.group)
+    table["speed"] = _quoted(f"{tasking.unit.search_speed / KNOT:.9g} kn")
     if math.isfinite(sortie.altitude):
-        found["altitude"] = _quoted(f"{sortie.altitude / 0.3048:.9g} ft")
-    return found | _where(one)
+        table["altitude"] = _quoted(f"{sortie.altitude / 0.3048:.9g} ft")
+    return table | _where(tasking)
 
 
-def _where(one: Tasking) -> dict[str, str]:
+def _where(tasking: Tasking) -> dict[str, str]:
     """Return what a sortie searches: a pattern, waypoints, or an area with its spacing."""
-    sortie = one.sortie
+    sortie = tasking.sortie
     shape = {
-        "centre": _quoted(place(*one.centre)),
-        "length": _quoted(f"{one.length / NMI:.9g} nmi"),
-        "width": _quoted(f"{one.width / NMI:.9g} nmi"),
-        "orientation": f"{math.degrees(one.orientation) % 360:.9g}",
+        "centre": _quoted(place(*tasking.centre)),
+        "length": _quoted(f"{tasking.length / NMI:.9g} nmi"),
+        "width": _quoted(f"{tasking.width / NMI:.9g} nmi"),
+        "orientation": f"{math.degrees(tasking.orientation) % 360:.9g}",
     }
     if sortie.legs is None:
-        # The spacing at which these sweep widths come to the plan's coverage
-        spacing = next(
-            (w / c for w, c in zip(sortie.sweep_width, sortie.coverage, strict=True) if w > 0 and c > 0), one.spacing
-        )
-        return {"area": _inline(shape), "spacing": _quoted(f"{spacing / NMI:.9g} nmi")}
-    if _is_parallel(one):
-        shape |= {"spacing": _quoted(f"{one.spacing / NMI:.9g} nmi"), "corner": _quoted(place(*subareas.begin(one)))}
+        # The spacing at which these sweep widths give the plan's coverage.
+        pairs = zip(sortie.sweep_width, sortie.coverage, strict=True)
+        apart = next((width / coverage for width, coverage in pairs if width > 0 and coverage > 0), tasking.spacing)
+        return {"area": _inline(shape), "spacing": _quoted(f"{apart / NMI:.9g} nmi")}
+    if _is_parallel(tasking):
+        spacing, corner = f"{tasking.spacing / NMI:.9g} nmi", place(*subareas.begin(tasking))
+        shape |= {"spacing": _quoted(spacing), "corner": _quoted(corner)}
         return {"pattern": _inline({"kind": '"parallel"', **shape})}
     legs = sortie.legs
     rows = [
         f"[{_quoted(notation.iso(np.datetime64(round(t), 's')))}, {_quoted(place(x, y))}]"
         for t, x, y in zip(legs.time, legs.lon, legs.lat, strict=True)
     ]
-    found = {"waypoints": "[\n  " + ",\n  ".join(rows) + ",\n]"}
+    searched = {"waypoints": "[\n  " + ",\n  ".join(rows) + ",\n]"}
     if not all(legs.searching):
-        found["transit_legs"] = str([k for k, seeks in enumerate(legs.searching, 1) if not seeks])
-    return found
+        searched["transit_legs"] = str([k for k, seeks in enumerate(legs.searching, 1) if not seeks])
+    return searched
 
 
-def _is_parallel(one: Tasking) -> bool:
-    """Whether the legs are those that the pattern of the same numbers makes, at the same times."""
-    legs = one.sortie.legs
+def _is_parallel(tasking: Tasking) -> bool:
+    """Return whether the legs are those of the parallel pattern of the same size, at the same times."""
+    legs = tasking.sortie.legs
     assert legs is not None
-    start, size = search_shapes.epoch(one.sortie.start), (one.length, one.width, one.orientation, one.spacing)
+    start = search_shapes.epoch(tasking.sortie.start)
+    size = tasking.length, tasking.width, tasking.orientation, tasking.spacing
     for corner in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         try:
-            made = patterns.parallel(one.centre, *size, start, one.unit.search_speed, corner).legs
+            pattern = patterns.parallel(tasking.centre, *size, start, tasking.unit.search_speed, corner).legs
         except ValueError:
             return False
-        if len(made.lon) != len(legs.lon) or not all(legs.searching):
+        if len(pattern.lon) != len(legs.lon) or not all(legs.searching):
             return False
-        apart = sphere.distance(*np.radians([made.lon, made.lat, legs.lon, legs.lat]))
-        if apart.max() < SAME and np.abs(np.subtract(made.time, legs.time)).max() < SAME / one.unit.search_speed + 1:
+        apart = sphere.distance(*np.radians([pattern.lon, pattern.lat, legs.lon, legs.lat]))
+        late = np.abs(np.subtract(pattern.time, legs.time))
+        if apart.max() < SAME and late.max() < SAME / tasking.unit.search_speed + 1:
             return True
     return False
 
 
 def _widths(widths: Sequence[float], scenarios: Sequence[str]) -> str:
-    told = [_quoted(f"{width / NMI:.9g} nmi") for width in widths]
-    if len(set(told)) == 1:
-        return told[0]
-    return _inline({_quoted(name): width for name, width in zip(scenarios, told, strict=True)})
+    values = [_quoted(f"{width / NMI:.9g} nmi") for width in widths]
+    if len(set(values)) == 1:
+        return values[0]
+    return _inline({_quoted(name): value for name, value in zip(scenarios, values, strict=True)})
 
 
 def _inline(table: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""The boats of a plan on the coast of its case: how each gets about, and that none of its way lies on land."""
+"""The boats of a plan on the coast of its case: their ways by sea, and that none of these lies on land."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -20,26 +20,26 @@ from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore
 
-PLACES = 4_000  # positions of particles that tell where a boat may have to search
+PLACES = 4_000  # positions of particles by which it is judged where a boat may have to search
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Courses of boats near land by name; the units that can be sent; what is to be said of boats."""
+    """Boats near land, and the units that can be sent."""
 
-    courses: dict[str, Course]
-    units: tuple[Unit, ...]
-    said: tuple[str, ...]
-    land: Callable[[Box], Array]
+    courses: dict[str, Course]  # of boats near land, by name
+    units: tuple[Unit, ...]  # that can be sent
+    said: tuple[str, ...]  # what a coordinator must know of boats
+    land: Callable[[Box], Array]  # polygons in a box [deg]
 
 
-def prepare(case: Case, where: Environment, found: Tracks) -> Fleet:
+def prepare(case: Case, where: Environment, tracks: Tracks) -> Fleet:
     """Return the boats of a case, with their ways to wherever its particles are in the time of the plan."""
     land = partial(shown, case, where)
-    made: dict[str, Course] = {}
+    ways: dict[str, Course] = {}
     said, units = [], []
     for unit in case.units:
-        places = _places(unit, case.plan, found) if unit.afloat and case.coast.source != "none" else np.empty((0, 2))
+        places = _places(unit, case.plan, tracks) if unit.afloat and case.coast.source != "none" else np.empty((0, 2))
         if len(places):
             try:
                 course, words = courses.prepare(unit, land, places, _shoals(case, unit))
@@ -47,15 +47,15 @@ def prepare(case: Case, where: Environment, found: Tracks) -> Fleet:
                 said.append(f"{unit.name} is not sent: {error}.")
                 continue
             if course is not None:
-                made[unit.name] = course
+                ways[unit.name] = course
             if words:
                 said.append(f"{unit.name} {words}")
         units.append(unit)
-    return Fleet(made, tuple(units), tuple(said), land)
+    return Fleet(ways, tuple(units), tuple(said), land)
 
 
 def _shoals(case: Case, unit: Unit) -> Callable[[Box], Array] | None:
-    """Return what tells where it is too shallow for a boat; None where nothing is asked."""
+    """Return a function that tells where it is too shallow for a boat, None if that does not matter."""
     if case.depth is None or unit.draught == 0:
         return None
     return partial(_shallow, case.depth, unit.draught)
@@ -65,9 +65,9 @@ def _shallow(source: Depth, draught: float, box: Box) -> Array:
     return depth.shoals(source, box, draught)
 
 
-def _places(unit: Unit, spec: PlanSpec, found: Tracks) -> Array:
-    """Return positions (n, 2) [deg] of particles that a boat could reach by the plan's end, even on a straight way."""
-    some = planning_tracks.coarser(found, 6)
+def _places(unit: Unit, spec: PlanSpec, tracks: Tracks) -> Array:
+    """Return positions (n, 2) [deg] of particles that a boat could reach by the plan's end on a straight way."""
+    some = planning_tracks.coarser(tracks, 6)
     lon, lat = (v[:, some.weight > 0].ravel() * sphere.UNIT for v in (some.lon, some.lat))
     far = sphere.distance(math.radians(unit.base[0]), math.radians(unit.base[1]), lon, lat)
     time = notation.epoch(spec.until) - max(notation.epoch(spec.begin), notation.epoch(unit.ready))
@@ -77,30 +77,33 @@ def _places(unit: Unit, spec: PlanSpec, found: Tracks) -> Array:
 
 
 def shown(case: Case, where: Environment, box: Box) -> Array:
-    """Return the land of a case in a box: what the run has of it, or read anew where the box reaches beyond that."""
+    """Return the land of a case in a box: that of the run, or read anew if the box reaches beyond it."""
     if where.coast is not None and shoreline.covers(where.coast, box):
         return where.coast.polygons
     return shore.land(case.coast.source, box, case.coast.lakes).polygons
 
 
 def checked(fleet: Fleet, taskings: Sequence[Tasking]) -> tuple[tuple[Tasking, ...], Fleet]:
-    """Return the taskings of which no metre of a boat's way lies on land, by Shapely on the coast in full; the others are said."""
+    """Return the taskings of which no way by sea lies on land, and the fleet with words on the others.
+
+    The check is Shapely's, on the coast in full.
+    """
     kept = []
-    for one in taskings:
-        course = fleet.courses.get(one.unit.name)
+    for tasking in taskings:
+        course = fleet.courses.get(tasking.unit.name)
         dry = 0.0
         if course is not None:
             polygons = fleet.land(course.box)
-            legs = one.sortie.legs
+            legs = tasking.sortie.legs
             ways = (
-                [one.out, one.back]
+                [tasking.out, tasking.back]
                 if legs is None
-                else [one.out, tuple(zip(legs.lon, legs.lat, strict=True)), one.back]
+                else [tasking.out, tuple(zip(legs.lon, legs.lat, strict=True)), tasking.back]
             )
             dry = sum(courses.on_land(polygons, *np.array(way).T) for way in ways if len(way) > 1)
         if dry == 0:
-            kept.append(one)
+            kept.append(tasking)
         else:
-            words = f"{one.unit.name} is not sent: {dry:.1f} m of the way that was found for it lie on land."
+            words = f"{tasking.unit.name} is not sent: {dry:.1f} m of the way that was found for it lie on land."
             fleet = replace(fleet, said=(*fleet.said, words))
     return tuple(kept), fleet

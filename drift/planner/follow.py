@@ -1,6 +1,6 @@
-"""Tracks to plan on: particles of their own, drawn with another seed, followed through all that is known and then on.
+"""Tracks to plan on: particles of their own, followed through all that is known and on from there.
 
-They are not those that the plan is scored on, so that it cannot profit from their accidents.
+They are drawn with another seed than those that the plan is scored on, so that it cannot profit from their accidents.
 """
 
 from dataclasses import replace

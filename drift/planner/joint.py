@@ -16,7 +16,7 @@ from drift.search.records import Unit
 from geo.array import Array
 
 NODES = {0: 1, 1: 6, 2: 4, 3: 3}  # of each unknown factor, by how many there are; more: 2
-MOST_GROUPS = 6  # unknown factors that are told apart
+MOST_GROUPS = 6  # unknown factors that are treated as such; further ones count as known
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Find:
 
 
 def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
-    """Return the factor of each unit's sweep width at the joint nodes, (units, nodes), and the nodes' weights, (nodes,)."""
+    """Return each unit's factor of sweep width at the joint nodes, (units, nodes), and their weights, (nodes,)."""
     names = [unit.group or unit.name for unit in units]
     groups = list(dict.fromkeys(n for n, unit in zip(names, units, strict=True) if math.isfinite(unit.shape)))[
         :MOST_GROUPS
@@ -47,22 +47,25 @@ def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
 
 def worth(finds: Sequence[Find], weight: Array) -> Array:
     """Return what finding is worth on average, for each particle (m,): for POS, its chance of being found."""
-    return _later(sorted(finds, key=lambda one: one.time)) @ weight
+    return _later(sorted(finds, key=lambda find: find.time)) @ weight
 
 
 def others(finds: Sequence[Find], time: float, weight: Array, m: int) -> tuple[Array, Array]:
-    """Return what is left of each particle at a time, times the nodes' weights, and what later sorties still bring, (m, nodes)."""
-    ordered = sorted(finds, key=lambda one: one.time)
+    """Return what is left of each particle at a time, and what later sorties still bring, both (m, nodes).
+
+    What is left is multiplied by the nodes' weights.
+    """
+    ordered = sorted(finds, key=lambda find: find.time)
     before = np.broadcast_to(weight, (m, len(weight))).copy()
-    for one in ordered:
-        if one.time < time:
-            before *= 1 - one.chance
-    later = [one for one in ordered if one.time >= time]
+    for find in ordered:
+        if find.time < time:
+            before *= 1 - find.chance
+    later = [find for find in ordered if find.time >= time]
     return before, _later(later) if later else np.zeros((m, len(weight)))
 
 
 def _later(ordered: Sequence[Find]) -> Array:
     total = np.zeros(ordered[0].chance.shape)
-    for one in reversed(ordered):
-        total = one.chance * one.worth[:, None] + (1 - one.chance) * total
+    for find in reversed(ordered):
+        total = find.chance * find.worth[:, None] + (1 - find.chance) * total
     return total

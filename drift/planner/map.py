@@ -1,8 +1,8 @@
-"""The picture of a plan: sub-areas, legs and search points on the probability at the time of search, and its figures."""
+"""The picture of a plan: sub-areas, legs and search points on the probability then, and its figures."""
 
 import math
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from drift.forecast import beyond, effective, layers
 from drift.forecast.build import Forecast
 from drift.maps import chart, labels, page, sheet
 from drift.maps.chart import INK, Frame
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Setting
 from drift.maps.marks import Line, Mark
 from drift.maps.sheet import Badge, Page, Row, Sheet
 from drift.planner import subareas
@@ -35,9 +35,9 @@ from geo.notation import KNOT, NMI
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
 POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
 BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
-ROW = 0.03  # of the page, a row of warnings over the map
-FIGURES = 2.72  # [em] that "0.12  " is wide
-TITLED = 0.65  # of the page, where a title ends that has a warning right of it
+ROW = 0.03  # height of a row of warnings over the map, as a share of the page
+FIGURES = 2.72  # [em] width of "0.12  "
+TITLED = 0.65  # where a title with a warning to its right ends, as a share of the page's width
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
 SHEET = Sheet(
     11.7, 8.3, 140, left=0.055, title=sheet.heading(0.955, 15), lines=(sheet.heading(0.92, 12.5), Row(0.887, 9.5, 120)),
@@ -45,62 +45,69 @@ SHEET = Sheet(
 )  # fmt: skip
 
 
-def draw(
-    forecast: Forecast,
-    plan: Plan,
-    path: Path,
-    imprint: Imprint,
-    *,
-    time: int | None = None,
-    polygons: Iterable[Any] = (),
-    marks: Sequence[Mark] = (),
-    particles: int | None = None,
-) -> None:
-    """Draw a plan on the probability at an output (index; the one nearest to the middle of its first round unless told).
+def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: int | None = None) -> None:
+    """Draw a plan on the probability at an output.
 
-    See drift.forecast.map.draw_map for the rest.
+    time: index of the output; by default the one nearest to the middle of the plan's first round.
     """
     i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
     at = forecast.data.isel(time=i)
-    now = at["time"].values[()]
     on = sheet.begin(SHEET)
-    figure = on.figure
-    count = effective.at(forecast.data, i, particles)
-    least = count if count.few else min(_stood_on(plan, count), key=lambda one: one.number)
-    high = MAP[3] - ROW * least.few
-    here = _extent(forecast, plan, i, marks, high)
-    if out := textwrap.wrap(beyond.told(here, at), 110):
-        high -= ROW * len(out)
-        here = _extent(forecast, plan, i, marks, high)
-        out = textwrap.wrap(beyond.told(here, at), 110)
-    ax = figure.add_axes((*MAP[:3], high))
+    count = effective.at(forecast.data, i, setting.particles)
+    least = count if count.few else min(_stood_on(plan, count), key=lambda count: count.number)
+    here, high, out = _framed(forecast, plan, i, setting.marks, MAP[3] - ROW * least.few)
+    ax = on.figure.add_axes((*MAP[:3], high))
     chart.prepare(ax, here)
     shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
-    land = chart.land_path(here, polygons, 1000)
+    land = chart.land_path(here, setting.polygons, 1000)
     chart.draw_land(ax, land)
     chart.graticule(ax, here)
-    outlines = layers.areas_of(forecast, now, forecast.ends)
-    if count.few:
-        layers.rough(ax, here, layers.widest(outlines))
-    for outline in outlines:
-        style = layers.line(outline.share, forecast, count.few)
-        layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+    outlines = layers.areas_of(forecast, at["time"].values[()], forecast.ends)
+    _areas(ax, here, forecast, outlines, count.few)
     ashore = layers.ashore_marks(ax, here, forecast, i)
-    _plan(ax, on.canvas, here, forecast, plan, i, marks)
-
-    when = f"Probability at {notation.group(now)}, given that all searches until then have failed"
-    many = "" if particles is None else f"   ·   {particles:,} particles"
-    title = _cut(on, imprint.title, TITLED if imprint.caution else 0.985)
-    sheet.head(on, replace(imprint, title=title), f"Plan: {plan_text.worth(plan)}", when + many)
+    _plan(ax, on.canvas, here, forecast, plan, i, setting.marks)
+    _words(on, plan, notation.group(at["time"].values[()]), setting)
     if least.few:
         sheet.rough(on, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):
         sheet.say(on, sheet.warning(0.875 - ROW * k, 9), text)
-    _legend(figure, plan, forecast, outlines, len(marks), ashore, land is not None, count.few)
-    _panel(figure, plan)
-    _bar(figure, mesh)
-    sheet.end(on, path, imprint)
+    _legend(on.figure, plan, forecast, outlines, len(setting.marks), ashore, land is not None, count.few)
+    _panel(on.figure, plan)
+    _bar(on.figure, mesh)
+    sheet.end(on, path, setting.imprint)
+
+
+def _framed(
+    forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float
+) -> tuple[Frame, float, list[str]]:
+    """Return the map's frame, its height [of the page], and lines over it that say what the frame leaves out."""
+    here = _extent(forecast, plan, i, marks, high)
+    at = forecast.data.isel(time=i)
+    out = textwrap.wrap(beyond.told(here, at), 110)
+    if out:
+        high -= ROW * len(out)
+        here = _extent(forecast, plan, i, marks, high)
+        out = textwrap.wrap(beyond.told(here, at), 110)
+    return here, high, out
+
+
+def _areas(ax: Axes, here: Frame, forecast: Forecast, outlines: Sequence[Any], few: bool) -> None:
+    """Draw the outlines of the areas by share, thin; few: too few particles count for certain ones."""
+    if few:
+        layers.rough(ax, here, layers.widest(outlines))
+    for outline in outlines:
+        style = layers.line(outline.share, forecast, few)
+        layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+
+
+def _words(on: Page, plan: Plan, time: str, setting: Setting) -> None:
+    """Write over the map what the plan is worth, and the time of the probability."""
+    imprint = setting.imprint
+    when = f"Probability at {time}, given that all searches until then have failed"
+    many = "" if setting.particles is None else f"   ·   {setting.particles:,} particles"
+    title = _cut(on, imprint.title, TITLED if imprint.caution else 0.985)
+    sheet.head(on, replace(imprint, title=title), f"Plan: {plan_text.worth(plan)}", when + many)
 
 
 def _cut(on: Page, title: str, right: float) -> str:
@@ -117,11 +124,11 @@ def _cut(on: Page, title: str, right: float) -> str:
 
 
 def nearest(forecast: Forecast, plan: Plan) -> int:
-    """Return the output nearest to the middle of the first round's time on scene; the last where nothing is tasked."""
-    first = [one for one in plan.taskings if one.round == plan.taskings[0].round]
+    """Return the output nearest to the middle of the first round's time on scene, the last of an empty plan."""
+    first = [tasking for tasking in plan.taskings if tasking.round == plan.taskings[0].round]
     if not first:
         return int(forecast.data.sizes["time"]) - 1
-    begin, end = min(one.on_scene for one in first), max(one.off_scene for one in first)
+    begin, end = min(tasking.on_scene for tasking in first), max(tasking.off_scene for tasking in first)
     return int(np.argmin(np.abs(forecast.data["time"].values - (begin + (end - begin) // 2))))
 
 
@@ -131,57 +138,58 @@ def _stood_on(plan: Plan, shown: effective.Count) -> list[effective.Count]:
 
 
 def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float) -> Frame:
-    """Return the frame of the sub-areas and the probability; of the bases too where that makes it little larger."""
-    rings = [ring(one) for one in plan.taskings]
+    """Return the frame of the sub-areas and the probability, and of bases that make it little larger."""
+    rings = [ring(tasking) for tasking in plan.taskings]
     lines = [Line(around[:, 0].tolist(), around[:, 1].tolist(), "") for around in rings]
-    one = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
-    times, aspect = [one.data["time"].values[0]], MAP[2] * SHEET.width / (high * SHEET.height)
-    here = layers.extent(one, times, marks, lines, aspect)
+    now = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
+    times, aspect = [now.data["time"].values[0]], MAP[2] * SHEET.width / (high * SHEET.height)
+    here = layers.extent(now, times, marks, lines, aspect)
     bases = [Mark(*place) for t in plan.taskings for place in (t.unit.base, t.unit.return_to)]
-    whole = layers.extent(one, times, [*marks, *bases], lines, aspect)
+    whole = layers.extent(now, times, [*marks, *bases], lines, aspect)
     return whole if layers.little(here, whole) else here
 
 
-def ring(one: Tasking) -> Array:
+def ring(tasking: Tasking) -> Array:
     """Return the closed outline of a sub-area, (n, 2) [deg]."""
-    corners = np.array(subareas.corners(one))
+    corners = np.array(subareas.corners(tasking))
     return search_shapes.curve(np.append(corners[:, 0], corners[0, 0]), np.append(corners[:, 1], corners[0, 1]))
 
 
 def _plan(
     ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark]
 ) -> None:
-    """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar in a free corner."""
+    """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar."""
     texts: list[labels.Point] = []
     busy = list(layers.occupied(here, forecast, [forecast.data["time"].values[i]]))
-    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
-        for points in subareas.transits(one):
+    for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
+        for points in subareas.transits(tasking):
             line(ax, here, points, {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}, 7)
-        for searching, points in search_shapes.flown(one.sortie):
+        for searching, points in search_shapes.flown(tasking.sortie):
             line(ax, here, points, search_layers.LEGS if searching else search_layers.TRANSIT, 8)
-        around = ring(one)
-        style = {**search_layers.AREA, "linewidth": 2.0, "linestyle": "-" if one.round == 1 else LATER}
+        around = ring(tasking)
+        style = {**search_layers.AREA, "linewidth": 2.0, "linestyle": "-" if tasking.round == 1 else LATER}
         line(ax, here, around, style, 8.5)
         x, y = here.project(around[:, 0], around[:, 1])
         busy = [np.append(busy[0], x), np.append(busy[1], y)]
-        if one.sortie.legs is not None:
-            creep(ax, here, one)
-        x, y = here.project(*subareas.begin(one))
+        if tasking.sortie.legs is not None:
+            creep(ax, here, tasking)
+        x, y = here.project(*subareas.begin(tasking))
         ax.plot(x, y, markersize=7.5, markeredgewidth=1.8, zorder=12, **POINT)
         bold = {"fontsize": 9.5, "weight": "bold", "color": "#000000"}
-        # Areas may overlap where they are searched at other times: the label tells which is first
-        label = f"{name} {page.fit(one.unit.name, 26)}\n{short(one.on_scene)}"
+        # Areas may overlap where they are searched at other times, so the label says when.
+        label = f"{name} {page.fit(tasking.unit.name, 26)}\n{short(tasking.on_scene)}"
         texts.append((float(x), float(y), label, bold))
     must = len(texts)
     for mark in marks:
         layers.mark_point(ax, here, mark, 8)
         x, y = here.project(mark.lon, mark.lat)
         texts.append((float(x), float(y), mark.label, {"fontsize": 8.5, "color": layers.LAST_KNOWN, "weight": "bold"}))
-    for place in sorted({place for one in plan.taskings for place in (one.unit.base, one.unit.return_to)}):
+    units = [tasking.unit for tasking in plan.taskings]
+    for place in sorted({place for unit in units for place in (unit.base, unit.return_to)}):
         x, y = here.project(*place)
         if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
             ax.plot(x, y, markersize=8, markeredgewidth=1.0, zorder=12, **BASE)
-            who = [one.unit.name for one in plan.taskings if place in (one.unit.base, one.unit.return_to)]
+            who = [unit.name for unit in units if place in (unit.base, unit.return_to)]
             texts.append((float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK}))
     texts += _beyond(here, plan)
     bar = chart.scale_bar(ax, here, chart.free_corner(here, *busy))
@@ -203,13 +211,13 @@ def line(ax: Axes, here: Frame, points: Array, style: dict[str, Any], zorder: fl
     )
 
 
-def creep(ax: Axes, here: Frame, one: Tasking) -> None:
+def creep(ax: Axes, here: Frame, tasking: Tasking) -> None:
     """Draw an arrow in the direction of creep in the middle of a sub-area."""
-    reach = 0.22 * one.width
+    reach = 0.22 * tasking.width
     ends = []
     for sign in (-1, 1):
-        east, north = sign * reach * np.sin(one.creep), sign * reach * np.cos(one.creep)
-        lon, lat = sphere.destination(math.radians(one.centre[0]), math.radians(one.centre[1]), east, north)
+        east, north = sign * reach * np.sin(tasking.creep), sign * reach * np.cos(tasking.creep)
+        lon, lat = sphere.destination(math.radians(tasking.centre[0]), math.radians(tasking.centre[1]), east, north)
         ends.append((np.degrees(lon), np.degrees(lat)))
     (x0, y0), (x1, y1) = (here.project(*end) for end in ends)
     arrow = {"arrowstyle": "-|>,head_width=0.28,head_length=0.5", "color": "#000000", "linewidth": 1.5}
@@ -218,15 +226,15 @@ def creep(ax: Axes, here: Frame, one: Tasking) -> None:
 
 
 def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
-    """Return what says at the chart's edge how far it is to a base beyond it, and in which direction, once a base."""
-    found: list[labels.Point] = []
-    for place in sorted({one.unit.base for one in plan.taskings}):
+    """Return labels at the chart's edge: how far it is to each base beyond it, and in which direction."""
+    texts: list[labels.Point] = []
+    for place in sorted({tasking.unit.base for tasking in plan.taskings}):
         x, y = (float(v) for v in here.project(*place))
         if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
             continue
-        based = [one for one in plan.taskings if one.unit.base == place]
-        one = based[0]
-        px, py = (float(v) for v in here.project(*subareas.begin(one)))
+        based = [tasking for tasking in plan.taskings if tasking.unit.base == place]
+        begin = subareas.begin(based[0])
+        px, py = (float(v) for v in here.project(*begin))
         shares = [
             (edge - start) / (end - start)
             for start, end, edges in ((px, x, here.x), (py, y, here.y))
@@ -234,17 +242,17 @@ def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
             if abs(end - start) > 1e-6 and (edge - start) / (end - start) > 0
         ]
         share = 0.97 * min([1.0, *shares])
-        start, goal = np.radians(subareas.begin(one)), np.radians(place)
+        start, goal = np.radians(begin), np.radians(place)
         far = float(sphere.distance(*start, *goal)) / NMI
         east, north = sphere.offset(*start, *goal)
         way = subareas.degrees(math.atan2(float(east), float(north)))
-        told = f"{_some(list(dict.fromkeys(o.unit.name for o in based)))}\nbase {far:.0f} nmi, {way:03d}T"
-        found.append((px + share * (x - px), py + share * (y - py), told, {"fontsize": 8, "color": INK}))
-    return found
+        words = f"{_some(list(dict.fromkeys(o.unit.name for o in based)))}\nbase {far:.0f} nmi, {way:03d}T"
+        texts.append((px + share * (x - px), py + share * (y - py), words, {"fontsize": 8, "color": INK}))
+    return texts
 
 
 def _some(who: list[str]) -> str:
-    """Return whose base it is."""
+    """Return whose base it is: the first unit's, and how many more."""
     more = f" and {len(who) - 1} more" if len(who) > 1 else ""
     return f"{page.fit(who[0], 26)}{more}"
 
@@ -266,7 +274,7 @@ def _legend(
         (Line2D([], [], markersize=8, **BASE), "Base"),
         (Line2D([], [], color="#000000", linewidth=0.9, linestyle=(0, (1, 2.5))), "Way out and home"),
     ]
-    if any(one.round > 1 for one in plan.taskings):
+    if any(tasking.round > 1 for tasking in plan.taskings):
         rows.insert(1, (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0, "linestyle": LATER}), "Later round"))
     for outline in outlines:
         style = layers.line(outline.share, forecast, few)
@@ -303,16 +311,18 @@ def _panel(figure: Figure, plan: Plan) -> None:
     def say(text: str, high: float = 1.0, weight: str = "normal", indent: float = 0.0) -> None:
         lines.append((text, high, weight, indent))
 
-    for name, one in zip(subareas.names(plan), plan.taskings, strict=True):
-        say(f"{name}  {page.fit(one.unit.name, 26)}   POS {plan_text.chance(one.pos)}", 1.15, "bold")
-        say(f"on scene {short(one.on_scene)} to {short(one.off_scene)}, home {short(one.home)}")
-        say(f"{one.length / NMI:.1f} × {one.width / NMI:.1f} nmi along {subareas.degrees(one.orientation):03d}T, "
-            f"{one.unit.search_speed / KNOT:.0f} kn")  # fmt: skip
-        if one.sortie.legs is not None:
-            say(f"CSP {notation.position(*subareas.begin(one))}")
-            say(f"{one.legs} legs, spacing {one.spacing / NMI:.2f} nmi, creep {subareas.degrees(one.creep):03d}T", 1.35)
+    for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
+        say(f"{name}  {page.fit(tasking.unit.name, 26)}   POS {plan_text.chance(tasking.pos)}", 1.15, "bold")
+        say(f"on scene {short(tasking.on_scene)} to {short(tasking.off_scene)}, home {short(tasking.home)}")
+        extent = f"{tasking.length / NMI:.1f} × {tasking.width / NMI:.1f} nmi"
+        along = f"along {subareas.degrees(tasking.orientation):03d}T"
+        say(f"{extent} {along}, {tasking.unit.search_speed / KNOT:.0f} kn")
+        if tasking.sortie.legs is not None:
+            say(f"CSP {notation.position(*subareas.begin(tasking))}")
+            spacing, creep = tasking.spacing / NMI, subareas.degrees(tasking.creep)
+            say(f"{tasking.legs} legs, spacing {spacing:.2f} nmi, creep {creep:03d}T", 1.35)
         else:
-            say(f"centre {notation.position(*one.centre)}", 1.35)
+            say(f"centre {notation.position(*tasking.centre)}", 1.35)
     if not plan.taskings:
         say("No unit can search in this period.", 1.5, "bold")
     say("POS, had it been", 1.05, "bold")

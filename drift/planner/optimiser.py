@@ -56,7 +56,7 @@ def plan(
     tell: Callable[[float], None] | None = None,
     at_sea: Mapping[str, Course] | None = None,
 ) -> Proposal:
-    """Return one sortie for each unit that can search, such that together they find most of the tracks' particles.
+    """Return one sortie for each unit that can search, which together find most of the tracks' particles.
 
     survival: of each scenario; used where spec.objective is "alive". tell: called with the share that is done. at_sea:
     courses of boats near land, by name of unit; all other units go straight.
@@ -112,10 +112,10 @@ def _crews(
 def _begun(
     crews: list[Crew], coarse: Stage, apart: bool, rng: np.random.Generator, tell: Callable[[float], None]
 ) -> list[tuple[float, Plan]]:
-    """Return (what it finds, plan) from several beginnings, the best first, with legs smeared out, on few particles.
+    """Return (what it finds, plan) from several beginnings, the best first, on few particles.
 
-    apart: whether units must keep apart. Because they would shut each other out, a growing price moves them apart
-    first; only then is it forbidden to be too near.
+    Legs are smeared out. apart: whether units must keep apart. Because they would shut each other out, a growing price
+    moves them apart first; only then is it forbidden to be too near.
     """
     prices = [*(PRICES if apart else ()), *[math.inf] * ROUNDS]
     starts: list[tuple[float, Plan]] = []
@@ -182,7 +182,10 @@ def _swarm(tracks: Tracks, spec: PlanSpec, survival: Sequence[Survival | None], 
 
 
 def _order(crews: Sequence[Crew], rng: np.random.Generator, k: int) -> list[int]:
-    """Return the order in which units get their first rectangles: the strongest first, after beginning 0 at random."""
+    """Return the order in which units get their first rectangles.
+
+    In beginning 0 the strongest comes first, in the others the order is random.
+    """
     strength = [crew.widest * crew.unit.search_speed * crew.reach.search for crew in crews]
     return sorted(range(len(crews)), key=lambda u: -strength[u]) if k == 0 else rng.permutation(len(crews)).tolist()
 
@@ -237,7 +240,7 @@ def _settle(current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.
 def _scorer(
     current: Plan, u: int, crew: Crew, stage: Stage, draw: Callable[[Array], Array]
 ) -> tuple[Callable[[Array], Array], Array, Choice | None]:
-    """Return a function that scores rectangles of unit u beside the others', rectangles to begin with, and its own.
+    """Return a score for rectangles of unit u beside the others', rectangles to begin with, and its own.
 
     draw: returns rectangles, given the probability of each particle that the others leave, (m,).
     """

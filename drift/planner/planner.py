@@ -1,4 +1,4 @@
-"""The next search: planned on particles of its own, scored by executing it on the case's, written as crews read it.
+"""The next search: planned on particles of its own, scored by executing it on those of the case.
 
 Several rounds are planned one after the other, each on the failure of those before. The score of a plan is one minus
 the evidence of its having failed: the same run that a debrief would make.
@@ -7,7 +7,7 @@ the evidence of its having failed: the same run that a debrief would make.
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -21,9 +21,10 @@ from drift.forecast.effective import Count
 from drift.job import Job, Report, in_turn, opened
 from drift.planner import bound as bounds
 from drift.planner import chapter, fleet, follow, optimiser
-from drift.planner.records import Plan, Tasking
+from drift.planner.bound import Bound
+from drift.planner.records import Alternative, Plan, Tasking
 from drift.search.records import Unit
-from drift.suspend.decision import Planned
+from drift.suspend.further import Planned
 from geo.errors import UserError
 from geo.notation import group
 from kernels import noise
@@ -41,55 +42,77 @@ def plan(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> tuple[Plan, Result]:
-    """Plan the next search of a case; with `out`, write it and the forecast of its failure, complete or not at all.
+    """Plan the next search of a case; with `out`, write it and the forecast of its failure.
 
-    Raises UserError for all that the user can mend.
+    The folder is written completely or not at all. Raises UserError for all that the user can mend.
     """
     if not case.units:
         raise UserError(
-            f"{case.path.name}: has no [[unit]] to plan with: give each its base, search_speed, endurance and sweep_width"
+            f"{case.path.name}: has no [[unit]] to plan with: "
+            "give each its base, search_speed, endurance and sweep_width"
         )
     if case.plan.begin >= case.plan.until:
         raise UserError(
-            f"{case.path.name}: plan: the last sortie or contact is at {group(case.plan.begin)}, when the plan is to end; give begin "
-            "and until in [plan], or run for longer"
+            f"{case.path.name}: plan: the last sortie or contact is at {group(case.plan.begin)}, when the plan is to "
+            "end; give begin and until in [plan], or run for longer"
         )
     known = [(sortie.end, f'sortie "{sortie.name}"') for sortie in case.sorties]
     known += [(contact.time, f'contact "{contact.name}"') for contact in case.contacts]
     last, what = max(known, default=(case.plan.begin, ""))
     if last > case.plan.begin:
         raise UserError(
-            f"{case.path.name}: plan.begin {group(case.plan.begin)} is before the end of {what}, {group(last)}: a plan begins when all is "
-            "known; give a later begin in [plan], or leave it out"
+            f"{case.path.name}: plan.begin {group(case.plan.begin)} is before the end of {what}, {group(last)}: "
+            "a plan begins when all is known; give a later begin in [plan], or leave it out"
         )
     job = opened(case, out, datasets, threads, backend, overwrite, report)
-    made, executed, result = scheme(job)
+    proposed, executed, result = scheme(job)
     if job.out is not None:
         job.tell("write", 0.0)
-        on = facts.with_coast(facts.setting(executed, job.where))
+        setting = facts.with_coast(facts.setting(executed, job.where))
         taken = [sortie.name for sortie in case.sorties]
         land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
-        matter = chapter.Matter(made, result.forecast, on, taken, land, facts.synthetic(case))
+        matter = chapter.Matter(proposed, result.forecast, setting, taken, land, facts.synthetic(case))
         flow.write(
             result,
             job.where,
             job.out,
             job.clock,
             more=[chapter.chapter(matter)],
-            planned=ahead(made),
+            planned=ahead(proposed),
             overwrite=overwrite,
         )
-    return made, result
+    return proposed, result
+
+
+@dataclass(frozen=True)
+class _Rounds:
+    """Rounds of sorties, each planned on the failure of those before."""
+
+    tasked: Sequence[Tasking]
+    executed: Case  # in which all of them have been flown and found nothing
+    seen: float  # what they find of the particles on which they were planned
+    alternatives: tuple[Alternative, ...]  # to the last round
+    bound: Bound
+    bound_number: float  # effective particles on which the bound was found
+    made_on: Count  # particles of the last round
+    said: tuple[str, ...]  # of boats
 
 
 def scheme(job: Job) -> tuple[Plan, Case, Result]:
     """Return a plan, the case in which it has been executed and found nothing, and the forecast of that."""
+    rounds = _rounds(job)
+    result = flow.forecasted(replace(job, case=rounds.executed))
+    return _worth(job.case, rounds, result), rounds.executed, result
+
+
+def _rounds(job: Job) -> _Rounds:
+    """Return the rounds of a plan; raise UserError where no unit can search."""
     case, where, clock = job.case, job.where, job.clock
     spec = case.plan
     survival = [scenario.survival for scenario in case.scenarios]
     tasked: list[Tasking] = []
     units, executed = list(case.units), case
-    seen, left, proposal, found, boats, first = 0.0, 1.0, None, None, None, 0.0
+    seen, left, proposal, bound, boats, bound_number = 0.0, 1.0, None, None, None, 0.0
     for number in range(1, spec.rounds + 1):
         with clock.phase("follow"):
             tracks = follow.follow(executed, where)
@@ -97,10 +120,10 @@ def scheme(job: Job) -> tuple[Plan, Case, Result]:
             with clock.phase("ways"):
                 boats = fleet.prepare(case, where, tracks)
             units = list(boats.units)
-        if found is None:
-            first = effective.number(tracks.weight)
+        if bound is None:
+            bound_number = effective.number(tracks.weight)
             with clock.phase("bound"):
-                found = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
+                bound = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
         with clock.phase("plan"):
             telling = partial(_told, job.tell, number, spec.rounds)
             seed = noise.seed_for(case.seed, Purpose.OPTIMISER, number)
@@ -114,47 +137,54 @@ def scheme(job: Job) -> tuple[Plan, Case, Result]:
         left *= math.prod(1 - tasking.pos for tasking in proposal.taskings)  # found dead, it is found too
         units = _again(units, more)
         executed = _with(case, tasked)
-    if proposal is None or found is None or boats is None or not tasked:
+    if proposal is None or bound is None or boats is None or not tasked:
         raise UserError(
-            f"plan: no unit can search between {group(spec.begin)} and {group(spec.until)}: each needs time for its transit and some search before "
-            "the end, by daylight if it is visual; give more time (until in [plan]), or units that are nearer or ready earlier"
-            + "".join(f". {words}" for words in (boats.said if boats else ()))
+            f"plan: no unit can search between {group(spec.begin)} and {group(spec.until)}: each needs time for its "
+            "transit and some search before the end, by daylight if it is visual; give more time (until in [plan]), or "
+            "units that are nearer or ready earlier" + "".join(f". {words}" for words in (boats.said if boats else ()))
         )
-    result = flow.forecasted(replace(job, case=executed))
+    made_on = Count(effective.number(tracks.weight), len(tracks.weight))
+    return _Rounds(tasked, executed, seen, proposal.alternatives, bound, bound_number, made_on, boats.said)
+
+
+def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
+    """Return the plan of these rounds with what it is worth, by the forecast in which it was executed."""
     assert result.updates is not None
-    done = {update.name: update for update in result.updates.all}
-    updates = [done[tasking.sortie.name] for tasking in tasked]
+    spec, bound = case.plan, rounds.bound
+    by_name = {update.name: update for update in result.updates.all}
+    updates = [by_name[tasking.sortie.name] for tasking in rounds.tasked]
     missed = np.prod([1 - np.asarray(update.pos) for update in updates], axis=0)
     alive, so_far = 0.0, 1.0
     for update in updates:
         alive += so_far * float(np.asarray(update.pos if update.alive is None else update.alive)[-1])
         so_far *= 1 - float(np.asarray(update.pos)[-1])
     pos = 1 - float(missed[-1])
-    named = tuple(
-        replace(tasking, pos=float(np.asarray(update.pos)[-1])) for tasking, update in zip(tasked, updates, strict=True)
+    taskings = tuple(
+        replace(tasking, pos=float(np.asarray(update.pos)[-1]))
+        for tasking, update in zip(rounds.tasked, updates, strict=True)
     )
     value = alive if spec.objective == "alive" else pos
-    scored_on = _scored(result, executed, spec.begin)
-    error = _error(found.value, first, value, scored_on)
-    why = bounds.silent(found.value, first, error, seen, value)
-    made = Plan(
+    scored_on = _scored(result, rounds.executed, spec.begin)
+    error = _error(bound.value, rounds.bound_number, value, scored_on)
+    why = bounds.silent(bound.value, rounds.bound_number, error, rounds.seen, value)
+    sent = {tasking.unit.name for tasking in taskings}
+    return Plan(
         spec=spec,
-        taskings=named,
+        taskings=taskings,
         value=value,
         pos=pos,
         by_scenario=1 - missed[:-1],
-        seen=seen,
-        bound=None if why else found.value,
+        seen=rounds.seen,
+        bound=None if why else bound.value,
         bound_error=error,
         unbounded=why,
-        alternatives=proposal.alternatives if spec.rounds == 1 else (),
+        alternatives=rounds.alternatives if spec.rounds == 1 else (),
         scenarios=tuple(scenario.name for scenario in case.scenarios),
-        made_on=Count(effective.number(tracks.weight), len(tracks.weight)),
+        made_on=rounds.made_on,
         scored_on=scored_on,
-        idle=tuple(unit.name for unit in case.units if unit.name not in {tasking.unit.name for tasking in tasked}),
-        said=boats.said,
+        idle=tuple(unit.name for unit in case.units if unit.name not in sent),
+        said=rounds.said,
     )
-    return made, executed, result
 
 
 def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
@@ -163,9 +193,12 @@ def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
     return effective.at(result.forecast.data, int(np.argmin(np.abs(outputs - begin))), executed.particles)
 
 
-def _error(bound: float, first: float, value: float, scored_on: Count) -> float:
-    """Return the standard error of a bound less what a plan is worth: means over `first` effective particles and over others."""
-    counts = max(first, 1.0), max(scored_on.number, 1.0)
+def _error(bound: float, bound_number: float, value: float, scored_on: Count) -> float:
+    """Return the standard error of a bound less what a plan is worth.
+
+    Both are means, over `bound_number` effective particles and over those that the plan was scored on.
+    """
+    counts = max(bound_number, 1.0), max(scored_on.number, 1.0)
     return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, value), counts, strict=True)))
 
 
@@ -182,10 +215,13 @@ def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
 
 
 def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
-    """Return a case in which a plan's sorties have been flown, until the plan's end; few outputs, for planners wait for it."""
-    sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda one: (one.start, one.end)))
+    """Return a case in which a plan's sorties have been flown, until the plan's end.
+
+    It has few outputs, because planners wait for it.
+    """
+    sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda sortie: (sortie.start, sortie.end)))
     first = [tasking for tasking in tasked if tasking.round == 1]
-    begin, end = min(one.on_scene for one in first), max(one.off_scene for one in first)
+    begin, end = min(tasking.on_scene for tasking in first), max(tasking.off_scene for tasking in first)
     middle = begin + (end - begin) // 2  # what plan.png shows
     outputs = np.unique(np.array([case.start, case.plan.begin, middle, case.plan.until], "datetime64[s]"))
     return replace(case, sorties=sorties, outputs=outputs, end=case.plan.until)
@@ -194,21 +230,20 @@ def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
 def _again(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
     """Return the units with the time at which each is ready after its sortie."""
     home = {tasking.unit.name: tasking.home for tasking in flown}
-    later = [
+    return [
         replace(unit, ready=max(unit.ready, home[unit.name] + np.timedelta64(round(unit.turnaround), "s")))
         if unit.name in home
         else unit
         for unit in units
     ]
-    return later
 
 
 def _flying(units: Sequence[Unit], rounds: int) -> list[Unit]:
-    """Return units that can search as long as all their sorties together: what bounds several rounds."""
+    """Return units that can search as long as all their sorties together, which bounds several rounds."""
     return [replace(unit, endurance=unit.endurance * rounds) for unit in units]
 
 
-def ahead(made: Plan) -> Planned:
+def ahead(plan: Plan) -> Planned:
     """Return the sorties of a plan, which are still to be flown."""
-    names = frozenset(tasking.sortie.name for tasking in made.taskings)
-    return Planned(names, max(tasking.off_scene for tasking in made.taskings))
+    names = frozenset(tasking.sortie.name for tasking in plan.taskings)
+    return Planned(names, max(tasking.off_scene for tasking in plan.taskings))

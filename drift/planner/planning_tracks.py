@@ -1,4 +1,4 @@
-"""Tracks of particles for which a plan is made: positions at the edges of time bins, with straight lines in between."""
+"""Tracks of particles for which a plan is made: positions at the edges of time bins, straight in between."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""A plan: what each unit is to do next, what that is worth, and an estimated bound of what any plan is."""
+"""A plan: what each unit is to do next, what that is worth, and an estimated bound of any plan's worth."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,7 @@ import numpy as np
 from drift.forecast.effective import Count
 from drift.search.records import PlanSpec, Sortie, Unit
 from geo.array import Array
+from geo.polyline import LonLat
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Tasking:
     on_scene: np.datetime64  # at the commence search point
     off_scene: np.datetime64
     home: np.datetime64
-    centre: tuple[float, float]  # (lon, lat) [deg] of the sub-area
+    centre: LonLat  # [deg] of the sub-area
     length: float  # [m] along the legs
     width: float  # [m] across them
     orientation: float  # [rad] of the legs, clockwise from north
@@ -28,10 +29,8 @@ class Tasking:
     spacing: float  # [m] between tracks
     legs: int
     pos: float  # probability that it finds the object, given that all before it in the plan failed
-    out: tuple[
-        tuple[float, float], ...
-    ] = ()  # (lon, lat) [deg] of a boat's way by sea to where it commences; (): straight from its base
-    back: tuple[tuple[float, float], ...] = ()  # and from where its search ends
+    out: tuple[LonLat, ...] = ()  # a boat's way by sea to where it commences [deg]; (): straight from its base
+    back: tuple[LonLat, ...] = ()  # and from where its search ends
     cut: tuple[int, ...] = ()  # numbers of the legs, from 1, that are cut at the coast, or go round it
 
 
@@ -54,10 +53,8 @@ class Plan:
     value: float  # on the case's own particles, which the plan has not seen
     pos: float  # there: 1 - evidence of executing it
     by_scenario: Array  # (scenarios,) POS given each scenario, there
-    seen: float  # on the particles that it was made on: what exceeds `value` is optimism
-    bound: (
-        float | None
-    )  # estimated: no plan of these units, laws and times should find more of the particles that it was made on
+    seen: float  # on the particles that it was made on; the excess over `value` is optimism
+    bound: float | None  # estimated: no plan of these units, laws and times should find more of those particles
     bound_error: float  # standard error of `bound` less `value`, each of which is a mean over particles of its own
     alternatives: tuple[Alternative, ...]
     scenarios: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Rectangles that a unit can search by parallel sweeps: from free numbers to what is flown in the time there is.
+"""Rectangles that a unit can search by parallel sweeps: from free numbers to what is flown.
 
 A rectangle is a row (x, y, orientation, log spacing, log of length over width, wait, along, across): centre [m] on the
 plane, orientation [rad], seconds waited beyond the earliest arrival, and the corner of commencement (-1 or 1 each, as
@@ -27,11 +27,11 @@ X, Y, TURN, SPACING, ASPECT, WAIT, ALONG, ACROSS = range(8)
 SHORTEST = 600.0  # [s] of search that is worth a sortie
 CLEAR = 300.0  # [s] that an area must have been left before one beside it is searched
 SLIMMEST = 2.0  # a leg's rectangle is at least so many spacings long
-LEAST_SEA = 0.3  # of a boat's rectangle
-FITS = 5  # lengths that are tried, so that legs cut at the coast fill the time there is
-FULL = 0.97  # of the time, which is enough
+LEAST_SEA = 0.3  # least share of a boat's rectangle that is sea
+FITS = 5  # lengths that are tried until legs cut at the coast fill the time there is
+FULL = 0.97  # share of the time that is full enough
 STEP = 0.01  # of coverage in the tables of b
-MOST = 12.0
+MOST = 12.0  # largest coverage there
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,10 @@ class Sweeps(NamedTuple):
 
 
 def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
-    """Return what becomes of rectangles when their search time is filled; corner: times by where they commence."""
+    """Return what becomes of rectangles when their search time is filled.
+
+    corner: times by where they commence, not by their centres.
+    """
     spacing = np.exp(rows[:, SPACING])
     x, y = rows[:, X], rows[:, Y]
     legs = length = np.zeros(len(rows))
@@ -104,7 +107,10 @@ def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
 
 
 def _at_sea(crew: Crew, rows: Array, flown: Sweeps, sailed: bool) -> Sweeps:
-    """Return rectangles of a boat: not those that are mostly land; sailed: with legs as it can sail them in the time that it has."""
+    """Return rectangles of a boat, those that are mostly land being impossible.
+
+    sailed: with legs as the boat can sail them in its time. Units that are no boats near land get theirs unchanged.
+    """
     if crew.course is None:
         return flown
     possible = flown.possible & (share(crew, rows, flown) >= LEAST_SEA)
@@ -124,7 +130,7 @@ def _at_sea(crew: Crew, rows: Array, flown: Sweeps, sailed: bool) -> Sweeps:
 
 
 def _in_time(crew: Crew, flown: Sweeps, legs: Legs, k: int) -> bool:
-    """Whether a boat can be where legs begin when they do, and get home from where they end."""
+    """Return whether a boat can be where legs begin when they do, and get home from where they end."""
     assert crew.course is not None
     first, last = ((legs.lon[j], legs.lat[j]) for j in (0, -1))
     there = courses.distance(crew.course, crew.course.out, first) / crew.unit.transit_speed
@@ -133,7 +139,10 @@ def _in_time(crew: Crew, flown: Sweeps, legs: Legs, k: int) -> bool:
 
 
 def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
-    """Give rectangles legs cut at the coast and a length with which they fill their time; none that is possible if none fits."""
+    """Give rectangles legs cut at the coast, and the length with which these fill their time.
+
+    flown: changed in place; a rectangle of which no length fits becomes impossible. which: numbers of rectangles.
+    """
     whole = flown._replace(length=flown.length.copy())
     most = np.full(len(rows), SHORTEST)
     flown.possible[which] = False
@@ -141,9 +150,9 @@ def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
         which = [k for k in which if whole.length[k] >= SLIMMEST * flown.spacing[k]]
         if not which:
             return
-        made = cut(crew, [laid(crew, rows[k], whole, k) for k in which])
+        sailed = cut(crew, [laid(crew, rows[k], whole, k) for k in which])
         again = []
-        for k, one in zip(which, made, strict=True):
+        for k, one in zip(which, sailed, strict=True):
             if one is None or math.isinf(one.home):
                 continue
             there = crew.reach.leaves + one.out / crew.unit.transit_speed
@@ -216,13 +225,16 @@ def smeared(crew: Crew, rows: Array, flown: Sweeps) -> tuple[Array, Array]:
     table = np.column_stack(
         [rows[:, X], rows[:, Y], sin, cos, flown.length, flown.width, flown.start, duration, -rows[:, ACROSS]]
     )
-    # What of a boat's rectangle is land costs it about as much, going round, as it saves
+    # Land in a boat's rectangle costs it about as much time, going round, as it saves.
     track = crew.unit.search_speed * duration * share(crew, rows, flown)
     return table, crew.width * (track / np.maximum(flown.length * flown.width, 1.0))[:, None]
 
 
 def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
-    """Return the nodes (time [s after zero], x, y [m], whether the leg to the next searches) of rectangle k, (n, 4)."""
+    """Return the nodes of rectangle k, (n, 4).
+
+    Columns: time [s after zero], x, y [m], whether the leg to the next searches.
+    """
     if flown.sailed[k] is not None:
         return np.asarray(flown.sailed[k])
     legs, spacing = int(flown.legs[k]), float(flown.spacing[k])
@@ -243,7 +255,7 @@ def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
 
 
 def apart(rows: Array, flown: Sweeps, row: Array, other: Sweeps) -> Array:
-    """Return the distance [m] of rectangles from one other; inf where the two are not searched at the same time.
+    """Return the distance [m] of rectangles from one other, inf if they are not searched at the same time.
 
     Where they overlap it is minus the way that would part them.
     """

@@ -161,7 +161,7 @@ def build(
 
 
 def _grown(polygons: Array, plane: Plane, by: float, far: float) -> Array:
-    """Return polygons [deg] on the plane, grown by at least a distance [m] wherever within `far` [m] of its origin."""
+    """Return polygons [deg] on the plane, grown by at least a distance [m] within `far` [m] of its origin."""
     if not polygons.size:
         return polygons
 
@@ -390,7 +390,10 @@ def short_ways(sea: Sea, begin: Array, end: Array, most: Array, blocked: Array) 
 
 
 def distances(sea: Sea, begin: int) -> tuple[Array, Array]:
-    """Return distances [m] by sea from a node to all nodes, inf without a way, and the node before each, (n,) each."""
+    """Return distances [m] by sea from a node to all nodes, and the node before each, (n,) each.
+
+    A distance is inf where there is no way.
+    """
     far, before = csgraph.dijkstra(sea.graph, directed=False, indices=begin, return_predecessors=True)
     return np.asarray(far), np.asarray(before)
 
@@ -404,7 +407,7 @@ def along(sea: Sea, before: Array, node: int) -> Array:
 
 
 def pulled_taut(sea: Sea, way: Array) -> Array:
-    """Return a clear way (k, 2) [m] pulled taut: at most as long as the shortest that passes land on the same sides."""
+    """Return a clear way (k, 2) [m] pulled taut, at most as long as any that passes land on the same sides."""
     way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]
     if len(way) < 2:
         return way
@@ -443,7 +446,7 @@ def _beside(sea: Sea, way: Array) -> Array:
 
 
 def visible_nodes(sea: Sea, point: Array) -> Array:
-    """Return which nodes are visible from a point [m], bool (nodes,), by RAYS rays, between which a rock may hide.
+    """Return which nodes are visible from a point [m], bool (nodes,), by rays between which a rock may hide.
 
     The result serves only to search for rectangles; `clear` decides on the ways and times of a plan.
     """

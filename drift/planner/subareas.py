@@ -1,4 +1,4 @@
-"""The sub-areas of a plan as crews are given them: names, corners, the way of each unit, what it is expected to find."""
+"""The sub-areas of a plan as crews get them: names, corners, ways, and what each is expected to find."""
 
 import math
 from collections.abc import Sequence
@@ -21,10 +21,10 @@ LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A point of a unit's way [deg]; what: base, way (by sea), csp, leg, turn (round what cuts a leg), off or home."""
+    """A point of a unit's way [deg]."""
 
     name: str  # A-1 CSP, A-1 02, unique in the plan
-    what: str
+    what: str  # base, way (by sea), csp, leg, turn (round what cuts a leg), off or home
     time: np.datetime64
     lon: float
     lat: float
@@ -32,25 +32,25 @@ class Waypoint:
 
 def names(plan: Plan) -> list[str]:
     """Return the name of each tasking's sub-area: A-1, A-2, ... in the first round, B-1, ... in the second."""
-    found, count = [], dict[int, int]()
+    names, count = [], dict[int, int]()
     for tasking in plan.taskings:
         count[tasking.round] = count.get(tasking.round, 0) + 1
         letters, rest = "", tasking.round
         while rest > 0:
             rest, letter = divmod(rest - 1, 26)
             letters = LETTERS[letter] + letters
-        found.append(f"{letters}-{count[tasking.round]}")
-    return found
+        names.append(f"{letters}-{count[tasking.round]}")
+    return names
 
 
 def corners(tasking: Tasking) -> list[tuple[float, float]]:
-    """Return the corners (lon, lat) [deg] of a sub-area, in order round it, the one nearest to its first leg first."""
+    """Return the corners (lon, lat) [deg] of a sub-area, in order round it from that nearest to its first leg."""
     area = patterns.rectangle(tasking.centre, tasking.length, tasking.width, tasking.orientation)
-    found = list(zip(area.lon, area.lat, strict=True))
+    corners = list(zip(area.lon, area.lat, strict=True))
     start = begin(tasking)
-    apart = [float(sphere.distance(*np.radians(corner), *np.radians(start))) for corner in found]
+    apart = [float(sphere.distance(*np.radians(corner), *np.radians(start))) for corner in corners]
     k = int(np.argmin(apart)) if tasking.sortie.legs is not None else 0
-    return found[k:] + found[:k]
+    return corners[k:] + corners[:k]
 
 
 def begin(tasking: Tasking) -> tuple[float, float]:
@@ -86,7 +86,7 @@ def route(name: str, tasking: Tasking) -> list[Waypoint]:
 
 
 def _what(legs: Legs, k: int) -> str:
-    """Return what the end k of a leg is: where legs that search meet, on the way round what cuts them, or the last."""
+    """Return what the point k of the legs is: the last, an end of a leg that searches, or on a way round land."""
     if k == len(legs.lon) - 1:
         return "off"
     return "leg" if legs.searching[k - 1] or legs.searching[k] else "turn"
@@ -95,21 +95,21 @@ def _what(legs: Legs, k: int) -> str:
 def _turns(
     name: str, port: tuple[float, float], way: Sequence[tuple[float, float]], time: np.datetime64, speed: float
 ) -> list[Waypoint]:
-    """Return the turning points of a way by sea from a port to where it arrives at a time; of one to it at a negative speed.
+    """Return the turning points of a way by sea between a port and where a search begins or ends.
 
-    Numbers run along the way that is sailed.
+    way: from the port. time: of arrival at the end of the way that is sailed. speed: negative on a way to the port.
+    Numbers run in the direction that is sailed.
     """
     inner = list(way[1:-1] if len(way) and _same(way[0], port) else way[:-1])
-    found = []
+    points = []
     for k, place in enumerate(inner):
         rest = polyline.way(list(way)[-(len(inner) - k) - 1 :])
         if speed < 0:  # the time is that of the port
             rest = polyline.way([port, *list(way)[: len(way) - len(inner) + k]])
         number = k + 1 if speed > 0 else len(inner) - k
-        found.append(
-            Waypoint(f"{name} {number:02d}", "way", time - np.timedelta64(round(rest / abs(speed)), "s"), *place)
-        )
-    return found
+        passed = time - np.timedelta64(round(rest / abs(speed)), "s")
+        points.append(Waypoint(f"{name} {number:02d}", "way", passed, *place))
+    return points
 
 
 def _same(a: tuple[float, float], b: tuple[float, float]) -> bool:
@@ -124,13 +124,13 @@ def transits(tasking: Tasking) -> list[Array]:
 
 
 def by_sea(tasking: Tasking) -> list[tuple[str, float, float]]:
-    """Return of a boat's ways out and home what each is called, its length [m] and the straight distance [m]."""
+    """Return each of a boat's ways out and home: what it is called, its length and the straight distance [m]."""
     unit = tasking.unit
     ways = (
         ("Way out", tasking.out, unit.base, begin(tasking)),
         ("Way home", tasking.back, unit.return_to, end(tasking)),
     )
-    return [(told, polyline.way(way), polyline.way([port, place])) for told, way, port, place in ways if len(way) > 1]
+    return [(name, polyline.way(way), polyline.way([port, place])) for name, way, port, place in ways if len(way) > 1]
 
 
 def round_length(tasking: Tasking) -> float:
@@ -146,7 +146,7 @@ def leg_length(tasking: Tasking) -> float:
 
 
 def track_length(tasking: Tasking) -> float:
-    """Return the length [m] of track that it searches; without legs that of its time on scene at search speed."""
+    """Return the length [m] of track that searches; without legs, by its time on scene and search speed."""
     legs, sortie = tasking.sortie.legs, tasking.sortie
     if legs is None:
         return tasking.unit.search_speed * float((sortie.end - sortie.start) / np.timedelta64(1, "s"))
@@ -154,7 +154,7 @@ def track_length(tasking: Tasking) -> float:
 
 
 def coverages(tasking: Tasking) -> Array:
-    """Return the coverage of the sub-area by scenario, W / S: what its crews would reckon."""
+    """Return the coverage of the sub-area by scenario, W / S, as its crews would compute it."""
     sortie = tasking.sortie
     if sortie.coverage:
         return np.array(sortie.coverage)
@@ -162,7 +162,10 @@ def coverages(tasking: Tasking) -> Array:
 
 
 def pods(tasking: Tasking) -> Array:
-    """Return the POD of the sub-area by scenario for an object that stays in it, averaged over what is unknown of W."""
+    """Return the POD of the sub-area by scenario for an object that stays in it.
+
+    It is averaged over what is unknown of the sweep width.
+    """
     factors, chances = laws.factors(tasking.sortie.shape)
     return np.asarray(laws.pod(tasking.sortie.law, np.outer(coverages(tasking), factors)) @ chances)
 
@@ -188,7 +191,7 @@ def numbers(plan: Plan) -> dict[str, Any]:
         "value_on_planning_particles": plan.seen,
         "optimism": plan.seen - plan.value,
         "effective_particles": {"made_on": _counted(plan.made_on), "scored_on": _counted(plan.scored_on)},
-        "taskings": [_tasking(plan, name, one) for name, one in zip(names(plan), plan.taskings, strict=True)],
+        "taskings": [_tasking(plan, name, tasking) for name, tasking in zip(names(plan), plan.taskings, strict=True)],
         "alternatives": [
             {
                 "name": other.name,
@@ -205,38 +208,38 @@ def _counted(count: Count | None) -> float | None:
     return None if count is None else count.number
 
 
-def _tasking(plan: Plan, name: str, one: Tasking) -> dict[str, Any]:
+def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
     return {
         "area": name,
-        "unit": one.unit.name,
-        "kind": one.unit.kind,
-        "round": one.round,
-        "pos": one.pos,
-        "takeoff": one.takeoff,
-        "on_scene": one.on_scene,
-        "off_scene": one.off_scene,
-        "home": one.home,
-        "corners": [_place(*corner) for corner in corners(one)],
-        "centre": _place(*one.centre),
-        "commence_search_point": _place(*begin(one)),
-        "length_nmi": one.length / NMI,
-        "width_nmi": one.width / NMI,
-        "orientation_deg": math.degrees(one.orientation) % 360,
-        "creep_deg": math.degrees(one.creep) % 360,
-        "spacing_nmi": one.spacing / NMI,
-        "legs": one.legs,
-        "leg_length_nmi": leg_length(one) / NMI,
-        "track_nmi": track_length(one) / NMI,
-        "legs_cut": list(one.cut),
-        "round_nmi": round_length(one) / NMI,
+        "unit": tasking.unit.name,
+        "kind": tasking.unit.kind,
+        "round": tasking.round,
+        "pos": tasking.pos,
+        "takeoff": tasking.takeoff,
+        "on_scene": tasking.on_scene,
+        "off_scene": tasking.off_scene,
+        "home": tasking.home,
+        "corners": [_place(*corner) for corner in corners(tasking)],
+        "centre": _place(*tasking.centre),
+        "commence_search_point": _place(*begin(tasking)),
+        "length_nmi": tasking.length / NMI,
+        "width_nmi": tasking.width / NMI,
+        "orientation_deg": math.degrees(tasking.orientation) % 360,
+        "creep_deg": math.degrees(tasking.creep) % 360,
+        "spacing_nmi": tasking.spacing / NMI,
+        "legs": tasking.legs,
+        "leg_length_nmi": leg_length(tasking) / NMI,
+        "track_nmi": track_length(tasking) / NMI,
+        "legs_cut": list(tasking.cut),
+        "round_nmi": round_length(tasking) / NMI,
         "transit": [
-            {"way": told, "by_sea_nmi": way / NMI, "straight_nmi": straight / NMI}
-            for told, way, straight in by_sea(one)
+            {"way": which, "by_sea_nmi": way / NMI, "straight_nmi": straight / NMI}
+            for which, way, straight in by_sea(tasking)
         ],
-        "search_speed_kn": one.unit.search_speed / KNOT,
-        "altitude_ft": one.unit.altitude / 0.3048,
-        "sweep_width_nmi": {k: w / NMI for k, w in zip(plan.scenarios, one.sortie.sweep_width, strict=True)},
-        "pod": dict(zip(plan.scenarios, pods(one).tolist(), strict=True)),
+        "search_speed_kn": tasking.unit.search_speed / KNOT,
+        "altitude_ft": tasking.unit.altitude / 0.3048,
+        "sweep_width_nmi": {k: w / NMI for k, w in zip(plan.scenarios, tasking.sortie.sweep_width, strict=True)},
+        "pod": dict(zip(plan.scenarios, pods(tasking).tolist(), strict=True)),
     }
 
 

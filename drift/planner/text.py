@@ -1,4 +1,4 @@
-"""A plan as plain text: the search action plan, laid out as crews and coordinators read it (IAMSAR Manual, Vol. II).
+"""A plan as plain text: the search action plan as crews and coordinators read it (IAMSAR Manual, Vol. II).
 
 Plain ASCII of at most 78 columns but for names: it goes by mail, telex or radio. Positions are degrees and decimal
 minutes, directions true, times date-time groups.
@@ -19,7 +19,7 @@ from geo.notation import KNOT, NMI
 WIDE = 78
 FOOT = 0.3048  # [m]
 LABEL = 18
-LONG_WAIT = 0.5  # [h] that a crew is told the reason of
+LONG_WAIT = 0.5  # [h]; of a longer wait the crew is told the reason
 OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
 OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
 PATTERN = "parallel sweep (PS)"
@@ -48,10 +48,8 @@ def text(
     for name, tasking in zip(names, plan.taskings, strict=True):
         if tasking.round != number and plan.spec.rounds > 1:
             number = tasking.round
-            said = (
-                "" if number == 1 else ", planned on the failure of all before: plan anew with what was flown and seen"
-            )
-            lines += ["", *_fill(f"Round {number}{said}", 3)]
+            later = ", planned on the failure of all before: plan anew with what was flown and seen"
+            lines += ["", *_fill(f"Round {number}{later if number > 1 else ''}", 3)]
         lines += ["", *task(plan, name, tasking)]
     if not plan.taskings:
         lines += ["   none: no unit can search in this period"]
@@ -67,28 +65,28 @@ def text(
 
 
 def warnings(plan: Plan, synthetic: bool) -> list[str]:
-    """Return what stands at the head of a plan: what it must not be used for, or believed of."""
-    found = []
+    """Return the warnings at the head of a plan: what it must not be used for, and what is not reliable in it."""
+    lines = []
     if synthetic:
-        found.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
+        lines.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
     if plan.seen - plan.value > OPTIMISTIC:
-        found.append(
-            f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: it fits chance. "
-            "Plan with more particles."
+        lines.append(
+            f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: "
+            "it fits chance. Plan with more particles."
         )
-    return found + rough(plan)
+    return lines + rough(plan)
 
 
 def rough(plan: Plan) -> list[str]:
-    """Return which figures of a plan stand on few particles."""
-    found = []
+    """Return warnings of which figures of a plan stand on few particles."""
+    lines = []
     if plan.made_on is not None and plan.made_on.few:
-        found.append(
+        lines.append(
             effective.sentence(plan.made_on, "of those that the plan was made on", "its areas and its bound are rough")
         )
     if plan.scored_on is not None and plan.scored_on.few:
-        found.append(effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough"))
-    return found
+        lines.append(effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough"))
+    return lines
 
 
 def worth(plan: Plan) -> str:
@@ -108,8 +106,8 @@ def worth(plan: Plan) -> str:
 
 def chance(value: float, digits: int = 2) -> str:
     """Return a probability in so many digits; what is not certain is not written as 1."""
-    told = f"{value:.{digits}f}"
-    return f">{1 - 10.0**-digits:.{digits}f}" if value < 1 and float(told) == 1 else told
+    rounded = f"{value:.{digits}f}"
+    return f">{1 - 10.0**-digits:.{digits}f}" if value < 1 and float(rounded) == 1 else rounded
 
 
 def _up(value: float, digits: int) -> float:
@@ -123,17 +121,18 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         rows.append(("Datum", f"{where} at {notation.group(datum[2])}"))
     rows += [("Objective", OBJECTIVES[plan.spec.objective]), ("Worth", worth(plan))]
     if plan.bound:
-        rows.append(
-            (
-                "Bound",
-                f"An estimate: no plan of these units, laws and times is expected to find more than {_up(plan.bound, 3):.3f} of the particles "
-                f"that this one was made on. It finds {plan.seen:.3f} of those: {100 * plan.seen / plan.bound:.0f} %. The particles that its "
-                f"worth is told of are others: two standard errors of sampling are {_up(2 * plan.bound_error, 3):.3f}",
-            )
+        bound = (
+            "An estimate: no plan of these units, laws and times is expected to find more than "
+            f"{_up(plan.bound, 3):.3f} of the particles that this one was made on. It finds {plan.seen:.3f} of those: "
+            f"{100 * plan.seen / plan.bound:.0f} %. The particles that its worth is told of are others: two standard "
+            f"errors of sampling are {_up(2 * plan.bound_error, 3):.3f}"
         )
+        rows.append(("Bound", bound))
     if plan.spec.rounds > 1 and plan.bound is not None:
-        told = f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
-        rows.append(("", told))
+        loose = (
+            f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
+        )
+        rows.append(("", loose))
     rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
     for k, (name, pos) in enumerate(zip(plan.scenarios, plan.by_scenario, strict=True)):
         rows.append(("POS, had it been" if k == 0 else "", f"{chance(pos):5} {name}"))
@@ -142,62 +141,64 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
 
 def _table(plan: Plan, names: Sequence[str]) -> list[str]:
     lines = [f"   {'Area':6}{'Unit':24}{'Takeoff':9}{'On scene':10}{'Off':9}{'Home':9}{'POS':>5}"]
-    for name, one in zip(names, plan.taskings, strict=True):
-        times = [_short(time) for time in (one.takeoff, one.on_scene, one.off_scene, one.home)]
-        unit = one.unit.name if len(one.unit.name) <= 23 else f"{one.unit.name[:20]}..."
-        lines.append(f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{chance(one.pos):>5}")
+    for name, tasking in zip(names, plan.taskings, strict=True):
+        times = [_short(time) for time in (tasking.takeoff, tasking.on_scene, tasking.off_scene, tasking.home)]
+        unit = tasking.unit.name if len(tasking.unit.name) <= 23 else f"{tasking.unit.name[:20]}..."
+        lines.append(f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{chance(tasking.pos):>5}")
     return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
 
 
-def task(plan: Plan, name: str, one: Tasking) -> list[str]:
+def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
     """Return what a unit is told to do, as lines."""
-    unit, sortie = one.unit, one.sortie
+    unit, sortie = tasking.unit, tasking.sortie
     title = f"{name}  {unit.name}" + (f" ({unit.kind})" if unit.kind and unit.kind != unit.name else "")
-    corners = [notation.position(*corner) or "" for corner in subareas.corners(one)]
+    corners = [notation.position(*corner) or "" for corner in subareas.corners(tasking)]
+    size = f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f}"
     rows: list[tuple[str, str]] = [
         ("Corners", f"{corners[0]}   {corners[1]}"),
         ("", f"{corners[2]}   {corners[3]}"),
-        ("Centre", notation.position(*one.centre) or ""),
-        ("Size", f"{one.length / NMI:.1f} x {one.width / NMI:.1f} nmi, length along {_both(one.orientation)}"),
+        ("Centre", notation.position(*tasking.centre) or ""),
+        ("Size", f"{size} nmi, length along {_both(tasking.orientation)}"),
     ]
     if sortie.legs is not None:
-        many = f"{one.legs} leg{'s' * (one.legs != 1)}"
+        many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)}"
         rows += [
             ("Pattern", PATTERN),
-            ("CSP", f"{notation.position(*subareas.begin(one))}   (commence search point)"),
-            ("First leg", f"{_first_course(one):03d}T, {many} of {subareas.leg_length(one) / NMI:.1f} nmi"),
-            ("Creep", f"{subareas.degrees(one.creep):03d}T"),
-            ("Track spacing", f"{one.spacing / NMI:.2f} nmi"),
+            ("CSP", f"{notation.position(*subareas.begin(tasking))}   (commence search point)"),
+            ("First leg", f"{_first_course(tasking):03d}T, {many} of {subareas.leg_length(tasking) / NMI:.1f} nmi"),
+            ("Creep", f"{subareas.degrees(tasking.creep):03d}T"),
+            ("Track spacing", f"{tasking.spacing / NMI:.2f} nmi"),
         ]
     else:
-        rows.append(("Pattern", f"search of the whole area, {subareas.track_length(one) / NMI:.0f} nmi of track"))
-    if one.cut:
-        rows.append(("Cut legs", f"{listed(one.cut)}: cut at the coast; {_round(one)} of ways round it search nothing"))
+        rows.append(("Pattern", f"search of the whole area, {subareas.track_length(tasking) / NMI:.0f} nmi of track"))
+    if tasking.cut:
+        ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round it search nothing"
+        rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {ways}"))
     rows.append(("Speed", f"{unit.search_speed / KNOT:.0f} kn search, {unit.transit_speed / KNOT:.0f} kn transit"))
     if math.isfinite(unit.altitude):
         what = "Height of eye" if unit.kind == "Boat" else "Altitude"
         rows.append((what, f"{unit.altitude / FOOT:.0f} ft"))
-    waits = float((one.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
+    waits = float((tasking.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
     if waits >= LONG_WAIT:
         reasons = ["for daylight"] * unit.daylight + ["to keep clear of others"] * (plan.spec.separation > 0)
         why = ", ".join([*reasons, "or because more is found then" if reasons else "more is found then"])
         rows.append(("Waits", f"{waits:.1f} h after it is ready: {why}"))
     rows += [
-        ("Takeoff", f"{notation.group(one.takeoff)}   from {notation.position(*unit.base)}"),
-        ("On scene", f"{notation.group(one.on_scene)}   at the CSP" if sortie.legs else notation.group(one.on_scene)),
-        ("Off scene", f"{notation.group(one.off_scene)}   at {notation.position(*subareas.end(one))}"),
-        ("Home", f"{notation.group(one.home)}   at {notation.position(*unit.return_to)}"),
+        ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.position(*unit.base)}"),
+        ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),
+        ("Off scene", f"{notation.group(tasking.off_scene)}   at {notation.position(*subareas.end(tasking))}"),
+        ("Home", f"{notation.group(tasking.home)}   at {notation.position(*unit.return_to)}"),
         *(
-            (told, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
-            for told, way, straight in subareas.by_sea(one)
+            (which, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
+            for which, way, straight in subareas.by_sea(tasking)
         ),
-        ("POS", chance(one.pos)),
+        ("POS", chance(tasking.pos)),
     ]
     if unit.afloat:
         keeps = [f"{unit.clear_of_land / NMI:.2g} nmi off land"] * (unit.clear_of_land > 0)
         keeps += [f"in water deeper than {unit.draught:.1f} m"] * (unit.draught > 0)
         rows += [("Keeps", ", ".join(keeps))] * bool(keeps)
-    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, one)]
+    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, tasking)]
 
 
 def listed(numbers: Sequence[int]) -> str:
@@ -213,13 +214,10 @@ def listed(numbers: Sequence[int]) -> str:
     )
 
 
-def _round(one: Tasking) -> str:
-    return f"{subareas.round_length(one) / NMI:.1f} nmi"
-
-
-def _expected(plan: Plan, one: Tasking) -> list[str]:
-    """Return the POD that a tasking expects: in a line where it is the same for all scenarios, else as a table of them."""
-    width, coverage, pod = np.array(one.sortie.sweep_width) / NMI, subareas.coverages(one), subareas.pods(one)
+def _expected(plan: Plan, tasking: Tasking) -> list[str]:
+    """Return the POD that a tasking expects: a line if all scenarios have the same, otherwise a table."""
+    width = np.array(tasking.sortie.sweep_width) / NMI
+    coverage, pod = subareas.coverages(tasking), subareas.pods(tasking)
     if np.ptp(coverage) < 1e-9 and np.ptp(width) < 1e-9:
         return _row("Expected POD", f"{chance(pod[0])} at W {width[0]:.2f} nmi, coverage {coverage[0]:.2f}", indent=6)
     wide = max(map(len, plan.scenarios))
@@ -233,18 +231,18 @@ def _alternatives(plan: Plan) -> list[str]:
     lines = []
     for other in plan.alternatives:
         gap = "better" if other.difference >= 0 else "WORSE"
-        told = f"{other.value:.3f}  {other.name}; the plan is {gap} by {abs(other.difference):.3f} +- {other.standard_error:.3f}"
-        lines += _fill(told, 3, 10)
+        by = f"{abs(other.difference):.3f} +- {other.standard_error:.3f}"
+        lines += _fill(f"{other.value:.3f}  {other.name}; the plan is {gap} by {by}", 3, 10)
     return lines
 
 
 def _standing(plan: Plan) -> tuple[str, ...]:
     boats = (
-        "Boats go by sea on the coast of this case, whose shores may be off by more than they keep from it; rocks awash, tides "
-        "and, without a depth grid, depths are not known: check the ways on a chart.",
+        "Boats go by sea on the coast of this case, whose shores may be off by more than they keep from it; rocks "
+        "awash, tides and, without a depth grid, depths are not known: check the ways on a chart.",
     )
     return (
-        *boats * any(one.unit.afloat for one in plan.taskings),
+        *boats * any(tasking.unit.afloat for tasking in plan.taskings),
         "Altitudes and times are for planning: crews and controllers settle separation, weather and daylight.",
         "POD is for an object that stays in the area; POS counts those that drift in and out of it.",
         "Afterwards append plan.toml to the case, with what was flown: completed or actual.",
@@ -270,13 +268,13 @@ def _both(angle: float) -> str:
     return f"{low:03d}/{high:03d}T"
 
 
-def _first_course(one: Tasking) -> int:
-    """Return the course [deg] of the first leg: of the two along the orientation the one that it is flown on."""
-    legs = one.sortie.legs
+def _first_course(tasking: Tasking) -> int:
+    """Return the course [deg] of the first leg, which is along the orientation one way or the other."""
+    legs = tasking.sortie.legs
     assert legs is not None
     east, north = sphere.offset(*np.radians([legs.lon[0], legs.lat[0], legs.lon[1], legs.lat[1]]))
-    ahead = math.sin(one.orientation) * float(east) + math.cos(one.orientation) * float(north) >= 0
-    return subareas.degrees(one.orientation + (0 if ahead else math.pi))
+    ahead = math.sin(tasking.orientation) * float(east) + math.cos(tasking.orientation) * float(north) >= 0
+    return subareas.degrees(tasking.orientation + (0 if ahead else math.pi))
 
 
 def _short(time: np.datetime64) -> str:

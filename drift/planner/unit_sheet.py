@@ -1,4 +1,4 @@
-"""The sheet of a unit, A4 upright: its legs at a scale at which they can be told apart, what it is told, every turning point.
+"""The sheet of a unit, A4 upright: its legs at a scale that shows each, its task, every turning point.
 
 Turning points are numbered on the chart and in the table, which has their positions to a thousandth of a minute, as
 plotters take them. A search with more points than fit goes on on further pages.
@@ -36,7 +36,8 @@ from geo.box import Box
 
 SHEET = Sheet(  # A4
     8.27, 11.69, 150, left=0.06, title=sheet.heading(0.962, 17), lines=(Row(0.943, 9.5, 100), Row(0.928, 9.5)),
-    caution=Badge(0.95, 0.968, 8.5, "right"), rough=Badge(0.95, 0.945, 8.5, "right"), footer=sheet.small(0.012, 6.5, 150),
+    caution=Badge(0.95, 0.968, 8.5, "right"), rough=Badge(0.95, 0.945, 8.5, "right"),
+    footer=sheet.small(0.012, 6.5, 150),
 )  # fmt: skip
 MAP = (0.085, 0.535, 0.865, 0.37)  # of the page
 INSET = (0.665, 0.30, 0.285, 0.20)
@@ -49,23 +50,26 @@ KINDS = {"way": "way", "csp": "CSP", "leg": "", "turn": "round", "off": "off", "
 
 def pages(plan: Plan) -> list[tuple[str, int, int]]:
     """Return the sheets of a plan: file name, which tasking, and which page of it, from 1."""
-    found = []
-    for k, (name, one) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
-        rest = len(subareas.route(name, one)) - COLUMNS * ROWS
+    sheets = []
+    for k, (name, tasking) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
+        rest = len(subareas.route(name, tasking)) - COLUMNS * ROWS
         many = 1 + max(math.ceil(rest / (COLUMNS * MORE)), 0)
-        found += [(f"plan-{name}{f'-{p}' if p > 1 else ''}.png", k, p) for p in range(1, many + 1)]
-    return found
+        sheets += [(f"plan-{name}{f'-{p}' if p > 1 else ''}.png", k, p) for p in range(1, many + 1)]
+    return sheets
 
 
 def box(plan: Plan) -> Box:
     """Return the box that holds all that the sheets show."""
     every = np.concatenate(
-        [np.concatenate([plan_map.ring(one), *subareas.transits(one), [one.unit.base]]) for one in plan.taskings]
+        [
+            np.concatenate([plan_map.ring(tasking), *subareas.transits(tasking), [tasking.unit.base]])
+            for tasking in plan.taskings
+        ]
     )
     lon = np.array([_by(value, every[0, 0]) for value in every[:, 0]])
     west = sphere.wrap_degrees(float(lon.min()))
-    found = Box(west, float(every[:, 1].min()), west + max(float(np.ptp(lon)), 1e-6), float(every[:, 1].max()))
-    return found.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(every[:, 1])))
+    box = Box(west, float(every[:, 1].min()), west + max(float(np.ptp(lon)), 1e-6), float(every[:, 1].max()))
+    return box.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(every[:, 1])))
 
 
 def draw(
@@ -78,32 +82,31 @@ def draw(
     polygons: Iterable[Any] = (),
 ) -> None:
     """Draw page `number` of the sheet of tasking `which`."""
-    name, one = subareas.names(plan)[which], plan.taskings[which]
-    way = subareas.route(name, one)
+    name, tasking = subareas.names(plan)[which], plan.taskings[which]
+    way = subareas.route(name, tasking)
     on = sheet.begin(SHEET)
     figure = on.figure
-    head = f"{name}  {page.fit(one.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
-    when = (
-        f"On scene {notation.group(one.on_scene)} to {plan_map.short(one.off_scene)}. Times are UTC, directions true."
-    )
+    head = f"{name}  {page.fit(tasking.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
+    on_scene = f"{notation.group(tasking.on_scene)} to {plan_map.short(tasking.off_scene)}"
+    when = f"On scene {on_scene}. Times are UTC, directions true."
     sheet.head(on, replace(imprint, title=head), imprint.title, when)
     if plan_text.rough(plan):
         sheet.rough(on, "Few particles: areas and POS are rough")
     if number == 1:
         land = np.array(list(polygons), dtype=object)
-        _chart(figure, on.canvas, one, way, land)
-        _inset(figure, one, land)
-        _facts(figure, plan, name, one)
+        _chart(figure, on.canvas, tasking, way, land)
+        _inset(figure, tasking, land)
+        _facts(figure, plan, name, tasking)
         _table(figure, way[: COLUMNS * ROWS], TABLE, ROWS)
     else:
         first = COLUMNS * (ROWS + MORE * (number - 2))
         _table(figure, way[first : first + COLUMNS * MORE], 0.9, MORE)
-    sheet.end(on, path, imprint, f"{name} {one.unit.name}: {imprint.title}")
+    sheet.end(on, path, imprint, f"{name} {tasking.unit.name}: {imprint.title}")
 
 
-def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[Waypoint], land: Array) -> None:
+def _chart(figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Sequence[Waypoint], land: Array) -> None:
     """Draw the legs with the numbers of their turning points."""
-    ring = plan_map.ring(one)
+    ring = plan_map.ring(tasking)
     inner = [point for point in way if point.what in ("csp", "leg", "turn", "off")]
     lon = np.concatenate([ring[:, 0], [_by(point.lon, ring[0, 0]) for point in inner]])
     lat = np.concatenate([ring[:, 1], [point.lat for point in inner]])
@@ -112,13 +115,13 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[
     chart.prepare(ax, here)
     chart.draw_land(ax, chart.land_path(here, land, 1500))
     chart.graticule(ax, here)
-    _ways(ax, here, one)
-    for searching, points in search_shapes.flown(one.sortie):
+    _ways(ax, here, tasking)
+    for searching, points in search_shapes.flown(tasking.sortie):
         style = {**search_layers.LEGS, "linewidth": 1.0} if searching else {**search_layers.TRANSIT, "linewidth": 1.1}
         plan_map.line(ax, here, points, style, 8)
     plan_map.line(ax, here, ring, {**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}, 7.5)
-    if one.sortie.legs is not None:
-        plan_map.creep(ax, here, one)
+    if tasking.sortie.legs is not None:
+        plan_map.creep(ax, here, tasking)
     x, y = here.project([point.lon for point in inner], [point.lat for point in inner])
     ax.plot(x[1:], y[1:], "o", markersize=2.2, color=INK, zorder=11)
     ax.plot(x[0], y[0], markersize=8, markeredgewidth=1.8, zorder=12, **POINT)
@@ -134,7 +137,7 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[
         (Line2D([], [], **{**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}), "Sub-area"),
         (Line2D([], [], **WAY), "Way out and home"),
     ]
-    if one.sortie.legs is not None and not all(one.sortie.legs.searching):
+    if tasking.sortie.legs is not None and not all(tasking.sortie.legs.searching):
         handles.insert(1, (Line2D([], [], **{**search_layers.TRANSIT, "linewidth": 1.1}), "Way round land, no search"))
     sheet.legend(
         figure, handles, loc="upper left", bbox_to_anchor=(MAP[0] - 0.005, MAP[1] - 0.021), ncols=len(handles),
@@ -142,47 +145,47 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, one: Tasking, way: Sequence[
     )  # fmt: skip
 
 
-def _ways(ax: Axes, here: Frame, one: Tasking) -> None:
-    for points in subareas.transits(one):
+def _ways(ax: Axes, here: Frame, tasking: Tasking) -> None:
+    for points in subareas.transits(tasking):
         plan_map.line(ax, here, points, WAY, 7)
 
 
-def _inset(figure: Figure, one: Tasking, land: Array) -> None:
+def _inset(figure: Figure, tasking: Tasking, land: Array) -> None:
     """Draw the way out and home at the scale that shows them."""
-    ring = plan_map.ring(one)
-    ways = subareas.transits(one)
-    places = np.concatenate([ring, *ways, [one.unit.base, one.unit.return_to]])
+    ring = plan_map.ring(tasking)
+    ways = subareas.transits(tasking)
+    places = np.concatenate([ring, *ways, [tasking.unit.base, tasking.unit.return_to]])
     lon = np.array([_by(v, ring[0, 0]) for v in places[:, 0]])
     here = chart.frame(lon, places[:, 1], INSET[2] * SHEET.width / (INSET[3] * SHEET.height), margin=0.1)
     ax = figure.add_axes(INSET)
     chart.prepare(ax, here)
     chart.draw_land(ax, chart.land_path(here, land, 600))
     chart.graticule(ax, here, lines=2, size=6.5)
-    _ways(ax, here, one)
+    _ways(ax, here, tasking)
     plan_map.line(ax, here, ring, {**search_layers.AREA, "linewidth": 1.2}, 8)
-    x, y = here.project(*zip(one.unit.base, one.unit.return_to, strict=True))
+    x, y = here.project(*zip(tasking.unit.base, tasking.unit.return_to, strict=True))
     ax.plot(x, y, markersize=6, markeredgewidth=0.8, zorder=12, **BASE)
     chart.scale_bar(ax, here, chart.free_corner(here, x, y), small=True)
 
 
-def _facts(figure: Figure, plan: Plan, name: str, one: Tasking) -> None:
-    """Write what the unit is told, as in the search action plan, and when it is light."""
-    lines = [line.removeprefix("      ") for line in plan_text.task(plan, name, one)[1:]]
-    lines.append(f"{'Daylight':{plan_text.LABEL}}{light(one)}")
+def _facts(figure: Figure, plan: Plan, name: str, tasking: Tasking) -> None:
+    """Write the unit's task, as in the search action plan, and when there is daylight."""
+    lines = [line.removeprefix("      ") for line in plan_text.task(plan, name, tasking)[1:]]
+    lines.append(f"{'Daylight':{plan_text.LABEL}}{light(tasking)}")
     for words in plan.said:
-        if words.startswith(f"{one.unit.name} "):
-            told = textwrap.wrap(words.removeprefix(f"{one.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6)
-            lines += [f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}" for k, line in enumerate(told)]
+        if words.startswith(f"{tasking.unit.name} "):
+            wrapped = textwrap.wrap(words.removeprefix(f"{tasking.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6)
+            lines += [f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}" for k, line in enumerate(wrapped)]
     step = min(0.0098, (MAP[1] - 0.045 - TABLE - 0.02) / len(lines))
     for k, line in enumerate(lines):
         y = MAP[1] - 0.045 - step * k
         figure.text(0.06, y, line, fontsize=min(7.0, 7.0 * step / 0.0092), family="monospace", color=INK, va="top")
 
 
-def light(one: Tasking) -> str:
+def light(tasking: Tasking) -> str:
     """Return sunrise and sunset at the commence search point, of the day about the search."""
-    begin = float(notation.epoch(one.on_scene))
-    place = subareas.begin(one)
+    begin = float(notation.epoch(tasking.on_scene))
+    place = subareas.begin(tasking)
     spans = daylight.windows(begin - 86_400, begin + 86_400, *place)
     ahead = [span for span in spans if span[1] > begin]
     if not ahead:
@@ -190,9 +193,9 @@ def light(one: Tasking) -> str:
     rise, fall = ahead[0]
     if rise <= begin - 86_400 and fall >= begin + 86_400:
         return "all day: the sun does not set"
-    told = [f"{word} {plan_map.short(moment(time))}" for word, time, known in
-            (("sunrise", rise, rise > begin - 86_400), ("sunset", fall, fall < begin + 86_400)) if known]  # fmt: skip
-    return ", ".join(told)
+    words = [f"sunrise {plan_map.short(moment(rise))}"] if rise > begin - 86_400 else []
+    words += [f"sunset {plan_map.short(moment(fall))}"] if fall < begin + 86_400 else []
+    return ", ".join(words)
 
 
 def _table(figure: Figure, way: Sequence[Waypoint], top: float, rows: int) -> None:
@@ -210,7 +213,10 @@ def _table(figure: Figure, way: Sequence[Waypoint], top: float, rows: int) -> No
 
 
 def _short(point: Waypoint) -> str:
-    """Return what a point is called on its unit's own sheet: CSP, 02, ... END; W1, ... on the way out, H1, ... on that home."""
+    """Return what a point is called on its unit's own sheet.
+
+    Search points are CSP, 02, ... END; those on the way out W1, ..., on the way home H1, ...
+    """
     word, _, number = point.name.split(" ", 1)[1].partition(" ")
     if number:
         return f"{'W' if word == 'OUT' else 'H'}{int(number)}"

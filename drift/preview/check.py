@@ -11,7 +11,7 @@ from drift.job import in_turn
 from drift.preview import outlook
 from drift.spill import renewal
 from drift.spill.records import Spill
-from drift.suspend import decision
+from drift.suspend import alive
 from geo import notation
 from geo.coast import shore
 from geo.coast.segments import Segments
@@ -71,7 +71,7 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         if dry > 0:
             found[f'{story} "{scenario.name}"'] += f"; {dry:.1%} of its prior is on land and left out"
         if scenario.survival is not None:
-            found[f'{story} "{scenario.name}"'] += f"; alive: {decision.basis(scenario)}"
+            found[f'{story} "{scenario.name}"'] += f"; alive: {alive.basis(scenario)}"
     return found | _search(case)
 
 

@@ -41,7 +41,7 @@ def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds
     """
     walks, places = _placed(spill, segments, coast)
     patrols = tuple(
-        exposure.Patrol(walk, period.elapsed(patrol.time), patrol.detection)
+        exposure.Walk(walk, period.elapsed(patrol.time), patrol.detection)
         for walk, patrol in zip(walks, spill.patrols, strict=True)
     )
     kinds, names = [kind.name for kind in spill.kinds], [patrol.name for patrol in spill.patrols]

@@ -28,8 +28,8 @@ class Reporting:
 
 
 @dataclass(frozen=True)
-class Patrol:
-    """A search of stretches that finds each object lying there at a time [s after start] with a probability."""
+class Walk:
+    """A patrol on stretches by number: at a time [s after start] it finds each object lying there with a probability."""
 
     segments: tuple[int, ...]
     time: int
@@ -41,7 +41,7 @@ class Exposure:
     """Stays on the shore by stretch, shape (m,), and the patrols of every stretch."""
 
     fates: Fates
-    patrols: tuple[Patrol, ...]
+    patrols: tuple[Walk, ...]
     slot: npt.NDArray[np.int32]
     arrival: Real  # [s after start]
     leave: Real  # [s after start], inf: stays
@@ -52,7 +52,7 @@ class Exposure:
     visits: tuple[tuple[int, ...], ...]  # (S,) numbers of the patrols of each stretch by time
 
 
-def expose(fates: Fates, reporting: Reporting, patrols: tuple[Patrol, ...]) -> Exposure:
+def expose(fates: Fates, reporting: Reporting, patrols: tuple[Walk, ...]) -> Exposure:
     """Return the stays of every particle with all that can happen to them ashore."""
     stays = fates.stays
     segments = reporting.rate.size

@@ -24,7 +24,7 @@ from scipy import special
 from drift.motion import partials, weights
 from drift.motion.status import Status
 from drift.spill import exposure, shrinkage
-from drift.spill.exposure import Exposure, Patrol, Reporting
+from drift.spill.exposure import Exposure, Reporting, Walk
 from drift.spill.fates import Fates
 from geo import sphere
 from geo.array import Real
@@ -101,7 +101,7 @@ class Known:
 
     numbers: Numbers
     finds: tuple[Detection, ...]
-    patrols: tuple[Patrol, ...]
+    patrols: tuple[Walk, ...]
     reporting: Reporting
     length: Real  # (S,) of the stretches [m]
     now: float

@@ -1,4 +1,4 @@
-"""What a decision to suspend is handed: a text and a picture."""
+"""What is handed out for a decision to suspend: a text and a picture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,21 +15,21 @@ from drift.suspend.decision import Suspension
 class Matter:
     """What the files and pictures are made from."""
 
-    told: Suspension
+    suspension: Suspension
     imprint: Imprint
     synthetic: bool  # winds or currents are made up
     lost: float  # probability that is on no map
 
 
-def _picture(one: Matter, path: Path) -> None:
+def _picture(matter: Matter, path: Path) -> None:
     from drift.suspend import map as suspend_map  # here: Matplotlib takes a second to import
 
-    suspend_map.draw(one.told, path, one.imprint)
+    suspend_map.draw(matter.suspension, path, matter.imprint)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "suspend.txt": lambda one, stamped: suspend_text.text(
-        one.told, one.imprint.title, stamped["run_id"], synthetic=one.synthetic, lost=one.lost
+    "suspend.txt": lambda matter, stamped: suspend_text.text(
+        matter.suspension, matter.imprint.title, stamped["run_id"], synthetic=matter.synthetic, lost=matter.lost
     ),
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
@@ -37,6 +37,6 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 }
 
 
-def chapter(one: Matter) -> Chapter:
+def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a decision to suspend."""
-    return Chapter({"suspension": decision.numbers(one.told)}, bound(FILES, one), bound(PICTURES, one))
+    return Chapter({"suspension": decision.numbers(matter.suspension)}, bound(FILES, matter), bound(PICTURES, matter))

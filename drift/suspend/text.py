@@ -1,4 +1,4 @@
-"""What a decision to suspend rests on, as plain ASCII text of at most 78 columns. It recommends nothing."""
+"""What a decision to suspend rests on, as ASCII text of WIDE columns; it recommends nothing."""
 
 import textwrap
 
@@ -10,23 +10,28 @@ from geo import notation
 from geo.notation import NMI
 
 WIDE = 78
-FIRST = (0.5, 0.1, 0.01)  # probabilities of being alive whose times are told
+FIRST = (0.5, 0.1, 0.01)  # probabilities of being alive whose times are stated
 
 
-def text(told: Suspension, case_title: str, run: str, *, synthetic: bool = False, lost: float = 0.0) -> str:
-    """Return it as text. run: its run_id. synthetic: winds or currents are made up. lost: probability that is on no map."""
-    what = "the last sortie or contact" if told.now > told.times[0] and told.sorties else "what is known"
+def text(suspension: Suspension, case_title: str, run: str, *, synthetic: bool = False, lost: float = 0.0) -> str:
+    """Return what a decision to suspend rests on, as text.
+
+    run: its run_id. synthetic: whether winds or currents are made up. lost: probability that is on no map.
+    """
+    what = (
+        "the last sortie or contact" if suspension.now > suspension.times[0] and suspension.sorties else "what is known"
+    )
     lines = ["DECISION TO SUSPEND: WHAT IT RESTS ON", *_fill(case_title), f"Run {run}. Times are UTC.", ""]
-    lines += _fill(f"As of {notation.group(told.now)}, {what}. All of it is given that nothing has been found.")
+    lines += _fill(f"As of {notation.group(suspension.now)}, {what}. All of it is given that nothing has been found.")
     lines += _fill("The decision is the coordinator's: nothing here recommends.")
-    for warning in warnings(told, synthetic):
+    for warning in warnings(suspension, synthetic):
         lines += ["", *_fill(f"WARNING: {warning}")]
     for number, (head, body) in enumerate(
         (
-            ("ALIVE", _alive(told)),
-            ("WHAT HAS BEEN SEARCHED", _searched(told)),
-            ("WHAT IS LEFT", _left(told, lost)),
-            ("SEARCHING ON", _further(told)),
+            ("ALIVE", _alive(suspension)),
+            ("WHAT HAS BEEN SEARCHED", _searched(suspension)),
+            ("WHAT IS LEFT", _left(suspension, lost)),
+            ("SEARCHING ON", _further(suspension)),
         ),
         1,
     ):
@@ -34,18 +39,20 @@ def text(told: Suspension, case_title: str, run: str, *, synthetic: bool = False
     return "\n".join(lines) + "\n"
 
 
-def warnings(told: Suspension, synthetic: bool) -> list[str]:
-    """Return what must not be believed of it."""
-    found = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
-    if told.count.few:
-        found.append(effective.sentence(told.count, "of all that were drawn", "every figure here is rough"))
-    return found + immortal(told)
+def warnings(suspension: Suspension, synthetic: bool) -> list[str]:
+    """Return warnings of what is not reliable in it."""
+    lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
+    if suspension.count.few:
+        lines.append(effective.sentence(suspension.count, "of all that were drawn", "every figure here is rough"))
+    return lines + immortal(suspension)
 
 
-def immortal(told: Suspension) -> list[str]:
-    """Return a warning of scenarios without survival times beside others that have them."""
-    names = ", ".join(f'"{name}"' for name, basis in zip(told.scenarios, told.bases, strict=True) if basis is None)
-    if not (told.mortal and names):
+def immortal(suspension: Suspension) -> list[str]:
+    """Return a warning if some scenarios have no survival times while others have them."""
+    names = ", ".join(
+        f'"{name}"' for name, basis in zip(suspension.scenarios, suspension.bases, strict=True) if basis is None
+    )
+    if not (suspension.mortal and names):
         return []
     return [f"no survival times are told for {names}: whoever is adrift there counts as alive for ever."]
 
@@ -64,47 +71,47 @@ def give_or_take(value: float, error: float) -> str:
     return f"{share(value)} +- {100 * error:.{1 if error >= 9.5e-4 else 2}f}"
 
 
-def reached(told: Suspension) -> list[tuple[float, np.datetime64]]:
+def reached(suspension: Suspension) -> list[tuple[float, np.datetime64]]:
     """Return when the probability of being alive falls to each of FIRST, within the curve."""
-    alive, times = told.alive[:, -1], notation.epochs(told.times)
-    found = []
+    alive, times = suspension.alive[:, -1], notation.epochs(suspension.times)
+    crossings = []
     for level in FIRST:
         below = np.flatnonzero(alive <= level)
         if len(below) and below[0] > 0:
             i = int(below[0])
             part = (alive[i - 1] - level) / (alive[i - 1] - alive[i])
-            found.append((level, np.datetime64(round(times[i - 1] + part * (times[i] - times[i - 1])), "s")))
-    return found
+            crossings.append((level, np.datetime64(round(times[i - 1] + part * (times[i] - times[i - 1])), "s")))
+    return crossings
 
 
-def _alive(told: Suspension) -> list[str]:
-    if not told.mortal:
+def _alive(suspension: Suspension) -> list[str]:
+    if not suspension.mortal:
         return _fill("No scenario has survival times (survival = ...): nothing can be said.", 3)
-    several = len(told.scenarios) > 1
+    several = len(suspension.scenarios) > 1
     lines = [f"   {'':18}{'From now':10}Probability of being alive"]
-    for time, mean, error in told.ahead:
-        hours = float((time - told.now) / np.timedelta64(1, "h"))
+    for time, mean, error in suspension.ahead:
+        hours = float((time - suspension.now) / np.timedelta64(1, "h"))
         ahead = "now" if hours == 0 else f"+{hours:.0f} h" if hours < 72 else f"+{hours / 24:.0f} d"
         lines.append(f"   {notation.group(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}")
-    for level, time in reached(told):
-        tense = "was" if time < told.now else "is"
+    for level, time in reached(suspension):
+        tense = "was" if time < suspension.now else "is"
         lines.append(f"   It {tense} {100 * level:.0f} % at {notation.group(time)}.")
     lines += ["   By scenario, now:"] if several else []
-    for s, basis in enumerate(told.bases):
-        now = f"{share(float(told.ahead[0][1][s]))} alive; " if several else "Survival times: "
-        name = f'"{told.scenarios[s]}": ' if several else ""
+    for s, basis in enumerate(suspension.bases):
+        now = f"{share(float(suspension.ahead[0][1][s]))} alive; " if several else "Survival times: "
+        name = f'"{suspension.scenarios[s]}": ' if several else ""
         lines += _fill(f"{name}{now}{basis or 'no survival times'}", 3, 6)
-    told_by = (
+    caveat = (
         "The error is that of the particles. Survival times are far less sure: take half and twice the median to see."
     )
-    return [*lines, *_fill(told_by, 3)]
+    return [*lines, *_fill(caveat, 3)]
 
 
-def _searched(told: Suspension) -> list[str]:
-    if not told.sorties:
+def _searched(suspension: Suspension) -> list[str]:
+    if not suspension.sorties:
         return _fill("No sortie has been flown.", 3)
     lines = [f"   {'Sortie':25}{'Ended':9}{'nmi2':>8}{'POC':>8}{'POD':>8}{'POS':>8}{'So far':>9}"]
-    for update, area in told.sorties:
+    for update, area in suspension.sorties:
         name = update.name if len(update.name) <= 24 else f"{update.name[:21]}..."
         size = f"{area / NMI**2:,.0f}" if np.isfinite(area) else ""
         figures = [
@@ -114,28 +121,31 @@ def _searched(told: Suspension) -> list[str]:
         lines.append(
             f"   {name:25}{notation.group(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}"
         )
-    total = float(told.cumulative[-1])
-    lines += ["", f"   Cumulative POS  {give_or_take(total, float(told.error(total)))}"]
-    if len(told.scenarios) > 1:
-        for s, name in enumerate(told.scenarios):
-            words = f'{share(float(told.cumulative[s]))} had it been "{name}": {share(float(told.prior[s]))} probable at first'
-            lines += _fill(f"{words}, {share(float(told.share[s]))} now", 3, 6)
+    total = float(suspension.cumulative[-1])
+    lines += ["", f"   Cumulative POS  {give_or_take(total, float(suspension.error(total)))}"]
+    if len(suspension.scenarios) > 1:
+        for s, name in enumerate(suspension.scenarios):
+            by_now, prior, posterior = (
+                share(float(v[s])) for v in (suspension.cumulative, suspension.prior, suspension.share)
+            )
+            words = f'{by_now} had it been "{name}": {prior} probable at first, {posterior} now'
+            lines += _fill(words, 3, 6)
     return lines
 
 
-def _left(told: Suspension, lost: float) -> list[str]:
+def _left(suspension: Suspension, lost: float) -> list[str]:
     lines = []
-    if told.sorties:
-        never = float(told.never[-1])
+    if suspension.sorties:
+        never = float(suspension.never[-1])
         lines += _fill(
-            f"{give_or_take(never, float(told.error(never)))} of what is still probable was never where a sortie searched; the "
-            f"other {share(1 - never)} was searched and missed.",
+            f"{give_or_take(never, float(suspension.error(never)))} of what is still probable was never where a sortie "
+            f"searched; the other {share(1 - never)} was searched and missed.",
             3,
         )
-        for s, name in enumerate(told.scenarios if len(told.scenarios) > 1 else ()):
-            lines += _fill(f'"{name}": {share(float(told.never[s]))} of it never searched', 3, 6)
+        for s, name in enumerate(suspension.scenarios if len(suspension.scenarios) > 1 else ()):
+            lines += _fill(f'"{name}": {share(float(suspension.never[s]))} of it never searched', 3, 6)
         lines += _fill("Right after each sortie, the probability that was left where it had searched:", 3)
-        for update, _ in told.sorties:
+        for update, _ in suspension.sorties:
             if update.poc is not None and update.pos is not None:
                 poc, pos = float(update.poc[-1]), float(update.pos[-1])
                 lines += _fill(f"{share((poc - pos) / max(1 - pos, 1e-12))}  {update.name}", 3, 6)
@@ -146,29 +156,30 @@ def _left(told: Suspension, lost: float) -> list[str]:
     return lines
 
 
-def _further(told: Suspension) -> list[str]:
-    lines = _fill(f"{told.how[:1].upper()}{told.how[1:]}.", 3)
-    if not told.further:
+def _further(suspension: Suspension) -> list[str]:
+    lines = _fill(f"{suspension.how[:1].upper()}{suspension.how[1:]}.", 3)
+    if not suspension.further:
         return lines
 
-    def told_as(value: float, error: float) -> str:
-        return give_or_take(value, error) if told.planned else share(value)
+    def figure(value: float, error: float) -> str:
+        return give_or_take(value, error) if suspension.planned else share(value)
 
     head = f"   {'Until':16}{'Found':>18}"
-    if told.mortal:
+    if suspension.mortal:
         head += f"{'Found alive':>18}{'Alive, not found':>19}"
     lines += ["", head]
-    for one in told.further:
-        row = f"   {notation.group(one.until):16}{told_as(one.pos, one.pos_error):>18}"
-        if told.mortal:
-            row += f"{told_as(one.alive, one.alive_error):>18}{share(one.waiting):>19}"
+    for end in suspension.further:
+        row = f"   {notation.group(end.until):16}{figure(end.pos, end.pos_error):>18}"
+        if suspension.mortal:
+            row += f"{figure(end.alive, end.alive_error):>18}{share(end.waiting):>19}"
         lines.append(row)
     lines += ["", *_fill("Probabilities counted from now, each row with those above it.", 3)]
-    if not told.planned:
+    if not suspension.planned:
         lines += _fill(
-            "It is a rough figure, neither a plan nor a bound: the map is held while the object drifts on and spreads, which makes "
-            "later days look better than they are. How much better is not known, so no errors are given. Regular tracks find more "
-            "than random search does, and effort cannot be divided without limit. drift plan makes a plan.",
+            "It is a rough figure, neither a plan nor a bound: the map is held while the object drifts on and spreads, "
+            "which makes later days look better than they are. How much better is not known, so no errors are given. "
+            "Regular tracks find more than random search does, and effort cannot be divided without limit. drift plan "
+            "makes a plan.",
             3,
         )
     return lines

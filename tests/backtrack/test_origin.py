@@ -175,7 +175,7 @@ def exact(finds: tuple[tuple[int, float, float], ...], shared: bool = True) -> E
     return Exact(np.array([*place, time]), spread)
 
 
-def told(found: backward.Origin) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def figures(found: backward.Origin) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return mean (x, y [m], release [s after start]), its standard error, and standard deviations."""
     mean = np.array([found.mean[0] * DEGREE, found.mean[1] * DEGREE, found.mean[2] - T0])
     return mean, np.array(found.error), np.array(found.std)
@@ -222,7 +222,7 @@ RUN = {"worlds": 500, "per_find": 60, "cells": 64, "times": 12}
 
 
 def origin(case: Case, where: Environment, cut: Segments | None, stretch: list[int], **fine: int) -> backward.Origin:
-    """Return where a case's spill may have come from; fine: how finely that is told."""
+    """Return where a case's spill may have come from; fine: the resolution."""
     assert case.spill is not None
     spec, clock = start.ensemble_spec(case), start.clock_spec(case)
     return backward.backward(case.spill, spec, clock, where, cut, stretch, backward.Resolution(**fine))
@@ -234,14 +234,14 @@ def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converge
     where = environment(converging())
     truth = exact(SEEN)
     found = origin(case, where, None, [-1, -1], **RUN)
-    mean, error, std = told(found)
+    mean, error, std = figures(found)
     ahead, ahead_error = forward(case, converging(), 6000, 40)
     monkeypatch.setattr(
         backward.advance,
         "Surroundings",
         lambda *a, place=kernel.Surroundings, **k: place(*a, **{**k, "divergence": False}),
     )
-    plain, plain_error, _ = told(origin(case, where, None, [-1, -1], **RUN))
+    plain, plain_error, _ = figures(origin(case, where, None, [-1, -1], **RUN))
     print("exact", truth.mean, truth.std)
     print("backward", mean, error, std, found.effective)
     print("forward", ahead, ahead_error)
@@ -338,7 +338,7 @@ def test_a_find_ashore_tells_the_release_by_the_law_of_arrivals(tmp_path) -> Non
     expected = np.array(
         [-(chance.sum((0, 1)) * away).sum(), (chance.sum((0, 2)) * y0).sum(), (chance.sum((1, 2)) * times).sum()]
     )
-    mean, error, std = told(found)
+    mean, error, std = figures(found)
     # Tracks begin up to 100 m off the beach, at the time of arrival: that far and that much too late they may lead.
     offing = tracks.OFFING[1] * np.array([1, 0, 1 / SPEED])
     assert (np.abs(mean - expected) < 3 * error + offing).all()
@@ -349,13 +349,13 @@ def test_what_may_have_sunk_came_from_near(tmp_path) -> None:
     """With the same tracks a half-life multiplies each release time by 2^-(age / half-life), find by find."""
     text = SPILL.replace(f"{WINDOW // HOUR} h", "6 h") + "".join(at_sea(*seen) for seen in SEEN)
     where = environment(converging())
-    made = [
+    origins = [
         origin(case_of(tmp_path, said), where, None, [-1, -1], worlds=50, per_find=40, cells=24, times=6)
         for said in (text, text.replace('object = "water"', 'object = "water"\nsinking = { half_life = "5 h" }'))
     ]
-    ages = sum(T0 + seen[0] - made[0].time.astype(np.int64) for seen in SEEN)
-    expected = made[0].probability * np.exp2(-ages / (5 * HOUR))[:, None, None]
-    assert made[1].probability == pytest.approx(expected / expected.sum(), rel=1e-4, abs=1e-9)  # float32 densities
+    ages = sum(T0 + seen[0] - origins[0].time.astype(np.int64) for seen in SEEN)
+    expected = origins[0].probability * np.exp2(-ages / (5 * HOUR))[:, None, None]
+    assert origins[1].probability == pytest.approx(expected / expected.sum(), rel=1e-4, abs=1e-9)  # float32 densities
 
 
 def test_a_patrol_that_misses_nothing_rules_out_earlier_landings(tmp_path) -> None:
@@ -391,7 +391,7 @@ def test_classes_that_drift_alike_are_one_class(tmp_path) -> None:
         )
         for classes, text in ((1, SPILL), (2, twice))
     )  # fmt: skip
-    (mean, error, _), (other, other_error, _) = told(one), told(two)
+    (mean, error, _), (other, other_error, _) = figures(one), figures(two)
     assert (np.abs(mean - other) < 3 * np.hypot(error, other_error)).all()
 
 
@@ -402,11 +402,11 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
     north = (lat[:, None] - 50 + 0 * lon[None]) * DEGREE
     place = np.exp(-((east / 3000) ** 2 + (north / 3000) ** 2) / 2) * np.cos(np.radians(lat))[:, None]
     chance = np.ones((10, 1, 1)) * place / place.sum() / 10
-    made = backward.Origin(
+    release = backward.Origin(
         lon, lat, time.astype("datetime64[s]"), chance, chance, (0.0, 50.0, T0 + 4.5 * HOUR),
         (3000.0, 3000.0, 10_000.0), (1.0, 1.0, 1.0), 10, 5.0,
     )  # fmt: skip
-    said = backward.summary(made)
+    said = backward.summary(release)
     # A circular normal holds 1 - exp(-r^2 / 2 s^2); cells are 0.8 by 1.1 km.
     for share in (50, 90):
         radius = 3 * np.sqrt(-2 * np.log1p(-share / 100))
@@ -415,7 +415,7 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
     begin = np.datetime64(T0 - HOUR // 2, "s")
     for share in (10, 50, 90):
         assert said[f"time_{share}"] == f"{begin + np.timedelta64(share * HOUR // 10, 's')}Z"
-    data = backward.dataset(made)
+    data = backward.dataset(release)
     assert float(data["probability"].sum()) == pytest.approx(1)
     assert data["probability"].dims == ("time", "lat", "lon")
     data.to_netcdf(tmp_path / "origin.nc")

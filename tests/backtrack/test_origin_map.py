@@ -13,7 +13,7 @@ from PIL import Image
 
 from drift.backtrack import map as origin_map
 from drift.backtrack.backward import Origin
-from drift.maps.imprint import Imprint
+from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
 from geo import sphere
 
@@ -83,9 +83,11 @@ def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, 
     origin_map.draw(
         release(lon, lat, cells, times),
         tmp_path / "origin.png",
-        imprint=Imprint("A test " * 30, footer="casp-drift " * 40, caution=WRONG),
-        polygons=[land],
-        marks=finds((lon + 180) % 360 - 180, lat, count),
+        Setting(
+            Imprint("A test " * 30, footer="casp-drift " * 40, caution=WRONG),
+            polygons=[land],
+            marks=finds((lon + 180) % 360 - 180, lat, count),
+        ),
     )
     with Image.open(tmp_path / "origin.png") as picture:
         assert picture.size == (1638, 1162)
@@ -103,7 +105,8 @@ def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, 
 
 def test_figures_are_those_of_a_normal_release(tmp_path, seen):
     """A circular normal holds 1 - exp(-r^2 / 2 s^2); areas and radii are known to a cell in 70 and in 4."""
-    origin_map.draw(release(179.9, -17.5), tmp_path / "origin.png", imprint=Imprint("T"), marks=finds(179.9, -17.5, 2))
+    setting = Setting(Imprint("T"), marks=finds(179.9, -17.5, 2))
+    origin_map.draw(release(179.9, -17.5), tmp_path / "origin.png", setting)
     said = words(seen[0])
     for share, name in ((50, "Half within"), (90, "90 % within")):
         radius = SPREAD * np.sqrt(-2 * np.log1p(-share / 100)) / NMI
@@ -118,15 +121,15 @@ def test_figures_are_those_of_a_normal_release(tmp_path, seen):
     for share in (10, 50, 90):
         minutes = round(60 * (np.interp(share / 100, reached, np.arange(13)) + 0.5) - 1e-9)
         at = next(text for text in said if text.startswith(f"{share} %: before"))
-        told = int(at[-12:-10]) * 60 + int(at[-10:-8])
-        assert abs(told - minutes) <= 1, (at, minutes)
+        shown = int(at[-12:-10]) * 60 + int(at[-10:-8])
+        assert abs(shown - minutes) <= 1, (at, minutes)
 
 
 @pytest.mark.parametrize("lon", [-95.0, 179.9])
 def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
     """Lines on the map, in Mercator's metres, enclose 2 pi s^2 ln 2 and 2 pi s^2 ln 10 to the width of half a cell."""
     lat = -17.5
-    origin_map.draw(release(lon, lat), tmp_path / "origin.png", imprint=Imprint("T"))
+    origin_map.draw(release(lon, lat), tmp_path / "origin.png", Setting(Imprint("T")))
     ax = seen[0].axes[0]
     sizes = sorted(
         shapely.Polygon(path.vertices).area * np.cos(np.radians(lat)) ** 2
@@ -142,7 +145,7 @@ def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
 
 
 def test_few_effective_worlds_are_warned_of(tmp_path, seen):
-    origin_map.draw(release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", imprint=Imprint("T"))
+    origin_map.draw(release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", Setting(Imprint("T")))
     assert any(text.startswith("ONLY 3 OF 500 WORLDS COUNT: ") for text in words(seen[0]))
     chart = seen[0].axes[0]
     wanted, drawn = chart.get_position(original=True), chart.get_position()
@@ -150,14 +153,10 @@ def test_few_effective_worlds_are_warned_of(tmp_path, seen):
 
 
 def test_the_same_release_gives_the_same_bytes(tmp_path):
-    made, land = release(179.9, -17.5), shapely.box(179.5, -18.0, 180.5, -17.8)
+    origin, land = release(179.9, -17.5), shapely.box(179.5, -18.0, 180.5, -17.8)
     for name in ("one.png", "two.png"):
-        options = {
-            "imprint": Imprint("T", attributes={"run_id": "abc-s1"}),
-            "polygons": [land],
-            "marks": finds(179.9, -17.5, 3),
-        }
-        origin_map.draw(made, tmp_path / name, **options)
+        setting = Setting(Imprint("T", attributes={"run_id": "abc-s1"}), [land], finds(179.9, -17.5, 3))
+        origin_map.draw(origin, tmp_path / name, setting)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     with Image.open(tmp_path / "one.png") as picture:
         assert picture.text["run_id"] == "abc-s1"

@@ -291,13 +291,13 @@ def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
     assert all(
         f["properties"]["effective_particles_scored_on"] == 6.25 for f in plan_files.geojson(plan, {})["features"]
     )
-    plan_map.draw(forecast, plan, tmp_path / "plan.png", imprint=Imprint("t"))
+    plan_map.draw(forecast, plan, tmp_path / "plan.png", Setting(Imprint("t")))
     assert "ONLY 6 OF 100,000 PARTICLES COUNT: areas and POS are rough" in words
     words.clear()
     sure = replace(plan, scored_on=Count(60_000.0, 100_000))
     assert plan_text.rough(sure) == plan_files.numbers(sure)["warnings"] == []
     assert "WARNING" not in plan_files.gpx(sure) + plan_files.kml(sure) + plan_files.toml(sure)
-    plan_map.draw(forecast, sure, tmp_path / "sure.png", imprint=Imprint("t"))
+    plan_map.draw(forecast, sure, tmp_path / "sure.png", Setting(Imprint("t")))
     assert not any("ONLY" in text for text in words)
 
 

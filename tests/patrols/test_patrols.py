@@ -13,7 +13,7 @@ from drift.patrols import patrol
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import Slot
 from drift.spill import exposure, renewal
-from drift.spill.exposure import Patrol, Reporting
+from drift.spill.exposure import Reporting, Walk
 from drift.spill.fates import FOREVER
 from drift.spill.records import Team
 from geo.errors import UserError
@@ -86,29 +86,30 @@ def choices():
 
 
 @pytest.fixture(scope="module")
-def told():
+def valued():
+    """Return tables of what lies on each stretch, and the values of all choices by hand."""
     fates, place, when = ashore(3, 12, 8)
     factor = np.array([0.5, 1.0, 2.2])
     worth = np.random.default_rng(4).uniform(0.2, 2, len(place))
-    here = exposure.expose(fates, Reporting(RATE, LOSS, factor), ())
-    tables = {s: patrol_planner.table(here, s, worth, SLOTS) for s in range(3)}
+    stays = exposure.expose(fates, Reporting(RATE, LOSS, factor), ())
+    tables = {s: patrol_planner.table(stays, s, worth, SLOTS) for s in range(3)}
     return tables, {tuple(v.values()): by_hand(place, when, worth, factor[fates.world], v) for v in choices()}
 
 
 def worth_of(tables, chosen) -> float:
-    detection = [one.team.detection for one in SLOTS]
+    detection = [slot.team.detection for slot in SLOTS]
     return sum(patrol_planner.expected(tables[s], detection, chosen.get(s, ())) for s in range(3))
 
 
-def test_visits_are_worth_what_each_particle_by_itself_says(told) -> None:
-    tables, values = told
+def test_visits_are_worth_what_each_particle_by_itself_says(valued) -> None:
+    tables, values = valued
     assert len(values) > 20
     for chosen, value in values.items():
         assert worth_of(tables, dict(enumerate(chosen))) == pytest.approx(value, rel=1e-12)
 
 
-def test_the_plan_is_the_best_of_all_choices(told) -> None:
-    tables, values = told
+def test_the_plan_is_the_best_of_all_choices(valued) -> None:
+    tables, values = valued
     chosen, bound, daily = patrol_planner.choose(tables, LENGTH, SLOTS)
     best = max(values.values())
     assert not daily
@@ -124,8 +125,8 @@ def test_a_stretch_that_only_fills_a_day_is_not_visited() -> None:
     assert left == {0: (0,), 1: (1,), 2: (0,)}
 
 
-def test_day_by_day_the_bound_holds(told, monkeypatch) -> None:
-    tables, values = told
+def test_day_by_day_the_bound_holds(valued, monkeypatch) -> None:
+    tables, values = valued
     monkeypatch.setattr(patrol_planner, "CHOICES", 1)
     chosen, bound, daily = patrol_planner.choose(tables, LENGTH, SLOTS)
     best = max(values.values())
@@ -135,25 +136,25 @@ def test_day_by_day_the_bound_holds(told, monkeypatch) -> None:
 
 
 def test_what_refloats_is_never_worth_more_than_the_bound() -> None:
-    """Particles that come to two stretches: each choice reckoned over all visits at once stays under the bound."""
+    """Particles that come to two stretches: each choice computed over all visits at once stays under the bound."""
     fates = scattered(3, [40])
     reporting = Reporting(RATE, LOSS, np.ones(3))
-    here = exposure.expose(fates, reporting, ())
+    stays = exposure.expose(fates, reporting, ())
     worth = np.random.default_rng(1).uniform(0.2, 2, fates.world.size)
-    tables = {s: patrol_planner.table(here, s, worth, SLOTS) for s in range(3)}
+    tables = {s: patrol_planner.table(stays, s, worth, SLOTS) for s in range(3)}
     for s, j in itertools.product(range(3), range(3)):  # a lone visit is worth what it finds, in closed form elsewhere
-        there = exposure.expose(fates, reporting, (Patrol((s,), SLOTS[j].time, 0.4),))
-        rows, chance = exposure.searched(there, s, 0)
-        assert tables[s][: j + 1, j].sum() == pytest.approx(float(chance @ worth[there.slot[rows]]) / 0.4, rel=1e-12)
+        flown = exposure.expose(fates, reporting, (Walk((s,), SLOTS[j].time, 0.4),))
+        rows, chance = exposure.searched(flown, s, 0)
+        assert tables[s][: j + 1, j].sum() == pytest.approx(float(chance @ worth[flown.slot[rows]]) / 0.4, rel=1e-12)
     _, bound, _ = patrol_planner.choose(tables, LENGTH, SLOTS)
     for chosen in choices():
         visits = [(j, s) for s, some in chosen.items() for j in some]
-        patrols = tuple(Patrol((s,), SLOTS[j].time, SLOTS[j].team.detection) for j, s in visits)
-        there = exposure.expose(fates, reporting, patrols)
+        patrols = tuple(Walk((s,), SLOTS[j].time, SLOTS[j].team.detection) for j, s in visits)
+        flown = exposure.expose(fates, reporting, patrols)
         value = 0.0
         for k, (_, s) in enumerate(visits):
-            rows, chance = exposure.searched(there, s, k)
-            value += float(chance @ worth[there.slot[rows]])
+            rows, chance = exposure.searched(flown, s, k)
+            value += float(chance @ worth[flown.slot[rows]])
         assert value <= bound * (1 + 1e-9)
 
 
@@ -168,12 +169,12 @@ def planned(tmp_path_factory: pytest.TempPathFactory):
 
 def test_a_straight_coast_is_found_as_its_closed_form_says(planned) -> None:
     """Visits by what an independent sampler of the coast finds, report rates 0.02 a day: three standard errors."""
-    made, result, _ = planned
+    plan, result, _ = planned
     rng, worlds = np.random.default_rng(3), 20_000
     time, place = sampled(worlds, 60, rng)
     segments = result.aftermath.segments
     missed, whole = np.ones_like(time), np.zeros(worlds)
-    for visit in made.visits:
+    for visit in plan.visits:
         middle, length = segments.lat[visit.segment] / METRE, segments.length[visit.segment]
         there = (time <= visit.slot.time) & (np.abs(place - middle) < length / 2)
         lies = there * missed * np.exp(-0.02 / DAY * (visit.slot.time - np.where(there, time, 0)))
@@ -183,30 +184,30 @@ def test_a_straight_coast_is_found_as_its_closed_form_says(planned) -> None:
         assert visit.lying == pytest.approx(visit.found / visit.slot.team.detection)
         missed = np.where(there, missed * (1 - visit.slot.team.detection), missed)
         whole += found
-    assert made.found == pytest.approx(sum(visit.found for visit in made.visits))
-    assert abs(made.found - whole.mean()) <= 3 * np.hypot(made.error, whole.std() / np.sqrt(worlds))
-    assert 0.1 < made.found <= made.bound * (1 + 1e-9)
-    by_team = {slot.team.name: [v.segment for v in visits] for slot, visits in patrol_planner.by_patrol(made)}
+    assert plan.found == pytest.approx(sum(visit.found for visit in plan.visits))
+    assert abs(plan.found - whole.mean()) <= 3 * np.hypot(plan.error, whole.std() / np.sqrt(worlds))
+    assert 0.1 < plan.found <= plan.bound * (1 + 1e-9)
+    by_team = {slot.team.name: [v.segment for v in visits] for slot, visits in patrol_planner.by_patrol(plan)}
     near = np.abs(segments.lat[by_team["horse"]] + 0.2) / METRE
     assert (near < 17_000).all()
-    for one, visits in patrol_planner.by_patrol(made):
-        assert sum(segments.length[v.segment] for v in visits) <= one.team.length * (1 + 1e-9)
+    for slot, visits in patrol_planner.by_patrol(plan):
+        assert sum(segments.length[v.segment] for v in visits) <= slot.team.length * (1 + 1e-9)
 
 
 def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
     """patrols.toml appended to the case: the patrols are those planned, and drawn."""
-    made, result, folder = planned
+    plan, result, folder = planned
     (tmp_path / "land.geojson").write_text((folder / "land.geojson").read_text())
     text = (folder / "case.toml").read_text().split("[[patrol_unit]]")[0]
     (tmp_path / "case.toml").write_text(text + (folder / "out" / "patrols.toml").read_text())
     case = drift.load(tmp_path / "case.toml")
-    slots = [one for one, _ in patrol_planner.by_patrol(made)]
-    assert [patrol.time for patrol in case.spill.patrols] == [one.when for one in slots]
-    assert [patrol.detection for patrol in case.spill.patrols] == [one.team.detection for one in slots]
-    walked = [told["segments"] for told in renewal.patrols(case.spill, result.aftermath.segments)]
-    assert walked == [[v.segment for v in visits] for _, visits in patrol_planner.by_patrol(made)]
+    slots = [slot for slot, _ in patrol_planner.by_patrol(plan)]
+    assert [patrol.time for patrol in case.spill.patrols] == [slot.when for slot in slots]
+    assert [patrol.detection for patrol in case.spill.patrols] == [slot.team.detection for slot in slots]
+    walked = [row["segments"] for row in renewal.patrols(case.spill, result.aftermath.segments)]
+    assert walked == [[v.segment for v in visits] for _, visits in patrol_planner.by_patrol(plan)]
     table = (folder / "out" / "patrols.csv").read_text().splitlines()
-    assert len(table) == 1 + len(made.visits)
+    assert len(table) == 1 + len(plan.visits)
     words = (folder / "out" / "patrols.txt").read_text()
     assert "no plan of these teams finds more than" in " ".join(words.split())
     assert max(map(len, words.splitlines())) <= 78

@@ -93,7 +93,8 @@ def test_pictures_anywhere(tmp_path, lon, lat):
     )
     reminder = partial(search_layers.reminder, everything, ())
     forecast_map.draw_map(forecast, tmp_path / "map.png", setting, overlays=[reminder])
-    plan_map.draw(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", particles=1000, **common)
+    counted = replace(setting, particles=1000)
+    plan_map.draw(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", counted)
     for name in ("search", "map", "plan"):
         with Image.open(tmp_path / f"{name}.png") as image:
             assert min(image.size) > 700
@@ -177,7 +178,7 @@ def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, wor
 
 def test_a_plan_shows_its_figures(tmp_path, search, words):
     plan = searches.plan()
-    plan_map.draw(search[0], plan, tmp_path / "a.png", **COMMON)
+    plan_map.draw(search[0], plan, tmp_path / "a.png", SETTING)
     assert "Plan: POS 0.46; estimated bound 0.53 (+-0.01)" in words
     assert "A-1 CG 1503\n222330Z" in words
     assert "5 legs, spacing 3.00 nmi, creep 228T" in words
@@ -187,9 +188,9 @@ def test_a_plan_shows_its_figures(tmp_path, search, words):
     )  # on scene 2330Z to 0300Z; outputs at 2330Z, 0630Z
     unit = replace(plan.taskings[0].unit, base=(-95.0, 30.0))
     far = replace(plan, taskings=(replace(plan.taskings[0], unit=unit), *plan.taskings[1:]))
-    plan_map.draw(search[0], far, tmp_path / "b.png", **COMMON)
+    plan_map.draw(search[0], far, tmp_path / "b.png", SETTING)
     assert any(text.startswith("CG 1503\nbase 3") for text in words)
-    plan_map.draw(search[0], replace(plan, taskings=()), tmp_path / "c.png", **COMMON)
+    plan_map.draw(search[0], replace(plan, taskings=()), tmp_path / "c.png", SETTING)
     assert "No unit can search in this period." in words
 
 
@@ -222,7 +223,7 @@ def test_labels_of_a_plan_keep_apart(tmp_path, search, figures):
     ]
     title = "A title that goes on and on until it meets a warning, Gulf of Mexico and beyond"
     plan = replace(plan, taskings=tuple(taskings))
-    plan_map.draw(search[0], plan, tmp_path / "a.png", imprint=replace(CAUTIONED, title=title))
+    plan_map.draw(search[0], plan, tmp_path / "a.png", Setting(replace(CAUTIONED, title=title)))
     found = boxes(
         figures[0],
         lambda text: "\nbase " in text or "\n2" in text or text.startswith(("A title", "SYNTH")),
@@ -237,7 +238,7 @@ def test_what_else_could_be_done_is_told_in_full(tmp_path, search, words):
     plan = searches.plan()
     name = "each unit where it alone finds most, ignoring what all of the others find"
     plan = replace(plan, alternatives=(replace(plan.alternatives[0], name=name),))
-    plan_map.draw(search[0], plan, tmp_path / "a.png", **COMMON)
+    plan_map.draw(search[0], plan, tmp_path / "a.png", SETTING)
     k = next(k for k, text in enumerate(words) if text.startswith("0.34  "))
     assert " ".join(words[k : k + 2]) == f"0.34  {name}"
 

@@ -13,7 +13,7 @@ from spills import DAY, scattered, spill
 from drift.motion import weights
 from drift.motion.status import Status
 from drift.spill import exposure, finds, realisations, shrinkage
-from drift.spill.exposure import Patrol, Reporting
+from drift.spill.exposure import Reporting, Walk
 from drift.spill.fates import FOREVER, Fates
 from drift.spill.finds import Adrift, AtSea, Detection, Known, Numbers
 from geo import sphere
@@ -28,7 +28,7 @@ def numbers(objects: list[int], shares: list[float] | None = None, destroyed: li
     return Numbers(np.array(objects), even[0], np.array(shares), np.array(destroyed), even[1])
 
 
-def known(count: Numbers, seen: list[Detection], patrols: list[Patrol], worlds: int, now: float, **other: Any) -> Known:
+def known(count: Numbers, seen: list[Detection], patrols: list[Walk], worlds: int, now: float, **other: Any) -> Known:
     reporting = other.pop("reporting", Reporting(np.full(3, RATE), LOSS, np.ones(worlds)))
     return Known(count, tuple(seen), tuple(patrols), reporting, np.full(3, 1e4), now, other.pop("adrift", {}))
 
@@ -42,7 +42,7 @@ def weigh(fates: Fates, told: Known, latent: Any = None) -> finds.Posterior:
 def test_the_number_of_carcasses_from_a_search_is_exact() -> None:
     fates = spill(1, [50], [(k, 0, 0, FOREVER) for k in range(50)])
     count = numbers(list(range(201)))
-    search = Patrol((0,), 10, 0.3)
+    search = Walk((0,), 10, 0.3)
     still = Reporting(np.zeros(3), 0.0, np.ones(1))
     seen = [Detection(f"{k}", 0, 0, 10, by=0) for k in range(7)]
     told = weigh(fates, known(count, seen, [search], 1, 10, reporting=still))
@@ -56,7 +56,7 @@ def test_destroyed_and_undetected_multiply() -> None:
     grid = [0.0, 0.25, 0.5, 0.75]
     still = Reporting(np.zeros(3), 0.0, np.ones(1))
     seen = [Detection(f"{k}", 0, 0, 10, by=0) for k in range(5)]
-    told = weigh(fates, known(numbers([30], destroyed=grid), seen, [Patrol((0,), 10, 0.4)], 1, 10, reporting=still))
+    told = weigh(fates, known(numbers([30], destroyed=grid), seen, [Walk((0,), 10, 0.4)], 1, 10, reporting=still))
     exact = stats.binom.pmf(5, 30, 0.4 * (1 - np.array(grid)))
     assert told.destroyed == pytest.approx(exact / exact.sum(), abs=1e-12)
 
@@ -81,7 +81,7 @@ def test_integrals_between_patrols_against_quadrature(latest: bool) -> None:
     arrival, leave, now = 3_000, 700_000, 900_000
     fates = spill(1, [1], [(0, 1, arrival, leave), (0, 2, leave + 50, FOREVER)])
     patrols = tuple(
-        Patrol(s, t, d)
+        Walk(s, t, d)
         for s, t, d in [((1,), 1_000, 0.9), ((0, 1), arrival, 0.2), ((1,), 400_000, 0.5), ((2, 1), 800_000, 0.7)]
     )
     here = exposure.expose(fates, Reporting(np.full(3, RATE), LOSS, np.full(1, 2.0)), patrols)
@@ -111,7 +111,7 @@ def test_integrals_between_patrols_against_quadrature(latest: bool) -> None:
 
 def test_a_certain_patrol_leaves_nothing() -> None:
     fates = spill(1, [2], [(0, 1, 0, FOREVER), (1, 1, 20, FOREVER)])
-    here = exposure.expose(fates, Reporting(np.full(3, RATE), 0.0, np.ones(1)), (Patrol((1,), 10, 1.0),))
+    here = exposure.expose(fates, Reporting(np.full(3, RATE), 0.0, np.ones(1)), (Walk((1,), 10, 1.0),))
     assert exposure.public(here, 1, 30)[1] == pytest.approx([0, RATE * np.exp(-RATE * 10)])
     assert exposure.found(here, 10) == pytest.approx([1, 0])
 
@@ -120,7 +120,7 @@ SEEN = [
     Detection("a", 0, 1, 2 * DAY), Detection("b", 1, 0, 4 * DAY), Detection("c", None, 1, 5 * DAY, latest=True),
     Detection("d", None, 2, 5 * DAY, false=0.4), Detection("e", 0, 1, 6 * DAY, by=0), Detection("f", 0, 1, 6 * DAY),
 ]  # fmt: skip
-SEARCHES = [Patrol((0, 1), 6 * DAY, 0.6), Patrol((2,), 3 * DAY, 0.8)]
+SEARCHES = [Walk((0, 1), 6 * DAY, 0.6), Walk((2,), 3 * DAY, 0.8)]
 
 
 def test_the_order_of_finds_does_not_matter() -> None:
@@ -147,7 +147,7 @@ def test_a_patrol_that_finds_nothing_only_lowers_what_may_be_missed() -> None:
     fates = scattered(20, [60])
     seen = [Detection("a", 0, 1, 2 * DAY)]
     without = weigh(fates, known(numbers([50]), seen, [], 20, 7 * DAY))
-    patrolled = weigh(fates, known(numbers([50]), seen, [Patrol((0,), 6 * DAY, 0.7)], 20, 7 * DAY))
+    patrolled = weigh(fates, known(numbers([50]), seen, [Walk((0,), 6 * DAY, 0.7)], 20, 7 * DAY))
     assert (patrolled.found >= without.found - 1e-12).all()
     assert patrolled.found.sum() > without.found.sum() + 1
     evidence = [
@@ -214,7 +214,7 @@ def test_a_find_at_sea_prefers_the_world_adrift_there() -> None:
 )  # fmt: skip
 def test_the_chance_of_having_been_found_is_one(now: int, rate: float, loss: float, walks: Any, seed: int) -> None:
     fates = scattered(2, [10], seed)
-    patrols = tuple(Patrol((s,), t, d) for s, t, d in walks)
+    patrols = tuple(Walk((s,), t, d) for s, t, d in walks)
     here = exposure.expose(fates, Reporting(np.full(3, rate), loss, np.ones(2)), patrols)
     parts = np.concatenate(
         [exposure.reported(here, s, now)[1] for s in range(3)]
@@ -264,7 +264,7 @@ def test_what_was_not_found_is_the_likelier_to_have_been_destroyed() -> None:
     worlds, n, destroyed, pod = 400, 20, 0.5, 0.8
     fates = spill(worlds, [n], [(w * n + k, 0, 0, FOREVER) for w in range(worlds) for k in range(n)])
     still = Reporting(np.zeros(3), 0.0, np.ones(worlds))
-    told = weigh(fates, known(numbers([10], None, [destroyed]), [], [Patrol((0,), 5, pod)], worlds, 5, reporting=still))
+    told = weigh(fates, known(numbers([10], None, [destroyed]), [], [Walk((0,), 5, pod)], worlds, 5, reporting=still))
     drawn = realisations.realise(fates, told, 4, 3)
     share = destroyed / (1 - (1 - destroyed) * pod)  # Bayes
     found = np.concatenate([each.destroyed for each in drawn]).mean() / 10
@@ -277,7 +277,7 @@ def test_those_not_found_are_drawn_by_their_chance() -> None:
     stays = [(w * n + k, 0, 0, FOREVER) for w in range(worlds) for k in range(n // 2)]
     fates = spill(worlds, [n], stays)
     still = Reporting(np.zeros(3), 0.0, np.ones(worlds))
-    told = weigh(fates, known(numbers([20]), [], [Patrol((0,), 5, 0.8)], worlds, 5, reporting=still))
+    told = weigh(fates, known(numbers([20]), [], [Walk((0,), 5, 0.8)], worlds, 5, reporting=still))
     (each,) = realisations.realise(fates, told, 4, 1)
     there = each.stands.reshape(worlds, n)[:, : n // 2].sum() / (20 * worlds)
     # conditional Poisson sampling of 20 of 36 accepted on average: near 1/6 of the draws, up to O(1/n) = 0.01

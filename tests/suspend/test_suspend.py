@@ -17,7 +17,7 @@ from drift.maps import page
 from drift.maps.imprint import Imprint
 from drift.motion.scenario import Survival
 from drift.preview import check
-from drift.suspend import decision
+from drift.suspend import further
 from drift.suspend import map as suspend_map
 from drift.suspend import text as suspend_text
 from geo.errors import UserError
@@ -110,9 +110,9 @@ def test_what_is_wrong_is_said_in_one_line(kind: str, tmp_path: Path) -> None:
 def test_check_says_what_survival_was_understood(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(CASE.format(particles=100, more=""))
-    told = check.check(drift.load(path))
-    assert "alive: median 3.17 h, factor 3 of a standard deviation (Hayward" in told['scenario "swimmer"']
-    assert "alive: median 20 h, factor 1.7" in told['scenario "raft"']
+    understood = check.check(drift.load(path))
+    assert "alive: median 3.17 h, factor 3 of a standard deviation (Hayward" in understood['scenario "swimmer"']
+    assert "alive: median 20 h, factor 1.7" in understood['scenario "raft"']
 
 
 def chance_alive(median: float, spread: float, window: float, time: float) -> float:
@@ -139,28 +139,29 @@ law = "definite_range"
 def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, more: str) -> None:
     """A uniform prior at rest, its west searched, then its south: posterior and alive in closed form, by story and of all."""
     result = run(tmp_path, more=SOUTH + more)
-    told = flow.suspension(result)
-    assert told is not None
+    suspension = flow.suspension(result)
+    assert suspension is not None
     share, pod, west = np.array([0.6, 0.4]), np.array([[0.5, 0.8], [0.7, 0.4]]), 0.33330
     low, middle, high = np.sin(np.radians([45.0, 45.15, 45.4]))
     south = (middle - low) / (high - low)  # great circles for its edges bulge by under 0.3 % of its height
     missed = (1 - west * pod[0]) * (1 - south * pod[1])
     posterior = share * missed / (share @ missed)
     never = (1 - west) * (1 - south) / missed
-    error = 3 / np.sqrt(told.effective * np.array([*(0.8 * posterior), 1.0]))  # three of a share, which has at most 1/2
-    assert np.abs(told.share - posterior).max() < error[-1] / 2
-    assert (np.abs(told.never - [*never, posterior @ never]) < error / 2).all()
-    assert (np.abs(told.cumulative - [*(1 - missed), 1 - share @ missed]) < error / 2).all()
-    assert told.now == np.datetime64("2026-06-01T15:00")
+    # Three standard deviations of a share, of which each is at most 1/2.
+    error = 3 / np.sqrt(suspension.effective * np.array([*(0.8 * posterior), 1.0]))
+    assert np.abs(suspension.share - posterior).max() < error[-1] / 2
+    assert (np.abs(suspension.never - [*never, posterior @ never]) < error / 2).all()
+    assert (np.abs(suspension.cumulative - [*(1 - missed), 1 - share @ missed]) < error / 2).all()
+    assert suspension.now == np.datetime64("2026-06-01T15:00")
     median = [(15 + 7.2 / (0.0785 - 0.0034 * 11)) / 60, 20.0]
-    for time, alive, alive_error in told.ahead:
+    for time, alive, alive_error in suspension.ahead:
         age = float((time - np.datetime64("2026-06-01T06:00")) / np.timedelta64(1, "h"))
         each = np.array([chance_alive(m, s, w, age) for m, s, w in zip(median, (3, 1.7), (4.0, 2.0), strict=True)])
         assert (np.abs(alive[:-1] - each) <= 3 * alive_error[:-1] + 1e-5).all()  # of bins of 36 s: see standing.BINS
         assert abs(alive[-1] - posterior @ each) <= 3 * alive_error[-1] + 1e-5
-    later = [alive[-1] for _, alive, _ in told.ahead]
+    later = [alive[-1] for _, alive, _ in suspension.ahead]
     assert (np.diff(later) < 0).all()
-    assert later[-1] >= decision.GONE
+    assert later[-1] >= further.GONE
 
 
 def uniform(coverage: float, cells: int = 50) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -170,15 +171,15 @@ def uniform(coverage: float, cells: int = 50) -> tuple[np.ndarray, np.ndarray, n
 def test_found_alive_in_a_uniform_density_is_the_closed_form() -> None:
     """Exponential survival: the integral of c exp(-c t) exp(-m (t + t0)); random search leaves exp(-c t)."""
     c, m, t0, count = 0.7, 0.9, 0.4, 3
-    moments = np.append((np.arange(decision.STEPS) + 0.5) / decision.STEPS, 1.0)
+    moments = np.append((np.arange(further.STEPS) + 0.5) / further.STEPS, 1.0)
     alive = np.exp(-m * (t0 + np.arange(count)[:, None] + moments))[..., None]
     until = np.datetime64("2026-06-01") + np.arange(1, count + 1)
-    found = decision.days(*uniform(c), alive, 1000.0, until)
+    found = further.days(*uniform(c), alive, 1000.0, until)
     for day, one in enumerate(found, 1):
         assert one.pos == pytest.approx(1 - np.exp(-c * day), abs=1e-9)
         exact = np.exp(-m * t0) * c / (c + m) * -np.expm1(-(c + m) * day)
         # The middle of each part instead of its mean: at most (c + m)^2 / 24 of a part's square, of the whole
-        assert one.alive == pytest.approx(exact, rel=(c + m) ** 2 / 24 / decision.STEPS**2)
+        assert one.alive == pytest.approx(exact, rel=(c + m) ** 2 / 24 / further.STEPS**2)
         assert one.waiting == pytest.approx(np.exp(-c * day - m * (t0 + day)), abs=1e-9)
         assert one.pos_error == pytest.approx(0.0, abs=1e-6)  # all cells alike: which one it is in changes nothing
 
@@ -191,11 +192,11 @@ def test_alive_and_found_is_that_of_a_brute_force_monte_carlo() -> None:
     now = 18.0
     found = now + 24 * rng.exponential(1 / c, n)
     life = Survival(22 * HOUR, 1.9)
-    ages = [now + 24 * (d + u) for d in range(days) for u in [*(np.arange(decision.STEPS) + 0.5) / decision.STEPS, 1.0]]
+    ages = [now + 24 * (d + u) for d in range(days) for u in [*(np.arange(further.STEPS) + 0.5) / further.STEPS, 1.0]]
     bins = (np.arange(200) + 0.5) / 20
-    alive = np.array([life.alive((age - bins) * HOUR).mean() for age in ages]).reshape(days, decision.STEPS + 1, 1)
+    alive = np.array([life.alive((age - bins) * HOUR).mean() for age in ages]).reshape(days, further.STEPS + 1, 1)
     until = np.datetime64("2026-06-01") + np.arange(1, days + 1)
-    for d, one in enumerate(decision.days(*uniform(c), alive, 1000.0, until), 1):
+    for d, one in enumerate(further.days(*uniform(c), alive, 1000.0, until), 1):
         for value, hit in (
             (one.pos, found <= now + 24 * d),
             (one.alive, (found <= now + 24 * d) & (death > found)),
@@ -216,7 +217,7 @@ def test_effort_over_a_circular_normal_is_koopmans_optimum() -> None:
         mass, side = np.outer(line, line).ravel()[None], 12 / count
         cells = np.full(count**2, side**2)
         swept = np.array([np.pi * u**2])
-        share = decision.spread(mass, swept, cells)
+        share = further.spread(mass, swept, cells)
         assert share.sum() == pytest.approx(1.0, abs=1e-12)
         gaps.append(1 - (1 + u) * np.exp(-u) - float((mass * -np.expm1(-swept / cells * share)).sum()))
     assert gaps[0] > 3 * gaps[1] > 0
@@ -236,23 +237,23 @@ def test_effort_over_two_stories_is_that_of_another_optimiser() -> None:
         left, np.full(5, 0.2), bounds=[(0, 1)] * 5, constraints={"type": "eq", "fun": lambda x: x.sum() - 1}, tol=1e-12
     )
     assert best.success
-    assert left(decision.spread(mass, swept, cells)) <= best.fun + 1e-9
+    assert left(further.spread(mass, swept, cells)) <= best.fun + 1e-9
 
 
 def test_a_day_like_the_last_one(tmp_path: Path) -> None:
     """What is swept is W v t; a uniform area holds what random search of it finds, the searched third less."""
     result = run(tmp_path, out=True)
-    told = flow.suspension(result)
-    assert told is not None
+    suspension = flow.suspension(result)
+    assert suspension is not None
     sorties = result.updates.sorties
-    assert decision.area(sorties[0]) / 1852**2 == pytest.approx(20 * np.cos(np.radians(45.2)) * 36, rel=2e-3)
-    swept = decision.effort(sorties[0])
-    np.testing.assert_allclose(swept / decision.area(sorties[0]), [0.5, 0.8], rtol=1e-6)  # definite range: C = POD
-    one = told.further[0]
+    assert further.area(sorties[0]) / 1852**2 == pytest.approx(20 * np.cos(np.radians(45.2)) * 36, rel=2e-3)
+    swept = further.effort(sorties[0])
+    np.testing.assert_allclose(swept / further.area(sorties[0]), [0.5, 0.8], rtol=1e-6)  # definite range: C = POD
+    one = suspension.further[0]
     whole = 60 * np.cos(np.radians(45.2)) * 24 * 1852**2
     # No more is found than if each story had all effort where it is likeliest, and no less than by even effort
-    low = float(told.share @ -np.expm1(-swept / whole))
-    assert low - 3 * one.pos_error < one.pos < float(told.share @ (swept / whole * 1.5 / (1 - 0.8 / 3)))
+    low = float(suspension.share @ -np.expm1(-swept / whole))
+    assert low - 3 * one.pos_error < one.pos < float(suspension.share @ (swept / whole * 1.5 / (1 - 0.8 / 3)))
     assert one.alive < one.pos
     text = (tmp_path / "out" / "suspend.txt").read_text()
     assert max(map(len, text.splitlines())) <= suspend_text.WIDE
@@ -269,13 +270,13 @@ def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
     """What holding the map does to later days is not in the particles: +- would promise it. A plan's sorties meet particles that drift on."""
     drawn: list[Any] = []
     monkeypatch.setattr(page, "save", lambda canvas, *args, **more: drawn.append(canvas.figure))
-    told = flow.suspension(run(tmp_path, particles=2000))
-    assert told is not None
-    assert len(told.further) > 1
+    suspension = flow.suspension(run(tmp_path, particles=2000))
+    assert suspension is not None
+    assert len(suspension.further) > 1
     if not mortal:
-        told = replace(told, bases=(None, None))
+        suspension = replace(suspension, bases=(None, None))
     for planned in (False, True):
-        some = replace(told, planned=planned)
+        some = replace(suspension, planned=planned)
         *_, words = suspend_text.text(some, "Title", "run").split("4  SEARCHING ON")
         assert ("+-" in words) == planned
         assert ("no errors are given" in " ".join(words.split())) == (not planned)
@@ -294,11 +295,11 @@ def test_survival_times_alone_are_told_from_the_start(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     whole = CASE.format(particles=500, more="")
     path.write_text(whole[: whole.index("[[sortie]]")])
-    told = flow.suspension(drift.run(drift.load(path)))
-    assert told is not None
-    assert told.now == np.datetime64("2026-06-01T06:00")
-    assert told.sorties == told.further == ()
-    assert "No sortie has been flown" in suspend_text.text(told, "Title", "run")
+    suspension = flow.suspension(drift.run(drift.load(path)))
+    assert suspension is not None
+    assert suspension.now == np.datetime64("2026-06-01T06:00")
+    assert suspension.sorties == suspension.further == ()
+    assert "No sortie has been flown" in suspend_text.text(suspension, "Title", "run")
 
 
 def test_a_plan_of_two_sorties_saves_by_the_second_only_who_the_first_missed() -> None:
@@ -307,7 +308,7 @@ def test_a_plan_of_two_sorties_saves_by_the_second_only_who_the_first_missed() -
         SimpleNamespace(name=name, pos=np.array([pos, pos]), alive=np.array([alive, alive]), standing=None)
         for name, pos, alive in (("a", 0.6, 0.3), ("b", 0.5, 0.1))
     ]
-    told: Any = SimpleNamespace(error=lambda share: 0.0)
-    plan = decision.Planned(frozenset("ab"), np.datetime64("2026-06-16"))
-    (only,), _ = decision._planned(told, plan, updates, [None], np.datetime64("2026-06-16"))  # type: ignore[list-item, arg-type]
+    standing: Any = SimpleNamespace(effective=100.0)
+    plan = further.Planned(frozenset("ab"), np.datetime64("2026-06-16"))
+    (only,), _ = further.by_plan(standing, plan, updates, [None], np.datetime64("2026-06-16"))  # type: ignore[list-item, arg-type]
     assert (only.pos, only.alive) == (pytest.approx(0.8), pytest.approx(0.34))
