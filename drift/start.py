@@ -54,7 +54,7 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
         seed=case.seed,
         resampling=case.resampling.method if case.resampling.below > 0 else None,
         debris=tuple(contact.drifter for contact in case.contacts if contact.drifter is not None),
-        release=Release(case.spill.scatter, case.spill.windage_bias) if case.spill else None,
+        release=Release(case.spill.release_std, case.spill.windage_bias) if case.spill else None,
     )
 
 

@@ -15,8 +15,8 @@ Left out, which is why the forward posterior (drift.spill.finds) is the answer a
   objects are not found this draws the release towards the finds: a release near them would have given more;
 - the flux onto a shore, for which the density tracks_back.OFFING off it stands: too far and too late by that much;
 - refloating and sliding: a track that meets the coast ends.
-All objects are taken to go adrift when half of `lasting` is over. A find that may be false has, as such, the density of
-one that is equally likely to come from anywhere in the box of the prior.
+All objects are taken to go adrift when half of `release_duration` is over. A find that may be false has, as such, the
+density of one that is equally likely to come from anywhere in the box of the prior.
 """
 
 from collections.abc import Iterator, Sequence
@@ -137,7 +137,8 @@ def backward(
     seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
     shared = drawn_worlds.draw(spill, seed, is_land, count=worlds)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
-    elapsed = notation.epoch(latest) - (grid.time + round(spill.lasting / 2))  # backward run: [s] to each release
+    adrift = grid.time + round(spill.release_duration / 2)
+    elapsed = notation.epoch(latest) - adrift  # [s] of the backward run, to each release
     if elapsed.max() <= 0:
         raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
     back = replace(spec, period=Period(latest, latest - elapsed.max() * SECOND, -1))
@@ -223,7 +224,7 @@ def _slices(
                 part = slice(b, b + BATCH)
                 density[group.find, part] += box * _smooth(
                     x[slots].reshape(shape)[part], y[slots].reshape(shape)[part], weight[part], gx, gy,
-                    grid.side, spill.scatter,
+                    grid.side, spill.release_std,
                 )  # fmt: skip
         density *= true
         chance = grid.prior[k]
@@ -243,7 +244,7 @@ def _slices(
             yield _Slice(k, level, np.zeros_like(chance), np.zeros((shared.size, 3)), alone)
 
 
-def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, scatter: float) -> Array:
+def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, release_std: float) -> Array:
     """Return densities [1/m2] (worlds, ny, nx) at (gx, gy) of weighted particles (worlds, n), convolved with the scatter.
 
     Normal product kernels by Silverman's rule (1986, eq. 4.15), at least as wide as the scatter and FINEST cells; what
@@ -256,8 +257,8 @@ def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, sca
     for place, node in ((x, gx), (y, gy)):
         mean = (share * place).sum(axis=1, keepdims=True)
         variance = (share * (place - mean) ** 2).sum(axis=1, keepdims=True)
-        square = np.maximum(variance * effective ** (-1 / 3), max(scatter, FINEST * side) ** 2)
-        drawn_in = np.sqrt(np.clip(1 - (square - scatter**2) / np.maximum(variance, 1e-6), 0, 1))
+        square = np.maximum(variance * effective ** (-1 / 3), max(release_std, FINEST * side) ** 2)
+        drawn_in = np.sqrt(np.clip(1 - (square - release_std**2) / np.maximum(variance, 1e-6), 0, 1))
         width = np.sqrt(square)
         drawn = ((mean + drawn_in * (place - mean)) / width).astype(np.float32)
         bell = drawn[..., None] - (node / width).astype(np.float32)[:, None]

@@ -5,8 +5,8 @@ where.
 """
 
 import difflib
-from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
 
 from pydantic import (
     BaseModel,
@@ -24,6 +24,8 @@ from drift.case import units
 class Table(BaseModel):
     """A table of the case file: frozen, and no key that it doesn't know."""
 
+    old_keys: ClassVar[Mapping[str, str]] = {}  # earlier names of keys, which are still read, and what they are now
+
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=False)
 
     @model_validator(mode="wrap")
@@ -32,18 +34,23 @@ class Table(BaseModel):
         """Refuse unknown keys with the nearest known one, together with all else that is wrong in the table.
 
         What only follows from an unknown key is left out: that the key it stands for is missing, and what the table as
-        a whole would lack.
+        a whole would lack. A key may bear its old name, but not stand there by both.
         """
         if isinstance(data, cls):
             return handler(data)
         if not isinstance(data, dict):
             raise ValueError(f"must be a table, not {data!r}")
         known = [field.alias or name for name, field in cls.model_fields.items()]
+        twice = {old: new for old, new in cls.old_keys.items() if old in data and new in data}
+        data = {cls.old_keys.get(key, key): value for key, value in data.items() if key not in twice}
         unknown = {str(key): difflib.get_close_matches(str(key), known, n=1, cutoff=0.6) for key in data}
         unknown = {key: near for key, near in unknown.items() if key not in known}
-        if not unknown:
+        if not unknown and not twice:
             return handler(data)
         wrong = [
+            f'"{old}" is the old name of "{new}", and both are given; give {new} alone' for old, new in twice.items()
+        ]
+        wrong += [
             f'unknown key "{key}"; {f"""did you mean "{near[0]}"? """ if near else ""}Allowed: {", ".join(known)}'
             for key, near in unknown.items()
         ]

@@ -8,7 +8,7 @@ drift.spill.finds.
 
 import math
 import os
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
@@ -111,22 +111,31 @@ def _number(value: object) -> tuple[int, int]:
     return int(low), int(high)
 
 
+def _release_duration(value: object) -> float:
+    seconds = units.quantity(value, "s", "duration", "2 h")
+    if not 0 <= seconds <= LONGEST:
+        raise ValueError(f"{value!r} must be 0 to {LONGEST / DAY:g} d")
+    return seconds
+
+
 class SpillTable(fields.Table):
     """The [spill] table as written."""
+
+    old_keys: ClassVar = {"scatter": "release_std", "lasting": "release_duration", "renewals": "redraws"}
 
     objects: Annotated[tuple[int, int], BeforeValidator(_number)]
     kinds: Annotated[list[KindTable], Field(min_length=1, max_length=MOST_CLASSES, alias="class")]
     position: PositionTable | None = None
     area: AreaTable | None = None
     trackline: TracklineTable | None = None
-    scatter: fields.Length = 0.0
-    lasting: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "s", "duration", "2 h"))] = 0.0
+    release_std: fields.Length = 0.0
+    release_duration: Annotated[float, BeforeValidator(_release_duration)] = 0.0
     worlds: fields.Count = 2000
     per_world: fields.Count | None = None
     destroyed: fields.ShareRange = (0.0, 0.0)
     windage_bias: Annotated[fields.Share, Field(le=1)] = 0.2
     current_bias: fields.CurrentError | None = None  # in place of uncertainty.current.bias
-    renewals: Annotated[fields.Count, Field(ge=0, le=20)] = 3
+    redraws: Annotated[fields.Count, Field(ge=0, le=20)] = 3
     stretches: StretchTable = StretchTable()
     reporting: ReportingTable = ReportingTable()
 
@@ -144,8 +153,6 @@ class SpillTable(fields.Table):
                 raise ValueError(f'class "{name}": tables call a standard error by this name; give it another')
         if self.worlds < FEWEST_WORLDS:
             raise ValueError(f"worlds {self.worlds}: must be at least {FEWEST_WORLDS}; 2000 is usual")
-        if not 0 <= self.lasting <= LONGEST:
-            raise ValueError(f"lasting {self.lasting / DAY:g} d: must be 0 to {LONGEST / DAY:g} d")
         if self.per_world is not None and self.per_world < FEWEST_PARTICLES * len(self.kinds):
             raise ValueError(f"per_world {self.per_world}: must be at least {FEWEST_PARTICLES} for each class")
         particles = self.worlds * self.particles()
@@ -276,15 +283,15 @@ def build(
         objects=table.objects,
         kinds=tuple(kind.kind(total) for kind in table.kinds if kind.share > 0),
         prior=prior,
-        scatter=table.scatter,
-        lasting=table.lasting,
+        release_std=table.release_std,
+        release_duration=table.release_duration,
         worlds=table.worlds,
         per_world=table.particles(),
         destroyed=table.destroyed,
         windage_bias=table.windage_bias,
         current_bias=table.current_bias or 0.0,  # until the whole case is known: drift.case.uncertainty
         reporting_bias=table.reporting.bias,
-        renewals=table.renewals,
+        redraws=table.redraws,
         stretch=table.stretches.length,
         stretches=file,
         reporting=Reporting(

@@ -101,7 +101,7 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
         lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
         lat.append(y)
     if spec.release:
-        spread += spreads * spec.release.scatter
+        spread += spreads * spec.release.release_std
     grown = np.degrees((spread + fastest * spec.period.duration) / sphere.RADIUS)
     x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
     highest = min(float(np.abs(y).max() + grown), POLEWARD)

@@ -101,15 +101,15 @@ class Spill:
     objects: tuple[int, int]  # number, lowest and highest; equally likely between
     kinds: tuple[Kind, ...]
     prior: PositionPrior | AreaPrior | TracklinePrior  # of a world's release
-    scatter: float  # [m] standard deviation of an object's release about its world's
-    lasting: float  # [s] over which the objects of a world go adrift
+    release_std: float  # [m] standard deviation of an object's release about its world's
+    release_duration: float  # [s] over which the objects of a world go adrift
     worlds: int
     per_world: int  # particles
     destroyed: tuple[float, float]  # share lost at once, uniform between
     windage_bias: float  # standard deviation of the logarithm of a factor on all leeway
     current_bias: float  # [m/s] standard deviation of an error of the current, a component
     reporting_bias: float  # standard deviation of the logarithm of a factor on all reporting rates
-    renewals: int  # times that worlds may be drawn anew where the finds leave too few
+    redraws: int  # times that worlds may be drawn anew where the finds leave too few
     stretch: float  # [m] length of a stretch of coast
     stretches: str | None  # file of named ones
     reporting: Reporting

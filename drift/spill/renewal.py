@@ -93,7 +93,7 @@ def settle(
         fates = _fates(spill, done, segments)
         told = finds.posterior(fates, known, drawn.latent, drawn.log_weight)
         rounds[-1] = told.effective
-        if told.effective >= FEWEST or len(rounds) > spill.renewals or not (known.finds or known.patrols):
+        if told.effective >= FEWEST or len(rounds) > spill.redraws or not (known.finds or known.patrols):
             break
         least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
         # From where these worlds were drawn (exponent 0) towards where the finds have them (1): never back to the
@@ -287,7 +287,7 @@ def warnings(after: Aftermath) -> list[str]:
     if count.few:
         when = "after the finds" if after.posterior.known.finds else ""
         told.append(
-            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.renewals, or check the finds "
+            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.redraws, or check the finds "
             "that are called odd"
         )
     return told

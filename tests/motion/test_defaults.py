@@ -283,7 +283,7 @@ objects = 20
 worlds = 400
 per_world = 50
 windage_bias = 0
-scatter = "1 m"
+release_std = "1 m"
 position = { at = [4.0, 59.0], std = "1 m" }
 class = [{ name = "drum", object = "water" }]
 """
