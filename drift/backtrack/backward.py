@@ -37,7 +37,6 @@ from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing
 from drift.motion.period import ClockSpec, Period
-from drift.motion.scenario import TracklinePrior
 from drift.motion.scene import Scene
 from drift.motion.simulate import Progress
 from drift.motion.status import Status
@@ -179,7 +178,7 @@ def _cells(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, cells: int, ti
     first, last = notation.epoch(spill.prior.release_start), notation.epoch(spill.prior.release_end)
     edges = np.linspace(first, last, times + 1) if last > first else np.array([first - 0.5, first + 0.5])
     share = np.histogramdd((drawn.release, lat, lon), (edges, axes[1], axes[0]))[0]
-    if not isinstance(spill.prior, TracklinePrior):
+    if not spill.prior.moving:
         share = np.broadcast_to(share.mean(axis=0), share.shape)
     middle = [(x[1:] + x[:-1]) / 2 for x in (*axes, edges)]
     return _Grid(middle[0], middle[1], np.rint(middle[2]).astype(np.int64), share / share.sum(), side)

@@ -13,7 +13,15 @@ from pydantic import BeforeValidator, Field, model_validator
 from drift.case import fields, survival, units
 from drift.case.objects import ObjectTable
 from drift.motion.leeway import Drifter
-from drift.motion.scenario import JIBE_RATE, AreaPrior, Displacement, PositionPrior, Survival, TracklinePrior
+from drift.motion.scenario import (
+    JIBE_RATE,
+    AreaPrior,
+    Displacement,
+    PositionPrior,
+    ReleasePrior,
+    Survival,
+    TracklinePrior,
+)
 from drift.search import sweep_width
 from geo import notation, sphere
 from geo.errors import UserError
@@ -302,7 +310,7 @@ class ScenarioTable(fields.Table):
         fields.one_of(self, ("position", "area", "trackline"))
         return self
 
-    def prior(self, start: np.datetime64) -> PositionPrior | AreaPrior | TracklinePrior:
+    def prior(self, start: np.datetime64) -> ReleasePrior:
         """Return where and when it went adrift."""
         table = self.position or self.area or self.trackline
         assert table is not None  # one_prior

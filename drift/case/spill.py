@@ -17,7 +17,7 @@ from drift.case import fields, units
 from drift.case.mistakes import Mistakes
 from drift.case.objects import ObjectTable
 from drift.case.scenario import AreaTable, PositionTable, TracklineTable
-from drift.motion.scenario import JIBE_RATE, AreaPrior, PositionPrior, TracklinePrior
+from drift.motion.scenario import JIBE_RATE, ReleasePrior
 from drift.spill.records import DAY, FEWEST_PARTICLES, Find, Kind, Patrol, Reporting, Sinking, Spill, Team
 from geo import notation
 
@@ -166,11 +166,15 @@ class SpillTable(fields.Table):
         """Return the particles of a world: as many as there are objects, at least 500, at most 2,000."""
         return self.per_world if self.per_world is not None else min(max(self.objects[1], 500), 2000)
 
-    def prior(self, start: np.datetime64) -> PositionPrior | AreaPrior | TracklinePrior:
+    def prior(self, start: np.datetime64) -> ReleasePrior:
         """Return where and when a world's release may have been."""
         table = self.position or self.area or self.trackline
         assert table is not None  # whole
         return table.prior(start)
+
+    def began(self) -> str:
+        """Return the key that says when it began."""
+        return "trackline.departure" if self.trackline else "position.time" if self.position else "area.time"
 
 
 class FindTable(fields.Table):
@@ -304,7 +308,7 @@ def build(
         patrols=known,
         teams=tuple(team.team(start) for team in teams),
     )
-    _check(spill)
+    _check(spill, table.began())
     return spill
 
 
@@ -343,8 +347,8 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
     )  # fmt: skip
 
 
-def _check(spill: Spill) -> None:
-    """Refuse finds and patrols that cannot be."""
+def _check(spill: Spill, when: str) -> None:
+    """Refuse finds and patrols that cannot be; when: the key that says when the spill began."""
     wrong = Mistakes()
     kinds, most = [kind.name for kind in spill.kinds], spill.objects[1]
     for find in spill.finds:
@@ -373,17 +377,10 @@ def _check(spill: Spill) -> None:
             word = "found" if isinstance(thing, Find) else "a patrol"
             wrong.lines.append(
                 f"{thing.name}: {word} at {notation.group(thing.time)}, not after the spill, which began at "
-                f"{notation.group(began)} at the earliest; check its time, or [spill] {_when(spill)}"
+                f"{notation.group(began)} at the earliest; check its time, or [spill] {when}"
             )
     until, last = spill.reporting.until, max((thing.time for thing in known), default=began)
     if until is not None and until < last:
         what = "the last find or patrol" if known else "the spill"
         wrong.lines.append(f"spill.reporting.until {notation.group(until)} is before {what}, {notation.group(last)}")
     wrong.refuse()
-
-
-def _when(spill: Spill) -> str:
-    """Return the key that says when a spill began."""
-    if isinstance(spill.prior, TracklinePrior):
-        return "trackline.departure"
-    return "position.time" if isinstance(spill.prior, PositionPrior) else "area.time"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drift.motion.leeway import Drifter
-from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
+from drift.motion.scenario import ReleasePrior
 
 DAY = 86_400.0  # [s]
 FEWEST_PARTICLES = 10  # of a class in a world
@@ -100,7 +100,7 @@ class Spill:
 
     objects: tuple[int, int]  # number, lowest and highest; equally likely between
     kinds: tuple[Kind, ...]
-    prior: PositionPrior | AreaPrior | TracklinePrior  # of a world's release
+    prior: ReleasePrior  # of a world's release
     release_std: float  # [m] standard deviation of an object's release about its world's
     release_duration: float  # [s] over which the objects of a world go adrift
     worlds: int
