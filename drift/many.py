@@ -18,6 +18,7 @@ from drift import start
 from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast.build import Forecast
+from drift.job import Report
 from drift.motion import scene, simulate, snapshot
 from drift.motion.spool import Spool
 from drift.waters import Waters, divide
@@ -26,7 +27,6 @@ from geo.array import Array
 from geo.errors import UserError
 from kernels import deposit, runtime
 
-Report = Callable[[str, float], None]
 Maps = bool | Literal["last"]
 
 AHEAD = 2  # forecasts at most that drift before the maps of one are done

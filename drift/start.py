@@ -22,10 +22,11 @@ from drift.motion.snapshot import Snapshot
 from drift.motion.step_size import Trial
 from drift.motion.weights import shares
 from drift.search.filter import Search
-from drift.spill import release
+from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
 from drift.spill.worlds import Proposal, Worlds
 from geo.coast import edges as shoreline
+from geo.coast.segments import Segments
 from geo.coast.shore import Shore
 from kernels import advance, noise
 from kernels import coast as device_coast
@@ -115,11 +116,20 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     return Start(ensemble, dry, made, clock, trial, worlds)
 
 
+def stretches(case: Case, where: Environment, begin: Start) -> Segments | None:
+    """Return the stretches of coast that a spill is told by; None without a spill.
+
+    Raises UserError for finds and patrols that cannot be.
+    """
+    if not (case.spill and where.coast and begin.worlds):
+        return None
+    return renewal.stretches(case.period, case.spill, where.coast, begin.worlds)
+
+
 def renew(case: Case, where: Environment, before: Start, proposal: Proposal, number: int) -> Start:
     """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
     assert case.spill is not None
     assert where.coast is not None
-    before.scene.forcing.close()
     seed = noise.seed_for(case.seed, Purpose.RENEWAL, number)
     worlds = drawn_worlds.draw(case.spill, seed, partial(shoreline.is_land, where.coast), proposal)
     ensemble = release.draw(case.spill, worlds, case.period, case.errors, before.scene.place.coast, seed)

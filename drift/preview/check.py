@@ -36,9 +36,7 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))
     begin = start.prepare(few, where)
     try:
-        stretches = None
-        if few.spill and where.coast and begin.worlds:
-            stretches = renewal.stretches(case.period, few.spill, where.coast, begin.worlds)
+        stretches = start.stretches(few, where, begin)
         told = {
             "work": outlook.work(case, begin.clock.step) + outlook.advised(case, where, begin),
             "by the end": outlook.ends(case, begin),
