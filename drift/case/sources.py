@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -25,6 +25,14 @@ from geo.forcing.quantity import QUANTITIES
 SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
 
 ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
+
+
+class Forcing(NamedTuple):
+    """The sources of a case by quantity, each in order of priority."""
+
+    currents: tuple[ForcingSpec, ...]
+    winds: tuple[ForcingSpec, ...]
+    stokes: tuple[ForcingSpec, ...]
 
 
 class Vector(fields.Table):

@@ -10,6 +10,7 @@ from drift.case import sources
 from drift.case.mistakes import Mistakes
 from drift.case.scenario import ScenarioTable
 from drift.case.schema import CaseTable
+from drift.case.sources import Forcing
 from drift.case.spill import build as build_spill
 from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.leeway import Drifter
@@ -68,11 +69,9 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
     return made
 
 
-def classes(
-    spill: Spill, start: np.datetime64, end: np.datetime64, known: tuple[tuple[ForcingSpec, ...], ...]
-) -> tuple[Scenario, ...]:
+def classes(spill: Spill, start: np.datetime64, end: np.datetime64, forcing: Forcing) -> tuple[Scenario, ...]:
     """Return a spill's classes of objects as scenarios: what the engine moves."""
-    currents, winds, stokes = (tuple(spec.name for spec in specs) for specs in known)
+    currents, winds, stokes = (tuple(spec.name for spec in specs) for specs in forcing)
     made = []
     for kind in spill.kinds:
         _check_release(f'class "{kind.name}"', spill.prior, start, end)
@@ -85,7 +84,7 @@ def scenarios(
     tables: list[ScenarioTable],
     start: np.datetime64,
     end: np.datetime64,
-    known: tuple[tuple[ForcingSpec, ...], ...],
+    forcing: Forcing,
 ) -> tuple[Scenario, ...]:
     """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit the run."""
     wrong = Mistakes()
@@ -103,7 +102,7 @@ def scenarios(
     made = []
     for table in tables:
         with wrong.gathered():
-            made.append(_scenario(table, table.weight / (total or 1.0), start, end, known))
+            made.append(_scenario(table, table.weight / (total or 1.0), start, end, forcing))
     wrong.refuse()
     return tuple(made)
 
@@ -113,7 +112,7 @@ def _scenario(
     weight: float,
     start: np.datetime64,
     end: np.datetime64,
-    known: tuple[tuple[ForcingSpec, ...], ...],
+    forcing: Forcing,
 ) -> Scenario:
     place, wrong = f'scenario "{table.name}"', Mistakes()
     drifter = table.object.drifter()
@@ -125,7 +124,7 @@ def _scenario(
             _check_release(place, prior, start, end)
     chosen: list[tuple[str, ...]] = []
     asked = (table.currents, table.winds, table.stokes)
-    for key, wanted, specs in zip(("currents", "winds", "stokes"), asked, known, strict=True):
+    for key, wanted, specs in zip(("currents", "winds", "stokes"), asked, forcing, strict=True):
         with wrong.gathered():
             chosen.append(_chosen(wanted, specs, f"{place}.{key}"))
     if len(chosen) == len(asked):
