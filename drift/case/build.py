@@ -1,4 +1,4 @@
-"""The tables of a case file, each in order, -> the record of the case, after what only all of them together can tell."""
+"""The record of a case from its tables, each of which is in order by itself; what does not fit together is refused here."""
 
 from dataclasses import replace
 from pathlib import Path

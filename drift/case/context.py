@@ -46,21 +46,21 @@ def numbered(given: Sequence[str | None], what: str) -> list[str]:
     return [name or f"{what} {number}" for number, name in enumerate(given, 1)]
 
 
-def all_told(
+def build_each(
     makers: Sequence[Callable[[str, Run], Any]], given: Sequence[str | None], what: str, run: Run
 ) -> list[Any]:
     """Return what tables make, one after the other; raise one UserError for all that is wrong with any of them."""
-    wrong, made = Mistakes(), []
+    wrong, records = Mistakes(), []
     with wrong.gathered():
         named(given, what)
     for make, name in zip(makers, numbered(given, what), strict=True):
         with wrong.gathered():
-            made.append(told(make, name, what, run))
+            records.append(_build_one(make, name, what, run))
     wrong.refuse()
-    return made
+    return records
 
 
-def told(make: Callable[[str, Run], Any], name: str, what: str, run: Run) -> Any:
+def _build_one(make: Callable[[str, Run], Any], name: str, what: str, run: Run) -> Any:
     """Return what a table makes; its refusals say which table it was."""
     try:
         return make(name, run)

@@ -51,12 +51,12 @@ class Expect(fields.Table):
 def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
     """Return what a forecast's last output (see tables.numbers) misses, a line each; empty when all is as expected."""
     missed = []
-    found = {name: end["probability"][name] for name in ("adrift", "ashore", "outside", "left")}
-    spans = {name: getattr(expected, name) for name in found}
+    values = {name: end["probability"][name] for name in ("adrift", "ashore", "outside", "left")}
+    spans = {name: getattr(expected, name) for name in values}
     for percent, span in expected.by_percent().items():
-        found[f"area_{percent:g}"] = _square_metres(end["area_nmi2"][f"{percent:g}%"])
+        values[f"area_{percent:g}"] = _square_metres(end["area_nmi2"][f"{percent:g}%"])
         spans[f"area_{percent:g}"] = span
-    for name, value in found.items():
+    for name, value in values.items():
         span = spans[name]
         if span is not None and not span[0] <= value <= span[1] + ROUNDING:
             missed.append(f"{name}: {value:.4g}, expected {span[0]:.4g} to {span[1]:.4g}")

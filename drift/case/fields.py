@@ -60,9 +60,9 @@ class Table(BaseModel):
             handler({key: value for key, value in data.items() if key in known})
         except ValidationError as error:
             other = [
-                _detail(found)
-                for found in error.errors(include_url=False)
-                if found["loc"] and not (found["type"] == "missing" and found["loc"][0] in meant)
+                _detail(mistake)
+                for mistake in error.errors(include_url=False)
+                if mistake["loc"] and not (mistake["type"] == "missing" and mistake["loc"][0] in meant)
             ]
         raise ValidationError.from_exception_data(cls.__name__, [*map(complaint, wrong), *other])
 
@@ -78,8 +78,8 @@ def refuse(table: BaseModel, messages: Sequence[str]) -> None:
         raise ValidationError.from_exception_data(type(table).__name__, [complaint(message) for message in messages])
 
 
-def _detail(found: Any) -> InitErrorDetails:
-    return {"type": found["type"], "loc": found["loc"], "input": found["input"], "ctx": found.get("ctx", {})}
+def _detail(mistake: Any) -> InitErrorDetails:
+    return {"type": mistake["type"], "loc": mistake["loc"], "input": mistake["input"], "ctx": mistake.get("ctx", {})}
 
 
 def one_of(table: BaseModel, names: tuple[str, ...]) -> str:

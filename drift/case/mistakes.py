@@ -21,8 +21,8 @@ class Mistakes:
         try:
             yield
         except (UserError, ValueError) as error:
-            told = error.lines if isinstance(error, UserError) else (str(error),)
-            self.lines += [f"{place}: {line}" if place else line for line in told]
+            lines = error.lines if isinstance(error, UserError) else (str(error),)
+            self.lines += [f"{place}: {line}" if place else line for line in lines]
 
     def refuse(self) -> None:
         """Raise one UserError with all that was gathered; do nothing where that is nothing."""

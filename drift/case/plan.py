@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator
 
 from drift.case import fields, units
-from drift.case.context import Run, all_told
+from drift.case.context import Run, build_each
 from drift.case.mistakes import Mistakes
 from drift.case.sensor import VISUAL, Kind, SensorTable
 from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit
@@ -108,8 +108,8 @@ class PlanTable(fields.Table):
 
     def spec(self, run: Run, sorties: Sequence[Sortie], contacts: Sequence[Contact], asked: bool) -> PlanSpec:
         """Return the record; asked: whether there is something to plan, so that its times must leave room for it."""
-        known = [run.start, *(sortie.end for sortie in sorties), *(contact.time for contact in contacts)]
-        begin = max(known) if self.begin is None else units.resolve(self.begin, run.start)
+        past = [run.start, *(sortie.end for sortie in sorties), *(contact.time for contact in contacts)]
+        begin = max(past) if self.begin is None else units.resolve(self.begin, run.start)
         until = run.end if self.until is None else units.resolve(self.until, run.start)
         wrong = Mistakes()
         for key, time in (("begin", begin), ("until", until)):
@@ -156,16 +156,16 @@ def build(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit, ...]
     def maker(table: UnitTable) -> Callable[[str, Run], Unit]:
         return lambda name, run: table.unit(name, run, plan)
 
-    return tuple(all_told([maker(table) for table in tables], [table.name for table in tables], "unit", run))
+    return tuple(build_each([maker(table) for table in tables], [table.name for table in tables], "unit", run))
 
 
-def check_groups(sorties: Sequence[Sortie], known: Sequence[Unit]) -> None:
+def check_groups(sorties: Sequence[Sortie], fleet: Sequence[Unit]) -> None:
     """Refuse a group whose members know their sweep widths differently well: its unknown factor is one."""
     first: dict[str, tuple[str, float]] = {}
     members: list[tuple[str, Sortie | Unit]] = [
         (f'sortie "{sortie.name}"', sortie) for sortie in sorties if not sortie.watch
     ]
-    members += [(f'unit "{unit.name}"', unit) for unit in known]
+    members += [(f'unit "{unit.name}"', unit) for unit in fleet]
     for place, member in members:
         name, shape = first.setdefault(member.group, (place, member.shape))
         if shape != member.shape:
@@ -181,8 +181,8 @@ def _share(shape: float) -> str:
 
 def times(sorties: Sequence[Sortie], contacts: Sequence[Contact]) -> list[np.datetime64]:
     """Return the times worth a map: start, middle and end of each sortie, and of each contact."""
-    found = [contact.time for contact in contacts]
+    moments = [contact.time for contact in contacts]
     for sortie in sorties:
         half = (sortie.end - sortie.start) // 2
-        found += [sortie.start, sortie.start + half, sortie.end]
-    return found
+        moments += [sortie.start, sortie.start + half, sortie.end]
+    return moments

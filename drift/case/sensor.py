@@ -189,10 +189,10 @@ class SensorTable(fields.Table):
 
     def height(self) -> float:
         """Return the altitude [m], NaN where it is not told."""
-        told = self.altitude
-        if told is None and isinstance(self.sweep_width, ConditionsTable):
-            told = self.sweep_width.altitude
-        return math.nan if told is None else told
+        altitude = self.altitude
+        if altitude is None and isinstance(self.sweep_width, ConditionsTable):
+            altitude = self.sweep_width.altitude
+        return math.nan if altitude is None else altitude
 
     def widths(self, kind: str, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
         """Return the sweep width [m] for each scenario; a lateral range curve brings its own.

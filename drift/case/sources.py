@@ -174,7 +174,7 @@ class SourceTable(fields.Table):
         return ForcingSpec(
             name=self.name or f"{quantity} {number}",
             quantity=quantity,
-            files=tuple(path for written in self.files or () for path in found(written, folder)),
+            files=tuple(path for written in self.files or () for path in matching(written, folder)),
             dataset=self.dataset,
             constant=self.constant.components() if self.constant else None,
             table=_report(self.table, start) if self.table is not None else None,
@@ -217,7 +217,7 @@ def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
     return Report(times, tuple(east for east, _ in vectors), tuple(north for _, north in vectors))
 
 
-def found(written: str, folder: Path) -> list[str]:
+def matching(written: str, folder: Path) -> list[str]:
     """Return the files that a path or pattern names, absolute and sorted; addresses pass as they are."""
     text = re.sub(r"\$\{(\w+)\}|\$(\w+)", lambda match: _variable(match[1] or match[2], written), written)
     if ADDRESS.match(text):
@@ -248,7 +248,7 @@ def _variable(name: str, written: str) -> str:
 def one_file(name: str, folder: Path, place: str, allowed: str = "") -> str:
     """Return the absolute path of one file; raise UserError, with `allowed`, where there is none, or several."""
     try:
-        files = found(name, folder)
+        files = matching(name, folder)
     except ValueError as error:
         raise UserError(f"{place}: {error}{allowed}") from None
     if len(files) != 1 or not Path(files[0]).is_file():

@@ -90,7 +90,7 @@ class ReportingTable(fields.Table):
     until: fields.Time | None = None
 
     @model_validator(mode="after")
-    def known(self) -> "ReportingTable":
+    def whole(self) -> "ReportingTable":
         """Refuse a kind of shore without a rate."""
         if self.coast not in self.rate:
             raise ValueError(f'coast = "{self.coast}" has no rate; kinds with one: {", ".join(self.rate) or "none"}')
@@ -260,9 +260,9 @@ class PatrolUnitTable(fields.Table):
 
 def build(
     table: SpillTable,
-    finds: list[FindTable],
-    patrols: list[PatrolTable],
-    teams: list[PatrolUnitTable],
+    find_tables: list[FindTable],
+    patrol_tables: list[PatrolTable],
+    team_tables: list[PatrolUnitTable],
     start: np.datetime64,
     file: str | None,
 ) -> Spill:
@@ -273,15 +273,14 @@ def build(
     total = math.fsum(kind.share for kind in table.kinds)
     prior = table.prior(start)
     wrong = Mistakes()
-    known = tuple(_patrol(patrol, start) for patrol in patrols)
-    wrong.lines += _twice([patrol.name for patrol in known], "patrol")
-    listed = []
-    for number, find in enumerate(finds, 1):
+    patrols = tuple(_patrol(patrol, start) for patrol in patrol_tables)
+    wrong.lines += _twice([patrol.name for patrol in patrols], "patrol")
+    finds = []
+    for number, find in enumerate(find_tables, 1):
         with wrong.gathered():
-            listed.append(_find(find, number, known, start))
-    found = tuple(listed)
-    wrong.lines += _twice([find.name for find in found], "find")
-    wrong.lines += _twice([team.name for team in teams], "patrol_unit")
+            finds.append(_find(find, number, patrols, start))
+    wrong.lines += _twice([find.name for find in finds], "find")
+    wrong.lines += _twice([team.name for team in team_tables], "patrol_unit")
     wrong.refuse()
     spill = Spill(
         objects=table.objects,
@@ -304,9 +303,9 @@ def build(
             table.reporting.coast,
             None if table.reporting.until is None else units.resolve(table.reporting.until, start),
         ),
-        finds=found,
-        patrols=known,
-        teams=tuple(team.team(start) for team in teams),
+        finds=tuple(finds),
+        patrols=patrols,
+        teams=tuple(team.team(start) for team in team_tables),
     )
     _check(spill, table.began())
     return spill
@@ -371,16 +370,16 @@ def _check(spill: Spill, when: str) -> None:
     if sure and spill.destroyed[0] == 1:
         wrong.lines.append(f"{sure[0].name}: [spill] destroyed = 1 leaves nothing to be found; lower it")
     began = spill.prior.release_start
-    known: list[Find | Patrol] = [*spill.finds, *spill.patrols]
-    for thing in known:
-        if thing.time <= began:
-            word = "found" if isinstance(thing, Find) else "a patrol"
+    events: list[Find | Patrol] = [*spill.finds, *spill.patrols]
+    for event in events:
+        if event.time <= began:
+            word = "found" if isinstance(event, Find) else "a patrol"
             wrong.lines.append(
-                f"{thing.name}: {word} at {notation.group(thing.time)}, not after the spill, which began at "
+                f"{event.name}: {word} at {notation.group(event.time)}, not after the spill, which began at "
                 f"{notation.group(began)} at the earliest; check its time, or [spill] {when}"
             )
-    until, last = spill.reporting.until, max((thing.time for thing in known), default=began)
+    until, last = spill.reporting.until, max((event.time for event in events), default=began)
     if until is not None and until < last:
-        what = "the last find or patrol" if known else "the spill"
+        what = "the last find or patrol" if events else "the spill"
         wrong.lines.append(f"spill.reporting.until {notation.group(until)} is before {what}, {notation.group(last)}")
     wrong.refuse()

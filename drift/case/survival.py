@@ -22,12 +22,12 @@ CLOTHING = ("light",)
 def celsius(value: object) -> float:
     """Return a water temperature [degC] that the regression holds for, from "12 degC" or another unit of temperature."""
     kelvin = units.temperature(value)
-    found = kelvin - units.FREEZING
-    if not COLDEST - 1e-9 <= found <= WARMEST + 1e-9:
+    degrees = kelvin - units.FREEZING
+    if not COLDEST - 1e-9 <= degrees <= WARMEST + 1e-9:
         raise ValueError(
-            f"water {value!r} is {found:.1f} degC; {SOURCE} measured in {COLDEST} to {WARMEST} degC. Outside give median and spread"
+            f"water {value!r} is {degrees:.1f} degC; {SOURCE} measured in {COLDEST} to {WARMEST} degC. Outside give median and spread"
         )
-    return found
+    return degrees
 
 
 def immersed(water: float) -> float:

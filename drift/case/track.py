@@ -20,7 +20,7 @@ SLACK = 1.0  # [s] by which legs may be late: times are whole seconds
 FINEST = 25.0  # [m] to which tracks are followed at most
 
 
-def made(given: Any, key: str, speed: float | None, since: float | None, until: float | None, run: Run) -> Legs:
+def made_good(given: Any, key: str, speed: float | None, since: float | None, until: float | None, run: Run) -> Legs:
     """Return the legs of a track, as far as they lie between start and end [s since 1970].
 
     given: a file, or waypoints with times; key: where it stands; speed [m/s]: of the unit, None if not told.
@@ -85,14 +85,14 @@ def check_speed(legs: Legs, speed: float | None, shortest: float, key: str) -> N
     """Refuse legs of search that lasted more than `shortest` [s] and were faster than the unit."""
     time = np.array(legs.time)
     lasted = np.diff(time)
-    made = np.where((lasted > shortest) & np.array(legs.searching), polyline.lengths(legs) / lasted, 0.0)
+    speeds = np.where((lasted > shortest) & np.array(legs.searching), polyline.lengths(legs) / lasted, 0.0)
     most = FASTEST if speed is None else TOO_FAST * speed
-    if made.size and made.max() > most:
-        k = int(np.argmax(made))
+    if speeds.size and speeds.max() > most:
+        k = int(np.argmax(speeds))
         first, last = (notation.group(pattern_table.moment(legs.time[j])) for j in (k, k + 1))
         said = "no unit searches at that" if speed is None else f"its speed is {speed / KNOT:.3g} kn"
         raise ValueError(
-            f"{key}: the leg from {first} to {last} is made at {made.max() / KNOT:.3g} kn; {said}; check times and "
+            f"{key}: the leg from {first} to {last} is made at {speeds.max() / KNOT:.3g} kn; {said}; check times and "
             f"positions{'' if shortest == 0 else ', or give start and end of the search without its transit'}"
         )
 

@@ -66,10 +66,10 @@ Uncertainty = Annotated[
 def silent(specs: Sequence[ForcingSpec], used: Sequence[Sequence[str]]) -> str:
     """Return why no default holds for a quantity, "" where one does; used: the names of the sources of each scenario."""
     gridded = {spec.name for spec in specs if spec.files or spec.dataset is not None}
-    found = {tuple(name for name in names if name in gridded) for names in used} - {()}
-    if not found:
+    chosen = {tuple(name for name in names if name in gridded) for names in used} - {()}
+    if not chosen:
         return NOWHERE
-    return RIVALS if len(found) > 1 else ""  # members of an ensemble, or rivals, are spread by themselves
+    return RIVALS if len(chosen) > 1 else ""  # members of an ensemble, or rivals, are spread by themselves
 
 
 def error(

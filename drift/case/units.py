@@ -94,12 +94,12 @@ def temperature(value: object) -> float:
         if TOWER.search(match[2]):
             raise ValueError
         name = match[2].replace("°", "deg")
-        found = float(registry().Quantity(float(match[1].replace("_", "")), name).to("kelvin").magnitude)
+        kelvin = float(registry().Quantity(float(match[1].replace("_", "")), name).to("kelvin").magnitude)
     except Exception:  # pint and its tokenizer raise many kinds for text that is no unit
         raise ValueError(f'"{value}" is not a temperature; write it like "12 degC"') from None
-    if not math.isfinite(found):
+    if not math.isfinite(kelvin):
         raise ValueError(f"{value!r} is not finite")
-    return found
+    return kelvin
 
 
 def _a(what: str) -> str:
