@@ -257,8 +257,10 @@ def _trajectories(case: Case, ensemble: Ensemble, snapshots: Spool) -> Trajector
     slot = slots[np.unique(np.linspace(0, slots.size - 1, count).astype(int))]
     ancestor, columns = slot, []
     for k in range(len(snapshots) - 1, -1, -1):
-        one = snapshots[k]
-        columns.append((one.lon[ancestor], one.lat[ancestor], one.status[ancestor], one.probability[ancestor]))
+        snapshot = snapshots[k]
+        columns.append(
+            (snapshot.lon[ancestor], snapshot.lat[ancestor], snapshot.status[ancestor], snapshot.probability[ancestor])
+        )
         drawn = snapshots.ancestors[k]
         ancestor = ancestor if drawn is None else drawn[ancestor]
     lon, lat, status, weight = (np.stack(column[::-1], axis=1) for column in zip(*columns, strict=True))

@@ -84,21 +84,21 @@ def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: 
         for number, case in enumerate(cases):
             with runtime.alone():  # not while the caller has its turn
                 try:
-                    made, rest = _forecast(case, _named(case, datasets), shared.pop(), maps)
+                    brief, rest = _forecast(case, _named(case, datasets), shared.pop(), maps)
                 except UserError as error:
-                    made, rest = _refused(case, error), None
-            before.append(pool.submit(_mapped, made, rest))
+                    brief, rest = _refused(case, error), None
+            before.append(pool.submit(_mapped, brief, rest))
             while len(before) > (AHEAD if maps and number + 1 < len(cases) else 0):
                 done = before.pop(0).result()
                 tell("forecasts", (number + 1 - len(before)) / len(cases))
                 yield done
 
 
-def _mapped(made: Brief, rest: Callable[[], Forecast] | None) -> Brief:
+def _mapped(brief: Brief, rest: Callable[[], Forecast] | None) -> Brief:
     try:
-        return made if rest is None else replace(made, forecast=rest())
+        return brief if rest is None else replace(brief, forecast=rest())
     except UserError as error:
-        return _refused(made.case, error)
+        return _refused(brief.case, error)
 
 
 def _named(case: Case, datasets: Mapping[str, Any]) -> dict[str, Any]:
@@ -139,12 +139,12 @@ def _forecast(
         )
     brief = Brief(
         case,
-        np.array([one.time for one in seen]),
-        np.stack([one.lon for one in seen]) * (360.0 / sphere.TURN),
-        np.stack([one.lat for one in seen]) * (360.0 / sphere.TURN),
-        np.stack([one.status for one in seen]).astype(np.uint8),
-        np.stack([one.probability for one in seen]),
-        np.array([snapshot.means(one, len(case.scenarios)).all for one in seen]),
+        np.array([output.time for output in seen]),
+        np.stack([output.lon for output in seen]) * (360.0 / sphere.TURN),
+        np.stack([output.lat for output in seen]) * (360.0 / sphere.TURN),
+        np.stack([output.status for output in seen]).astype(np.uint8),
+        np.stack([output.probability for output in seen]),
+        np.array([snapshot.means(output, len(case.scenarios)).all for output in seen]),
         begin.clock.step,
     )
     return brief, rest

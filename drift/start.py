@@ -107,13 +107,13 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     try:
         beach, bias = scene.beach(case.coast), case.current_error.bias > 0
         place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
-        made = Scene(forcing, models.motions(case.errors, case.scenarios), place)
-        clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, made)
-        lost.check_prior(spec, where, case.max_lost, ensemble, made, clock)
+        stage = Scene(forcing, models.motions(case.errors, case.scenarios), place)
+        clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, stage)
+        lost.check_prior(spec, where, case.max_lost, ensemble, stage, clock)
     except BaseException:
         forcing.close()
         raise
-    return Start(ensemble, dry, made, clock, trial, worlds)
+    return Start(ensemble, dry, stage, clock, trial, worlds)
 
 
 def stretches(case: Case, where: Environment, begin: Start) -> Segments | None:

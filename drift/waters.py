@@ -51,10 +51,10 @@ class Files:
                 self._opened[key] = sources.open_shared(spec.quantity, files, **source_options(spec))
             except UserError as error:
                 self._opened[key] = error
-        found = self._opened[key]
-        if isinstance(found, UserError):
-            raise UserError(*found.lines)
-        return found
+        opened = self._opened[key]
+        if isinstance(opened, UserError):
+            raise UserError(*opened.lines)
+        return opened
 
 
 class Waters:
@@ -79,11 +79,11 @@ class Waters:
         if id(opened) not in self._kept:
             self._kept[id(opened)] = sources.keep(opened, self.box)
         key = id(opened), box
-        found = self._cuts.pop(key, None) or sources.cut(self._kept[id(opened)], box)
-        self._cuts[key] = found
+        part = self._cuts.pop(key, None) or sources.cut(self._kept[id(opened)], box)
+        self._cuts[key] = part
         if len(self._cuts) > CUTS:
             del self._cuts[next(iter(self._cuts))]
-        return replace(found, name=spec.name, shelf=Shelf(key, self._finished))
+        return replace(part, name=spec.name, shelf=Shelf(key, self._finished))
 
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
@@ -122,16 +122,16 @@ def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
     for case in cases:
         own = domain.bounds(start.ensemble_spec(case), start.environment_spec(case))
         for k, box in enumerate(boxes):
-            both = _joined(box, own)
-            if (both.east - both.west) * (both.north - both.south) <= WIDEST:
-                boxes[k] = both
+            joined = _joined(box, own)
+            if (joined.east - joined.west) * (joined.north - joined.south) <= WIDEST:
+                boxes[k] = joined
                 break
         else:
             k = len(boxes)
             boxes.append(own)
         number.append(k)
-    made = [Waters(box, files) for box in boxes]
-    return [made[k] for k in number]
+    shared = [Waters(box, files) for box in boxes]
+    return [shared[k] for k in number]
 
 
 def _joined(box: Box, other: Box) -> Box:

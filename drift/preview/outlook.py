@@ -69,11 +69,11 @@ def advised(case: Case, where: Environment, begin: Start) -> str:
 def holes(case: Case, source: Source) -> str:
     """Return when within the run a source has nothing between its times; "" where it has no holes."""
     first, last = case.period.span
-    found = [(max(a, first), min(b, last)) for a, b in stream.holes(source.times) if a < last and b > first]
-    usual = np.median(np.diff(source.times)) if found else None
+    gaps = [(max(a, first), min(b, last)) for a, b in stream.holes(source.times) if a < last and b > first]
+    usual = np.median(np.diff(source.times)) if gaps else None
     return "; ".join(
         f"nothing from {notation.group(a)} to {notation.group(b)}, {_hours(b - a)}, where its times are else {_hours(usual)} apart"
-        for a, b in found
+        for a, b in gaps
     )
 
 
@@ -90,7 +90,7 @@ def ends(case: Case, begin: Start) -> str:
         begin.scene.advance(some, low, high, part)
     weight, status = record.probability(some), some.status.to_numpy()
     share = {kind: float(weight[status == kind].sum()) for kind in Status}
-    told = ", ".join(
+    text = ", ".join(
         f"{f'{share[kind]:.0%}' if share[kind] >= 0.005 else 'under 1%'} {word}"
         for kind, word in ENDS.items()
         if share[kind] > 0
@@ -99,13 +99,13 @@ def ends(case: Case, begin: Start) -> str:
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
         when = case.period.time(int(max(some.status_since.to_numpy()[gone].min(), 0)))
-        told += f"; the first is lost about {notation.group(when)}"
+        text += f"; the first is lost about {notation.group(when)}"
     if lost > case.max_lost:
-        told += (
+        text += (
             f"; at most {case.max_lost:.0%} may be (max_lost): a run would be refused at its end. Shorten it, add a source, or "
             "widen [domain]"
         )
-    return f"{told} (roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))})"
+    return f"{text} (roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))})"
 
 
 def _grids(begin: Start) -> list[Any]:

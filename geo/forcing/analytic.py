@@ -250,7 +250,7 @@ def build(quantity: str, kind: str, box: Box, **parameters: float) -> tuple[Flow
     try:
         return make(box, **parameters), spacing
     except TypeError as error:
-        known = make.__code__.co_varnames[1 : make.__code__.co_argcount]
+        takes = make.__code__.co_varnames[1 : make.__code__.co_argcount]
         raise UserError(
-            f'[[{quantity}]] analytic = "{kind}" takes {", ".join(known)}, not {sorted(parameters)}'
+            f'[[{quantity}]] analytic = "{kind}" takes {", ".join(takes)}, not {sorted(parameters)}'
         ) from error

@@ -23,7 +23,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     only: the one quantity to read them as; options as in `forcing.open_source`. Where a quantity is there but cannot be
     read (no units, say) its error is raised; where there is none at all, the error says what the files hold.
     """
-    found: list[Source] = []
+    understood: list[Source] = []
     errors: dict[str, UserError] = {}
     patience = options.get("timeout", address.TIMEOUT)
     listed = dataset.expand(paths, only or "current")
@@ -41,16 +41,16 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
         if held and quantity not in held:
             continue
         try:
-            found.append(sources.open_source(quantity, held.get(quantity, listed), lenient=True, **options))
+            understood.append(sources.open_source(quantity, held.get(quantity, listed), lenient=True, **options))
         except UserError as error:
             errors[quantity] = error
     if not held:
         halves = [e for e in errors.values() if "one component" in str(e)]
         why = (halves or [errors["current"]])[0]
         raise UserError(f"no current, wind or Stokes drift found: {why}") from why
-    if not found:
+    if not understood:
         raise next(iter(errors.values()))
-    return found
+    return understood
 
 
 def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict[str, list[str]]:

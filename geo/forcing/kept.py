@@ -24,12 +24,12 @@ class Kept:
 
     def part(self, index: tuple[Index, ...]) -> tuple[Index, ...] | None:
         """Return where in the window indices stand; None where some of them are outside it."""
-        found = []
+        inside = []
         for wanted, places in zip(index, self._places, strict=True):
             if wanted.max(initial=-1) >= len(places) or (places[wanted] < 0).any():
                 return None
-            found.append(places[wanted])
-        return tuple(found)
+            inside.append(places[wanted])
+        return tuple(inside)
 
     def slice(self, i: int, read: Callable[[], tuple[Array, int]]) -> tuple[Array, int]:
         """Return slice i over the window, and how many fill values it held, read now if it is not there."""

@@ -102,7 +102,7 @@ def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
     own = set(map(str, variable.dims))
     listed = _listed(variable) | set(map(str, variable.coords))
     others = set().union(*(_listed(data[n]) for n in map(str, data.variables) if n != name))
-    found = []
+    levels = []
     for other in map(str, data.variables):
         held = data[other]
         dims = set(map(str, held.dims))
@@ -112,9 +112,9 @@ def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
             continue
         lent = any(dims & set(map(str, v.dims)) for n, v in data.variables.items() if n != other)
         if other in listed or (other not in others and not lent):
-            found.append(_read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True))
-    if found or any(is_vertical(data, d) for d in own):
-        return found
+            levels.append(_read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True))
+    if levels or any(is_vertical(data, d) for d in own):
+        return levels
     stated = of_attributes(variable.attrs, quantity)
     return [stated] if stated is not None else []
 

@@ -207,8 +207,8 @@ def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str
                 )
         east, north = str(chosen["east"]), str(chosen["north"])
         standard = {e: a for e, _, a in STANDARD[quantity]} | {e: a for e, _, a in COMMON[quantity]}
-        known = standard.get(_standard_name(variables[east], "standard_name")) or standard.get(east) or "?"
-        return Pair(east, north, axes or known, "the case's own choice")
+        axes_named = standard.get(_standard_name(variables[east], "standard_name")) or standard.get(east) or "?"
+        return Pair(east, north, axes or axes_named, "the case's own choice")
     pair = search(quantity, variables)
     if pair is None:
         raise UserError(_absent(quantity, variables, name))

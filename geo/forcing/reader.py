@@ -118,30 +118,30 @@ def cut(opened: Opened, box: Box | None) -> Reading:
     crops = [layout.crop(c.layout, wanted) for c in (first, second)]
     if crops[0] is None or crops[1] is None:
         raise UserError(_apart(request, first.layout))
-    made = tile.make((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
-    seen = tile.examine(made, opened.count, whole)
+    regridded = tile.make((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
+    seen = tile.examine(regridded, opened.count, whole)
     if seen.missing == 1.0 and seen.empty:
         inside = " in the case's area" if box is not None else ""
         odd = f" ({seen.strange} are no possible speed: are the units right?)" if seen.strange else ""
         raise UserError(f"{request.name}: every value is missing{inside}{odd}; set [[{request.quantity}]] files")
-    made = seen.tile
+    regridded = seen.tile
     return Reading(
-        made.grid,
+        regridded.grid,
         opened.times,
-        lambda i: tile.read(made, i),
+        lambda i: tile.read(regridded, i),
         seen.missing,
-        opened.notes + whole.notes + made.notes + seen.notes,
+        opened.notes + whole.notes + regridded.notes + seen.notes,
         "",
-        tile.domain(made),
+        tile.domain(regridded),
     )
 
 
 def keep(opened: Opened, box: Box) -> Opened:
     """Return a source whose slices, once read, stay in memory over a box: parts of it that lie inside are cut from there."""
     kept = []
-    for one in opened.components:
-        crop = layout.crop(one.layout, _needed(box))
-        kept.append(one if crop is None else replace(one, kept=Kept(slices.window(crop))))
+    for component_ in opened.components:
+        crop = layout.crop(component_.layout, _needed(box))
+        kept.append(component_ if crop is None else replace(component_, kept=Kept(slices.window(crop))))
     return replace(opened, components=(kept[0], kept[1]))
 
 
@@ -225,12 +225,11 @@ def _components(
     result = []
     for side, name in enumerate((pair.east, pair.north)):
         having = [(path, data) for path, data in holding if name in data.variables]
+        wanted = component.Wanted(
+            name, side, request.quantity, request.variables, request.units, request.depth, needs_times=not stated
+        )
         try:
-            result.append(
-                component.gather(
-                    name, side, having, request.quantity, request.variables, request.units, request.depth, not stated
-                )
-            )
+            result.append(component.gather(wanted, having))
         except (IndexError, ValueError) as error:
             if not {"lon", "lat"} & set(request.variables):
                 raise

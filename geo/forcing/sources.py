@@ -208,9 +208,9 @@ def analytic(
         result[np.abs(grid.lat) > 89.0] = np.nan
         return result
 
-    told = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
-    digest = hashlib.sha256(f"{kind} {told} {grid} {first} {last}".encode()).hexdigest()[:16]
-    notes = (f'SYNTHETIC: built-in flow "{kind}"{" with " + told if told else ""}, no observation or model',)
+    given = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
+    digest = hashlib.sha256(f"{kind} {given} {grid} {first} {last}".encode()).hexdigest()[:16]
+    notes = (f'SYNTHETIC: built-in flow "{kind}"{" with " + given if given else ""}, no observation or model',)
     missing = float((np.abs(grid.lat) > 89.0).mean())
     return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)
 

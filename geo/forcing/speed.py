@@ -38,7 +38,7 @@ def factor(units: str) -> float:
 
 def inside_text(text: str) -> str | None:
     """Return a unit of speed written in brackets in a long name, as RTOFS does: "velocity (m/s)"."""
-    for found in re.findall(r"[(\[]([^()\[\]]+)[)\]]", text):
-        if found.strip().lower() in COMMON:
-            return str(found.strip())
+    for inside in re.findall(r"[(\[]([^()\[\]]+)[)\]]", text):
+        if inside.strip().lower() in COMMON:
+            return str(inside.strip())
     return None

@@ -54,9 +54,9 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
     notes: list[str] = []
     fills: list[tuple[float, ...]] = []
     for component, values in zip(components, samples, strict=True):
-        found = () if plausible else undeclared(values, component.factor, component.quantity, _packed(component))
-        fills.append(found)
-        for fill in found:
+        stray = () if plausible else undeclared(values, component.factor, component.quantity, _packed(component))
+        fills.append(stray)
+        for fill in stray:
             share = float(np.mean(values == fill))
             values[values == fill] = np.nan
             notes.append(
@@ -116,16 +116,16 @@ def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float,
     values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves nothing: packed
     fields saturate. One apart by a gap must also be faster than anything real, or what a packed number is by default.
     """
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     fastest = QUANTITIES[quantity].fastest
-    found: list[float] = []
+    fills: list[float] = []
     for _ in range(4):  # a file may hold two of them, and both signs
         for largest in (True, False):
-            if not known.size:
-                return tuple(found)
-            extreme = float(known.max() if largest else known.min())
-            at = known == extreme
-            rest = known[~at]
+            if not finite.size:
+                return tuple(fills)
+            extreme = float(finite.max() if largest else finite.min())
+            at = finite == extreme
+            rest = finite[~at]
             if (
                 int(at.sum()) < RECURS
                 or rest.size < VARIED
@@ -138,9 +138,9 @@ def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float,
             usual = bool(np.isclose(abs(extreme), quantities.NINES, rtol=1e-6).any()) and fast
             usual |= any(np.isclose(extreme, one, rtol=1e-5) for one in packed)
             if gap > (GAP if usual else 1.0) * (high - low) and (usual or fast):
-                found.append(extreme)
-                known = rest
-    return tuple(found)
+                fills.append(extreme)
+                finite = rest
+    return tuple(fills)
 
 
 def _shared(samples: list[Array]) -> tuple[float, ...]:
@@ -150,7 +150,7 @@ def _shared(samples: list[Array]) -> tuple[float, ...]:
     """
     if samples[0].shape != samples[1].shape:
         return ()
-    found, largest = [], float(np.fmax.reduce(np.abs(samples[0]), axis=None, initial=0.0))
+    fills, largest = [], float(np.fmax.reduce(np.abs(samples[0]), axis=None, initial=0.0))
     for size in quantities.NINES:
         for fill in (size, -size) if size <= 1.01 * largest else ():
             at = np.isclose(samples[0], fill, rtol=1e-6) & np.isclose(samples[1], fill, rtol=1e-6)
@@ -158,8 +158,8 @@ def _shared(samples: list[Array]) -> tuple[float, ...]:
                 continue
             rest = np.concatenate([values[~at & np.isfinite(values)] for values in samples])
             if rest.size and len(np.unique(rest[:10_000])) >= VARIED and np.abs(rest - fill).min() > GAP * np.ptp(rest):
-                found.append(float(samples[0][at][0]))
-    return tuple(found)
+                fills.append(float(samples[0][at][0]))
+    return tuple(fills)
 
 
 def _still(
