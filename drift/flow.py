@@ -132,7 +132,10 @@ def forecasted(job: Job) -> Result:
 
 
 def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
-    """Return how a search stood before any sortie or contact; None where there are no sorties and no survival times."""
+    """Return how a search stood before any sortie or contact.
+
+    None where there are no sorties and no survival times.
+    """
     if case.spill or not (case.sorties or any(scenario.survival for scenario in case.scenarios)):
         return None
     log_weight = ensemble.log_weight.to_numpy()
@@ -141,7 +144,7 @@ def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
 
 
 def _drifted(job: Job, begin: Start, stack: contextlib.ExitStack) -> tuple[Drifted, Updates | None]:
-    """Return an ensemble that was moved through the run, and what sorties and contacts did; the start's forcing is closed.
+    """Return an ensemble moved through the run, and what sorties and contacts did; close the forcing.
 
     What it was like at every output can be read as long as the stack is open.
     """
@@ -202,7 +205,10 @@ def publish(out: Path, chapters: Sequence[Chapter], *, overwrite: bool) -> None:
 
 
 def suspension(result: Result, planned: Planned | None = None) -> decision.Suspension | None:
-    """Return what a decision to suspend rests on; None where there are neither sorties nor survival times. planned: not yet flown."""
+    """Return what a decision to suspend rests on; planned: sorties not yet flown.
+
+    None where there are neither sorties nor survival times, and in a backward run.
+    """
     case, begun = result.case, result.begun
     if begun is None or case.direction < 0:
         return None
@@ -220,8 +226,9 @@ def origin(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> backward.Origin:
-    """Run a spill backward from its finds to where and when it may have been released; with `out`, write what it found.
+    """Run a spill backward from its finds to where and when it may have been released.
 
+    With `out`, the results are written there.
     It proposes where to look: the answer is a forward run weighted by the finds. Raises UserError for all that the user
     can mend.
     """
@@ -248,7 +255,10 @@ trace = origin  # its former name
 
 
 def _trajectories(case: Case, ensemble: Ensemble, snapshots: Spool) -> Trajectories:
-    """Return the tracks of slots spread evenly over the ensemble; of what was drawn anew, its ancestors' before that."""
+    """Return the tracks of slots spread evenly over the ensemble.
+
+    The track of what was drawn anew is that of its ancestors before.
+    """
     last = snapshots[-1]
     count = min(case.trajectories, last.lon.size)
     slots = np.arange(last.lon.size)

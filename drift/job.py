@@ -43,7 +43,10 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class Options:
-    """How a job is to be done, whatever its case is; those of `drift.run`, `plan`, `patrol` and `origin`, in their order."""
+    """How a job is to be done, whatever its case is.
+
+    These are the options of `drift.run`, `plan`, `patrol` and `origin`, in their order.
+    """
 
     out: str | os.PathLike[str] | None = None  # folder for results; None: they are returned, and not written
     datasets: Mapping[str, Any] | None = None
@@ -85,7 +88,7 @@ def _silent(phase: str, share: float) -> None:
 
 
 def in_turn(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function that waits until no other thread of the program runs a case, then does what `function` does.
+    """Return a function that waits until no other thread of the program runs a case, then does its work.
 
     The wait heeds signals. A call from within a run, by its `report` say, does not wait.
     """

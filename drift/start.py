@@ -1,4 +1,4 @@
-"""The start of a case's run: what is asked of the engine, its environment, the initial ensemble, its scene and its clock.
+"""The start of a run: what is asked of the engine, the environment, ensemble, scene and clock.
 
 Here a case becomes the records that the engine takes; below nothing knows of it.
 """
@@ -35,13 +35,13 @@ from kernels.noise import Purpose
 
 @dataclass(frozen=True)
 class Start:
-    """All that the first step needs. dry: share of each scenario's prior on land; trial: why "auto" chose its step."""
+    """All that the first step needs."""
 
     ensemble: Ensemble
-    dry: tuple[float, ...]
+    dry: tuple[float, ...]  # share of each scenario's prior that is on land
     scene: Scene
     clock: Clock
-    trial: Trial | None
+    trial: Trial | None  # why "auto" chose its step
     worlds: Worlds | None = None  # of a spill
 
 

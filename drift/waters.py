@@ -1,4 +1,4 @@
-"""Waters that many cases share: their sources are opened once, slices that were read stay in memory, one coast serves all.
+"""Waters that many cases share: sources opened once, slices kept in memory, one coast for all.
 
 Each case still sees the box, the crop and the grid that it would have alone: what is shared is what does not depend on
 them. Cases near each other have the same crop (environment.part): its slices are turned, regridded and filled once for
@@ -36,7 +36,10 @@ CUTS = 64  # parts of sources that are kept: cases that begin at one place have 
 
 
 class Files:
-    """Sources of files and datasets, each opened when it is first asked for; what cannot be opened is told every time."""
+    """Sources of files and datasets, each opened when it is first asked for.
+
+    What cannot be opened is refused every time.
+    """
 
     def __init__(self, held: Mapping[str, memory.Held]) -> None:
         self._held = held
@@ -88,7 +91,7 @@ class Waters:
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and coast of these waters, as far as a case would have it in a box; None where that differs."""
+        """Return the land and coast of these waters, where a case would have the same in its box; else None."""
         if not _within(domain.around(spec, 0.0, domain.FARTHEST), box) or not _within(box, self._coastal):
             return None
         key = asked.coast.source, asked.coast.lakes

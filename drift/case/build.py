@@ -1,4 +1,4 @@
-"""The record of a case from its tables, each of which is in order by itself; what does not fit together is refused here."""
+"""The record of a case from its tables: each is in order by itself, and here all must fit together."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +30,10 @@ QUANTITIES: tuple[Quantity, ...] = ("current", "wind", "stokes")
 
 
 class _Search(NamedTuple):
-    """What was searched and seen, what can be sent, and what for; without a plan where the scenarios are at fault."""
+    """What was searched and seen, what can be sent, and what is to be planned.
+
+    There is no plan where the scenarios are at fault.
+    """
 
     sorties: tuple[Sortie, ...] = ()
     contacts: tuple[Contact, ...] = ()
@@ -115,7 +118,10 @@ def _errors(
     contacts: tuple[Contact, ...],
     wrong: Mistakes,
 ) -> tuple[ForcingError, ForcingError]:
-    """Return the errors of current and wind: as the case says, else by default where they come from gridded files."""
+    """Return the errors of current and wind.
+
+    What the case does not say holds by default where they come from gridded files.
+    """
     stated = table.uncertainty
     current, wind = uncertainty.CURRENT, uncertainty.WIND
     if not scenarios:  # those at fault say nothing of what they drift in
@@ -196,7 +202,10 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
 
 
 def _outputs(table: CaseTable, spill: Spill | None, search: _Search, wrong: Mistakes) -> NDArray[np.datetime64]:
-    """Return the times of outputs in the order of the run: those asked for, start, end, and when something was seen."""
+    """Return the times of outputs in the order of the run.
+
+    They are those asked for, the start, the end, and when something was seen or searched.
+    """
     start, end = table.begin(), table.finish()
     seen = (
         [find.time for find in spill.finds if find.at_sea]
@@ -212,7 +221,10 @@ def _outputs(table: CaseTable, spill: Spill | None, search: _Search, wrong: Mist
 
 
 def _asked_outputs(table: OutputTable, start: np.datetime64, end: np.datetime64, sign: int) -> list[np.datetime64]:
-    """Return the times that [output] asks for; sign: -1 in a backward run. Raises UserError for those outside the run."""
+    """Return the times that [output] asks for; sign: -1 in a backward run.
+
+    Raises UserError for times outside the run, and for too many of them.
+    """
     if table.times is None:
         span = abs((end - start).astype(int))
         every = max(round(table.every or 21_600.0), 1)
@@ -223,7 +235,8 @@ def _asked_outputs(table: OutputTable, start: np.datetime64, end: np.datetime64,
     for time in times:
         if not min(start, end) <= time <= max(start, end):
             raise UserError(
-                f"output.times: {notation.group(time)} is outside the run, {notation.group(start)} to {notation.group(end)}"
+                f"output.times: {notation.group(time)} is outside the run, {notation.group(start)} to "
+                f"{notation.group(end)}"
             )
     return times
 
@@ -237,7 +250,10 @@ def _shore(source: str, folder: Path) -> str:
 def _sources(
     quantity: Quantity, tables: list[SourceTable], start: np.datetime64, folder: Path, wrong: Mistakes
 ) -> tuple[ForcingSpec, ...]:
-    """Return the sources of a quantity; one that is at fault is added to the mistakes, and stands in by its name."""
+    """Return the sources of a quantity.
+
+    What is wrong with a source is added to the mistakes; its name then stands in for it.
+    """
     specs: list[ForcingSpec] = []
     for number, table in enumerate(tables, 1):
         place = sources.place(quantity, number, table.name)
@@ -249,7 +265,7 @@ def _sources(
         specs.append(spec)
     if specs and all(spec.add for spec in specs):
         wrong.lines.append(
-            f'{quantity} "{specs[0].name}": add = true, and there is no [[{quantity}]] to add it to: leave add out of the '
-            "source that the others are added to"
+            f'{quantity} "{specs[0].name}": add = true, and there is no [[{quantity}]] to add it to: leave add out of '
+            "the source that the others are added to"
         )
     return tuple(specs)

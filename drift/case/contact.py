@@ -1,4 +1,4 @@
-"""Contacts as a case file gives them: positions, bearings, ranges and areas at which something was seen, and how surely."""
+"""Contacts as a case file gives them: something was seen at a position, bearing, range or area."""
 
 import math
 from typing import Annotated, Any

@@ -49,7 +49,10 @@ class Expect(fields.Table):
 
 
 def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
-    """Return what a forecast's last output (see tables.numbers) misses, a line each; empty when all is as expected."""
+    """Return what the last output of a forecast misses, a line each; empty when all is as expected.
+
+    end: that output as in `forecast.tables.numbers`.
+    """
     missed = []
     values = {name: end["probability"][name] for name in ("adrift", "ashore", "outside", "left")}
     spans = {name: getattr(expected, name) for name in values}

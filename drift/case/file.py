@@ -106,8 +106,9 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
 
 
 def source(quantity: Quantity, files: Sequence[str], overrides: Mapping[str, str]) -> ForcingSpec:
-    """Return files as the source that a case with these keys would make of them; overrides: {"variables.east": "ue"}.
+    """Return files as the source that a case with these keys would make of them.
 
+    overrides: {"variables.east": "ue"}.
     Raises UserError, a line for each mistake.
     """
     data: dict[str, Any] = {"files": list(files)}
@@ -198,7 +199,10 @@ def _override(data: dict[str, Any], key: str, value: str) -> None:
 
 
 def _put(data: dict[str, Any], key: str, new: Any) -> None:
-    """Set one place of the tables as read, or take it away where the new value is None; numbers in the key count list items from 0."""
+    """Set one place of the tables as read, or take it away where the new value is None.
+
+    Numbers in the key count the items of a list from 0.
+    """
     *above, last = key.split(".")
     node: Any = data
     for part in above:

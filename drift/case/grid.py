@@ -1,4 +1,4 @@
-"""A grid of the user's own for all outputs, so that runs can be subtracted cell by cell: output.grid of a case."""
+"""A grid of the user's own for all outputs (output.grid), so that runs can be subtracted cell by cell."""
 
 import math
 import re

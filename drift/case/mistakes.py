@@ -1,4 +1,4 @@
-"""Mistakes in a case, gathered: parts that do not depend on each other are all looked at before any is complained of."""
+"""Mistakes in a case, gathered: all independent parts are looked at before any is complained of."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +17,10 @@ class Mistakes:
 
     @contextmanager
     def gathered(self, place: str = "") -> Iterator[None]:
-        """Go on after a refusal inside, and keep it; place: what it is about, where the refusal itself does not say so."""
+        """Go on after a refusal inside, and keep it.
+
+        place: what the refusal is about, where it does not say so itself.
+        """
         try:
             yield
         except (UserError, ValueError) as error:

@@ -57,8 +57,8 @@ class UnitTable(SensorTable):
         ready = plan.begin if self.ready is None else units.resolve(self.ready, run.start)
         if self.ready is not None and ready >= plan.until:
             raise ValueError(
-                f"ready at {notation.group(ready)}, not before the plan's end, {notation.group(plan.until)}; change ready, or "
-                "until in [plan], or run for longer"
+                f"ready at {notation.group(ready)}, not before the plan's end, {notation.group(plan.until)}; change "
+                "ready, or until in [plan], or run for longer"
             )
         for key in ("clear_of_land", "draught"):
             if getattr(self, key) is not None and self.kind != "Boat":
@@ -120,12 +120,13 @@ class PlanTable(fields.Table):
             begin = min(begin, until)  # all has been flown: a run need not mind that there is no time left to plan for
         elif asked and begin >= until:
             wrong.lines.append(
-                f"plan: it begins at {notation.group(begin)}, not before its end, {notation.group(until)}; give begin and "
-                "until in [plan], or run for longer"
+                f"plan: it begins at {notation.group(begin)}, not before its end, {notation.group(until)}; give begin "
+                "and until in [plan], or run for longer"
             )
         if self.objective == "alive" and all(scenario.survival is None for scenario in run.scenarios):
             wrong.lines.append(
-                'plan.objective: "alive" needs survival in the scenarios, like survival = { median = "18 h", spread = 1.6 }'
+                'plan.objective: "alive" needs survival in the scenarios, like survival = { median = "18 h", spread = '
+                "1.6 }"
             )
         wrong.refuse()
         return PlanSpec(begin, until, self.objective, self.separation, self.rounds, self.particles)
@@ -170,8 +171,9 @@ def check_groups(sorties: Sequence[Sortie], fleet: Sequence[Unit]) -> None:
         name, shape = first.setdefault(member.group, (place, member.shape))
         if shape != member.shape:
             raise UserError(
-                f"{place}: sweep_width_uncertainty is {_share(member.shape)}, but {_share(shape)} in {name} of the same "
-                f'sweep_group "{member.group}", whose unknown factor is one; give both the same, or a sweep_group of its own'
+                f"{place}: sweep_width_uncertainty is {_share(member.shape)}, but {_share(shape)} in {name} of the "
+                f'same sweep_group "{member.group}", whose unknown factor is one; give both the same, or a '
+                "sweep_group of its own"
             )
 
 

@@ -194,7 +194,8 @@ def _distress(value: Any) -> Any:
     if isinstance(value, str):
         if value != "uniform":
             raise ValueError(
-                f'"{value}" is not allowed; write "uniform", {{ triangular = {{ mode = 0.6 }} }} or {{ between = [..] }}'
+                f'"{value}" is not allowed; write "uniform", {{ triangular = {{ mode = 0.6 }} }} or '
+                "{ between = [..] }"
             )
         return {}
     return value
@@ -256,8 +257,9 @@ def _search_object(value: object) -> object:
 
 
 class SurvivalTable(fields.Table):
-    """How long someone stays alive after going adrift: lognormal, its median and the factor of one standard deviation.
+    """How long someone stays alive after going adrift: lognormal, by a median and a spread.
 
+    The spread is the factor of one standard deviation.
     The median is given, or follows from the water's temperature (drift.case.survival).
     """
 

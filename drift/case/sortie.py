@@ -326,8 +326,9 @@ class SortieTable(SensorTable):
         if takes > track_table.TOO_FAST * duration and self.completed == 1:
             assert self.speed is not None
             raise ValueError(
-                f"{size / NMI**2:.3g} nmi2 at a spacing of {self.spacing / NMI:.3g} nmi take {track_table.hours(takes)} at "
-                f"{self.speed / KNOT:.3g} kn, from start to end are {track_table.hours(duration)}; change one of these, or give completed"
+                f"{size / NMI**2:.3g} nmi2 at a spacing of {self.spacing / NMI:.3g} nmi take "
+                f"{track_table.hours(takes)} at {self.speed / KNOT:.3g} kn, from start to end are "
+                f"{track_table.hours(duration)}; change one of these, or give completed"
             )
         return tuple(width / self.spacing for width in widths)
 

@@ -1,5 +1,6 @@
-"""Where a case takes its winds and currents from: files, a dataset in memory, a constant, a table, or a built-in flow.
+"""Where a case takes its winds and currents from.
 
+Files, a dataset in memory, a constant, a table, or a built-in flow.
 Nothing is opened here; geo.forcing.sources does that. A constant or a table is what was reported on scene, so that the
 first hour of a case needs no file. Currents go toward, winds come from; the case file says which with the key it uses.
 """

@@ -1,4 +1,4 @@
-"""Spills as a case describes them: many objects from one place, of one or several classes, and what nobody knows of them.
+"""Spills as a case describes them: many objects of one or several classes, released from one place.
 
 Holds the records that the engine takes (SI, UTC) and the tables of the case file that they are made from. What all
 objects of one spill share (release, bias of windage and current, share destroyed, sinking rate, readiness to report) is
@@ -28,7 +28,10 @@ LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
 
 
 class SinkingTable(fields.Table):
-    """How objects sink: half_life of a hazard, or waterlogged: the median time, with its spread; one value or [low, high]."""
+    """How objects sink: by the half_life of a hazard, or waterlogged at a median time with a spread.
+
+    Times are one value or [low, high].
+    """
 
     half_life: fields.DurationRange | None = None
     waterlogged: fields.DurationRange | None = None
@@ -333,7 +336,8 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
             raise ValueError(f'{name}: by "{table.by}" is no patrol; patrols: {allowed}; leave it out for the public')
         if time is not None and time != patrol.time:
             raise ValueError(
-                f'{name}: found at {notation.group(time)}, but patrol "{table.by}" was there at {notation.group(patrol.time)}'
+                f'{name}: found at {notation.group(time)}, but patrol "{table.by}" was there at '
+                f"{notation.group(patrol.time)}"
             )
         if patrol.detection == 0:
             raise ValueError(f'{name}: found by patrol "{table.by}", whose detection is 0; raise it')
@@ -364,8 +368,8 @@ def _check(spill: Spill, when: str) -> None:
         there = math.ceil(kind.share * most - 1e-9)
         if number > there:
             wrong.lines.append(
-                f'{number} finds of class "{kind.name}", but at most {there} of the {most} objects ([spill] objects) are of '
-                f"it; {cure}"
+                f'{number} finds of class "{kind.name}", but at most {there} of the {most} objects ([spill] objects) '
+                f"are of it; {cure}"
             )
     if sure and spill.destroyed[0] == 1:
         wrong.lines.append(f"{sure[0].name}: [spill] destroyed = 1 leaves nothing to be found; lower it")

@@ -1,4 +1,7 @@
-"""What a case is about: scenarios of one object, or the classes of a spill; built from its tables, checked against the run."""
+"""What a case is about: the scenarios of one object, or the classes of a spill.
+
+They are built from their tables and checked against the run.
+"""
 
 import math
 from pathlib import Path
@@ -46,7 +49,8 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
     for event in events:
         if event.time > end:
             wrong.lines.append(
-                f"{event.name}: at {notation.group(event.time)}, after the run's end, {notation.group(end)}; run for longer"
+                f"{event.name}: at {notation.group(event.time)}, after the run's end, {notation.group(end)}; run for "
+                "longer"
             )
     last = max((event.time for event in events), default=start)
     for team in record.teams:
@@ -57,13 +61,14 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
             )
         if team.times[-1] > end:
             wrong.lines.append(
-                f'patrol_unit "{team.name}": its last patrol, at {notation.group(team.times[-1])}, is after the run\'s end, '
-                f"{notation.group(end)}; give fewer days, or run for longer"
+                f'patrol_unit "{team.name}": its last patrol, at {notation.group(team.times[-1])}, is after the '
+                f"run's end, {notation.group(end)}; give fewer days, or run for longer"
             )
     until = record.reporting.until
     if until is not None and until > end:
         wrong.lines.append(
-            f"spill.reporting.until {notation.group(until)} is after the run's end, {notation.group(end)}; run for longer"
+            f"spill.reporting.until {notation.group(until)} is after the run's end, {notation.group(end)}; run for "
+            "longer"
         )
     wrong.refuse()
     return record

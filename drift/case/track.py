@@ -1,4 +1,7 @@
-"""Tracks that units and markers made good: as far as they belong to a sortie, no faster than the unit, done by its end."""
+"""Tracks that units and markers made good.
+
+They are cut to their sortie, are no faster than the unit, and are done by the end.
+"""
 
 import math
 from pathlib import Path
@@ -41,7 +44,8 @@ def made_good(given: Any, key: str, speed: float | None, since: float | None, un
             legs = polyline.between(legs, since or -math.inf, until or math.inf)
         except ValueError:
             raise ValueError(
-                f'{key}: "{Path(file).name}" is of {notation.group(first)} to {notation.group(last)}, not of this sortie\'s time'
+                f'{key}: "{Path(file).name}" is of {notation.group(first)} to {notation.group(last)}, not of this '
+                "sortie's time"
             ) from None
         check_speed(polyline.thinned(legs, FINEST), speed, TOO_SHORT, key)
     return legs

@@ -1,4 +1,4 @@
-"""The command line `drift`: run, plan, verify or check a case, fit its errors, list cases and objects, say how a forcing file was understood.
+"""The command line `drift`: its commands, what they print, and their exit status.
 
 Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing
 heavy is imported before the command that needs it, so that help and lists come at once.
@@ -331,7 +331,10 @@ def _check_plot(path: Path) -> None:
 
 
 def leave() -> None:
-    """Run the command line and end the process: at once where that was asked for, as taking Taichi down takes a second."""
+    """Run the command line and end the process.
+
+    An interrupted run ends at once, as taking Taichi down takes a second.
+    """
     status = main()
     if status in (130, 143):  # all is unwound, nothing is left to write
         for stream in (sys.stdout, sys.stderr):

@@ -52,9 +52,9 @@ def plan(planned: Plan) -> Facts:
     facts = {"plan": plan_text.worth(planned)}
     for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True):
         facts[f"{name} {tasking.unit.name}"] = (
-            f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, {tasking.legs} legs "
-            f"{tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to {group(tasking.off_scene)[:6]}Z, "
-            f"POS {_percent(tasking.pos)}{_at_sea(tasking)}"
+            f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, "
+            f"{tasking.legs} legs {tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to "
+            f"{group(tasking.off_scene)[:6]}Z, POS {_percent(tasking.pos)}{_at_sea(tasking)}"
         )
     if planned.idle:
         facts["not sent"] = ", ".join(planned.idle)
@@ -117,12 +117,13 @@ def spill(numbers: dict[str, Any]) -> Facts:
     for find in washup["finds"]:
         odd = "; ODD, check it" if find["odd"] else ""
         facts[f'find {find["number"]} "{find["name"]}"'] = (
-            f"{find['stretch']}: the next find was to be here with {_percent(find['probability_beforehand'])}, somewhere at most "
-            f"as likely with {_percent(find['tail'])}{odd}"
+            f"{find['stretch']}: the next find was to be here with {_percent(find['probability_beforehand'])}, "
+            f"somewhere at most as likely with {_percent(find['tail'])}{odd}"
         )
     for patrol in washup["patrols"]:
         facts[f'patrol "{patrol["name"]}"'] = (
-            f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds {patrol['detection']:.0%}"
+            f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds "
+            f"{patrol['detection']:.0%}"
         )
     counted = f"{washup['effective_worlds']:,.0f} of {washup['worlds']:,} count"
     rounds = len(washup["effective_worlds_by_round"])
@@ -144,14 +145,14 @@ def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
     facts |= {name.replace("_", " "): _group(release[name]) for name in release if name in TIMES}
     facts |= _warnings(warnings)
     facts["note"] = (
-        "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) with this "
-        "release as its prior, weighted by all finds"
+        "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) "
+        "with this release as its prior, weighted by all finds"
     )
     return facts
 
 
 def _group(iso: str) -> str:
-    """Return a time as files hold it, 2026-11-21T18:30:00Z, as a date-time group; "never" where there is none."""
+    """Return a time as files hold it, 2026-11-21T18:30:00Z, as a date-time group; "never" for NaT."""
     time = np.datetime64(iso.removesuffix("Z"))
     return "never" if np.isnat(time) else group(time)
 
@@ -169,7 +170,8 @@ def _lost(numbers: dict[str, Any]) -> Facts:
     if lost <= WORTH_A_WARNING:
         return {}
     return {
-        "lost": f"{_percent(lost)} of the probability ran out of forcing or left the domain; areas are shares of the rest"
+        "lost": f"{_percent(lost)} of the probability ran out of forcing or left the domain; "
+        "areas are shares of the rest"
     }
 
 

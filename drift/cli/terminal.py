@@ -46,7 +46,10 @@ def say(text: str) -> None:
 
 
 def facts(title: str, named: dict[str, str]) -> None:
-    """Print a title and facts by name; on a terminal they are folded to its width, in a pipe each is one line."""
+    """Print a title, and facts by name.
+
+    On a terminal they are folded to its width; in a pipe each is one line.
+    """
     page = table("", "")
     page.show_header = False
     for column in page.columns:

@@ -129,11 +129,12 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
     low, high = spill.objects
     rates = ", ".join(f"{kind} {86_400 * rate:g} a day" for kind, rate in spill.reporting.rate.items())
     lines = {
-        "spill": f"{low:,}{f' to {high:,}' if high > low else ''} objects, {spill.worlds:,} worlds of {spill.per_world:,} particles; "
+        "spill": f"{low:,}{f' to {high:,}' if high > low else ''} objects, "
+        f"{spill.worlds:,} worlds of {spill.per_world:,} particles; "
         f"{spill.destroyed[0]:.0%} to {spill.destroyed[1]:.0%} destroyed at once",
         "released": f"{notation.group(spill.prior.release_start)} to {notation.group(spill.prior.release_end)}",
-        "biases": f"windage a factor of {math.exp(spill.windage_bias):.2f}, current {spill.current_bias:g} m/s, reporting a factor "
-        f"of {math.exp(spill.reporting_bias):.2f} (one standard deviation)",
+        "biases": f"windage a factor of {math.exp(spill.windage_bias):.2f}, current {spill.current_bias:g} m/s, "
+        f"reporting a factor of {math.exp(spill.reporting_bias):.2f} (one standard deviation)",
         "reports": f"{rates}; other coast: {spill.reporting.coast}; removed {86_400 * spill.reporting.removal:g} a day",
         "stretches of coast": f"{len(stretches.name):,}, {stretches.length.sum() / 1000:,.0f} km",
     }

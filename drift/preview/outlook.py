@@ -37,7 +37,8 @@ ENDS = {
 def work(case: Case, step: int) -> str:
     """Return how much a run with a step [s] has to do, and about how long that takes."""
     count = -(-case.period.duration // step)
-    text = f"{count:,} steps x {case.particles:,} particles, moved in about {_lasting(count * case.particles / PACE)} on two cores"
+    waiting = _lasting(count * case.particles / PACE)
+    text = f"{count:,} steps x {case.particles:,} particles, moved in about {waiting} on two cores"
     text += f"; {case.outputs.size:,} output times"
     kept = case.outputs.size * case.particles * BYTES / 2**30
     if kept >= 1:
@@ -72,13 +73,17 @@ def holes(case: Case, source: Source) -> str:
     gaps = [(max(a, first), min(b, last)) for a, b in stream.holes(source.times) if a < last and b > first]
     usual = np.median(np.diff(source.times)) if gaps else None
     return "; ".join(
-        f"nothing from {notation.group(a)} to {notation.group(b)}, {_hours(b - a)}, where its times are else {_hours(usual)} apart"
+        f"nothing from {notation.group(a)} to {notation.group(b)}, {_hours(b - a)}, where its times are else "
+        f"{_hours(usual)} apart"
         for a, b in gaps
     )
 
 
 def ends(case: Case, begin: Start) -> str:
-    """Return what becomes of a sample that is moved to the end of the run by a coarse step, and when the first leave."""
+    """Return what becomes of a sample of particles by the end of the run, and when the first leave it.
+
+    They are moved by a coarse step.
+    """
     ensemble = begin.ensemble
     chosen = np.unique(np.linspace(0, ensemble.n - 1, min(FOLLOWED, ensemble.n)).astype(np.int64))
     some = record.sample(ensemble, chosen)
@@ -102,8 +107,8 @@ def ends(case: Case, begin: Start) -> str:
         text += f"; the first is lost about {notation.group(when)}"
     if lost > case.max_lost:
         text += (
-            f"; at most {case.max_lost:.0%} may be (max_lost): a run would be refused at its end. Shorten it, add a source, or "
-            "widen [domain]"
+            f"; at most {case.max_lost:.0%} may be (max_lost): a run would be refused at its end. Shorten it, add a "
+            "source, or widen [domain]"
         )
     return f"{text} (roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))})"
 

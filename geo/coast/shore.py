@@ -182,8 +182,9 @@ def clip(polygons: Polygons, box: Box) -> Polygons:
 
 
 def thinned(shore: Shore) -> Shore:
-    """Return land for a preview, not for a run: that of a vast box has no islets and a vertex every few km.
+    """Return land for a preview, not for a run.
 
+    In a vast box it has no islets, and a vertex every few kilometres.
     Its shores are off by up to some THIN vertices (3 km for GSHHG). Land with inner rings, and land of a box that is
     not vast, stays as it is.
     """

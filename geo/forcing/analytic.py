@@ -31,8 +31,9 @@ def _east_of(lon: ArrayLike, reference: float) -> Array:
 
 
 def solid_rotation(box: Box, speed: float = 0.5, pole_lon: float = 40.0, pole_lat: float = 60.0) -> Flow:
-    """Rotation of the whole sphere about an axis through (pole_lon, pole_lat) [deg]; speed [m/s] 90 degrees from it.
+    """Rotation of the whole sphere about an axis through (pole_lon, pole_lat) [deg].
 
+    speed [m/s]: 90 degrees from the axis.
     velocity = omega x r: a particle goes round a small circle, back at its start after 2 pi R / speed.
     """
     lam, phi = np.radians(pole_lon), np.radians(pole_lat)
@@ -172,7 +173,10 @@ def _smooth(line: tuple[tuple[float, float], ...]) -> Array:
 
 
 def _beside(line: Array, squeeze: float, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    """Return the distance [m] to a polyline, whose ends go on straight, positive to its right, and its derivatives by x and y."""
+    """Return the distance [m] to a polyline, and its derivatives by x and y.
+
+    The ends of the polyline go on straight; the distance is positive to its right.
+    """
     plane = np.array([squeeze, 1.0]) * METRES
     ends, x, y = line * plane, lon * plane[0], lat * plane[1]
     way = np.diff(ends, axis=0)

@@ -107,7 +107,10 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
 
 
 def _check_keys(wanted: Wanted, data: xr.Dataset, lone: Sequence[str]) -> None:
-    """Refuse a key of variables that says nothing of this one; lone: names of levels that stand beside the variable."""
+    """Refuse a key of variables that says nothing of this one.
+
+    lone: names of levels that stand beside the variable.
+    """
     allowed = {*quantities.KEYS, *data[wanted.name].dims, *lone}
     odd = [key for key in wanted.chosen if key not in allowed]
     if odd:
@@ -131,7 +134,7 @@ def _same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, in
 def _stamps(
     data: xr.Dataset, path: str, time_name: str | None, quantity: str, count: int
 ) -> tuple[NDArray[np.datetime64], list[str]]:
-    """Return the times of a file's slices, increasing, and what is to be said of them; count: of its slices."""
+    """Return the times of a file's slices, which must increase, and remarks; count: of its slices."""
     if time_name is None:
         raise UserError(_no_time(path, quantity, count, "has no time"))
     try:
@@ -171,7 +174,10 @@ def _no_time(path: str, quantity: str, count: int, why: str) -> str:
 def _sort_dims(
     wanted: Wanted, file: File, time_dim: str | None, notes: list[str]
 ) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Return a variable's horizontal dimensions, and one index along each other but time's; notes is added to."""
+    """Return a variable's horizontal dimensions, and one index along each other but that of time.
+
+    notes: what is to be said of it is added here.
+    """
     name, quantity, chosen, (path, data) = wanted.name, wanted.quantity, wanted.chosen, file
     rest = [str(d) for d in data[name].dims if str(d) != time_dim]
     fixed: dict[str, int] = {}
@@ -212,7 +218,7 @@ def _sort_dims(
 
 
 def _beside(wanted: Wanted, file: File) -> list[str]:
-    """Return remarks on levels at which a variable stands without a dimension for them; refuse any but the surface."""
+    """Return remarks on the levels that a variable has no dimension for; refuse any but the surface."""
     name, quantity, chosen, (path, data) = wanted.name, wanted.quantity, wanted.chosen, file
     remarks = []
     for levels in level.beside(data, name, quantity):
@@ -291,7 +297,8 @@ def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...]) -
                 trouble = f'other values of "{name}"'
     if trouble:
         raise UserError(
-            f"{other_path} has another grid than {path}: {trouble}; give it as a [[{wanted.quantity}]] source of its own"
+            f"{other_path} has another grid than {path}: {trouble}; give it as a [[{wanted.quantity}]] source of its "
+            "own"
         )
 
 

@@ -1,4 +1,7 @@
-"""Slices that stay in memory: of a variable as they are read, of a source as they are sampled; for many forecasts from the same files."""
+"""Slices that stay in memory, for many forecasts from the same files.
+
+Of a variable they are kept as they are read, of a source as they are sampled.
+"""
 
 import threading
 from collections.abc import Callable, Hashable
@@ -42,7 +45,7 @@ class Kept:
 
 
 class Finished:
-    """Slices of parts of sources in true east and north, filled towards the coast: all that is left is to sample them.
+    """Slices of parts of sources, ready to be sampled: true east and north, filled towards the coast.
 
     Only what is the same in every bit may share a key: slices of one part of one source, filled equally deep.
     """

@@ -78,7 +78,7 @@ def is_vertical(data: xr.Dataset, dim: str) -> bool:
 
 
 def choose(data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
-    """Return the index to read along a vertical dimension of variable `name`, and a remark that says which level it is.
+    """Return the index to read along a vertical dimension of a variable, and a remark on which it is.
 
     depth: the one the case wants [m], None for the surface; where: the file, for messages.
     """
@@ -90,14 +90,14 @@ def choose(data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | 
         return _uncounted(dim, count, quantity, depth, where) if count > 1 else (0, "")
     if not np.isfinite(levels.values).all():
         raise UserError(
-            f'{where}: "{dim}" has missing values, so that nothing says which level lies at the surface; where you know '
-            f"it, name it by its index in [[{quantity}]] variables.{dim}"
+            f'{where}: "{dim}" has missing values, so that nothing says which level lies at the surface; where you '
+            f"know it, name it by its index in [[{quantity}]] variables.{dim}"
         )
     return _judge(levels, name, quantity, depth, where)
 
 
 def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
-    """Return the levels that a variable holds no dimension for: lone coordinates, or else what its attributes say."""
+    """Return the levels that a variable has no dimension for: lone coordinates, or those of attributes."""
     variable = data[name]
     own = set(map(str, variable.dims))
     listed = _listed(variable) | set(map(str, variable.coords))
@@ -232,7 +232,10 @@ def _sigma(name: str, standard: str, units: str) -> bool:
 
 
 def _from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
-    """Return how far sigma lies from the surface, where the atmosphere's is 1 and an ocean's is 0 (-1 at the bottom)."""
+    """Return how far sigma lies from the surface.
+
+    In the atmosphere sigma is 1 there; in an ocean it is 0, and -1 at the bottom.
+    """
     if QUANTITIES[quantity].in_air or (upwards and (values >= 0).all() and values.max() > 0):
         return 1.0 - values
     if upwards is None and (values > 0).any():
@@ -276,7 +279,10 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
 
 
 def _surface(levels: Levels, quantity: str) -> int | None:
-    """Return the index of the level that passes for the surface; for winds the one nearest 10 m; None without one."""
+    """Return the index of the level that passes for the surface; None without one.
+
+    For winds it is the level nearest to 10 m.
+    """
     values, away = levels.values, levels.away
     if levels.kind == "number" and not QUANTITIES[quantity].in_air and levels.upwards is not None:
         if levels.upwards:  # the greatest number is at the surface, if this is not a single one of them
@@ -302,15 +308,16 @@ def _judge(levels: Levels, name: str, quantity: str, depth: float | None, where:
     if depth is not None and not QUANTITIES[quantity].in_air:
         if levels.kind != "depth":
             raise UserError(
-                f'{where}: [[{quantity}]] depth = {depth:g} m, but "{levels.name}" of {name} has levels that are not in '
-                f"metres: {_spoken(levels)}; {_key(levels, quantity, False)}"
+                f'{where}: [[{quantity}]] depth = {depth:g} m, but "{levels.name}" of {name} has levels that are not '
+                f"in metres: {_spoken(levels)}; {_key(levels, quantity, False)}"
             )
         chosen = int(np.argmin(np.abs(levels.away - abs(depth))))
         apart = abs(float(levels.away[chosen]) - abs(depth))
         inside = levels.away.min() <= abs(depth) <= levels.away.max()
         if not inside and apart > max(DEEPEST, abs(depth) / 4):
             raise UserError(
-                f"{where}: {name} has no level near [[{quantity}]] depth = {depth:g} m: it is given at {_spoken(levels)}"
+                f"{where}: {name} has no level near [[{quantity}]] depth = {depth:g} m: it is given at "
+                f"{_spoken(levels)}"
             )
     else:
         surface = _surface(levels, quantity)
@@ -335,7 +342,8 @@ def _refusal(levels: Levels, name: str, quantity: str, where: str) -> str:
         given = f'is given at {_spoken(levels)} ("{levels.name}", {only} of it)'
     else:
         given = f'has "{levels.name}" = {_spoken(levels)}, and nothing says how far from the surface that is'
-    return f"{where}: {name} {given}; needed is {QUANTITIES[quantity].wanted}: {_key(levels, quantity, levels.kind == 'depth')}"
+    key = _key(levels, quantity, levels.kind == "depth")
+    return f"{where}: {name} {given}; needed is {QUANTITIES[quantity].wanted}: {key}"
 
 
 def _key(levels: Levels, quantity: str, by_depth: bool) -> str:
@@ -366,17 +374,21 @@ def _number(value: float) -> str:
 
 
 def _uncounted(dim: str, count: int, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
-    """Return the surface's index along a dimension without a coordinate, where its name alone says which end that is."""
+    """Return the index of the surface along a dimension without a coordinate; None without one.
+
+    The name of the dimension alone says at which end the surface is.
+    """
     if depth is not None and not QUANTITIES[quantity].in_air:
         raise UserError(
-            f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; where you know '
-            f"them, name one by its index, counted from 0, in [[{quantity}]] variables.{dim}"
+            f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; where '
+            f"you know them, name one by its index, counted from 0, in [[{quantity}]] variables.{dim}"
         )
     upwards = bool(FROM_BOTTOM.match(dim))
     if not QUANTITIES[quantity].in_air and (upwards or FROM_TOP.match(dim)):
         chosen = count - 1 if upwards else 0
         return chosen, f'{"last" if upwards else "first"} of {count} levels along "{dim}", taken as the surface'
     raise UserError(
-        f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is {QUANTITIES[quantity].wanted}: where you know '
+        f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is '
+        f"{QUANTITIES[quantity].wanted}: where you know "
         f"which that is, name it by its index, counted from 0, in [[{quantity}]] variables.{dim}"
     )

@@ -43,7 +43,7 @@ class Held:
 
 
 def hold(datasets: Any) -> dict[str, Held]:
-    """Return the datasets of {name: xarray.Dataset}, None for none; raise UserError where it is something else."""
+    """Return datasets by name as forcing; None gives none. Raises UserError for what is no dataset."""
     if isinstance(datasets, xr.Dataset) or not isinstance(datasets, Mapping | None):
         raise UserError(f'datasets: a {type(datasets).__name__} is given; must be {{"name": an xarray.Dataset}}')
     for name, data in (datasets or {}).items():
@@ -68,7 +68,8 @@ def as_stored(held: Held) -> xr.Dataset:
             )
     except Exception as error:  # whatever its names and attributes make xarray and cftime raise
         raise UserError(
-            f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); mend its attributes, or decode it first"
+            f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); mend its attributes, or decode "
+            "it first"
         ) from error
 
 
@@ -90,7 +91,7 @@ def _encoded(data: xr.Dataset) -> xr.Dataset:
 
 
 def _numbers(variable: xr.Variable, attributes: Mapping[Any, Any]) -> tuple[xr.Variable, dict[Any, Any]]:
-    """Return dates as the numbers of a file, and the attributes that say so; what is no date is left as it is."""
+    """Return dates as the numbers of a file, and the attributes that say so; other values as they are."""
     values, encoding = variable.values, variable.encoding
     if variable.dtype.kind == "M":
         dates = values.astype("datetime64[us]").astype(object)  # Python's, None where missing

@@ -80,7 +80,10 @@ PLAIN = {"u", "v"}  # so plain that only a current may be called this without sa
 
 @dataclass(frozen=True)
 class Pair:
-    """The two variables of a quantity, along which axes they count ("true", "grid", "?"), and how they were found."""
+    """The two variables of a quantity, the axes that they count along, and how they were found.
+
+    axes: "true", "grid" or "?".
+    """
 
     east: str
     north: str
@@ -119,7 +122,10 @@ def _standard_name(attributes: Attributes, key: str) -> str:
 
 
 def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str, east: bool) -> list[str]:
-    """Narrow several variables of one standard name: those at the surface first, winds at 10 m, a name in common use."""
+    """Return the best of several variables of one standard name.
+
+    Those at the surface come first, winds at 10 m, then names in common use.
+    """
     if len(names) > 1:
         names = [n for n in names if level.passes(attributes[n], quantity)] or names
     if len(names) > 1 and QUANTITIES[quantity].in_air:
@@ -234,8 +240,8 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         ]
         if one and not any(n in components[lacking] for n in variables):
             return (
-                f"{name}: {one[0]} is one component of the {QUANTITIES[quantity].spoken}, but the {side} one is missing; "
-                f"name the files of both in [[{quantity}]] files, or set [[{quantity}]] variables"
+                f"{name}: {one[0]} is one component of the {QUANTITIES[quantity].spoken}, but the {side} one is "
+                f"missing; name the files of both in [[{quantity}]] files, or set [[{quantity}]] variables"
             )
     held_instead = []
     for other in QUANTITIES:

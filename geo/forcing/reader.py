@@ -1,4 +1,4 @@
-"""From files to a grid, times and a function that reads one slice: everything that `open_source` puts together."""
+"""From files to a grid, times and a function that reads one slice: the work of `open_source`."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -57,7 +57,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Opened:
-    """Files, or a dataset in memory, of which all is known that does not depend on the part that a case needs."""
+    """Files, or a dataset in memory, with all that does not depend on the part that a case needs."""
 
     request: Request
     paths: dataset.Paths | memory.Held
@@ -137,7 +137,10 @@ def cut(opened: Opened, box: Box | None) -> Reading:
 
 
 def keep(opened: Opened, box: Box) -> Opened:
-    """Return a source whose slices, once read, stay in memory over a box: parts of it that lie inside are cut from there."""
+    """Return a source whose slices, once read, stay in memory over a box.
+
+    Parts of it that lie inside the box are cut from there.
+    """
     kept = []
     for component_ in opened.components:
         crop = layout.crop(component_.layout, _needed(box))
@@ -281,8 +284,8 @@ def _join(
     if len(times) == 1:
         if not request.lenient:
             raise UserError(
-                f"{request.name}: one time only, {notation.group(times[0])}, which says nothing of the hours around it; set "
-                f"[[{q}]] steady = true to hold it constant, or times to say when it holds, or name more files"
+                f"{request.name}: one time only, {notation.group(times[0])}, which says nothing of the hours around "
+                f"it; set [[{q}]] steady = true to hold it constant, or times to say when it holds, or name more files"
             )
         notes.append("one time only: a run needs steady = true or times")
     elif np.median(np.diff(times)) > np.timedelta64(25, "h"):
@@ -304,8 +307,8 @@ def _apart(request: Request, item: Layout) -> str:
     where = notation.toward(x, y, float(lon.flat[near]), float(lat.flat[near]))
     return (
         f"{request.name} covers {_span(lon, lat)} and the case needs {box.west:.2f} to {box.east:.2f} E, "
-        f"{box.south:.2f} to {box.north:.2f} N: no overlap; from the middle of that it is {where} to the nearest value; set "
-        f"[[{request.quantity}]] files, or move the case"
+        f"{box.south:.2f} to {box.north:.2f} N: no overlap; from the middle of that it is {where} to the nearest "
+        f"value; set [[{request.quantity}]] files, or move the case"
     )
 
 

@@ -66,8 +66,9 @@ def open_source(
     plausible: bool = False,
     timeout: float = address.TIMEOUT,
 ) -> Source:
-    """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) or a dataset in memory as one source.
+    """Open files, or a dataset in memory, as one source.
 
+    paths: a path, a glob, a list of them, a Zarr store, an OPeNDAP address, or the dataset.
     variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name}, {"axes": "true" |
     "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it overrides what is found.
     units: of the values where the file is silent or wrong. times: {"start": ..., "interval": ...} or one time a

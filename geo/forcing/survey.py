@@ -1,4 +1,4 @@
-"""What a source holds as a whole: how fast it is, the fill values that it does not declare, whether its land is zero.
+"""What a source holds as a whole: its speeds, undeclared fill values, and whether its land is zero.
 
 Judged once a source, from fixed slices and evenly strided points of all that the files hold, never from the part that a
 case needs: so no answer depends on the case's domain. At most READ bytes of values are read.
@@ -34,19 +34,18 @@ PERCENTILE = 99.9  # of a current's speeds that must stay under the fastest: a f
 
 @dataclass(frozen=True)
 class Survey:
-    """What was found. looked_at: indices of the slices; fills: values of each component, in the file's own units, that
-    are none; dry: whether points that are exactly zero in all those slices are land; notes: all that in words.
-    """
+    """What some slices of a source say of all of it."""
 
-    looked_at: tuple[int, ...]
-    fills: tuple[tuple[float, ...], tuple[float, ...]]
-    dry: bool
-    notes: tuple[str, ...]
+    looked_at: tuple[int, ...]  # indices of the slices
+    fills: tuple[tuple[float, ...], tuple[float, ...]]  # of each component, in the file's units: numbers for "missing"
+    dry: bool  # whether points that are exactly zero in all those slices are land
+    notes: tuple[str, ...]  # all that in words
 
 
 def of(components: tuple[Component, Component], count: int, plausible: bool, name: str) -> Survey:
-    """Survey a source's first `count` slices; plausible: the user vouches for its values, so that nothing is refused.
+    """Survey the first `count` slices of a source.
 
+    plausible: the user vouches for its values, so that nothing is refused.
     Raises UserError, with the figures, where the speeds can't be those of the quantity.
     """
     looked_at = tuple(int(k) for k in np.unique(np.linspace(0, count - 1, min(count, LOOKED_AT)).round()))
@@ -60,8 +59,8 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
             share = float(np.mean(values == fill))
             values[values == fill] = np.nan
             notes.append(
-                f'"{component.name}" holds {fill:g} at {share:.1%} of its points, apart from all other values: taken as a '
-                "fill value that the file does not declare (plausible = true to take it as a value)"
+                f'"{component.name}" holds {fill:g} at {share:.1%} of its points, apart from all other values: taken '
+                "as a fill value that the file does not declare (plausible = true to take it as a value)"
             )
         with np.errstate(invalid="ignore", over="ignore"):
             values[np.abs(values) * component.factor > QUANTITIES[component.quantity].impossible] = np.nan
@@ -70,8 +69,8 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
         share = float(np.mean(samples[0] == fill))
         samples = [np.where(values == fill, np.nan, values) for values in samples]
         notes.append(
-            f"both components hold {fill:g} at {share:.1%} of their points, apart from all other values: taken as a fill "
-            "value that the file does not declare (plausible = true to take it as a value)"
+            f"both components hold {fill:g} at {share:.1%} of their points, apart from all other values: taken as a "
+            "fill value that the file does not declare (plausible = true to take it as a value)"
         )
     shares = _still(components, samples, looked_at)
     dry = min(shares) > DRY and max(shares) < 1 and _may_be_dry(components, samples)
@@ -144,8 +143,9 @@ def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float,
 
 
 def _shared(samples: list[Array]) -> tuple[float, ...]:
-    """Return a number of nines that both components hold at the same points, apart from all else: a slow fill value.
+    """Return a number of nines that both components hold at the same points, apart from all else.
 
+    That is a slow fill value.
     99 cm/s is a speed like others; that both components have exactly it, in many places, and nothing near it, is not.
     """
     if samples[0].shape != samples[1].shape:
@@ -215,11 +215,13 @@ def _judged(
     if not good:
         raise UserError(
             f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {told}; {allowed}. "
-            f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set plausible = true"
+            f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set "
+            "plausible = true"
         )
     if QUANTITIES[quantity].in_air and largest <= SLOW_WIND:
         return [
-            f"WARNING: this wind is nowhere over {largest:.2g} m/s at the {len(looked_at)} times looked at: is it a current?"
+            f"WARNING: this wind is nowhere over {largest:.2g} m/s at the {len(looked_at)} times looked at: is it a "
+            "current?"
         ]
     return []
 
