@@ -53,7 +53,7 @@ def setting(case: Case, where: Environment) -> Setting:
     return Setting(
         Imprint(
             case.title,
-            # first the errors, which an area means nothing without
+            # The errors come first: without them an area means nothing.
             f"Errors: {source['uncertainty']}. {source['source']}, seed {source['seed']}",
             {**source, "run_id": formats.run_id(source)},
             caution(case),

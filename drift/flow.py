@@ -124,7 +124,9 @@ def forecasted(job: Job) -> Result:
     )
     if after is not None:
         summary |= renewal.numbers(after)
-        few = effective.Count(after.posterior.effective, what="worlds").few  # the maps' worlds are the same
+        few = effective.Count(
+            after.posterior.effective, what="worlds"
+        ).few  # maps are of the same worlds, so one warning is enough
         summary["warnings"] = [*renewal.warnings(after), *([] if few else summary["warnings"])]
     if updates is not None:
         summary |= {"search": search_tables.numbers(updates)}
@@ -262,7 +264,7 @@ def _trajectories(case: Case, ensemble: Ensemble, snapshots: Spool) -> Trajector
     last = snapshots[-1]
     count = min(case.trajectories, last.lon.size)
     slots = np.arange(last.lon.size)
-    if case.resampling.below > 0:  # without those to spare
+    if case.resampling.below > 0:  # slots that are held to spare have no weight
         slots = np.flatnonzero(last.probability)
     slot = slots[np.unique(np.linspace(0, slots.size - 1, count).astype(int))]
     ancestor, columns = slot, []

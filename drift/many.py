@@ -78,11 +78,11 @@ def run_many(
 
 
 def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: Report) -> Iterator[Brief]:
-    shared = divide(cases, datasets)[::-1]  # each is let go of with its last case
+    shared = divide(cases, datasets)[::-1]  # reversed, to pop: waters are freed with their last case
     before: list[Future[Brief]] = []  # forecasts whose maps are being made while the next one drifts
     with ThreadPoolExecutor(AHEAD, "maps") as pool:
         for number, case in enumerate(cases):
-            with runtime.alone():  # not while the caller has its turn
+            with runtime.alone():  # one case at a time, and none while the caller runs one
                 try:
                     brief, rest = _forecast(case, _named(case, datasets), shared.pop(), maps)
                 except UserError as error:

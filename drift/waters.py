@@ -31,8 +31,8 @@ from geo.forcing.kept import Finished, Shelf
 from geo.forcing.sources import Source
 from kernels import coast as device_coast
 
-WIDEST = 400.0  # [deg2] of waters: about as much coast as its finest cells hold
-CUTS = 64  # parts of sources that are kept: cases that begin at one place have the same
+WIDEST = 400.0  # [deg2] of a box of waters, whose coast still fits the finest cells
+CUTS = 64  # parts of sources that are kept, because cases from one place share theirs
 
 
 class Files:

@@ -124,7 +124,7 @@ def _errors(
     """
     stated = table.uncertainty
     current, wind = uncertainty.CURRENT, uncertainty.WIND
-    if not scenarios:  # those at fault say nothing of what they drift in
+    if not scenarios:  # where they are at fault, nothing says what they drift in
         return current, wind
     with wrong.gathered():
         reason = uncertainty.silent(forcing.currents, [s.currents for s in scenarios])
@@ -191,7 +191,7 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
         contacts = contact_table.build(table.contact, run)
     with wrong.gathered():
         plan = table.plan.spec(run, sorties, contacts, asked=bool(table.unit) or "plan" in table.model_fields_set)
-    # Units that fit no plan of the case may fit the longest that there can be.
+    # Without a plan, units are held against the longest that the run allows, so that their own mistakes show.
     longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_table.LEAST)
     with wrong.gathered():
         fleet = plan_table.build(table.unit, run, plan or longest)

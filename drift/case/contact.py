@@ -158,7 +158,7 @@ class ContactTable(fields.Table):
             return 0.0
         unit, example = DENSITY[self.kind()]
         given = self.false_density
-        if not isinstance(given, str) and given != 0:  # SI would be one a square metre
+        if not isinstance(given, str) and given != 0:  # a bare number would be per square metre
             raise ValueError(f'false_density {given!r} needs a unit here, like "{example}"')
         density = units.quantity(given, unit, "density of false contacts", example)
         if density < 0:

@@ -10,7 +10,7 @@ from drift.case import fields
 from geo import sphere
 from geo.notation import NMI
 
-ROUNDING = 1e-12  # by which a sum of shares may exceed 1 in float64; seen: 7e-16
+ROUNDING = 1e-12  # by which a sum of shares may exceed 1 in float64 (the largest seen was 7e-16)
 
 
 class PlaceWithin(fields.Table):

@@ -54,7 +54,7 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
     path, text = _read(name)
     try:
         data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError; numbers of 5,000 digits; 1,000 brackets deep
+    except (ValueError, RecursionError) as error:  # also for numbers of 5,000 digits, and 1,000 brackets deep
         raise UserError(_one_line(path, f"not valid TOML: {error}")) from None
     wrong = Mistakes()
     for key, value in (overrides or {}).items():
@@ -174,7 +174,7 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
     if path.suffix != ".toml" and path.name == str(name) and not os.path.lexists(path):
         path = Path(str(resources.files("cases").joinpath(f"{name}.toml")))
     try:
-        return path, small.contents(path, LARGEST).decode("utf-8-sig")  # Windows' editors begin with a mark
+        return path, small.contents(path, LARGEST).decode("utf-8-sig")  # editors of Windows put a byte order mark first
     except (FileNotFoundError, NotADirectoryError):
         names = ", ".join(name for name, _ in shipped())
         raise UserError(f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases') from None

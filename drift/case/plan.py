@@ -117,7 +117,7 @@ class PlanTable(fields.Table):
                 with wrong.gathered(f"plan.{key}"):
                     run.check(time, time)
         if self.begin is None:
-            begin = min(begin, until)  # all has been flown: a run need not mind that there is no time left to plan for
+            begin = min(begin, until)  # a run whose sorties last to its end needs no time for a plan
         elif asked and begin >= until:
             wrong.lines.append(
                 f"plan: it begins at {notation.group(begin)}, not before its end, {notation.group(until)}; give begin "

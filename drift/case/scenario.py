@@ -27,7 +27,7 @@ from geo import notation, sphere
 from geo.errors import UserError
 
 LONGEST_EDGE = 90.0  # [deg] of longitude, of a polygon's edge
-NARROWEST = 1e-5  # [deg] area of a polygon by its outline, half its width: 1 m
+NARROWEST = 1e-5  # [deg] least area of a polygon over its outline, which is half its width: 1 m
 
 
 class WindowTable(fields.Table):

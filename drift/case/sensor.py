@@ -34,7 +34,7 @@ def _sensor(value: object) -> str:
 
 Sensor = Annotated[str, BeforeValidator(_sensor)]
 MOST_WIDTH = 200 * NMI  # [m]
-MOST_UNKNOWN = 1.0  # standard deviation of a sweep width as a share of it: beyond, 16 values do not tell its tail
+MOST_UNKNOWN = 1.0  # standard deviation as a share of the width; beyond it 16 values do not hold the tail
 
 
 def _length(value: object) -> float:

@@ -70,7 +70,9 @@ class KindTable(fields.Table):
 
 
 def _rate(value: Any) -> float:
-    if isinstance(value, int | float) and not isinstance(value, bool) and value != 0:  # SI would be one a second
+    if (
+        isinstance(value, int | float) and not isinstance(value, bool) and value != 0
+    ):  # a bare number would be per second
         raise ValueError(f'rate {value!r} needs a unit, like "{value:g} /day"')
     return fields.rate(value)
 

@@ -16,9 +16,9 @@ from geo import notation, polyline
 from geo.notation import KNOT, NMI
 from geo.polyline import Legs
 
-TOO_FAST = 1.2  # times its speed: no unit makes good more
-FASTEST = 150.0  # [m/s] where no speed is told
-TOO_SHORT = 30.0  # [s] legs of receivers' tracks whose speed says nothing
+TOO_FAST = 1.2  # times its own speed, which no unit exceeds over the ground
+FASTEST = 150.0  # [m/s] of a unit whose speed is not given
+TOO_SHORT = 30.0  # [s] legs of a receiver's track that are shorter are too noisy to tell a speed
 SLACK = 1.0  # [s] by which legs may be late: times are whole seconds
 FINEST = 25.0  # [m] to which tracks are followed at most
 

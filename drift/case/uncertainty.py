@@ -20,7 +20,7 @@ from geo.errors import UserError
 CURRENT = ForcingError(0.31, 11 * HOUR, 0.08, (DEFAULT, DEFAULT, DEFAULT))
 # Between the random error of short forecasts and what searches have used (docs/errors.md).
 WIND = ForcingError(2.0, 12 * HOUR, 0.0, (DEFAULT, DEFAULT, DEFAULT))
-DIFFUSIVITY = 0.0  # [m2/s] the residuals hold all scales already
+DIFFUSIVITY = 0.0  # [m2/s] none, as the residuals hold the motion of all scales already
 
 
 class CurrentErrorTable(fields.Table):

@@ -23,8 +23,9 @@ from geo.errors import UserError
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     terminal.open_streams()
-    warnings.filterwarnings("ignore", category=RuntimeWarning)  # of NumPy: no user's matter; in tests they are errors
-    warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # the map then shows a box
+    # NumPy's, which a user cannot mend; tests take them as errors.
+    warnings.filterwarnings("ignore", category=RuntimeWarning)
+    warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # the map shows a box in its place
     if os.name == "posix" and not os.environ.get("HOME"):  # Taichi aborts at import without one
         home = os.path.expanduser("~")
         os.environ["HOME"] = home if os.path.isdir(home) else tempfile.gettempdir()

@@ -12,10 +12,10 @@ from drift.planner.records import Plan, Tasking
 from drift.spill import tables as washup_tables
 from geo.notation import NMI, group, position
 
-WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
-WORST = 5  # stretches that are told
+WORTH_A_WARNING = 0.01  # share of the probability lost from which a line says so
+WORST = 5  # stretches of coast that are listed
 
-TIMES = ("time", "time_10", "time_50", "time_90")  # of an origin
+TIMES = ("time", "time_10", "time_50", "time_90")  # in the summary of an origin
 
 Facts = dict[str, str]
 

@@ -20,10 +20,10 @@ from geo.forcing import stream
 from geo.forcing.sources import Source
 
 PACE = 8e6  # particle-steps a second of two cores, with errors, diffusion and the coast (README, "Speed")
-LONG = 600.0  # [s] of work that is worth a word
-FOLLOWED = 2_000  # particles that are followed coarsely to the end
-MOST_STEPS, FEWEST_STEPS = 60, 8  # of theirs
-NODES = 2e8  # of forcing read for them, at about that many steps
+LONG = 600.0  # [s] of work from which a caution is given
+FOLLOWED = 2_000  # particles that are moved to the end by a coarse step
+MOST_STEPS, FEWEST_STEPS = 60, 8  # that those particles take
+NODES = 2e8  # nodes of forcing that are read for them; it limits the number of steps
 ENDS = {
     Status.ADRIFT: "adrift",
     Status.ASHORE: "ashore",

@@ -54,7 +54,7 @@ def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
     psi = pi sin(pi y) (1 - x - exp(-x / boundary)) on the unit square; the flow is along its contours.
     """
     width, height = box.east - box.west, box.north - box.south
-    # without the small exp(-1 / boundary) term the east wall would leak: q makes psi vanish there
+    # q, of the order of exp(-1 / boundary), makes psi vanish at the east wall, which would leak without it
     q = np.exp(-1.0 / boundary)
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
@@ -129,7 +129,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
         depth = np.tanh((edge - 20e3) / 40e3)
         off = np.hypot((x + 88.0) * 0.9, y - 25.0) / 14.0
         far = np.clip(off - 0.7, 0, None)
-        fade = np.exp(-(far**2) / 0.02)  # the Gulf is all there is
+        fade = np.exp(-(far**2) / 0.02)  # the flow fades out beyond the Gulf
         deep = (0.5 + 0.5 * depth) * fade
         fall = -100.0 * far / (np.maximum(off, 0.7) * 14.0**2 * METRES) * deep
         rise = (0.5 - 0.5 * depth * depth) / 40e3 * fade
@@ -139,10 +139,10 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
 
         def velocity(seconds: float) -> tuple[Array, Array]:
             days = seconds / DAY
-            loop = np.tanh((side + 12e3 * np.sin(2 * np.pi * days / 27.0)) / HALF)  # the loop breathes
+            loop = np.tanh((side + 12e3 * np.sin(2 * np.pi * days / 27.0)) / HALF)  # the loop grows and shrinks
             psi = speed * HALF * (1 + loop)  # [m2/s]; no transport to the left: the shelf lies there
             psi_x, psi_y = (speed * (1 - loop * loop) * d for d in (side_x, side_y))
-            phase = 2 * np.pi * days / 60.0  # eddies wander round their places: any date's flow is alike
+            phase = 2 * np.pi * days / 60.0  # eddies circle about their places, so that the flow is alike on any date
             for e_lon, e_lat, radius, swirl, west, north in EDDIES:
                 narrow = np.cos(np.radians(e_lat))
                 c_lon = e_lon - west * 5e3 * np.sin(phase) / (METRES * narrow)
@@ -226,7 +226,7 @@ def breeze(
             days = seconds / DAY
             direction = np.radians(toward + swing * np.sin(2 * np.pi * (days / 5.0 + x / 25.0)))
             strength = speed * (1 + 0.1 * np.sin(2 * np.pi * (days / 4.0 - y / 20.0)))
-            turn = 2 * np.pi * (days + (x + middle) / 360.0)  # by the sun
+            turn = 2 * np.pi * (days + (x + middle) / 360.0)  # by local solar time
             east = strength * np.sin(direction) + sea_breeze * np.sin(turn)
             return east, strength * np.cos(direction) + sea_breeze * np.cos(turn)
 

@@ -54,7 +54,7 @@ class Component:
     mask: NDArray[np.bool_] | None
     unmasked: bool = False  # the case says that zeros are still water
     fills: tuple[float, ...] = ()  # values in the file's own units that mean missing, though it does not say so
-    vouched: bool = False  # the case vouches for its values: no number is missing for what it is
+    vouched: bool = False  # the case vouches for its values: none is taken as missing for being large
     kept: Kept | None = None  # slices that stay in memory
     notes: tuple[str, ...] = field(default=())
 
@@ -354,7 +354,7 @@ def _mask(
             water = _water(variable.attrs)
             wet = np.asarray(variable.values == water)
             if wet.all() and not named:
-                continue  # it marks nothing: whether land is stored as zero is still to be seen
+                continue  # a mask without land says nothing of whether land is stored as zero
             notes.append(f'land where "{name}" is {1 - water}')
             return wet
     return None

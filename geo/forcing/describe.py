@@ -27,7 +27,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     errors: dict[str, UserError] = {}
     patience = options.get("timeout", address.TIMEOUT)
     listed = dataset.expand(paths, only or "current")
-    # The process that reads an address lives as long as one of its datasets: these let one serve all that follows.
+    # The process that reads an address ends with the last of its datasets; kept here, one serves all that follows.
     _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
     with dataset.readable(listed, "current"):
         held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
@@ -65,7 +65,7 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
         try:
             pair = quantities.search(quantity, everything)
         except UserError:
-            names[quantity] = set(everything)  # several of them: opening it says which to choose
+            names[quantity] = set(everything)  # several pairs: the refusal that opening gives says which there are
             continue
         if pair is not None:
             names[quantity] = {pair.east, pair.north}

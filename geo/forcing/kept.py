@@ -12,7 +12,7 @@ import numpy as np
 from geo.array import Array
 from geo.grids.layout import Index
 
-# [bytes] Of one component, and of all finished slices; the slice that was last asked for longest ago goes first.
+# [bytes] of one component, and of all finished slices. What was used longest ago is dropped first.
 MOST = 2**28
 
 

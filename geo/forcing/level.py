@@ -37,7 +37,7 @@ PASCALS = {"pa": 1.0, "hpa": 100.0, "mb": 100.0, "mbar": 100.0, "millibar": 100.
 DECIBAR = 1e4  # [Pa]; of sea water it is a metre of depth to 1 %
 
 WIND_HEIGHT = 10.0  # [m] the height that leeway is measured against
-HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] from which a wind passes: the logarithmic profile changes by 15 % from 10 to these
+HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] a wind at these passes for that at 10 m: the logarithmic profile differs by 15 %
 DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
 # types of level that have no value
 SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean sea level"}
@@ -239,7 +239,7 @@ def _from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
     if QUANTITIES[quantity].in_air or (upwards and (values >= 0).all() and values.max() > 0):
         return 1.0 - values
     if upwards is None and (values > 0).any():
-        return np.full(values.shape, np.nan)  # 0 to 1, and nothing says at which end the surface is
+        return np.full(values.shape, np.nan)  # it runs from 0 to 1, and nothing says at which end the surface is
     return np.abs(values)
 
 
@@ -285,14 +285,14 @@ def _surface(levels: Levels, quantity: str) -> int | None:
     """
     values, away = levels.values, levels.away
     if levels.kind == "number" and not QUANTITIES[quantity].in_air and levels.upwards is not None:
-        if levels.upwards:  # the greatest number is at the surface, if this is not a single one of them
+        if levels.upwards:  # the greatest number is at the surface, unless there is only one
             return int(np.argmax(values)) if len(values) > 1 else None
         return int(np.argmin(values)) if values.min() <= 1 else None
     if not np.isfinite(away).all() or not len(away):
         return None
     if levels.kind == "height":
         low, high = HEIGHTS_OF_WIND
-        fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)  # 0: at the surface, as some files put it
+        fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)  # some files give 0 for "at the surface"
         distance = np.where(fits, np.abs(away - WIND_HEIGHT), np.inf)
     elif levels.kind in ("depth", "sigma"):
         most = DEEPEST + 1e-3 if levels.kind == "depth" else QUANTITIES[quantity].sigma + 1e-6

@@ -58,7 +58,7 @@ def as_stored(held: Held) -> xr.Dataset:
     """Return a dataset as `dataset.open_one` would from a file: packing resolved, times as numbers since a date."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # on several fill values: all are met
+            warnings.simplefilter("ignore")  # of several fill values, all of which are treated as missing
             return xr.decode_cf(
                 _encoded(held.data),
                 concat_characters=False,
@@ -66,7 +66,7 @@ def as_stored(held: Held) -> xr.Dataset:
                 decode_coords=False,
                 decode_timedelta=False,
             )
-    except Exception as error:  # whatever its names and attributes make xarray and cftime raise
+    except Exception as error:  # xarray and cftime raise many kinds
         raise UserError(
             f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); mend its attributes, or decode "
             "it first"
@@ -104,7 +104,7 @@ def _numbers(variable: xr.Variable, attributes: Mapping[Any, Any]) -> tuple[xr.V
         return variable, dict(attributes)
     units, kind = EPOCH, "f8"
     if encoding.get("dtype") == np.float32 and " since " in str(encoding.get("units", "")):
-        # They were stored in single precision: so they are again, for the reader to see what it rounds.
+        # They were stored in single precision, and are again, so that the reader can tell how they were rounded.
         units, calendar, kind = encoding["units"], encoding.get("calendar", calendar), "f4"
     numbers: NDArray[Any] = np.full(dates.size, np.nan, kind)
     numbers[there] = cftime.date2num(dates.reshape(-1)[there], units, calendar)

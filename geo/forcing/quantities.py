@@ -16,9 +16,8 @@ from geo.grids import naming
 
 Attributes = Mapping[str, Any]
 
-NINES = tuple(
-    k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1
-)  # 9.9 to 99999: fill values
+# 9.9 to 99999, which are often fill values
+NINES = tuple(k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1)
 
 # (east or x, north or y, "true" for east and north | "grid" for the grid's own axes), best first
 STANDARD: dict[str, tuple[tuple[str, str, str], ...]] = {
@@ -75,7 +74,7 @@ COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
 }  # fmt: skip
 # CF's
 MODIFIERS = ("_standard_error", "_number_of_observations", "_status_flag", "_quality_flag", "_detection_minimum")
-PLAIN = {"u", "v"}  # so plain that only a current may be called this without saying what it is
+PLAIN = {"u", "v"}  # only a current may have so plain a name without an attribute that says what it is
 
 
 @dataclass(frozen=True)
@@ -179,6 +178,7 @@ def search(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
     )
 
 
+# Keys of a case's variables.
 KEYS = (
     "east",
     "north",
@@ -192,7 +192,7 @@ KEYS = (
     "x",
     "y",
     "stagger",
-)  # of a case's variables
+)
 
 
 def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str, Any], name: str) -> Pair:

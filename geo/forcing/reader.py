@@ -50,7 +50,7 @@ class Request:
     steady: bool
     box: Box | None
     depth: float | None
-    lenient: bool  # a lone slice counts: for a description, not for a run
+    lenient: bool  # a single slice is accepted, which is enough to describe a file, but not for a run
     plausible: bool  # the user vouches for speeds that no such quantity has
     timeout: float  # of an address [s]
 

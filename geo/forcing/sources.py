@@ -22,7 +22,7 @@ from geo.forcing.kept import Shelf
 from geo.forcing.quantity import QUANTITIES
 from geo.grids.grid import Grid
 
-EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for what does not vary in space
+EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for fields that are the same everywhere
 MOST_NODES = 1_000_000  # of a built-in flow's tile
 
 
@@ -190,7 +190,7 @@ def analytic(
     step = max(step, float(np.sqrt(width * height / MOST_NODES)))
     if box.east - box.west >= 360.0:
         step = 360.0 / np.ceil(360.0 / step)
-    # Nodes stand at multiples of the step: where they stand must not depend on the box.
+    # Nodes stand at multiples of the step, so that their places do not depend on the box.
     west = np.floor(box.west / step)
     east = min(np.ceil(box.east / step), west + np.ceil(360.0 / step))
     south, north = np.floor(max(box.south / step, -90 / step + 1)), np.ceil(min(box.north / step, 90 / step - 1))

@@ -23,7 +23,7 @@ def factor(units: str) -> float:
     text = units.strip()
     if text.lower() in COMMON:
         return COMMON[text.lower()]
-    import pint  # here, not above: a quarter of a second that files in m/s need not pay
+    import pint  # imported here: it takes a quarter of a second, which files in m/s need not pay
 
     spelled = re.sub(r"\bkn\b|\bkts\b", "knot", text)
     spelled = re.sub(r"(?<=[A-Za-z])\s*(\*\*|\^)?\s*([+-]?\d+)", r"**(\2)", spelled)  # s-1, s^-1, s**-1

@@ -18,17 +18,16 @@ from geo.forcing.component import Component
 from geo.forcing.quantity import QUANTITIES
 
 READ = 64 * 2**20  # [bytes] of values at most, both components and all slices together
-READ_REMOTE = 4 * 2**20  # [bytes] of them through an address
+READ_REMOTE = 4 * 2**20  # [bytes] of values at most from an address
 LOOKED_AT = 8  # slices at most: the first, the last and some between
 DRY = 0.005  # share of exact zeros from which they are land
-RECURS = 3  # times from which an extreme value is a fill value if it is one at all
+RECURS = 3  # times that an extreme value must occur at least to be a fill value
 VARIED = 10  # different values that the rest must hold before one can stand apart from it
 GAP = 0.25  # of the range of all other values, from which a number of nines stands apart from them
 SLOW_WIND = 2.0  # [m/s]
 
-STRONG_MEAN = (
-    2.5  # [m/s] a current's mean over a file, places and times, is less: western boundary currents fill no file
-)
+# [m/s] A current's mean over all places and times of a file is less: western boundary currents fill no file.
+STRONG_MEAN = 2.5
 PERCENTILE = 99.9  # of a current's speeds that must stay under the fastest: a few points of a race may exceed it
 
 
@@ -118,7 +117,7 @@ def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float,
     finite = values[np.isfinite(values)]
     fastest = QUANTITIES[quantity].fastest
     fills: list[float] = []
-    for _ in range(4):  # a file may hold two of them, and both signs
+    for _ in range(4):  # a file may hold two fill values, each with both signs
         for largest in (True, False):
             if not finite.size:
                 return tuple(fills)
@@ -171,7 +170,7 @@ def _still(
         still = np.stack([slices.still(one, component, i) for one, i in zip(values, looked_at, strict=True)])
         zero.append(np.all(still | np.isnan(values), axis=0) & np.any(still, axis=0))
     if samples[0].shape == samples[1].shape:
-        zero = [zero[0] & zero[1]] * 2  # together: a packed component is often zero by itself
+        zero = [zero[0] & zero[1]] * 2  # both must be zero, because a packed component is often zero by itself
     present = [np.any(np.isfinite(values), axis=0) for values in samples]
     first, second = (float(z.sum() / max(p.sum(), 1)) for z, p in zip(zero, present, strict=True))
     return first, second

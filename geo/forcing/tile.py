@@ -127,7 +127,7 @@ def _directions(
 ) -> NDArray[np.float32] | None:  # fmt: skip
     first = layouts[0]
     if isinstance(first, Axes | Triangles) or matrices is None:
-        return None  # here the axes are east and north, or there are none
+        return None  # the axes are east and north here, or the components have none
     if axes == "true":
         notes.append("components are true east and north as they stand")
         return None
@@ -136,7 +136,7 @@ def _directions(
     if isinstance(first, Plane):
         result = rotation.plane_axes(first, lon, lat)
         how = "the projection's axes"
-    else:  # each component has an axis of its own: at a fold one may be taken from one side, one from the other
+    else:  # each component has its own axis: at a fold they may come from different sides
         second = layouts[1] if isinstance(layouts[1], Curved) else first
         x, y = (
             rotation.carried_axis(matrix, item.lon, item.lat, _x_axis(item) + quarter, lon, lat)
