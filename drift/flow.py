@@ -119,14 +119,12 @@ def forecasted(job: Job) -> Result:
             )
             tracks = _trajectories(case, done.ensemble, snapshots)
     summary = facts.numbers(case, where, account, begin, clock.seconds)
-    summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates) + off_grid.warnings(
-        forecast.data
-    )
+    off_map = off_grid.warnings(forecast.data)
+    summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates) + off_map
     if after is not None:
         summary |= renewal.numbers(after)
-        few = effective.Count(
-            after.posterior.effective, what="worlds"
-        ).few  # maps are of the same worlds, so one warning is enough
+        # Maps are of the same worlds: where these are few, one warning is enough.
+        few = effective.Count(after.posterior.effective, what="worlds").few
         summary["warnings"] = [*renewal.warnings(after), *([] if few else summary["warnings"])]
     if updates is not None:
         summary |= {"search": search_tables.numbers(updates)}

@@ -256,8 +256,8 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
         if value is not None and not kind.endswith("Layer"):
             read = _read(kind, {"units": units}, np.array([float(value)]), quantity, True)
             return Levels("level", read.kind, read.values, read.units or kind, read.away, None, True)
-        known = re.search(r"\d", str(attributes.get("long_name", "")))  # "10 metre U wind component"
-        if not known:
+        numbered = re.search(r"\d", str(attributes.get("long_name", "")))  # "10 metre U wind component"
+        if not numbered:
             return Levels("level", "unknown", np.empty(0), kind, np.empty(0), None, True)
     for key in ("level", "long_name"):
         text = str(attributes.get(key, "")).lower().replace("_", " ")

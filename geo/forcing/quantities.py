@@ -232,15 +232,15 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         name for name, _, _ in STANDARD[quantity] + COMMON[quantity]
     }, {north for _, north, _ in STANDARD[quantity] + COMMON[quantity]}  # fmt: skip
     for held, lacking, side in ((0, 1, "northward"), (1, 0, "eastward")):
-        one = [
+        lone = [
             n
             for n, a in variables.items()
             if (n in components[held] and said(a) in (None, quantity) and (n not in PLAIN or quantity == "current"))
             or _standard_name(a, "standard_name") in components[held]
         ]
-        if one and not any(n in components[lacking] for n in variables):
+        if lone and not any(n in components[lacking] for n in variables):
             return (
-                f"{name}: {one[0]} is one component of the {QUANTITIES[quantity].spoken}, but the {side} one is "
+                f"{name}: {lone[0]} is one component of the {QUANTITIES[quantity].spoken}, but the {side} one is "
                 f"missing; name the files of both in [[{quantity}]] files, or set [[{quantity}]] variables"
             )
     held_instead = []

@@ -94,9 +94,9 @@ def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
         for key, variable in data.variables.items():
             if variable.ndim >= 1:
                 attributes.setdefault(str(key), variable.attrs)
-    found = {k: a for k, a in attributes.items() if _is_field(k, files)}
+    fields = {k: a for k, a in attributes.items() if _is_field(k, files)}
     _check_chosen(request, files)
-    pair = quantities.find(q, found, request.variables, request.name)
+    pair = quantities.find(q, fields, request.variables, request.name)
     notes.append(f"{QUANTITIES[q].spoken} from {pair.east}, {pair.north} (found by {pair.how})")
     _check_sizes(request, pair, files)
     first, second = _components(request, pair, files, notes)
@@ -195,8 +195,8 @@ def _check_sizes(request: Request, pair: quantities.Pair, files: list[tuple[str,
                     f"{path}: {component.describe_dims(data, name)} holds no value along {empty[0]}; "
                     f"set [[{request.quantity}]] files"
                 )
-        both = pair.east == pair.north and pair.east in data.variables
-        if both and not any(str(d).lower() in component.HORIZONTAL for d in data[pair.east].dims):
+        shared = pair.east == pair.north and pair.east in data.variables
+        if shared and not any(str(d).lower() in component.HORIZONTAL for d in data[pair.east].dims):
             raise UserError(
                 f"{path}: {pair.east} is named as both components; set [[{request.quantity}]] variables.north"
             )
@@ -300,9 +300,9 @@ def _apart(request: Request, item: Layout) -> str:
     box = request.box
     assert box is not None
     x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
-    known = np.isfinite(lon) & np.isfinite(lat)
+    placed = np.isfinite(lon) & np.isfinite(lat)
     near = np.argmin(
-        np.where(known, sphere.distance(np.radians(x), np.radians(y), np.radians(lon), np.radians(lat)), np.inf)
+        np.where(placed, sphere.distance(np.radians(x), np.radians(y), np.radians(lon), np.radians(lat)), np.inf)
     )
     where = notation.toward(x, y, float(lon.flat[near]), float(lat.flat[near]))
     return (

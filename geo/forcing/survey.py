@@ -200,7 +200,7 @@ def _judged(
     if not speed.size:
         return []
     mean, high, largest = float(speed.mean()), float(np.percentile(speed, PERCENTILE)), float(speed.max())
-    told = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
+    figures = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
     spoken, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
     if quantity == "current":
         good = mean <= STRONG_MEAN and high <= fastest
@@ -210,10 +210,10 @@ def _judged(
     else:
         good, allowed = largest <= fastest, f"a {spoken} is at most {fastest:g} m/s"
     if not good and plausible:
-        return [f"speeds that no {spoken} has ({told}), as the case vouches"]
+        return [f"speeds that no {spoken} has ({figures}), as the case vouches"]
     if not good:
         raise UserError(
-            f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {told}; {allowed}. "
+            f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {figures}; {allowed}. "
             f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set "
             "plausible = true"
         )
