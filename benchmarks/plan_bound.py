@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 from drift.case.record import Case
-from drift.job import opened
+from drift.job import Options, opened
 from drift.motion.scenario import Survival
 from drift.planner import availability, bound, follow, joint, optimiser, planner, rectangle
 from drift.planner import planning_tracks as record
@@ -204,7 +204,7 @@ def aimed(case: Case, tracks: Tracks, goal: float) -> Case:
 def move(number: int, particles: int, threads: int | None) -> dict[str, object]:
     """Return what a random case that moves comes to: planned, executed, bounded, searched by hand."""
     made, data, told, goal = moving(number, particles)
-    job = opened(made, None, {"field": data}, threads, "cpu", False, None)
+    job = opened(made, Options(datasets={"field": data}, threads=threads))
     tracks = follow.follow(made, job.where)
     made = aimed(made, tracks, goal)
     survival = [scenario.survival for scenario in made.scenarios]

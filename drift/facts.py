@@ -1,4 +1,4 @@
-"""What a run says about itself besides its forecast: its numbers, what every file carries, what stands on every picture."""
+"""What a run says about itself besides its forecast: numbers, attributes of files, words on pictures."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -53,7 +53,7 @@ def setting(case: Case, where: Environment) -> Setting:
     return Setting(
         Imprint(
             case.title,
-            # first the errors, which an area means nothing without
+            # The errors come first: without them an area means nothing.
             f"Errors: {source['uncertainty']}. {source['source']}, seed {source['seed']}",
             {**source, "run_id": formats.run_id(source)},
             caution(case),
@@ -78,7 +78,7 @@ def synthetic(case: Case) -> bool:
 
 
 def caution(case: Case) -> str:
-    """Return what stands on a banner of every picture: made up winds or currents, else errors that were switched off."""
+    """Return the banner of every picture: made-up winds or currents, else errors that were switched off."""
     if synthetic(case):
         return "SYNTHETIC wind or current: not for operations"
     felt = any(scenario.object.uses_wind for scenario in case.scenarios)
@@ -100,14 +100,14 @@ def behaviour(case: Case) -> str:
         return "slide: what reaches the shore goes on along it"
     if coast.behaviour == "refloat":
         return (
-            f"refloat: what strands is afloat again with a half-life of {coast.half_life / 3600:g} h, once its drift leads off "
-            f"the beach, {coast.offing:g} m off it"
+            f"refloat: what strands is afloat again with a half-life of {coast.half_life / 3600:g} h, once its drift "
+            f"leads off the beach, {coast.offing:g} m off it"
         )
     return "strand: what reaches the shore stays there for good"
 
 
 def input_file(path: str) -> dict[str, Any]:
-    """Return what an input file was: its path, size and digest, so that a damaged or exchanged one can be told."""
+    """Return the path, size and digest of an input file, so that a damaged or exchanged one shows."""
     try:
         return {"path": path, "bytes": digest.size(path), "digest": digest.of(path)}
     except OSError as error:

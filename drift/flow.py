@@ -20,10 +20,10 @@ from drift.forecast import chapter as forecast_chapter
 from drift.forecast import effective, off_grid
 from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
-from drift.job import Job, Report, Stopwatch, in_turn, opened
+from drift.job import Job, Options, Report, in_turn, opened
 from drift.motion import ensemble as record
 from drift.motion import life, scene, simulate
-from drift.motion.environment import Environment
+from drift.motion.ensemble import Ensemble
 from drift.motion.spool import Spool
 from drift.output import writer
 from drift.output.chapter import Chapter, joined
@@ -84,94 +84,92 @@ def run(
     datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is
     being done and how much of it is done. Raises UserError for all that the user can mend.
     """
-    job = opened(case, out, datasets, threads, backend, overwrite, report)
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
     result = forecasted(job)
-    if job.out is not None:
-        job.tell("write", 0.0)
-        write(result, job.where, job.out, job.clock, overwrite=overwrite)
+    write(result, job)
     return result
 
 
 def forecasted(job: Job) -> Result:
     """Return the forecast of a job's case."""
-    case, where, clock, tell = job.case, job.where, job.clock, job.tell
+    case, where, clock = job.case, job.where, job.clock
     with clock.phase("start"):
         begin = start.prepare(case, where)
-        stretches = None
-        if case.spill and where.coast and begin.worlds:
-            stretches = renewal.stretches(case.period, case.spill, where.coast, begin.worlds)
-    outputs = case.period.seconds(case.outputs)
-    begun = None
-    if not case.spill and (case.sorties or any(scenario.survival for scenario in case.scenarios)):
-        log_weight, ess = begin.ensemble.log_weight.to_numpy(), record.weighed(begin.ensemble).ess
-        begun = standing(case.start, begin.ensemble, log_weight, None, ess)
-    seen: list[Updates] = []  # what sorties and contacts did, by drift
+        stretches = start.stretches(case, where, begin)
+    begun = _begun(case, begin.ensemble)
     with contextlib.ExitStack() as stack:
+        (done, updates), after = _drifted(job, begin, stack), None
+        if case.spill and where.coast and stretches:
 
-        def drifted(begin: Start) -> Drifted:
-            """Move an ensemble through the run, keeping what it was like at every output."""
-            stack.callback(begin.scene.forcing.close)
-            with clock.phase("drift"):
-                landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
-                search = start.search(case, begin)
-                moments = simulate.run(
-                    begin.ensemble, begin.scene, begin.clock, outputs, partial(tell, "drift"), landings.watch, search
-                )
-                spool = Spool(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
-                snapshots = stack.enter_context(spool)
-            start.check_end(case, where, begin, snapshots[-1], search)
-            if search:
-                seen.append(search.updates)
-            return Drifted(begin.ensemble, snapshots, landings, begin.worlds)
+            def renewed(proposal: Proposal, number: int) -> Drifted:
+                """Draw a spill's worlds anew, and move their objects through the run."""
+                return _drifted(job, start.renew(case, where, begin, proposal, number), stack)[0]
 
-        def renewed(proposal: Proposal, number: int) -> Drifted:
-            """Draw a spill's worlds anew, and move their objects through the run."""
-            nonlocal begin
-            begin = start.renew(case, where, begin, proposal, number)
-            return drifted(begin)
-
-        done, after = drifted(begin), None
-        if case.spill and stretches and where.coast:
             with clock.phase("finds"):
                 done, after = renewal.settle(case.period, case.spill, where.coast, stretches, done, renewed)
-        snapshots, updates = done.snapshots, seen[-1] if seen else None
+        snapshots = done.snapshots
         account = record.account(done.ensemble, snapshots[-1].status)
-        tell("map", 0.0)
+        job.tell("map", 0.0)
         with clock.phase("products"):
             names = [scenario.name for scenario in case.scenarios]
             is_land = scene.land_of(begin.scene)
-            made = forecast_build.build(
+            forecast = forecast_build.build(
                 snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
             )
             tracks = _trajectories(case, done.ensemble, snapshots)
-    numbers = facts.numbers(case, where, account, begin, clock.seconds)
-    numbers["warnings"] = particles_left.of_run(made.data, case.particles, updates) + off_grid.warnings(made.data)
+    summary = facts.numbers(case, where, account, begin, clock.seconds)
+    off_map = off_grid.warnings(forecast.data)
+    summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates) + off_map
     if after is not None:
-        numbers |= renewal.numbers(after)
-        few = effective.Count(after.posterior.effective, what="worlds").few  # the maps' worlds are the same
-        numbers["warnings"] = [*renewal.warnings(after), *([] if few else numbers["warnings"])]
+        summary |= renewal.numbers(after)
+        # Maps are of the same worlds: where these are few, one warning is enough.
+        few = effective.Count(after.posterior.effective, what="worlds").few
+        summary["warnings"] = [*renewal.warnings(after), *([] if few else summary["warnings"])]
     if updates is not None:
-        numbers |= {"search": search_tables.numbers(updates)}
-    return Result(case, made, tracks, numbers, after, updates, begun)
+        summary |= {"search": search_tables.numbers(updates)}
+    return Result(case, forecast, tracks, summary, after, updates, begun)
 
 
-def write(
-    result: Result,
-    where: Environment,
-    out: Path,
-    clock: Stopwatch,
-    *,
-    more: Sequence[Chapter] = (),
-    planned: Planned | None = None,
-    overwrite: bool = False,
-) -> None:
-    """Write all that a forecast hands out, complete or not at all.
+def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
+    """Return how a search stood before any sortie or contact.
+
+    None where there are no sorties and no survival times.
+    """
+    if case.spill or not (case.sorties or any(scenario.survival for scenario in case.scenarios)):
+        return None
+    return standing(case.start, ensemble, ensemble.log_weight.to_numpy(), None, record.weighed(ensemble).ess)
+
+
+def _drifted(job: Job, begin: Start, stack: contextlib.ExitStack) -> tuple[Drifted, Updates | None]:
+    """Return an ensemble moved through the run, and what sorties and contacts did; close the forcing.
+
+    What it was like at every output can be read as long as the stack is open.
+    """
+    case = job.case
+    outputs = case.period.seconds(case.outputs)
+    with job.clock.phase("drift"), contextlib.closing(begin.scene.forcing):
+        landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
+        search = start.search(case, begin)
+        moments = simulate.run(
+            begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), landings.watch, search
+        )
+        spool = Spool(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
+        snapshots = stack.enter_context(spool)
+        start.check_end(case, job.where, begin, snapshots[-1], search)
+    return Drifted(begin.ensemble, snapshots, landings, begin.worlds), search.updates if search else None
+
+
+def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Planned | None = None) -> None:
+    """Write all that a forecast hands out to the job's folder, if it has one, complete or not at all.
 
     more: chapters of what was made from the forecast. planned: sorties that are still to be flown, where it is the
     forecast of their failure.
     """
-    with clock.phase("write"):
-        case, after, updates, told = result.case, result.aftermath, result.updates, suspension(result, planned)
+    if job.out is None:
+        return
+    job.tell("write", 0.0)
+    with job.clock.phase("write"):
+        case, where, after, updates = result.case, job.where, result.aftermath, result.updates
         on = facts.with_coast(facts.setting(case, where))
         failed = on
         if planned is not None:
@@ -181,19 +179,17 @@ def write(
             chapters.append(spill_chapter.chapter(spill_chapter.Matter(after, on)))
         if updates is not None:
             # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
-            matter = search_chapter.Matter(updates, case.contacts, result.forecast, failed)
-            chapters.append(search_chapter.chapter(matter, mapped=planned is None))
+            search_matter = search_chapter.Matter(updates, case.contacts, result.forecast, failed)
+            chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
         chapters += more
-        if told is not None:
+        if basis := suspension(result, planned):
             lost = decision.off_map(result.forecast.data)
-            chapters.append(
-                suspend_chapter.chapter(suspend_chapter.Matter(told, on.imprint, facts.synthetic(case), lost))
-            )
+            suspend_matter = suspend_chapter.Matter(basis, on.imprint, facts.synthetic(case), lost)
+            chapters.append(suspend_chapter.chapter(suspend_matter))
         searches = [partial(search_chapter.overlay, updates.sorties if updates else (), case.contacts)]
-        chapters.append(
-            forecast_chapter.chapter(forecast_chapter.Matter(result.forecast, result.trajectories, failed, searches))
-        )
-        publish(out, chapters, overwrite=overwrite)
+        forecast_matter = forecast_chapter.Matter(result.forecast, result.trajectories, failed, searches)
+        chapters.append(forecast_chapter.chapter(forecast_matter))
+        publish(job.out, chapters, overwrite=job.overwrite)
 
 
 def publish(out: Path, chapters: Sequence[Chapter], *, overwrite: bool) -> None:
@@ -206,7 +202,10 @@ def publish(out: Path, chapters: Sequence[Chapter], *, overwrite: bool) -> None:
 
 
 def suspension(result: Result, planned: Planned | None = None) -> decision.Suspension | None:
-    """Return what a decision to suspend rests on; None where there are neither sorties nor survival times. planned: not yet flown."""
+    """Return what a decision to suspend rests on; planned: sorties not yet flown.
+
+    None where there are neither sorties nor survival times, and in a backward run.
+    """
     case, begun = result.case, result.begun
     if begun is None or case.direction < 0:
         return None
@@ -224,14 +223,15 @@ def origin(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> backward.Origin:
-    """Run a spill backward from its finds to where and when it may have been released; with `out`, write what it found.
+    """Run a spill backward from its finds to where and when it may have been released.
 
+    With `out`, the results are written there.
     It proposes where to look: the answer is a forward run weighted by the finds. Raises UserError for all that the user
     can mend.
     """
     if case.spill is None:
         raise UserError(f"{case.path.name}: has no [spill]; an origin is told from the [[find]]s of a spill")
-    job = opened(case, out, datasets, threads, backend, overwrite, report)
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
     where = job.where
     assert where.coast is not None
     with job.clock.phase("read"):
@@ -239,30 +239,35 @@ def origin(
         places = [evidence.place(find, segments, where.coast) for find in case.spill.finds]
     with job.clock.phase("drift"):
         spec, cut = start.ensemble_spec(case), start.clock_spec(case)
-        found = backward.backward(case.spill, spec, cut, where, segments, places, progress=partial(job.tell, "drift"))
+        release = backward.backward(case.spill, spec, cut, where, segments, places, progress=partial(job.tell, "drift"))
     if job.out is not None:
-        matter = backtrack_chapter.Matter(found, case.spill.finds, facts.setting(case, where))
+        matter = backtrack_chapter.Matter(release, case.spill.finds, facts.setting(case, where))
         run = Chapter(facts=facts.attributes(case, where))
         chapters = [run, backtrack_chapter.chapter(matter), Chapter({"wall_time_s": job.clock.seconds})]
-        publish(job.out, chapters, overwrite=overwrite)
-    return found
+        publish(job.out, chapters, overwrite=job.overwrite)
+    return release
 
 
-trace = origin  # its name before
+trace = origin  # its former name
 
 
-def _trajectories(case: Case, ensemble: record.Ensemble, snapshots: Spool) -> Trajectories:
-    """Return the tracks of slots spread evenly over the ensemble; of what was drawn anew, its ancestors' before that."""
+def _trajectories(case: Case, ensemble: Ensemble, snapshots: Spool) -> Trajectories:
+    """Return the tracks of slots spread evenly over the ensemble.
+
+    The track of what was drawn anew is that of its ancestors before.
+    """
     last = snapshots[-1]
     count = min(case.trajectories, last.lon.size)
     slots = np.arange(last.lon.size)
-    if case.resampling.below > 0:  # without those to spare
+    if case.resampling.below > 0:  # slots that are held to spare have no weight
         slots = np.flatnonzero(last.probability)
     slot = slots[np.unique(np.linspace(0, slots.size - 1, count).astype(int))]
     ancestor, columns = slot, []
     for k in range(len(snapshots) - 1, -1, -1):
-        one = snapshots[k]
-        columns.append((one.lon[ancestor], one.lat[ancestor], one.status[ancestor], one.probability[ancestor]))
+        snapshot = snapshots[k]
+        columns.append(
+            (snapshot.lon[ancestor], snapshot.lat[ancestor], snapshot.status[ancestor], snapshot.probability[ancestor])
+        )
         drawn = snapshots.ancestors[k]
         ancestor = ancestor if drawn is None else drawn[ancestor]
     lon, lat, status, weight = (np.stack(column[::-1], axis=1) for column in zip(*columns, strict=True))

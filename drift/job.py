@@ -42,6 +42,21 @@ class Stopwatch:
 
 
 @dataclass(frozen=True)
+class Options:
+    """How a job is to be done, whatever its case is.
+
+    These are the options of `drift.run`, `plan`, `patrol` and `origin`, in their order.
+    """
+
+    out: str | os.PathLike[str] | None = None  # folder for results; None: they are returned, and not written
+    datasets: Mapping[str, Any] | None = None
+    threads: int | None = None
+    backend: str = "cpu"
+    overwrite: bool = False
+    report: Report | None = None
+
+
+@dataclass(frozen=True)
 class Job:
     """A case, the environment that was opened for it, the time that passes, and where results go."""
 
@@ -50,28 +65,22 @@ class Job:
     clock: Stopwatch
     tell: Report
     out: Path | None  # None: results are returned, and not written
+    overwrite: bool
 
 
-def opened(
-    case: Case,
-    out: str | os.PathLike[str] | None,
-    datasets: Mapping[str, Any] | None,
-    threads: int | None,
-    backend: str,
-    overwrite: bool,
-    report: Report | None,
-) -> Job:
-    """Return the job of a case, once it is sure that results can be written and Taichi runs; options as in `drift.run`."""
-    tell, clock, folder = report or _silent, Stopwatch(), None if out is None else Path(out)
+def opened(case: Case, options: Options = Options()) -> Job:
+    """Return the job of a case, once it is sure that results can be written and Taichi runs."""
+    tell, clock = options.report or _silent, Stopwatch()
+    folder = None if options.out is None else Path(options.out)
     if folder is not None:
-        writer.check_folder(folder, overwrite, (*forecast_chapter.FILES, *forecast_chapter.PICTURES))
+        writer.check_folder(folder, options.overwrite, (*forecast_chapter.FILES, *forecast_chapter.PICTURES))
     digest.start(case.inputs)
     with clock.phase("taichi"):
-        runtime.start(backend, threads)
+        runtime.start(options.backend, options.threads)
     tell("read", 0.0)
     with clock.phase("read"):
-        where = start.open_for(case, datasets)
-    return Job(case, where, clock, tell, folder)
+        where = start.open_for(case, options.datasets)
+    return Job(case, where, clock, tell, folder, options.overwrite)
 
 
 def _silent(phase: str, share: float) -> None:
@@ -79,7 +88,7 @@ def _silent(phase: str, share: float) -> None:
 
 
 def in_turn(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function that waits until no other thread of the program runs a case, then does what `function` does.
+    """Return a function that waits until no other thread of the program runs a case, then does its work.
 
     The wait heeds signals. A call from within a run, by its `report` say, does not wait.
     """

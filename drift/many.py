@@ -18,6 +18,7 @@ from drift import start
 from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast.build import Forecast
+from drift.job import Report
 from drift.motion import scene, simulate, snapshot
 from drift.motion.spool import Spool
 from drift.waters import Waters, divide
@@ -26,7 +27,6 @@ from geo.array import Array
 from geo.errors import UserError
 from kernels import deposit, runtime
 
-Report = Callable[[str, float], None]
 Maps = bool | Literal["last"]
 
 AHEAD = 2  # forecasts at most that drift before the maps of one are done
@@ -78,27 +78,27 @@ def run_many(
 
 
 def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: Report) -> Iterator[Brief]:
-    shared = divide(cases, datasets)[::-1]  # each is let go of with its last case
+    shared = divide(cases, datasets)[::-1]  # reversed, to pop: waters are freed with their last case
     before: list[Future[Brief]] = []  # forecasts whose maps are being made while the next one drifts
     with ThreadPoolExecutor(AHEAD, "maps") as pool:
         for number, case in enumerate(cases):
-            with runtime.alone():  # not while the caller has its turn
+            with runtime.alone():  # one case at a time, and none while the caller runs one
                 try:
-                    made, rest = _forecast(case, _named(case, datasets), shared.pop(), maps)
+                    brief, rest = _forecast(case, _named(case, datasets), shared.pop(), maps)
                 except UserError as error:
-                    made, rest = _refused(case, error), None
-            before.append(pool.submit(_mapped, made, rest))
+                    brief, rest = _refused(case, error), None
+            before.append(pool.submit(_mapped, brief, rest))
             while len(before) > (AHEAD if maps and number + 1 < len(cases) else 0):
                 done = before.pop(0).result()
                 tell("forecasts", (number + 1 - len(before)) / len(cases))
                 yield done
 
 
-def _mapped(made: Brief, rest: Callable[[], Forecast] | None) -> Brief:
+def _mapped(brief: Brief, rest: Callable[[], Forecast] | None) -> Brief:
     try:
-        return made if rest is None else replace(made, forecast=rest())
+        return brief if rest is None else replace(brief, forecast=rest())
     except UserError as error:
-        return _refused(made.case, error)
+        return _refused(brief.case, error)
 
 
 def _named(case: Case, datasets: Mapping[str, Any]) -> dict[str, Any]:
@@ -139,12 +139,12 @@ def _forecast(
         )
     brief = Brief(
         case,
-        np.array([one.time for one in seen]),
-        np.stack([one.lon for one in seen]) * (360.0 / sphere.TURN),
-        np.stack([one.lat for one in seen]) * (360.0 / sphere.TURN),
-        np.stack([one.status for one in seen]).astype(np.uint8),
-        np.stack([one.probability for one in seen]),
-        np.array([snapshot.means(one, len(case.scenarios)).all for one in seen]),
+        np.array([output.time for output in seen]),
+        np.stack([output.lon for output in seen]) * (360.0 / sphere.TURN),
+        np.stack([output.lat for output in seen]) * (360.0 / sphere.TURN),
+        np.stack([output.status for output in seen]).astype(np.uint8),
+        np.stack([output.probability for output in seen]),
+        np.array([snapshot.means(output, len(case.scenarios)).all for output in seen]),
         begin.clock.step,
     )
     return brief, rest

@@ -1,4 +1,4 @@
-"""The start of a case's run: what is asked of the engine, its environment, the initial ensemble, its scene and its clock.
+"""The start of a run: what is asked of the engine, the environment, ensemble, scene and clock.
 
 Here a case becomes the records that the engine takes; below nothing knows of it.
 """
@@ -22,10 +22,11 @@ from drift.motion.snapshot import Snapshot
 from drift.motion.step_size import Trial
 from drift.motion.weights import shares
 from drift.search.filter import Search
-from drift.spill import release
+from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
 from drift.spill.worlds import Proposal, Worlds
 from geo.coast import edges as shoreline
+from geo.coast.segments import Segments
 from geo.coast.shore import Shore
 from kernels import advance, noise
 from kernels import coast as device_coast
@@ -34,13 +35,13 @@ from kernels.noise import Purpose
 
 @dataclass(frozen=True)
 class Start:
-    """All that the first step needs. dry: share of each scenario's prior on land; trial: why "auto" chose its step."""
+    """All that the first step needs."""
 
     ensemble: Ensemble
-    dry: tuple[float, ...]
+    dry: tuple[float, ...]  # share of each scenario's prior that is on land
     scene: Scene
     clock: Clock
-    trial: Trial | None
+    trial: Trial | None  # why "auto" chose its step
     worlds: Worlds | None = None  # of a spill
 
 
@@ -54,7 +55,7 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
         seed=case.seed,
         resampling=case.resampling.method if case.resampling.below > 0 else None,
         debris=tuple(contact.drifter for contact in case.contacts if contact.drifter is not None),
-        release=Release(case.spill.scatter, case.spill.windage_bias) if case.spill else None,
+        release=Release(case.spill.release_std, case.spill.windage_bias) if case.spill else None,
     )
 
 
@@ -106,20 +107,29 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     try:
         beach, bias = scene.beach(case.coast), case.current_error.bias > 0
         place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
-        made = Scene(forcing, models.motions(case.errors, case.scenarios), place)
-        clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, made)
-        lost.check_prior(spec, where, case.max_lost, ensemble, made, clock)
+        stage = Scene(forcing, models.motions(case.errors, case.scenarios), place)
+        clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, stage)
+        lost.check_prior(spec, where, case.max_lost, ensemble, stage, clock)
     except BaseException:
         forcing.close()
         raise
-    return Start(ensemble, dry, made, clock, trial, worlds)
+    return Start(ensemble, dry, stage, clock, trial, worlds)
+
+
+def stretches(case: Case, where: Environment, begin: Start) -> Segments | None:
+    """Return the stretches of coast that a spill is told by; None without a spill.
+
+    Raises UserError for finds and patrols that cannot be.
+    """
+    if not (case.spill and where.coast and begin.worlds):
+        return None
+    return renewal.stretches(case.period, case.spill, where.coast, begin.worlds)
 
 
 def renew(case: Case, where: Environment, before: Start, proposal: Proposal, number: int) -> Start:
     """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
     assert case.spill is not None
     assert where.coast is not None
-    before.scene.forcing.close()
     seed = noise.seed_for(case.seed, Purpose.RENEWAL, number)
     worlds = drawn_worlds.draw(case.spill, seed, partial(shoreline.is_land, where.coast), proposal)
     ensemble = release.draw(case.spill, worlds, case.period, case.errors, before.scene.place.coast, seed)

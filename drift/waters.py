@@ -1,4 +1,4 @@
-"""Waters that many cases share: their sources are opened once, slices that were read stay in memory, one coast serves all.
+"""Waters that many cases share: sources opened once, slices kept in memory, one coast for all.
 
 Each case still sees the box, the crop and the grid that it would have alone: what is shared is what does not depend on
 them. Cases near each other have the same crop (environment.part): its slices are turned, regridded and filled once for
@@ -31,12 +31,15 @@ from geo.forcing.kept import Finished, Shelf
 from geo.forcing.sources import Source
 from kernels import coast as device_coast
 
-WIDEST = 400.0  # [deg2] of waters: about as much coast as its finest cells hold
-CUTS = 64  # parts of sources that are kept: cases that begin at one place have the same
+WIDEST = 400.0  # [deg2] of a box of waters, whose coast still fits the finest cells
+CUTS = 64  # parts of sources that are kept, because cases from one place share theirs
 
 
 class Files:
-    """Sources of files and datasets, each opened when it is first asked for; what cannot be opened is told every time."""
+    """Sources of files and datasets, each opened when it is first asked for.
+
+    What cannot be opened is refused every time.
+    """
 
     def __init__(self, held: Mapping[str, memory.Held]) -> None:
         self._held = held
@@ -51,10 +54,10 @@ class Files:
                 self._opened[key] = sources.open_shared(spec.quantity, files, **source_options(spec))
             except UserError as error:
                 self._opened[key] = error
-        found = self._opened[key]
-        if isinstance(found, UserError):
-            raise UserError(*found.lines)
-        return found
+        opened = self._opened[key]
+        if isinstance(opened, UserError):
+            raise UserError(*opened.lines)
+        return opened
 
 
 class Waters:
@@ -79,16 +82,16 @@ class Waters:
         if id(opened) not in self._kept:
             self._kept[id(opened)] = sources.keep(opened, self.box)
         key = id(opened), box
-        found = self._cuts.pop(key, None) or sources.cut(self._kept[id(opened)], box)
-        self._cuts[key] = found
+        part = self._cuts.pop(key, None) or sources.cut(self._kept[id(opened)], box)
+        self._cuts[key] = part
         if len(self._cuts) > CUTS:
             del self._cuts[next(iter(self._cuts))]
-        return replace(found, name=spec.name, shelf=Shelf(key, self._finished))
+        return replace(part, name=spec.name, shelf=Shelf(key, self._finished))
 
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and coast of these waters, as far as a case would have it in a box; None where that differs."""
+        """Return the land and coast of these waters, where a case would have the same in its box; else None."""
         if not _within(domain.around(spec, 0.0, domain.FARTHEST), box) or not _within(box, self._coastal):
             return None
         key = asked.coast.source, asked.coast.lakes
@@ -122,16 +125,16 @@ def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
     for case in cases:
         own = domain.bounds(start.ensemble_spec(case), start.environment_spec(case))
         for k, box in enumerate(boxes):
-            both = _joined(box, own)
-            if (both.east - both.west) * (both.north - both.south) <= WIDEST:
-                boxes[k] = both
+            joined = _joined(box, own)
+            if (joined.east - joined.west) * (joined.north - joined.south) <= WIDEST:
+                boxes[k] = joined
                 break
         else:
             k = len(boxes)
             boxes.append(own)
         number.append(k)
-    made = [Waters(box, files) for box in boxes]
-    return [made[k] for k in number]
+    shared = [Waters(box, files) for box in boxes]
+    return [shared[k] for k in number]
 
 
 def _joined(box: Box, other: Box) -> Box:

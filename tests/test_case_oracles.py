@@ -299,7 +299,7 @@ def objects(
         while (dry := coast.on_land(lon, lat)).any():
             x, y = normal(rng, spill["position"]["at"], n, std, std, 0)
             lon[dry], lat[dry] = x[dry], y[dry]
-        s = metres(spill["scatter"])
+        s = metres(spill["release_std"])
         return oracle.moved(lon, lat, s * rng.standard_normal(n), s * rng.standard_normal(n))
 
     release = rng.uniform(0, window, n) + rng.uniform(0, lasting, n)

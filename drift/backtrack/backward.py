@@ -17,7 +17,7 @@ The answer is the forward posterior (drift.spill.finds); this is a proposal wher
 - the flux onto a shore. The density tracks.OFFING off the shore stands for it, so the release comes out too far and too
   late by that distance;
 - refloating and sliding: a track that meets the coast ends there.
-All objects are taken to go adrift when half of `lasting` is over. A find that may be false has, if it is false, the
+All objects are taken to go adrift when half of `release_duration` is over. A find that may be false has, if it is false, the
 density of one that is equally likely to come from anywhere in the box of the prior.
 """
 
@@ -39,7 +39,6 @@ from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing
 from drift.motion.period import ClockSpec, Period
-from drift.motion.scenario import TracklinePrior
 from drift.motion.scene import Scene
 from drift.motion.simulate import Progress
 from drift.motion.status import Status
@@ -139,9 +138,8 @@ def backward(
     world_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
     worlds = drawn_worlds.draw(spill, world_seed, is_land, count=resolution.worlds)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
-    elapsed = notation.epoch(latest) - (
-        grid.time + round(spill.lasting / 2)
-    )  # [s] from the last find back to a release
+    adrift = grid.time + round(spill.release_duration / 2)
+    elapsed = notation.epoch(latest) - adrift  # [s] from the last find back to each release
     if elapsed.max() <= 0:
         raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
     backward_spec = replace(spec, period=Period(latest, latest - elapsed.max() * SECOND, -1))
@@ -187,7 +185,7 @@ def _prior_grid(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, resolutio
     one_time = np.array([first - 0.5, first + 0.5])
     time_edges = np.linspace(first, last, resolution.times + 1) if last > first else one_time
     counts = np.histogramdd((draws.release, lat, lon), (time_edges, axes[1], axes[0]))[0]
-    if not isinstance(spill.prior, TracklinePrior):
+    if not spill.prior.moving:
         counts = np.broadcast_to(counts.mean(axis=0), counts.shape)
     lon_centre, lat_centre, time_centre = ((x[1:] + x[:-1]) / 2 for x in (*axes, time_edges))
     return _Grid(lon_centre, lat_centre, np.rint(time_centre).astype(np.int64), counts / counts.sum(), side)
@@ -262,7 +260,7 @@ def _find_densities(
             part = slice(b, b + BATCH)
             density[group.find, part] += box * _smooth(
                 x[slots].reshape(shape)[part], y[slots].reshape(shape)[part], weight[part], gx, gy,
-                grid.side, spill.scatter,
+                grid.side, spill.release_std,
             )  # fmt: skip
     density *= area_ratio
     return density
@@ -273,7 +271,7 @@ def _mean(values: Array) -> Array:
     return partials.over_worlds(values) / len(values)
 
 
-def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, scatter: float) -> Array:
+def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, release_std: float) -> Array:
     """Return kernel densities [1/m2] of weighted particles, convolved with the scatter, (worlds, ny, nx).
 
     x, y [m], weight: (worlds, n); gx (nx,), gy (ny,) [m]: where the densities are wanted. Normal product kernels by
@@ -287,8 +285,8 @@ def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, sca
     for place, node in ((x, gx), (y, gy)):
         mean = (share * place).sum(axis=1, keepdims=True)
         variance = (share * (place - mean) ** 2).sum(axis=1, keepdims=True)
-        width_squared = np.maximum(variance * effective_number ** (-1 / 3), max(scatter, FINEST * side) ** 2)
-        shrinkage = np.sqrt(np.clip(1 - (width_squared - scatter**2) / np.maximum(variance, 1e-6), 0, 1))
+        width_squared = np.maximum(variance * effective_number ** (-1 / 3), max(release_std, FINEST * side) ** 2)
+        shrinkage = np.sqrt(np.clip(1 - (width_squared - release_std**2) / np.maximum(variance, 1e-6), 0, 1))
         width = np.sqrt(width_squared)
         shrunk = ((mean + shrinkage * (place - mean)) / width).astype(np.float32)
         bell = shrunk[..., None] - (node / width).astype(np.float32)[:, None]

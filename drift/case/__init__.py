@@ -1,1 +1,1 @@
-"""The case file: what is written becomes frozen records in SI units; every mistake of a user is told here."""
+"""The case file: what is written becomes frozen records in SI units, and every mistake of a user is refused."""

@@ -1,7 +1,8 @@
-"""The tables of a case file, each in order, -> the record of the case, after what only all of them together can tell."""
+"""The record of a case from its tables: each is in order by itself, and here all must fit together."""
 
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,8 @@ from drift.case import sources, subject, uncertainty, units
 from drift.case.context import Run
 from drift.case.mistakes import Mistakes
 from drift.case.record import Case, Depth
-from drift.case.schema import CaseTable, OutputTable
-from drift.case.sources import SourceTable
+from drift.case.schema import CaseTable, CoastTable, OutputTable
+from drift.case.sources import Forcing, SourceTable
 from drift.motion.environment_spec import Coast
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.motion.forcing_spec import ForcingSpec, Quantity
@@ -28,56 +29,33 @@ MOST_OUTPUTS = 1000
 QUANTITIES: tuple[Quantity, ...] = ("current", "wind", "stokes")
 
 
+class _Search(NamedTuple):
+    """What was searched and seen, what can be sent, and what is to be planned.
+
+    There is no plan where the scenarios are at fault.
+    """
+
+    sorties: tuple[Sortie, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    units: tuple[Unit, ...] = ()
+    plan: PlanSpec | None = None
+
+
 def build(table: CaseTable, path: Path, text: str) -> Case:
     """Return the record of a case; raise one UserError for all that does not fit together."""
     start, end = table.begin(), table.finish()
     folder, wrong = path.absolute().parent, Mistakes()
-    known = tuple(
-        _sources(quantity, tables, start, folder, wrong)
-        for quantity, tables in zip(QUANTITIES, (table.current, table.wind, table.stokes), strict=True)
-    )
-    spill: Spill | None = None
-    scenarios: tuple[Scenario, ...] = ()
-    with wrong.gathered():
-        if table.spill:
-            spill = subject.spill(table, start, end, folder)
-            scenarios = subject.classes(spill, start, end, known)
-        else:
-            scenarios = subject.scenarios(table.scenario, start, end, known)
-    run = Run(start, end, scenarios, folder)
-    sorties, contacts, fleet, plan = _search(table, run, wrong)
-    more = [find.time for find in spill.finds if find.at_sea] if spill else plan_table.times(sorties, contacts)
-    outputs = np.empty(0, "datetime64[s]")
-    with wrong.gathered():
-        outputs = _outputs(table.output, start, end, more)
-    current_error, wind_error = uncertainty.CURRENT, uncertainty.WIND
-    with wrong.gathered():
-        if scenarios:  # those at fault say nothing of what they drift in
-            current_error, wind_error = _errors(table, known, scenarios, contacts)
-        spill = replace(spill, current_bias=current_error.bias) if spill else None
-    if table.depth is None and any(unit.draught > 0 for unit in fleet):
-        wrong.lines.append(
-            'draught: without depths it says nothing; give [depth] file = "depths.nc", or leave draught out'
-        )
-    depths = None
-    with wrong.gathered():
-        if table.depth:
-            file = sources.one_file(table.depth.file, folder, "depth.file")
-            depths = Depth(file, table.depth.variable, table.depth.positive)
-    shore, lakes = table.coast.source, table.coast.lakes
-    with wrong.gathered():
-        shore = _shore(shore, folder)
-    with wrong.gathered():
-        lakes = sources.one_file(lakes, folder, "coast.lakes") if isinstance(lakes, str) else lakes
-    made = ", ".join(f"{one:g}" for one in table.output.areas)
-    wrong.lines += [
-        f"expect: no {percent:g} % area is made, only {made} %; add {percent:g} to output.areas"
-        for percent in table.expect.by_percent()
-        if percent not in table.output.areas
-    ]
+    given = zip(QUANTITIES, (table.current, table.wind, table.stokes), strict=True)
+    forcing = Forcing(*(_sources(quantity, tables, start, folder, wrong) for quantity, tables in given))
+    spill, scenarios = _subject(table, forcing, folder, wrong)
+    search = _search(table, Run(start, end, scenarios, folder), wrong)
+    outputs = _outputs(table, spill, search, wrong)
+    current_error, wind_error = _errors(table, forcing, scenarios, search.contacts, wrong)
+    depth = _depth(table, search.units, folder, wrong)
+    coast = _coast(table.coast, folder, wrong)
+    wrong.lines += _expectations_unmet(table)
     wrong.refuse()
-    assert plan is not None
-    currents, winds, stokes = known
+    assert search.plan is not None
     diffusivity = table.uncertainty.diffusivity
     return Case(
         title=table.title or path.stem,
@@ -97,59 +75,115 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         scheme=table.clock.scheme,
         tolerance=table.clock.tolerance,
         domain=table.domain.box() if table.domain else None,
-        coast=Coast(shore, table.coast.behaviour, table.coast.half_life or 0.0, table.coast.offing, lakes),
-        currents=currents,
-        winds=winds,
-        stokes=stokes,
+        coast=coast,
+        currents=forcing.currents,
+        winds=forcing.winds,
+        stokes=forcing.stokes,
         current_error=current_error,
         wind_error=wind_error,
         diffusivity=uncertainty.DIFFUSIVITY if diffusivity is None else diffusivity,
         diffusivity_by=DEFAULT if diffusivity is None else CASE,
         scenarios=scenarios,
-        spill=spill,
-        sorties=sorties,
-        contacts=contacts,
-        units=fleet,
-        plan=plan,
+        spill=replace(spill, current_bias=current_error.bias) if spill else None,
+        sorties=search.sorties,
+        contacts=search.contacts,
+        units=search.units,
+        plan=search.plan,
         resampling=table.resampling.resampling(),
         expect=table.expect,
-        depth=depths,
+        depth=depth,
     )
+
+
+def _subject(
+    table: CaseTable, forcing: Forcing, folder: Path, wrong: Mistakes
+) -> tuple[Spill | None, tuple[Scenario, ...]]:
+    """Return the spill, if there is one, and the scenarios; less what is at fault."""
+    start, end = table.begin(), table.finish()
+    spill: Spill | None = None
+    scenarios: tuple[Scenario, ...] = ()
+    with wrong.gathered():
+        if table.spill:
+            spill = subject.spill(table, start, end, folder)
+            scenarios = subject.classes(spill, start, end, forcing)
+        else:
+            scenarios = subject.scenarios(table.scenario, start, end, forcing)
+    return spill, scenarios
 
 
 def _errors(
     table: CaseTable,
-    known: tuple[tuple[ForcingSpec, ...], ...],
+    forcing: Forcing,
     scenarios: tuple[Scenario, ...],
     contacts: tuple[Contact, ...],
+    wrong: Mistakes,
 ) -> tuple[ForcingError, ForcingError]:
-    """Return the errors of current and wind: as the case says, else by default where they come from gridded files."""
-    currents, winds, _ = known
-    said = table.uncertainty
-    drifters = [s.object for s in scenarios] + [c.drifter for c in contacts if c.drifter is not None]
-    reason = uncertainty.silent(currents, [s.currents for s in scenarios])
-    current = uncertainty.error(said.current, uncertainty.CURRENT, reason, "current")
-    if table.spill:
-        current = uncertainty.in_spill(current, said.current, table.spill.current_bias)
-    reason = uncertainty.silent(winds, [s.winds for s in scenarios])
-    if not any(drifter.uses_wind for drifter in drifters):
-        reason = UNFELT
-    return current, uncertainty.error(said.wind, uncertainty.WIND, reason, "wind")
+    """Return the errors of current and wind.
+
+    What the case does not say holds by default where they come from gridded files.
+    """
+    stated = table.uncertainty
+    current, wind = uncertainty.CURRENT, uncertainty.WIND
+    if not scenarios:  # where they are at fault, nothing says what they drift in
+        return current, wind
+    with wrong.gathered():
+        reason = uncertainty.silent(forcing.currents, [s.currents for s in scenarios])
+        current = uncertainty.error(stated.current, uncertainty.CURRENT, reason, "current")
+        if table.spill:
+            current = uncertainty.in_spill(current, stated.current, table.spill.current_bias)
+        reason = uncertainty.silent(forcing.winds, [s.winds for s in scenarios])
+        drifters = [s.object for s in scenarios] + [c.drifter for c in contacts if c.drifter is not None]
+        if not any(drifter.uses_wind for drifter in drifters):
+            reason = UNFELT
+        wind = uncertainty.error(stated.wind, uncertainty.WIND, reason, "wind")
+    return current, wind
 
 
-def _search(
-    table: CaseTable, run: Run, wrong: Mistakes
-) -> tuple[tuple[Sortie, ...], tuple[Contact, ...], tuple[Unit, ...], PlanSpec | None]:
-    """Return what was searched, seen, and can be sent; what is wrong with it is added to the mistakes.
+def _depth(table: CaseTable, units: tuple[Unit, ...], folder: Path, wrong: Mistakes) -> Depth | None:
+    """Return where depths come from, None where no file is named."""
+    if table.depth is None:
+        if any(unit.draught > 0 for unit in units):
+            wrong.lines.append(
+                'draught: without depths it says nothing; give [depth] file = "depths.nc", or leave draught out'
+            )
+        return None
+    with wrong.gathered():
+        file = sources.one_file(table.depth.file, folder, "depth.file")
+        return Depth(file, table.depth.variable, table.depth.positive)
+    return None
+
+
+def _coast(table: CoastTable, folder: Path, wrong: Mistakes) -> Coast:
+    """Return what is asked of the coast; what is wrong with its files is added to the mistakes."""
+    shore, lakes = table.source, table.lakes
+    with wrong.gathered():
+        shore = _shore(shore, folder)
+    with wrong.gathered():
+        lakes = sources.one_file(lakes, folder, "coast.lakes") if isinstance(lakes, str) else lakes
+    return Coast(shore, table.behaviour, table.half_life or 0.0, table.offing, lakes)
+
+
+def _expectations_unmet(table: CaseTable) -> list[str]:
+    """Return complaints about areas that are expected and not made."""
+    areas = ", ".join(f"{percent:g}" for percent in table.output.areas)
+    return [
+        f"expect: no {percent:g} % area is made, only {areas} %; add {percent:g} to output.areas"
+        for percent in table.expect.by_percent()
+        if percent not in table.output.areas
+    ]
+
+
+def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
+    """Return what a case says of a search; what is wrong with it is added to the mistakes.
 
     Where the scenarios are at fault nothing is looked at: they say what is searched for, and how well it is seen.
     """
+    if not run.scenarios:
+        return _Search()
     sorties: tuple[Sortie, ...] = ()
     contacts: tuple[Contact, ...] = ()
     fleet: tuple[Unit, ...] = ()
     plan = None
-    if not run.scenarios:
-        return sorties, contacts, fleet, plan
     before = len(wrong.lines)
     with wrong.gathered():
         sorties = sortie_table.build(table.sortie, run)
@@ -157,35 +191,54 @@ def _search(
         contacts = contact_table.build(table.contact, run)
     with wrong.gathered():
         plan = table.plan.spec(run, sorties, contacts, asked=bool(table.unit) or "plan" in table.model_fields_set)
-    # Units that fit no plan of the case may fit the longest that there can be.
+    # Without a plan, units are held against the longest that the run allows, so that their own mistakes show.
     longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_table.LEAST)
     with wrong.gathered():
         fleet = plan_table.build(table.unit, run, plan or longest)
     if len(wrong.lines) == before:
         with wrong.gathered():
             plan_table.check_groups(sorties, fleet)
-    return sorties, contacts, fleet, plan
+    return _Search(sorties, contacts, fleet, plan)
 
 
-def _outputs(
-    table: OutputTable, start: np.datetime64, end: np.datetime64, more: list[np.datetime64]
-) -> NDArray[np.datetime64]:
+def _outputs(table: CaseTable, spill: Spill | None, search: _Search, wrong: Mistakes) -> NDArray[np.datetime64]:
+    """Return the times of outputs in the order of the run.
+
+    They are those asked for, the start, the end, and when something was seen or searched.
+    """
+    start, end = table.begin(), table.finish()
+    seen = (
+        [find.time for find in spill.finds if find.at_sea]
+        if spill
+        else plan_table.times(search.sorties, search.contacts)
+    )
     sign = 1 if end > start else -1
-    if table.times is not None:
-        times = [units.resolve(time, start) for time in table.times]
-        for time in times:
-            if not min(start, end) <= time <= max(start, end):
-                raise UserError(
-                    f"output.times: {notation.group(time)} is outside the run, {notation.group(start)} to {notation.group(end)}"
-                )
-    else:
+    asked: list[np.datetime64] = []
+    with wrong.gathered():
+        asked = _asked_outputs(table.output, start, end, sign)
+    every_time = np.unique(np.array([start, *asked, *seen, end], dtype="datetime64[s]"))
+    return every_time[::sign]
+
+
+def _asked_outputs(table: OutputTable, start: np.datetime64, end: np.datetime64, sign: int) -> list[np.datetime64]:
+    """Return the times that [output] asks for; sign: -1 in a backward run.
+
+    Raises UserError for times outside the run, and for too many of them.
+    """
+    if table.times is None:
         span = abs((end - start).astype(int))
         every = max(round(table.every or 21_600.0), 1)
         if span // every > MOST_OUTPUTS:
             raise UserError(f"output.every gives {span // every:,} output times; at most {MOST_OUTPUTS}")
-        times = [start + np.timedelta64(sign * k * every, "s") for k in range(span // every + 1)]
-    every_time = np.unique(np.array([start, *times, *more, end], dtype="datetime64[s]"))
-    return every_time[::sign]
+        return [start + np.timedelta64(sign * k * every, "s") for k in range(span // every + 1)]
+    times = [units.resolve(time, start) for time in table.times]
+    for time in times:
+        if not min(start, end) <= time <= max(start, end):
+            raise UserError(
+                f"output.times: {notation.group(time)} is outside the run, {notation.group(start)} to "
+                f"{notation.group(end)}"
+            )
+    return times
 
 
 def _shore(source: str, folder: Path) -> str:
@@ -197,7 +250,10 @@ def _shore(source: str, folder: Path) -> str:
 def _sources(
     quantity: Quantity, tables: list[SourceTable], start: np.datetime64, folder: Path, wrong: Mistakes
 ) -> tuple[ForcingSpec, ...]:
-    """Return the sources of a quantity; one that is at fault is added to the mistakes, and stands in by its name."""
+    """Return the sources of a quantity.
+
+    What is wrong with a source is added to the mistakes; its name then stands in for it.
+    """
     specs: list[ForcingSpec] = []
     for number, table in enumerate(tables, 1):
         place = sources.place(quantity, number, table.name)
@@ -209,7 +265,7 @@ def _sources(
         specs.append(spec)
     if specs and all(spec.add for spec in specs):
         wrong.lines.append(
-            f'{quantity} "{specs[0].name}": add = true, and there is no [[{quantity}]] to add it to: leave add out of the '
-            "source that the others are added to"
+            f'{quantity} "{specs[0].name}": add = true, and there is no [[{quantity}]] to add it to: leave add out of '
+            "the source that the others are added to"
         )
     return tuple(specs)

@@ -1,4 +1,4 @@
-"""Contacts as a case file gives them: positions, bearings, ranges and areas at which something was seen, and how surely."""
+"""Contacts as a case file gives them: something was seen at a position, bearing, range or area."""
 
 import math
 from typing import Annotated, Any
@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, model_validator
 
 from drift.case import fields, units
-from drift.case.context import Run, all_told
+from drift.case.context import Run, build_each
 from drift.case.objects import ObjectTable
 from drift.case.pattern import RegionTable
 from drift.case.scenario import ErrorTable
@@ -57,8 +57,8 @@ class PlaceTable(ErrorTable):
             raise ValueError(f"shares of the fixes add up to {total:g}; they must add up to 1")
         return tuple(Fix(fix.lon, fix.lat, fix.share / total) for fix in fixes)
 
-    def told(self) -> dict[str, Any]:
-        """Return what the record of a contact has of it."""
+    def details(self) -> dict[str, Any]:
+        """Return the fields of the contact's record that it gives."""
         major, minor, turn = self.axes()
         return {"fixes": self.places(), "major": major, "minor": minor, "orientation": turn}
 
@@ -82,8 +82,8 @@ class BearingTable(fields.Table):
             raise ValueError("far must be farther than near")
         return self
 
-    def told(self) -> dict[str, Any]:
-        """Return what the record of a contact has of it."""
+    def details(self) -> dict[str, Any]:
+        """Return the fields of the contact's record that it gives."""
         return {
             "sensor": self.from_,
             "bearing": math.radians(self.bearing),
@@ -102,16 +102,16 @@ class RangeTable(fields.Table):
     std: Annotated[fields.Length, Field(gt=0)]
     zones: Zones | None = None
 
-    def told(self) -> dict[str, Any]:
-        """Return what the record of a contact has of it."""
+    def details(self) -> dict[str, Any]:
+        """Return the fields of the contact's record that it gives."""
         return {"sensor": self.from_, "range": self.range, "range_std": self.std, "zones": self.zones}
 
 
 class SeenInTable(RegionTable):
     """A region within which something was seen."""
 
-    def told(self) -> dict[str, Any]:
-        """Return what the record of a contact has of it."""
+    def details(self) -> dict[str, Any]:
+        """Return the fields of the contact's record that it gives."""
         return {"area": self.area()}
 
 
@@ -158,7 +158,7 @@ class ContactTable(fields.Table):
             return 0.0
         unit, example = DENSITY[self.kind()]
         given = self.false_density
-        if not isinstance(given, str) and given != 0:  # SI would be one a square metre
+        if not isinstance(given, str) and given != 0:  # a bare number would be per square metre
             raise ValueError(f'false_density {given!r} needs a unit here, like "{example}"')
         density = units.quantity(given, unit, "density of false contacts", example)
         if density < 0:
@@ -169,7 +169,7 @@ class ContactTable(fields.Table):
         """Return the record; raise ValueError for what does not fit the run."""
         time = units.resolve(self.time, run.start)
         run.check(time, time)
-        more = getattr(self, self.kind()).told()
+        more = getattr(self, self.kind()).details()
         belief = 1.0 if self.belief is None else self.belief
         drifter = self.of.drifter() if self.of is not None else None
         return Contact(name, time, self.kind(), belief, self.false(), drifter=drifter, **more)
@@ -177,5 +177,5 @@ class ContactTable(fields.Table):
 
 def build(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:
     """Return the contacts by time; raise UserError for what is wrong with one."""
-    made = all_told([table.contact for table in tables], [table.name for table in tables], "contact", run)
-    return tuple(sorted(made, key=lambda contact: contact.time))
+    contacts = build_each([table.contact for table in tables], [table.name for table in tables], "contact", run)
+    return tuple(sorted(contacts, key=lambda contact: contact.time))

@@ -1,4 +1,4 @@
-"""What sorties, contacts and units must fit: the run, and each other's names; and how a refusal says which one it was."""
+"""What sorties, contacts and units must fit: the run, and the names of each other."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,8 +27,8 @@ class Run:
         if first < self.start or last > self.end:
             when = notation.group(first) if first == last else f"{notation.group(first)} to {notation.group(last)}"
             raise ValueError(
-                f"{when} is outside the run, {notation.group(self.start)} to {notation.group(self.end)}; change its times, or "
-                "the case's start, duration or end"
+                f"{when} is outside the run, {notation.group(self.start)} to {notation.group(self.end)}; change its "
+                "times, or the case's start, duration or end"
             )
 
 
@@ -46,21 +46,25 @@ def numbered(given: Sequence[str | None], what: str) -> list[str]:
     return [name or f"{what} {number}" for number, name in enumerate(given, 1)]
 
 
-def all_told(
+def build_each(
     makers: Sequence[Callable[[str, Run], Any]], given: Sequence[str | None], what: str, run: Run
 ) -> list[Any]:
-    """Return what tables make, one after the other; raise one UserError for all that is wrong with any of them."""
-    wrong, made = Mistakes(), []
+    """Return the records of tables, one after the other.
+
+    makers: make a record from its name and the run; given: the names as written; what: "sortie", "contact" or "unit".
+    Raises one UserError for all that is wrong with any of them.
+    """
+    wrong, records = Mistakes(), []
     with wrong.gathered():
         named(given, what)
     for make, name in zip(makers, numbered(given, what), strict=True):
         with wrong.gathered():
-            made.append(told(make, name, what, run))
+            records.append(_build_one(make, name, what, run))
     wrong.refuse()
-    return made
+    return records
 
 
-def told(make: Callable[[str, Run], Any], name: str, what: str, run: Run) -> Any:
+def _build_one(make: Callable[[str, Run], Any], name: str, what: str, run: Run) -> Any:
     """Return what a table makes; its refusals say which table it was."""
     try:
         return make(name, run)

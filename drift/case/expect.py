@@ -10,7 +10,7 @@ from drift.case import fields
 from geo import sphere
 from geo.notation import NMI
 
-ROUNDING = 1e-12  # by which a sum of shares may exceed 1 in float64; seen: 7e-16
+ROUNDING = 1e-12  # by which a sum of shares may exceed 1 in float64 (the largest seen was 7e-16)
 
 
 class PlaceWithin(fields.Table):
@@ -49,14 +49,17 @@ class Expect(fields.Table):
 
 
 def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
-    """Return what a forecast's last output (see tables.numbers) misses, a line each; empty when all is as expected."""
+    """Return what the last output of a forecast misses, a line each; empty when all is as expected.
+
+    end: that output as in `forecast.tables.numbers`.
+    """
     missed = []
-    found = {name: end["probability"][name] for name in ("adrift", "ashore", "outside", "left")}
-    spans = {name: getattr(expected, name) for name in found}
+    values = {name: end["probability"][name] for name in ("adrift", "ashore", "outside", "left")}
+    spans = {name: getattr(expected, name) for name in values}
     for percent, span in expected.by_percent().items():
-        found[f"area_{percent:g}"] = _square_metres(end["area_nmi2"][f"{percent:g}%"])
+        values[f"area_{percent:g}"] = _square_metres(end["area_nmi2"][f"{percent:g}%"])
         spans[f"area_{percent:g}"] = span
-    for name, value in found.items():
+    for name, value in values.items():
         span = spans[name]
         if span is not None and not span[0] <= value <= span[1] + ROUNDING:
             missed.append(f"{name}: {value:.4g}, expected {span[0]:.4g} to {span[1]:.4g}")

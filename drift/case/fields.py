@@ -5,8 +5,8 @@ where.
 """
 
 import difflib
-from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
 
 from pydantic import (
     BaseModel,
@@ -24,6 +24,8 @@ from drift.case import units
 class Table(BaseModel):
     """A table of the case file: frozen, and no key that it doesn't know."""
 
+    old_keys: ClassVar[Mapping[str, str]] = {}  # earlier names of keys, which are still read, and what they are now
+
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=False)
 
     @model_validator(mode="wrap")
@@ -32,18 +34,23 @@ class Table(BaseModel):
         """Refuse unknown keys with the nearest known one, together with all else that is wrong in the table.
 
         What only follows from an unknown key is left out: that the key it stands for is missing, and what the table as
-        a whole would lack.
+        a whole would lack. A key may bear its old name, but not stand there by both.
         """
         if isinstance(data, cls):
             return handler(data)
         if not isinstance(data, dict):
             raise ValueError(f"must be a table, not {data!r}")
         known = [field.alias or name for name, field in cls.model_fields.items()]
+        twice = {old: new for old, new in cls.old_keys.items() if old in data and new in data}
+        data = {cls.old_keys.get(key, key): value for key, value in data.items() if key not in twice}
         unknown = {str(key): difflib.get_close_matches(str(key), known, n=1, cutoff=0.6) for key in data}
         unknown = {key: near for key, near in unknown.items() if key not in known}
-        if not unknown:
+        if not unknown and not twice:
             return handler(data)
         wrong = [
+            f'"{old}" is the old name of "{new}", and both are given; give {new} alone' for old, new in twice.items()
+        ]
+        wrong += [
             f'unknown key "{key}"; {f"""did you mean "{near[0]}"? """ if near else ""}Allowed: {", ".join(known)}'
             for key, near in unknown.items()
         ]
@@ -53,9 +60,9 @@ class Table(BaseModel):
             handler({key: value for key, value in data.items() if key in known})
         except ValidationError as error:
             other = [
-                _detail(found)
-                for found in error.errors(include_url=False)
-                if found["loc"] and not (found["type"] == "missing" and found["loc"][0] in meant)
+                _detail(mistake)
+                for mistake in error.errors(include_url=False)
+                if mistake["loc"] and not (mistake["type"] == "missing" and mistake["loc"][0] in meant)
             ]
         raise ValidationError.from_exception_data(cls.__name__, [*map(complaint, wrong), *other])
 
@@ -71,8 +78,8 @@ def refuse(table: BaseModel, messages: Sequence[str]) -> None:
         raise ValidationError.from_exception_data(type(table).__name__, [complaint(message) for message in messages])
 
 
-def _detail(found: Any) -> InitErrorDetails:
-    return {"type": found["type"], "loc": found["loc"], "input": found["input"], "ctx": found.get("ctx", {})}
+def _detail(mistake: Any) -> InitErrorDetails:
+    return {"type": mistake["type"], "loc": mistake["loc"], "input": mistake["input"], "ctx": mistake.get("ctx", {})}
 
 
 def one_of(table: BaseModel, names: tuple[str, ...]) -> str:

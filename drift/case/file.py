@@ -54,7 +54,7 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
     path, text = _read(name)
     try:
         data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError; numbers of 5,000 digits; 1,000 brackets deep
+    except (ValueError, RecursionError) as error:  # also for numbers of 5,000 digits, and 1,000 brackets deep
         raise UserError(_one_line(path, f"not valid TOML: {error}")) from None
     wrong = Mistakes()
     for key, value in (overrides or {}).items():
@@ -87,8 +87,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
+        return {str(key): _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> Case:
@@ -106,8 +106,9 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
 
 
 def source(quantity: Quantity, files: Sequence[str], overrides: Mapping[str, str]) -> ForcingSpec:
-    """Return files as the source that a case with these keys would make of them; overrides: {"variables.east": "ue"}.
+    """Return files as the source that a case with these keys would make of them.
 
+    overrides: {"variables.east": "ue"}.
     Raises UserError, a line for each mistake.
     """
     data: dict[str, Any] = {"files": list(files)}
@@ -126,16 +127,16 @@ def source(quantity: Quantity, files: Sequence[str], overrides: Mapping[str, str
         raise UserError(str(error)) from None
 
 
-def _inputs(here: Any, folder: Path, key: str = "") -> Iterator[str]:
+def _inputs(node: Any, folder: Path, key: str = "") -> Iterator[str]:
     """Give the paths of the files that a case's tables, which are known to be in order, name anywhere."""
-    if isinstance(here, Mapping):
-        for name, value in here.items():
+    if isinstance(node, Mapping):
+        for name, value in node.items():
             yield from _inputs(value, folder, name)
-    elif isinstance(here, list):
-        for value in here:
+    elif isinstance(node, list):
+        for value in node:
             yield from _inputs(value, folder, key if key == "files" else "")  # a track in a list is positions
-    elif isinstance(here, str) and key in FILES and here not in {"gshhg", "none"}:
-        yield from (path for path in sources.found(here, folder) if not sources.ADDRESS.match(path))
+    elif isinstance(node, str) and key in FILES and node not in {"gshhg", "none"}:
+        yield from (path for path in sources.matching(node, folder) if not sources.ADDRESS.match(path))
 
 
 def _refusal(path: Path, lines: tuple[str, ...]) -> UserError:
@@ -154,18 +155,18 @@ def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
         start = units.time(data.get("start"))
     except ValueError:
         return []
-    found = Mistakes()
+    wrong = Mistakes()
     for quantity in build.QUANTITIES:
         tables = data.get(quantity)
         for number, written in enumerate(tables if isinstance(tables, list) else (), 1):
             try:
                 table = SourceTable.model_validate(written)
-            except ValidationError:  # told already
+            except ValidationError:  # which is among the mistakes already
                 continue
             if isinstance(start, np.datetime64):
-                with found.gathered(sources.place(quantity, number, table.name)):
+                with wrong.gathered(sources.place(quantity, number, table.name)):
                     table.spec(quantity, number, start, path.absolute().parent)
-    return found.lines
+    return wrong.lines
 
 
 def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
@@ -173,7 +174,7 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
     if path.suffix != ".toml" and path.name == str(name) and not os.path.lexists(path):
         path = Path(str(resources.files("cases").joinpath(f"{name}.toml")))
     try:
-        return path, small.contents(path, LARGEST).decode("utf-8-sig")  # Windows' editors begin with a mark
+        return path, small.contents(path, LARGEST).decode("utf-8-sig")  # editors of Windows put a byte order mark first
     except (FileNotFoundError, NotADirectoryError):
         names = ", ".join(name for name, _ in shipped())
         raise UserError(f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases') from None
@@ -198,22 +199,25 @@ def _override(data: dict[str, Any], key: str, value: str) -> None:
 
 
 def _put(data: dict[str, Any], key: str, new: Any) -> None:
-    """Set one place of the tables as read, or take it away where the new value is None; numbers in the key count list items from 0."""
+    """Set one place of the tables as read, or take it away where the new value is None.
+
+    Numbers in the key count the items of a list from 0.
+    """
     *above, last = key.split(".")
-    here: Any = data
+    node: Any = data
     for part in above:
-        here = here.setdefault(part, {}) if isinstance(here, dict) else here[_index(here, part, key)]
-    if isinstance(here, dict) and new is None:
-        here.pop(last, None)
-    elif isinstance(here, dict):
-        here[last] = new
+        node = node.setdefault(part, {}) if isinstance(node, dict) else node[_index(node, part, key)]
+    if isinstance(node, dict) and new is None:
+        node.pop(last, None)
+    elif isinstance(node, dict):
+        node[last] = new
     else:
-        here[_index(here, last, key)] = new
+        node[_index(node, last, key)] = new
 
 
-def _index(here: Any, part: str, key: str) -> int:
-    if not isinstance(here, list):
+def _index(node: Any, part: str, key: str) -> int:
+    if not isinstance(node, list):
         raise UserError(f'--set {key}: there is nothing called "{part}" inside a value')
-    if not part.isdecimal() or int(part) >= len(here):
-        raise UserError(f'--set {key}: "{part}" is not a number from 0 to {len(here) - 1}')
+    if not part.isdecimal() or int(part) >= len(node):
+        raise UserError(f'--set {key}: "{part}" is not a number from 0 to {len(node) - 1}')
     return int(part)

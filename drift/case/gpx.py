@@ -44,7 +44,7 @@ def read(path: Path | str) -> Track:
 
 def _root(path: Path) -> ET.Element:
     data = small.contents(path, LARGEST)
-    plain = data.replace(b"\0", b"")  # UTF-16 too
+    plain = data.replace(b"\0", b"")  # so that UTF-16 is searched too
     if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
         raise ValueError("has a document type (<!DOCTYPE ..>), which no GPX file needs; save it again without")
     try:

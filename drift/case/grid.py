@@ -1,4 +1,4 @@
-"""A grid of the user's own for all outputs, so that runs can be subtracted cell by cell: output.grid of a case."""
+"""A grid of the user's own for all outputs (output.grid), so that runs can be subtracted cell by cell."""
 
 import math
 import re
@@ -47,16 +47,16 @@ class GridTable(fields.Table):
             raise ValueError(f"south {self.south:g} is not below north {self.north:g}")
         if max(abs(self.south), abs(self.north)) > POLEWARD:
             raise ValueError(f"reaches beyond {POLEWARD:g} degrees of latitude, where there is no forecast")
-        made = self.cells()
-        told = f"{self._told()} makes {made.nlon:,} x {made.nlat:,} cells"
-        if min(made.shape) < FEWEST:
+        cells = self.cells()
+        given = f"{self._described()} makes {cells.nlon:,} x {cells.nlat:,} cells"
+        if min(cells.shape) < FEWEST:
             raise ValueError(
-                f"{told}; at least {FEWEST} each way tell where something is: widen it, or make spacing smaller"
+                f"{given}; at least {FEWEST} each way tell where something is: widen it, or make spacing smaller"
             )
-        if made.nlon * made.nlat > MOST_CELLS:
-            larger = math.sqrt(made.nlon * made.nlat / MOST_CELLS)
+        if cells.nlon * cells.nlat > MOST_CELLS:
+            larger = math.sqrt(cells.nlon * cells.nlat / MOST_CELLS)
             raise ValueError(
-                f"{told}; at most {MOST_CELLS:,}: make spacing {math.ceil(10 * larger) / 10:g} times as large"
+                f"{given}; at most {MOST_CELLS:,}: make spacing {math.ceil(10 * larger) / 10:g} times as large"
             )
         return self
 
@@ -77,7 +77,7 @@ class GridTable(fields.Table):
         )
         return Cells(lon0, lat0, width, height, min(columns, sphere.TURN // width), rows)
 
-    def _told(self) -> str:
+    def _described(self) -> str:
         number, unit = self.spacing
         return f"a spacing of {number:g} {unit} over {self.west:g}..{self.east:g} E, {self.south:g}..{self.north:g} N"
 

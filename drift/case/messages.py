@@ -11,29 +11,29 @@ def lines(error: ValidationError, data: Mapping[str, Any]) -> tuple[str, ...]:
 
     data: the case file's tables as read, so that scenarios and sources are called by their names.
     """
-    told = []
-    for found in error.errors(include_url=False):
-        place, what = where(found["loc"], data), _what(found)
-        told.append(f"{place}: {what}" if place else what)
-    return tuple(told)
+    complaints = []
+    for mistake in error.errors(include_url=False):
+        place, what = where(mistake["loc"], data), _what(mistake)
+        complaints.append(f"{place}: {what}" if place else what)
+    return tuple(complaints)
 
 
 def where(loc: Sequence[int | str], data: Any) -> str:
     """Return a place in the case file: names instead of positions in a list where there are names."""
-    place, here = "", data
+    place, value = "", data
     for part in loc:
-        here = _inside(here, part)
+        value = _inside(value, part)
         if isinstance(part, int):
-            name = here.get("name") if isinstance(here, Mapping) else None
+            name = value.get("name") if isinstance(value, Mapping) else None
             place += f' "{name}"' if isinstance(name, str) else f" {part + 1}"
         else:
             place += f".{part}" if place else part
     return place
 
 
-def _inside(here: Any, part: int | str) -> Any:
+def _inside(value: Any, part: int | str) -> Any:
     try:
-        return here[part]
+        return value[part]
     except (KeyError, IndexError, TypeError):
         return None
 

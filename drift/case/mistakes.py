@@ -1,4 +1,4 @@
-"""Mistakes in a case, gathered: parts that do not depend on each other are all looked at before any is complained of."""
+"""Mistakes in a case, gathered: all independent parts are looked at before any is complained of."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,12 +17,15 @@ class Mistakes:
 
     @contextmanager
     def gathered(self, place: str = "") -> Iterator[None]:
-        """Go on after a refusal inside, and keep it; place: what it is about, where the refusal itself does not say so."""
+        """Go on after a refusal inside, and keep it.
+
+        place: what the refusal is about, where it does not say so itself.
+        """
         try:
             yield
         except (UserError, ValueError) as error:
-            told = error.lines if isinstance(error, UserError) else (str(error),)
-            self.lines += [f"{place}: {line}" if place else line for line in told]
+            lines = error.lines if isinstance(error, UserError) else (str(error),)
+            self.lines += [f"{place}: {line}" if place else line for line in lines]
 
     def refuse(self) -> None:
         """Raise one UserError with all that was gathered; do nothing where that is nothing."""

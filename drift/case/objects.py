@@ -1,4 +1,4 @@
-"""Objects as a case describes them: a leeway class, own leeway lines, plain windage, an immersion level, or water."""
+"""Objects of a case: a leeway class, leeway lines, plain windage, an immersion level, or water."""
 
 import numpy as np
 from pydantic import model_validator
@@ -53,7 +53,8 @@ class ObjectTable(fields.Table):
                 raise ValueError(str(error)) from None
         elif self.downwind is not None and self.downwind.slope < 0:
             raise ValueError(
-                f"downwind slope {100 * self.downwind.slope:g} % must be 0 to 50 %: no wind draws an object towards itself"
+                f"downwind slope {100 * self.downwind.slope:g} % must be 0 to 50 %: no wind draws an object towards "
+                "itself"
             )
         elif self.downwind is not None and self.windage is not None:
             raise ValueError("give either downwind, right and left or windage, not both")

@@ -1,4 +1,4 @@
-"""Where a sortie searches, as a case file says it: regions, patterns, waypoints with or without times, tracks."""
+"""Where a sortie searches, as a case file says it: regions, patterns, waypoints, tracks."""
 
 import itertools
 import math

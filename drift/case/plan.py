@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator
 
 from drift.case import fields, units
-from drift.case.context import Run, all_told
+from drift.case.context import Run, build_each
 from drift.case.mistakes import Mistakes
 from drift.case.sensor import VISUAL, Kind, SensorTable
 from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit
@@ -57,8 +57,8 @@ class UnitTable(SensorTable):
         ready = plan.begin if self.ready is None else units.resolve(self.ready, run.start)
         if self.ready is not None and ready >= plan.until:
             raise ValueError(
-                f"ready at {notation.group(ready)}, not before the plan's end, {notation.group(plan.until)}; change ready, or "
-                "until in [plan], or run for longer"
+                f"ready at {notation.group(ready)}, not before the plan's end, {notation.group(plan.until)}; change "
+                "ready, or until in [plan], or run for longer"
             )
         for key in ("clear_of_land", "draught"):
             if getattr(self, key) is not None and self.kind != "Boat":
@@ -108,8 +108,8 @@ class PlanTable(fields.Table):
 
     def spec(self, run: Run, sorties: Sequence[Sortie], contacts: Sequence[Contact], asked: bool) -> PlanSpec:
         """Return the record; asked: whether there is something to plan, so that its times must leave room for it."""
-        known = [run.start, *(sortie.end for sortie in sorties), *(contact.time for contact in contacts)]
-        begin = max(known) if self.begin is None else units.resolve(self.begin, run.start)
+        past = [run.start, *(sortie.end for sortie in sorties), *(contact.time for contact in contacts)]
+        begin = max(past) if self.begin is None else units.resolve(self.begin, run.start)
         until = run.end if self.until is None else units.resolve(self.until, run.start)
         wrong = Mistakes()
         for key, time in (("begin", begin), ("until", until)):
@@ -117,15 +117,16 @@ class PlanTable(fields.Table):
                 with wrong.gathered(f"plan.{key}"):
                     run.check(time, time)
         if self.begin is None:
-            begin = min(begin, until)  # all has been flown: a run need not mind that there is no time left to plan for
+            begin = min(begin, until)  # a run whose sorties last to its end needs no time for a plan
         elif asked and begin >= until:
             wrong.lines.append(
-                f"plan: it begins at {notation.group(begin)}, not before its end, {notation.group(until)}; give begin and "
-                "until in [plan], or run for longer"
+                f"plan: it begins at {notation.group(begin)}, not before its end, {notation.group(until)}; give begin "
+                "and until in [plan], or run for longer"
             )
         if self.objective == "alive" and all(scenario.survival is None for scenario in run.scenarios):
             wrong.lines.append(
-                'plan.objective: "alive" needs survival in the scenarios, like survival = { median = "18 h", spread = 1.6 }'
+                'plan.objective: "alive" needs survival in the scenarios, like survival = { median = "18 h", spread = '
+                "1.6 }"
             )
         wrong.refuse()
         return PlanSpec(begin, until, self.objective, self.separation, self.rounds, self.particles)
@@ -156,22 +157,23 @@ def build(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit, ...]
     def maker(table: UnitTable) -> Callable[[str, Run], Unit]:
         return lambda name, run: table.unit(name, run, plan)
 
-    return tuple(all_told([maker(table) for table in tables], [table.name for table in tables], "unit", run))
+    return tuple(build_each([maker(table) for table in tables], [table.name for table in tables], "unit", run))
 
 
-def check_groups(sorties: Sequence[Sortie], known: Sequence[Unit]) -> None:
+def check_groups(sorties: Sequence[Sortie], fleet: Sequence[Unit]) -> None:
     """Refuse a group whose members know their sweep widths differently well: its unknown factor is one."""
     first: dict[str, tuple[str, float]] = {}
     members: list[tuple[str, Sortie | Unit]] = [
         (f'sortie "{sortie.name}"', sortie) for sortie in sorties if not sortie.watch
     ]
-    members += [(f'unit "{unit.name}"', unit) for unit in known]
+    members += [(f'unit "{unit.name}"', unit) for unit in fleet]
     for place, member in members:
         name, shape = first.setdefault(member.group, (place, member.shape))
         if shape != member.shape:
             raise UserError(
-                f"{place}: sweep_width_uncertainty is {_share(member.shape)}, but {_share(shape)} in {name} of the same "
-                f'sweep_group "{member.group}", whose unknown factor is one; give both the same, or a sweep_group of its own'
+                f"{place}: sweep_width_uncertainty is {_share(member.shape)}, but {_share(shape)} in {name} of the "
+                f'same sweep_group "{member.group}", whose unknown factor is one; give both the same, or a '
+                "sweep_group of its own"
             )
 
 
@@ -181,8 +183,8 @@ def _share(shape: float) -> str:
 
 def times(sorties: Sequence[Sortie], contacts: Sequence[Contact]) -> list[np.datetime64]:
     """Return the times worth a map: start, middle and end of each sortie, and of each contact."""
-    found = [contact.time for contact in contacts]
+    moments = [contact.time for contact in contacts]
     for sortie in sorties:
         half = (sortie.end - sortie.start) // 2
-        found += [sortie.start, sortie.start + half, sortie.end]
-    return found
+        moments += [sortie.start, sortie.start + half, sortie.end]
+    return moments

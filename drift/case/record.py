@@ -44,7 +44,7 @@ class Case:
     max_lost: float
     outputs: NDArray[np.datetime64]  # in order of the run, start and end included
     trajectories: int
-    areas: tuple[float, ...]  # shares of the probability whose areas are told, ascending
+    areas: tuple[float, ...]  # shares of the probability whose areas are made, ascending
     grid: Cells | None  # of all outputs; None: cells follow the particles
     step: int | None  # [s], positive also in a backward run; None: choose it
     scheme: Literal["rk2", "rk4"]
@@ -57,7 +57,7 @@ class Case:
     current_error: ForcingError
     wind_error: ForcingError
     diffusivity: float  # [m2/s]
-    diffusivity_by: str  # who says so: drift.case.uncertainty
+    diffusivity_by: str  # whether the case says so, or a default: drift.case.uncertainty
     scenarios: tuple[Scenario, ...]  # of a spill: one a class of objects, all with its prior
     spill: Spill | None
     sorties: tuple[Sortie, ...]  # by start

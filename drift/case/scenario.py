@@ -13,13 +13,21 @@ from pydantic import BeforeValidator, Field, model_validator
 from drift.case import fields, survival, units
 from drift.case.objects import ObjectTable
 from drift.motion.leeway import Drifter
-from drift.motion.scenario import JIBE_RATE, AreaPrior, Displacement, PositionPrior, Survival, TracklinePrior
+from drift.motion.scenario import (
+    JIBE_RATE,
+    AreaPrior,
+    Displacement,
+    PositionPrior,
+    ReleasePrior,
+    Survival,
+    TracklinePrior,
+)
 from drift.search import sweep_width
 from geo import notation, sphere
 from geo.errors import UserError
 
 LONGEST_EDGE = 90.0  # [deg] of longitude, of a polygon's edge
-NARROWEST = 1e-5  # [deg] area of a polygon by its outline, half its width: 1 m
+NARROWEST = 1e-5  # [deg] least area of a polygon over its outline, which is half its width: 1 m
 
 
 class WindowTable(fields.Table):
@@ -186,7 +194,8 @@ def _distress(value: Any) -> Any:
     if isinstance(value, str):
         if value != "uniform":
             raise ValueError(
-                f'"{value}" is not allowed; write "uniform", {{ triangular = {{ mode = 0.6 }} }} or {{ between = [..] }}'
+                f'"{value}" is not allowed; write "uniform", {{ triangular = {{ mode = 0.6 }} }} or '
+                "{ between = [..] }"
             )
         return {}
     return value
@@ -248,8 +257,9 @@ def _search_object(value: object) -> object:
 
 
 class SurvivalTable(fields.Table):
-    """How long someone stays alive after going adrift: lognormal, its median and the factor of one standard deviation.
+    """How long someone stays alive after going adrift: lognormal, by a median and a spread.
 
+    The spread is the factor of one standard deviation.
     The median is given, or follows from the water's temperature (drift.case.survival).
     """
 
@@ -302,7 +312,7 @@ class ScenarioTable(fields.Table):
         fields.one_of(self, ("position", "area", "trackline"))
         return self
 
-    def prior(self, start: np.datetime64) -> PositionPrior | AreaPrior | TracklinePrior:
+    def prior(self, start: np.datetime64) -> ReleasePrior:
         """Return where and when it went adrift."""
         table = self.position or self.area or self.trackline
         assert table is not None  # one_prior

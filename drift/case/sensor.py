@@ -1,4 +1,4 @@
-"""How a unit sees, as a case file says it: law of detection, sweep width, what is not known of it, zones of range.
+"""How a unit sees, as a case file says it: law of detection, sweep width, zones of range.
 
 Sorties and units share these keys. A sweep width is one quantity, one for each scenario by name, or the conditions by
 which the published tables give it for each scenario's search_object.
@@ -34,7 +34,7 @@ def _sensor(value: object) -> str:
 
 Sensor = Annotated[str, BeforeValidator(_sensor)]
 MOST_WIDTH = 200 * NMI  # [m]
-MOST_UNKNOWN = 1.0  # standard deviation of a sweep width as a share of it: beyond, 16 values do not tell its tail
+MOST_UNKNOWN = 1.0  # standard deviation as a share of the width; beyond it 16 values do not hold the tail
 
 
 def _length(value: object) -> float:
@@ -182,17 +182,20 @@ class SensorTable(fields.Table):
         return 1 / self.sweep_width_uncertainty**2 if self.sweep_width_uncertainty > 0 else math.inf
 
     def group(self, kind: str) -> str:
-        """Return which sorties share the unknown factor: by default those of one kind of unit, sensor and uncertainty."""
+        """Return which sorties share the unknown factor of the sweep width.
+
+        By default these are all of one kind of unit, sensor and uncertainty.
+        """
         shape = self.shape()
         unsure = "" if math.isinf(shape) else f", {100 / math.sqrt(shape):.3g} %"
         return self.sweep_group or f"{kind} {self.sensor}{unsure}".strip()
 
     def height(self) -> float:
         """Return the altitude [m], NaN where it is not told."""
-        told = self.altitude
-        if told is None and isinstance(self.sweep_width, ConditionsTable):
-            told = self.sweep_width.altitude
-        return math.nan if told is None else told
+        altitude = self.altitude
+        if altitude is None and isinstance(self.sweep_width, ConditionsTable):
+            altitude = self.sweep_width.altitude
+        return math.nan if altitude is None else altitude
 
     def widths(self, kind: str, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
         """Return the sweep width [m] for each scenario; a lateral range curve brings its own.
@@ -204,7 +207,8 @@ class SensorTable(fields.Table):
             return (own(self.law),) * len(scenarios)
         if given is None:
             raise ValueError(
-                "sweep_width is missing; give a length, one for each scenario, or { visibility = .., wind = .. } for the tables"
+                "sweep_width is missing; give a length, one for each scenario, or { visibility = .., wind = .. } for "
+                "the tables"
             )
         if isinstance(given, ConditionsTable):
             return tuple(self._tabulated(given, kind, speed, scenario) for scenario in scenarios)
@@ -212,8 +216,8 @@ class SensorTable(fields.Table):
             return by_scenario(given, scenarios, "sweep_width")
         if own is not None and not math.isclose(given, swept := own(self.law), rel_tol=0.02):
             raise ValueError(
-                f"sweep_width is {given / NMI:.3g} nmi, but the curve sweeps {swept / NMI:.3g} nmi (twice its integral); "
-                "leave sweep_width out, or give one for each scenario, to which the curve is stretched"
+                f"sweep_width is {given / NMI:.3g} nmi, but the curve sweeps {swept / NMI:.3g} nmi (twice its "
+                "integral); leave sweep_width out, or give one for each scenario, to which the curve is stretched"
             )
         return (float(given),) * len(scenarios)
 
@@ -227,7 +231,8 @@ class SensorTable(fields.Table):
             raise ValueError(f"the sweep width tables need the kind of unit: {kinds}")
         if scenario.search_object is None:
             raise ValueError(
-                f'the sweep width tables need search_object in scenario "{scenario.name}", like search_object = "Raft 4 person"'
+                f'the sweep width tables need search_object in scenario "{scenario.name}", like search_object = "Raft '
+                '4 person"'
             )
         altitude = self.height()
         if math.isnan(altitude):
@@ -284,5 +289,7 @@ def _zones(value: object) -> Watch:
 
 Zones = Annotated[Watch, BeforeValidator(_zones)]
 Pod = Annotated[Any, PlainValidator(
-    lambda value: {str(name): probability(pod) for name, pod in value.items()} if isinstance(value, dict) else probability(value)
+    lambda value: (
+        {str(name): probability(pod) for name, pod in value.items()} if isinstance(value, dict) else probability(value)
+    )
 )]  # fmt: skip

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from drift.case import fields, units
 from drift.case import pattern as pattern_table
 from drift.case import track as track_table
-from drift.case.context import Run, all_told
+from drift.case.context import Run, build_each
 from drift.case.pattern import PatternTable, RegionTable, Spacing, Waypoints
 from drift.case.sensor import Kind, Pod, SensorTable, Zones, by_scenario
 from drift.motion.scenario import Scenario
@@ -182,7 +182,7 @@ class SortieTable(SensorTable):
             legs = polyline.thinned(legs, _fineness(widths))
         if area is None and legs is not None and self.watch is None and max(widths) > 0:
             area = polyline.strip(legs, max(widths))
-        made = Sortie(
+        sortie = Sortie(
             name,
             self.unit,
             begin,
@@ -200,7 +200,7 @@ class SortieTable(SensorTable):
             altitude=self.height(),
             spacing=self._given_spacing(),
         )
-        return self._drifting(made, run)
+        return self._drifting(sortie, run)
 
     def _place(
         self, start: np.datetime64 | None, end: np.datetime64 | None, run: Run
@@ -209,7 +209,7 @@ class SortieTable(SensorTable):
         since = None if start is None else float(notation.epoch(start))
         until = None if end is None else float(notation.epoch(end))
         if self.actual is not None:
-            legs = track_table.made(self.actual, "actual", self.speed, since, until, run)
+            legs = track_table.made_good(self.actual, "actual", self.speed, since, until, run)
             if self.pattern is None:
                 return self.area.area() if self.area else None, legs
             return self._planned(since or legs.time[0], until or legs.time[-1], self._speed(legs)).area, legs
@@ -217,7 +217,7 @@ class SortieTable(SensorTable):
             return self.area.area(), None
         if self.track is not None:
             return None, track_table.cut(
-                track_table.made(self.track, "track", self.speed, since, until, run), self.completed, until
+                track_table.made_good(self.track, "track", self.speed, since, until, run), self.completed, until
             )
         if self.waypoints is not None and self.waypoints[0][0] is not None:
             legs = self._transit(pattern_table.timed_legs(self.waypoints, run.start))
@@ -276,11 +276,11 @@ class SortieTable(SensorTable):
             pattern_table.moment(math.floor(legs.time[0] + 1e-6)),
             pattern_table.moment(legs.time[-1], up=True),
         )
-        for given, known, late in ((start, first, False), (end, last, True)):
-            if given is not None and (known > given if late else known < given):
+        for stated, flown, late in ((start, first, False), (end, last, True)):
+            if stated is not None and (flown > stated if late else flown < stated):
                 raise ValueError(
-                    f"its legs {'end' if late else 'begin'} at {notation.group(known)}, "
-                    f"{'after its end' if late else 'before its start'}, {notation.group(given)}"
+                    f"its legs {'end' if late else 'begin'} at {notation.group(flown)}, "
+                    f"{'after its end' if late else 'before its start'}, {notation.group(stated)}"
                 )
         return first if start is None else start, last if end is None else end
 
@@ -326,19 +326,20 @@ class SortieTable(SensorTable):
         if takes > track_table.TOO_FAST * duration and self.completed == 1:
             assert self.speed is not None
             raise ValueError(
-                f"{size / NMI**2:.3g} nmi2 at a spacing of {self.spacing / NMI:.3g} nmi take {track_table.hours(takes)} at "
-                f"{self.speed / KNOT:.3g} kn, from start to end are {track_table.hours(duration)}; change one of these, or give completed"
+                f"{size / NMI**2:.3g} nmi2 at a spacing of {self.spacing / NMI:.3g} nmi take "
+                f"{track_table.hours(takes)} at {self.speed / KNOT:.3g} kn, from start to end are "
+                f"{track_table.hours(duration)}; change one of these, or give completed"
             )
         return tuple(width / self.spacing for width in widths)
 
     def _given_spacing(self) -> float:
-        told = self.pattern.spacing if self.pattern is not None else self.spacing
-        return math.nan if told is None else told
+        spacing = self.pattern.spacing if self.pattern is not None else self.spacing
+        return math.nan if spacing is None else spacing
 
-    def _drifting(self, made: Sortie, run: Run) -> Sortie:
+    def _drifting(self, sortie: Sortie, run: Run) -> Sortie:
         """Return a sortie with its frame: where it begins to drift, and with what marker."""
         if self.frame_() == "ground":
-            return made
+            return sortie
         if self.pattern is not None and self.pattern.datum is not None:
             datum = self.pattern.datum
         elif self.pattern is not None and self.pattern.centre is not None:
@@ -346,19 +347,19 @@ class SortieTable(SensorTable):
         elif self.area is not None:
             datum = self.area.middle()
         else:
-            assert made.legs is not None
-            datum = (made.legs.lon[0], made.legs.lat[0])
+            assert sortie.legs is not None
+            datum = (sortie.legs.lon[0], sortie.legs.lat[0])
         marker = None
         if self.marker is not None:
             given = (self.marker.track, self.marker.positions)
-            marker = track_table.marker(*given, made.start, made.end, run)
-        return replace(made, frame="datum", datum=datum, marker=marker)
+            marker = track_table.marker(*given, sortie.start, sortie.end, run)
+        return replace(sortie, frame="datum", datum=datum, marker=marker)
 
 
 def build(tables: Sequence[SortieTable], run: Run) -> tuple[Sortie, ...]:
     """Return the sorties by start; raise UserError for what is wrong with one, or between them."""
-    made = all_told([table.sortie for table in tables], [table.name for table in tables], "sortie", run)
-    return tuple(sorted(made, key=lambda sortie: (sortie.start, sortie.end)))
+    sorties = build_each([table.sortie for table in tables], [table.name for table in tables], "sortie", run)
+    return tuple(sorted(sorties, key=lambda sortie: (sortie.start, sortie.end)))
 
 
 def _fineness(widths: tuple[float, ...]) -> float:

@@ -1,5 +1,6 @@
-"""Where a case takes its winds and currents from: files, a dataset in memory, a constant, a table, or a built-in flow.
+"""Where a case takes its winds and currents from.
 
+Files, a dataset in memory, a constant, a table, or a built-in flow.
 Nothing is opened here; geo.forcing.sources does that. A constant or a table is what was reported on scene, so that the
 first hour of a case needs no file. Currents go toward, winds come from; the case file says which with the key it uses.
 """
@@ -11,7 +12,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -25,6 +26,14 @@ from geo.forcing.quantity import QUANTITIES
 SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
 
 ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
+
+
+class Forcing(NamedTuple):
+    """The sources of a case by quantity, each in order of priority."""
+
+    currents: tuple[ForcingSpec, ...]
+    winds: tuple[ForcingSpec, ...]
+    stokes: tuple[ForcingSpec, ...]
 
 
 class Vector(fields.Table):
@@ -166,7 +175,7 @@ class SourceTable(fields.Table):
         return ForcingSpec(
             name=self.name or f"{quantity} {number}",
             quantity=quantity,
-            files=tuple(path for written in self.files or () for path in found(written, folder)),
+            files=tuple(path for written in self.files or () for path in matching(written, folder)),
             dataset=self.dataset,
             constant=self.constant.components() if self.constant else None,
             table=_report(self.table, start) if self.table is not None else None,
@@ -209,7 +218,7 @@ def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
     return Report(times, tuple(east for east, _ in vectors), tuple(north for _, north in vectors))
 
 
-def found(written: str, folder: Path) -> list[str]:
+def matching(written: str, folder: Path) -> list[str]:
     """Return the files that a path or pattern names, absolute and sorted; addresses pass as they are."""
     text = re.sub(r"\$\{(\w+)\}|\$(\w+)", lambda match: _variable(match[1] or match[2], written), written)
     if ADDRESS.match(text):
@@ -240,7 +249,7 @@ def _variable(name: str, written: str) -> str:
 def one_file(name: str, folder: Path, place: str, allowed: str = "") -> str:
     """Return the absolute path of one file; raise UserError, with `allowed`, where there is none, or several."""
     try:
-        files = found(name, folder)
+        files = matching(name, folder)
     except ValueError as error:
         raise UserError(f"{place}: {error}{allowed}") from None
     if len(files) != 1 or not Path(files[0]).is_file():

@@ -1,4 +1,4 @@
-"""Spills as a case describes them: many objects from one place, of one or several classes, and what nobody knows of them.
+"""Spills as a case describes them: many objects of one or several classes, released from one place.
 
 Holds the records that the engine takes (SI, UTC) and the tables of the case file that they are made from. What all
 objects of one spill share (release, bias of windage and current, share destroyed, sinking rate, readiness to report) is
@@ -8,7 +8,7 @@ drift.spill.finds.
 
 import math
 import os
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
@@ -17,7 +17,7 @@ from drift.case import fields, units
 from drift.case.mistakes import Mistakes
 from drift.case.objects import ObjectTable
 from drift.case.scenario import AreaTable, PositionTable, TracklineTable
-from drift.motion.scenario import JIBE_RATE, AreaPrior, PositionPrior, TracklinePrior
+from drift.motion.scenario import JIBE_RATE, ReleasePrior
 from drift.spill.records import DAY, FEWEST_PARTICLES, Find, Kind, Patrol, Reporting, Sinking, Spill, Team
 from geo import notation
 
@@ -28,7 +28,10 @@ LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
 
 
 class SinkingTable(fields.Table):
-    """How objects sink: half_life of a hazard, or waterlogged: the median time, with its spread; one value or [low, high]."""
+    """How objects sink: by the half_life of a hazard, or waterlogged at a median time with a spread.
+
+    Times are one value or [low, high].
+    """
 
     half_life: fields.DurationRange | None = None
     waterlogged: fields.DurationRange | None = None
@@ -67,7 +70,9 @@ class KindTable(fields.Table):
 
 
 def _rate(value: Any) -> float:
-    if isinstance(value, int | float) and not isinstance(value, bool) and value != 0:  # SI would be one a second
+    if (
+        isinstance(value, int | float) and not isinstance(value, bool) and value != 0
+    ):  # a bare number would be per second
         raise ValueError(f'rate {value!r} needs a unit, like "{value:g} /day"')
     return fields.rate(value)
 
@@ -90,7 +95,7 @@ class ReportingTable(fields.Table):
     until: fields.Time | None = None
 
     @model_validator(mode="after")
-    def known(self) -> "ReportingTable":
+    def whole(self) -> "ReportingTable":
         """Refuse a kind of shore without a rate."""
         if self.coast not in self.rate:
             raise ValueError(f'coast = "{self.coast}" has no rate; kinds with one: {", ".join(self.rate) or "none"}')
@@ -111,22 +116,31 @@ def _number(value: object) -> tuple[int, int]:
     return int(low), int(high)
 
 
+def _release_duration(value: object) -> float:
+    seconds = units.quantity(value, "s", "duration", "2 h")
+    if not 0 <= seconds <= LONGEST:
+        raise ValueError(f"{value!r} must be 0 to {LONGEST / DAY:g} d")
+    return seconds
+
+
 class SpillTable(fields.Table):
     """The [spill] table as written."""
+
+    old_keys: ClassVar = {"scatter": "release_std", "lasting": "release_duration", "renewals": "redraws"}
 
     objects: Annotated[tuple[int, int], BeforeValidator(_number)]
     kinds: Annotated[list[KindTable], Field(min_length=1, max_length=MOST_CLASSES, alias="class")]
     position: PositionTable | None = None
     area: AreaTable | None = None
     trackline: TracklineTable | None = None
-    scatter: fields.Length = 0.0
-    lasting: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "s", "duration", "2 h"))] = 0.0
+    release_std: fields.Length = 0.0
+    release_duration: Annotated[float, BeforeValidator(_release_duration)] = 0.0
     worlds: fields.Count = 2000
     per_world: fields.Count | None = None
     destroyed: fields.ShareRange = (0.0, 0.0)
     windage_bias: Annotated[fields.Share, Field(le=1)] = 0.2
     current_bias: fields.CurrentError | None = None  # in place of uncertainty.current.bias
-    renewals: Annotated[fields.Count, Field(ge=0, le=20)] = 3
+    redraws: Annotated[fields.Count, Field(ge=0, le=20)] = 3
     stretches: StretchTable = StretchTable()
     reporting: ReportingTable = ReportingTable()
 
@@ -144,8 +158,6 @@ class SpillTable(fields.Table):
                 raise ValueError(f'class "{name}": tables call a standard error by this name; give it another')
         if self.worlds < FEWEST_WORLDS:
             raise ValueError(f"worlds {self.worlds}: must be at least {FEWEST_WORLDS}; 2000 is usual")
-        if not 0 <= self.lasting <= LONGEST:
-            raise ValueError(f"lasting {self.lasting / DAY:g} d: must be 0 to {LONGEST / DAY:g} d")
         if self.per_world is not None and self.per_world < FEWEST_PARTICLES * len(self.kinds):
             raise ValueError(f"per_world {self.per_world}: must be at least {FEWEST_PARTICLES} for each class")
         particles = self.worlds * self.particles()
@@ -159,11 +171,15 @@ class SpillTable(fields.Table):
         """Return the particles of a world: as many as there are objects, at least 500, at most 2,000."""
         return self.per_world if self.per_world is not None else min(max(self.objects[1], 500), 2000)
 
-    def prior(self, start: np.datetime64) -> PositionPrior | AreaPrior | TracklinePrior:
+    def prior(self, start: np.datetime64) -> ReleasePrior:
         """Return where and when a world's release may have been."""
         table = self.position or self.area or self.trackline
         assert table is not None  # whole
         return table.prior(start)
+
+    def began(self) -> str:
+        """Return the key that says when it began."""
+        return "trackline.departure" if self.trackline else "position.time" if self.position else "area.time"
 
 
 class FindTable(fields.Table):
@@ -249,9 +265,9 @@ class PatrolUnitTable(fields.Table):
 
 def build(
     table: SpillTable,
-    finds: list[FindTable],
-    patrols: list[PatrolTable],
-    teams: list[PatrolUnitTable],
+    find_tables: list[FindTable],
+    patrol_tables: list[PatrolTable],
+    team_tables: list[PatrolUnitTable],
     start: np.datetime64,
     file: str | None,
 ) -> Spill:
@@ -262,29 +278,28 @@ def build(
     total = math.fsum(kind.share for kind in table.kinds)
     prior = table.prior(start)
     wrong = Mistakes()
-    known = tuple(_patrol(patrol, start) for patrol in patrols)
-    wrong.lines += _twice([patrol.name for patrol in known], "patrol")
-    listed = []
-    for number, find in enumerate(finds, 1):
+    patrols = tuple(_patrol(patrol, start) for patrol in patrol_tables)
+    wrong.lines += _twice([patrol.name for patrol in patrols], "patrol")
+    finds = []
+    for number, find in enumerate(find_tables, 1):
         with wrong.gathered():
-            listed.append(_find(find, number, known, start))
-    found = tuple(listed)
-    wrong.lines += _twice([find.name for find in found], "find")
-    wrong.lines += _twice([team.name for team in teams], "patrol_unit")
+            finds.append(_find(find, number, patrols, start))
+    wrong.lines += _twice([find.name for find in finds], "find")
+    wrong.lines += _twice([team.name for team in team_tables], "patrol_unit")
     wrong.refuse()
     spill = Spill(
         objects=table.objects,
         kinds=tuple(kind.kind(total) for kind in table.kinds if kind.share > 0),
         prior=prior,
-        scatter=table.scatter,
-        lasting=table.lasting,
+        release_std=table.release_std,
+        release_duration=table.release_duration,
         worlds=table.worlds,
         per_world=table.particles(),
         destroyed=table.destroyed,
         windage_bias=table.windage_bias,
         current_bias=table.current_bias or 0.0,  # until the whole case is known: drift.case.uncertainty
         reporting_bias=table.reporting.bias,
-        renewals=table.renewals,
+        redraws=table.redraws,
         stretch=table.stretches.length,
         stretches=file,
         reporting=Reporting(
@@ -293,11 +308,11 @@ def build(
             table.reporting.coast,
             None if table.reporting.until is None else units.resolve(table.reporting.until, start),
         ),
-        finds=found,
-        patrols=known,
-        teams=tuple(team.team(start) for team in teams),
+        finds=tuple(finds),
+        patrols=patrols,
+        teams=tuple(team.team(start) for team in team_tables),
     )
-    _check(spill)
+    _check(spill, table.began())
     return spill
 
 
@@ -323,7 +338,8 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
             raise ValueError(f'{name}: by "{table.by}" is no patrol; patrols: {allowed}; leave it out for the public')
         if time is not None and time != patrol.time:
             raise ValueError(
-                f'{name}: found at {notation.group(time)}, but patrol "{table.by}" was there at {notation.group(patrol.time)}'
+                f'{name}: found at {notation.group(time)}, but patrol "{table.by}" was there at '
+                f"{notation.group(patrol.time)}"
             )
         if patrol.detection == 0:
             raise ValueError(f'{name}: found by patrol "{table.by}", whose detection is 0; raise it')
@@ -336,8 +352,8 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
     )  # fmt: skip
 
 
-def _check(spill: Spill) -> None:
-    """Refuse finds and patrols that cannot be."""
+def _check(spill: Spill, when: str) -> None:
+    """Refuse finds and patrols that cannot be; when: the key that says when the spill began."""
     wrong = Mistakes()
     kinds, most = [kind.name for kind in spill.kinds], spill.objects[1]
     for find in spill.finds:
@@ -354,29 +370,22 @@ def _check(spill: Spill) -> None:
         there = math.ceil(kind.share * most - 1e-9)
         if number > there:
             wrong.lines.append(
-                f'{number} finds of class "{kind.name}", but at most {there} of the {most} objects ([spill] objects) are of '
-                f"it; {cure}"
+                f'{number} finds of class "{kind.name}", but at most {there} of the {most} objects ([spill] objects) '
+                f"are of it; {cure}"
             )
     if sure and spill.destroyed[0] == 1:
         wrong.lines.append(f"{sure[0].name}: [spill] destroyed = 1 leaves nothing to be found; lower it")
     began = spill.prior.release_start
-    known: list[Find | Patrol] = [*spill.finds, *spill.patrols]
-    for thing in known:
-        if thing.time <= began:
-            word = "found" if isinstance(thing, Find) else "a patrol"
+    events: list[Find | Patrol] = [*spill.finds, *spill.patrols]
+    for event in events:
+        if event.time <= began:
+            word = "found" if isinstance(event, Find) else "a patrol"
             wrong.lines.append(
-                f"{thing.name}: {word} at {notation.group(thing.time)}, not after the spill, which began at "
-                f"{notation.group(began)} at the earliest; check its time, or [spill] {_when(spill)}"
+                f"{event.name}: {word} at {notation.group(event.time)}, not after the spill, which began at "
+                f"{notation.group(began)} at the earliest; check its time, or [spill] {when}"
             )
-    until, last = spill.reporting.until, max((thing.time for thing in known), default=began)
+    until, last = spill.reporting.until, max((event.time for event in events), default=began)
     if until is not None and until < last:
-        what = "the last find or patrol" if known else "the spill"
+        what = "the last find or patrol" if events else "the spill"
         wrong.lines.append(f"spill.reporting.until {notation.group(until)} is before {what}, {notation.group(last)}")
     wrong.refuse()
-
-
-def _when(spill: Spill) -> str:
-    """Return the key that says when a spill began."""
-    if isinstance(spill.prior, TracklinePrior):
-        return "trackline.departure"
-    return "position.time" if isinstance(spill.prior, PositionPrior) else "area.time"

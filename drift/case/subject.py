@@ -1,4 +1,7 @@
-"""What a case is about: scenarios of one object, or the classes of a spill; built from its tables, checked against the run."""
+"""What a case is about: the scenarios of one object, or the classes of a spill.
+
+They are built from their tables and checked against the run.
+"""
 
 import math
 from pathlib import Path
@@ -10,6 +13,7 @@ from drift.case import sources
 from drift.case.mistakes import Mistakes
 from drift.case.scenario import ScenarioTable
 from drift.case.schema import CaseTable
+from drift.case.sources import Forcing
 from drift.case.spill import build as build_spill
 from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.leeway import Drifter
@@ -33,22 +37,23 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
         wrong.lines.append(
             'coast.behaviour: "slide": nothing of a [spill] would come ashore; give "strand" or "refloat"'
         )
-    named, file, made = table.spill.stretches.file, None, None
+    named, file, record = table.spill.stretches.file, None, None
     with wrong.gathered():
         file = sources.one_file(named, folder, "spill.stretches.file") if named else None
     with wrong.gathered():
-        made = build_spill(table.spill, table.find, table.patrol, table.patrol_unit, start, file)
-    if made is None or end < start:
+        record = build_spill(table.spill, table.find, table.patrol, table.patrol_unit, start, file)
+    if record is None or end < start:
         wrong.refuse()
-    assert made is not None
-    known: list[Find | Patrol] = [*made.finds, *made.patrols]
-    for thing in known:
-        if thing.time > end:
+    assert record is not None
+    events: list[Find | Patrol] = [*record.finds, *record.patrols]
+    for event in events:
+        if event.time > end:
             wrong.lines.append(
-                f"{thing.name}: at {notation.group(thing.time)}, after the run's end, {notation.group(end)}; run for longer"
+                f"{event.name}: at {notation.group(event.time)}, after the run's end, {notation.group(end)}; run for "
+                "longer"
             )
-    last = max((thing.time for thing in known), default=start)
-    for team in made.teams:
+    last = max((event.time for event in events), default=start)
+    for team in record.teams:
         if team.times[0] < last:
             wrong.lines.append(
                 f'patrol_unit "{team.name}": first {notation.group(team.times[0])} is before the last find or patrol, '
@@ -56,36 +61,37 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
             )
         if team.times[-1] > end:
             wrong.lines.append(
-                f'patrol_unit "{team.name}": its last patrol, at {notation.group(team.times[-1])}, is after the run\'s end, '
-                f"{notation.group(end)}; give fewer days, or run for longer"
+                f'patrol_unit "{team.name}": its last patrol, at {notation.group(team.times[-1])}, is after the '
+                f"run's end, {notation.group(end)}; give fewer days, or run for longer"
             )
-    until = made.reporting.until
+    until = record.reporting.until
     if until is not None and until > end:
         wrong.lines.append(
-            f"spill.reporting.until {notation.group(until)} is after the run's end, {notation.group(end)}; run for longer"
+            f"spill.reporting.until {notation.group(until)} is after the run's end, {notation.group(end)}; run for "
+            "longer"
         )
     wrong.refuse()
-    return made
+    return record
 
 
-def classes(
-    spill: Spill, start: np.datetime64, end: np.datetime64, known: tuple[tuple[ForcingSpec, ...], ...]
-) -> tuple[Scenario, ...]:
+def classes(spill: Spill, start: np.datetime64, end: np.datetime64, forcing: Forcing) -> tuple[Scenario, ...]:
     """Return a spill's classes of objects as scenarios: what the engine moves."""
-    currents, winds, stokes = (tuple(spec.name for spec in specs) for specs in known)
-    made = []
+    currents, winds, stokes = (tuple(spec.name for spec in specs) for specs in forcing)
+    records = []
     for kind in spill.kinds:
         _check_release(f'class "{kind.name}"', spill.prior, start, end)
         _check_sources(f'class "{kind.name}"', kind.object, currents, winds)
-        made.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, currents, winds, stokes))
-    return tuple(made)
+        records.append(
+            Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, currents, winds, stokes)
+        )
+    return tuple(records)
 
 
 def scenarios(
     tables: list[ScenarioTable],
     start: np.datetime64,
     end: np.datetime64,
-    known: tuple[tuple[ForcingSpec, ...], ...],
+    forcing: Forcing,
 ) -> tuple[Scenario, ...]:
     """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit the run."""
     wrong = Mistakes()
@@ -100,12 +106,12 @@ def scenarios(
         for name in names
         if name.strip().casefold() == "all"
     ]
-    made = []
+    records = []
     for table in tables:
         with wrong.gathered():
-            made.append(_scenario(table, table.weight / (total or 1.0), start, end, known))
+            records.append(_scenario(table, table.weight / (total or 1.0), start, end, forcing))
     wrong.refuse()
-    return tuple(made)
+    return tuple(records)
 
 
 def _scenario(
@@ -113,7 +119,7 @@ def _scenario(
     weight: float,
     start: np.datetime64,
     end: np.datetime64,
-    known: tuple[tuple[ForcingSpec, ...], ...],
+    forcing: Forcing,
 ) -> Scenario:
     place, wrong = f'scenario "{table.name}"', Mistakes()
     drifter = table.object.drifter()
@@ -125,7 +131,7 @@ def _scenario(
             _check_release(place, prior, start, end)
     chosen: list[tuple[str, ...]] = []
     asked = (table.currents, table.winds, table.stokes)
-    for key, wanted, specs in zip(("currents", "winds", "stokes"), asked, known, strict=True):
+    for key, wanted, specs in zip(("currents", "winds", "stokes"), asked, forcing, strict=True):
         with wrong.gathered():
             chosen.append(_chosen(wanted, specs, f"{place}.{key}"))
     if len(chosen) == len(asked):

@@ -1,5 +1,6 @@
-"""How long people live in cold water: a published regression on its temperature, within the range that it was made for.
+"""How long people live in cold water: a published regression on its temperature.
 
+It is used only within the range of temperatures that it was made for.
 It says when an average adult's core falls to 30 degC, by heat alone: not who drowns before, nor who lives on in a raft.
 """
 
@@ -11,23 +12,28 @@ from drift.case import units
 SOURCE = "Hayward, Eckerson and Collis 1975"
 COLDEST, WARMEST = 4.6, 18.2  # [degC] measured in
 ONSET, LOSS, COOLING, WARMTH = 15.0, 7.2, 0.0785, 0.0034  # [min], [degC], [degC/min], [1/min]
-SPREAD = 2.0  # ours: the paper has none. By it 68 % live between half and twice the time; people and sea states differ so much
+# Ours, as the paper has none: 68 % live between half and twice the time, since people and sea states differ so much.
+SPREAD = 2.0
 OTHERS = (
-    "we know of no formula with its numbers for other clothing (survival suits: 2 to 10 times as long by the National Search and Rescue "
-    "Manual, JP 3-50, chapter 4) or for a raft; give median and spread instead"
+    "we know of no formula with its numbers for other clothing (survival suits: 2 to 10 times as long by the National "
+    "Search and Rescue Manual, JP 3-50, chapter 4) or for a raft; give median and spread instead"
 )
 CLOTHING = ("light",)
 
 
 def celsius(value: object) -> float:
-    """Return a water temperature [degC] that the regression holds for, from "12 degC" or another unit of temperature."""
+    """Return a water temperature [degC] that the regression holds for.
+
+    value: like "12 degC", or in another unit of temperature.
+    """
     kelvin = units.temperature(value)
-    found = kelvin - units.FREEZING
-    if not COLDEST - 1e-9 <= found <= WARMEST + 1e-9:
+    degrees = kelvin - units.FREEZING
+    if not COLDEST - 1e-9 <= degrees <= WARMEST + 1e-9:
         raise ValueError(
-            f"water {value!r} is {found:.1f} degC; {SOURCE} measured in {COLDEST} to {WARMEST} degC. Outside give median and spread"
+            f"water {value!r} is {degrees:.1f} degC; {SOURCE} measured in {COLDEST} to {WARMEST} degC. Outside give "
+            "median and spread"
         )
-    return found
+    return degrees
 
 
 def immersed(water: float) -> float:

@@ -1,4 +1,7 @@
-"""Tracks that units and markers made good: as far as they belong to a sortie, no faster than the unit, done by its end."""
+"""Tracks that units and markers made good.
+
+They are cut to their sortie, are no faster than the unit, and are done by the end.
+"""
 
 import math
 from pathlib import Path
@@ -13,14 +16,14 @@ from geo import notation, polyline
 from geo.notation import KNOT, NMI
 from geo.polyline import Legs
 
-TOO_FAST = 1.2  # times its speed: no unit makes good more
-FASTEST = 150.0  # [m/s] where no speed is told
-TOO_SHORT = 30.0  # [s] legs of receivers' tracks whose speed says nothing
+TOO_FAST = 1.2  # times its own speed, which no unit exceeds over the ground
+FASTEST = 150.0  # [m/s] of a unit whose speed is not given
+TOO_SHORT = 30.0  # [s] legs of a receiver's track that are shorter are too noisy to tell a speed
 SLACK = 1.0  # [s] by which legs may be late: times are whole seconds
 FINEST = 25.0  # [m] to which tracks are followed at most
 
 
-def made(given: Any, key: str, speed: float | None, since: float | None, until: float | None, run: Run) -> Legs:
+def made_good(given: Any, key: str, speed: float | None, since: float | None, until: float | None, run: Run) -> Legs:
     """Return the legs of a track, as far as they lie between start and end [s since 1970].
 
     given: a file, or waypoints with times; key: where it stands; speed [m/s]: of the unit, None if not told.
@@ -41,7 +44,8 @@ def made(given: Any, key: str, speed: float | None, since: float | None, until: 
             legs = polyline.between(legs, since or -math.inf, until or math.inf)
         except ValueError:
             raise ValueError(
-                f'{key}: "{Path(file).name}" is of {notation.group(first)} to {notation.group(last)}, not of this sortie\'s time'
+                f'{key}: "{Path(file).name}" is of {notation.group(first)} to {notation.group(last)}, not of this '
+                "sortie's time"
             ) from None
         check_speed(polyline.thinned(legs, FINEST), speed, TOO_SHORT, key)
     return legs
@@ -85,14 +89,14 @@ def check_speed(legs: Legs, speed: float | None, shortest: float, key: str) -> N
     """Refuse legs of search that lasted more than `shortest` [s] and were faster than the unit."""
     time = np.array(legs.time)
     lasted = np.diff(time)
-    made = np.where((lasted > shortest) & np.array(legs.searching), polyline.lengths(legs) / lasted, 0.0)
+    speeds = np.where((lasted > shortest) & np.array(legs.searching), polyline.lengths(legs) / lasted, 0.0)
     most = FASTEST if speed is None else TOO_FAST * speed
-    if made.size and made.max() > most:
-        k = int(np.argmax(made))
+    if speeds.size and speeds.max() > most:
+        k = int(np.argmax(speeds))
         first, last = (notation.group(pattern_table.moment(legs.time[j])) for j in (k, k + 1))
         said = "no unit searches at that" if speed is None else f"its speed is {speed / KNOT:.3g} kn"
         raise ValueError(
-            f"{key}: the leg from {first} to {last} is made at {made.max() / KNOT:.3g} kn; {said}; check times and "
+            f"{key}: the leg from {first} to {last} is made at {speeds.max() / KNOT:.3g} kn; {said}; check times and "
             f"positions{'' if shortest == 0 else ', or give start and end of the search without its transit'}"
         )
 

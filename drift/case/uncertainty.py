@@ -1,4 +1,4 @@
-"""How wrong winds and currents may be: the [uncertainty] table, what holds where a case is silent, and how that is told.
+"""How wrong winds and currents may be: the [uncertainty] table, and what holds where a case is silent.
 
 A default holds for a quantity that is read from gridded files of a model, and for no other: whoever types a constant,
 or a table, knows how sure it is. Where each number comes from, and what to do instead, is in docs/errors.md.
@@ -20,7 +20,7 @@ from geo.errors import UserError
 CURRENT = ForcingError(0.31, 11 * HOUR, 0.08, (DEFAULT, DEFAULT, DEFAULT))
 # Between the random error of short forecasts and what searches have used (docs/errors.md).
 WIND = ForcingError(2.0, 12 * HOUR, 0.0, (DEFAULT, DEFAULT, DEFAULT))
-DIFFUSIVITY = 0.0  # [m2/s] the residuals hold all scales already
+DIFFUSIVITY = 0.0  # [m2/s] none, as the residuals hold the motion of all scales already
 
 
 class CurrentErrorTable(fields.Table):
@@ -64,19 +64,23 @@ Uncertainty = Annotated[
 
 
 def silent(specs: Sequence[ForcingSpec], used: Sequence[Sequence[str]]) -> str:
-    """Return why no default holds for a quantity, "" where one does; used: the names of the sources of each scenario."""
+    """Return why no default holds for a quantity, "" where one does.
+
+    used: the names of the sources of each scenario.
+    """
     gridded = {spec.name for spec in specs if spec.files or spec.dataset is not None}
-    found = {tuple(name for name in names if name in gridded) for names in used} - {()}
-    if not found:
+    chosen = {tuple(name for name in names if name in gridded) for names in used} - {()}
+    if not chosen:
         return NOWHERE
-    return RIVALS if len(found) > 1 else ""  # members of an ensemble, or rivals, are spread by themselves
+    return RIVALS if len(chosen) > 1 else ""  # members of an ensemble, or rivals, are spread by themselves
 
 
 def error(
     table: CurrentErrorTable | WindErrorTable | None, default: ForcingError, reason: str, key: str
 ) -> ForcingError:
-    """Return the error of a quantity: what the case says of it, and for the rest the default; reason: see `silent`.
+    """Return the error of a quantity: what the case says of it, and for the rest the default.
 
+    reason: why no default holds, see `silent`.
     A table with a std states how large the error is: it has no bias but a stated one. Raises UserError where a table
     says nothing.
     """
@@ -105,6 +109,7 @@ def in_spill(current: ForcingError, table: CurrentErrorTable | None, bias: float
         return current
     if table is not None and table.bias is not None:
         raise UserError(
-            'spill.current_bias: uncertainty.current says the same ("none", or a bias): a bias is of the world in a spill; give it once'
+            'spill.current_bias: uncertainty.current says the same ("none", or a bias): a bias is of the world in a '
+            "spill; give it once"
         )
     return replace(current, bias=bias, by=(*current.by[:2], CASE))

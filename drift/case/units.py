@@ -86,7 +86,10 @@ def _convert(text: str, unit: str, what: str, example: str) -> float:
 
 
 def temperature(value: object) -> float:
-    """Return a temperature in kelvin from text with its unit, like "12 degC"; a bare number could be any of three."""
+    """Return a temperature in kelvin from text with its unit, like "12 degC".
+
+    A bare number is refused: it could be in any of three units.
+    """
     match = NUMBER.fullmatch(value) if isinstance(value, str) else None
     if match is None or not match[2]:
         raise ValueError(f'{value!r} is not a temperature with its unit; write it like "12 degC"')
@@ -94,12 +97,12 @@ def temperature(value: object) -> float:
         if TOWER.search(match[2]):
             raise ValueError
         name = match[2].replace("°", "deg")
-        found = float(registry().Quantity(float(match[1].replace("_", "")), name).to("kelvin").magnitude)
+        kelvin = float(registry().Quantity(float(match[1].replace("_", "")), name).to("kelvin").magnitude)
     except Exception:  # pint and its tokenizer raise many kinds for text that is no unit
         raise ValueError(f'"{value}" is not a temperature; write it like "12 degC"') from None
-    if not math.isfinite(found):
+    if not math.isfinite(kelvin):
         raise ValueError(f"{value!r} is not finite")
-    return found
+    return kelvin
 
 
 def _a(what: str) -> str:
@@ -183,7 +186,10 @@ def _pair(text: str) -> tuple[float, float]:
 
 
 def _no_position(text: str) -> str:
-    """Return what is wrong with a text that should hold two angles with their letters, in capitals; "" if nothing is."""
+    """Return what is wrong with a text that should hold two angles with their letters; "" if nothing is.
+
+    The text is in capitals.
+    """
     if not text:
         return "is empty"
     if not re.search(r"\d", text):
@@ -243,7 +249,8 @@ def time(value: object) -> Instant:
         moment = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", text))
     except ValueError:
         raise ValueError(
-            f'"{text}" is not a time; write it like "211830ZNOV26", in ISO 8601 with its zone, or like "+6 h" (after the start)'
+            f'"{text}" is not a time; write it like "211830ZNOV26", in ISO 8601 with its zone, or like "+6 h" (after '
+            "the start)"
         ) from None
     return _utc(moment, text)
 

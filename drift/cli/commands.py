@@ -1,4 +1,4 @@
-"""The command line `drift`: run, plan, verify or check a case, fit its errors, list cases and objects, say how a forcing file was understood.
+"""The command line `drift`: its commands, what they print, and their exit status.
 
 Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing
 heavy is imported before the command that needs it, so that help and lists come at once.
@@ -23,8 +23,9 @@ from geo.errors import UserError
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     terminal.open_streams()
-    warnings.filterwarnings("ignore", category=RuntimeWarning)  # of NumPy: no user's matter; in tests they are errors
-    warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # the map then shows a box
+    # NumPy's, which a user cannot mend; tests take them as errors.
+    warnings.filterwarnings("ignore", category=RuntimeWarning)
+    warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # the map shows a box in its place
     if os.name == "posix" and not os.environ.get("HOME"):  # Taichi aborts at import without one
         home = os.path.expanduser("~")
         os.environ["HOME"] = home if os.path.isdir(home) else tempfile.gettempdir()
@@ -126,13 +127,13 @@ def _plan(given: argparse.Namespace) -> None:
         if case.spill:
             patrols, result = patrol.patrol(case, out, **options)
         else:
-            made, _ = planner.plan(case, out, **options)
+            search_plan, _ = planner.plan(case, out, **options)
     if case.spill:
         assert result.aftermath is not None
         terminal.facts(case.title, patrol_files.facts(patrols, result.aftermath))
         terminal.say(f"Patrols in {out / 'patrols.txt'}, all results in {out}")
         return
-    terminal.facts(case.title, outcome.plan(made))
+    terminal.facts(case.title, outcome.plan(search_plan))
     terminal.say(f"Search action plan in {out / 'plan.txt'}, all results in {out}")
 
 
@@ -142,8 +143,8 @@ def _origin(given: argparse.Namespace) -> None:
         from drift.backtrack import backward
         from drift.cli import outcome
 
-        found = flow.origin(case, out, **options)
-    terminal.facts(case.title, outcome.origin(backward.summary(found), backward.warnings(found)))
+        release = flow.origin(case, out, **options)
+    terminal.facts(case.title, outcome.origin(backward.summary(release), backward.warnings(release)))
     terminal.say(f"Results in {out}")
 
 
@@ -159,8 +160,8 @@ def _verify(given: argparse.Namespace) -> None:
         from drift.drifters import text as verification_text
         from drift.drifters import verification
 
-        made = verification.verify(case, given.drifters, out, **drifters, **options)
-    terminal.facts(case.title, verification_text.facts(made))
+        verified = verification.verify(case, given.drifters, out, **drifters, **options)
+    terminal.facts(case.title, verification_text.facts(verified))
     terminal.say(f"Results in {out}")
 
 
@@ -170,9 +171,9 @@ def _fit_errors(given: argparse.Namespace) -> None:
         case = _load(given)
         from drift.drifters import fitting, fitting_text
 
-        made = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
-    terminal.facts(f"{case.title}: errors that suit the drifters", fitting_text.facts(made))
-    terminal.say(f"\n{fitting_text.toml(made)}")
+        fitted = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
+    terminal.facts(f"{case.title}: errors that suit the drifters", fitting_text.facts(fitted))
+    terminal.say(f"\n{fitting_text.toml(fitted)}")
 
 
 def _drifters(given: argparse.Namespace) -> dict[str, Any]:
@@ -233,8 +234,8 @@ def _check(given: argparse.Namespace) -> None:
         case = _load(given)
         from drift.preview import check
 
-        told = check.check(case)
-    terminal.facts(f"{case.title}: ready to run", told)
+        understood = check.check(case)
+    terminal.facts(f"{case.title}: ready to run", understood)
 
 
 def _cases(given: argparse.Namespace) -> None:
@@ -250,20 +251,20 @@ def _objects(given: argparse.Namespace) -> None:
     from drift.motion import leeway
 
     words = " ".join(given.words)
-    found = leeway.search(words)
-    if not found:
+    classes = leeway.search(words)
+    if not classes:
         raise UserError(f'no leeway class holds "{words}"; see them all: drift objects')
     table = terminal.table("Class", "Description")
     for side in ("Downwind", "Right", "Left"):
         table.add_column(f"{side}\n% + cm/s ± cm/s", justify="right", no_wrap=True)
-    for drifter in found:
+    for drifter in classes:
         lines = (
             f"{100 * line.slope:.2f} {100 * line.offset:+6.2f} {100 * line.std:5.2f}"
             for line in (drifter.down, drifter.right, drifter.left)
         )
         table.add_row(drifter.name, "  " * drifter.level + drifter.description, *lines)
     terminal.show(table)
-    if upwind := [f"{drifter.name} {drifter.lull:.1f}" for drifter in found if drifter.lull > 0]:
+    if upwind := [f"{drifter.name} {drifter.lull:.1f}" for drifter in classes if drifter.lull > 0]:
         terminal.say(f"Mean drift is upwind, as published, in winds below [m/s]: {', '.join(upwind)} (docs/leeway.md).")
     if not words:
         terminal.say(
@@ -285,8 +286,8 @@ def _info(given: argparse.Namespace) -> None:
             spec = case_file.source(given.quantity or "current", given.files, _changes(given))
             options = forcing_spec.options(spec)
         understood = describe.understand(given.files, given.quantity, **options)
-        told = ["\n".join([*describe.describe(source), *describe.sketch(source)]) for source in understood]
-    for text in told:
+        texts = ["\n".join([*describe.describe(source), *describe.sketch(source)]) for source in understood]
+    for text in texts:
         terminal.say(text)
     for source in understood if given.plot is not None else ():
         plot = given.plot
@@ -331,7 +332,10 @@ def _check_plot(path: Path) -> None:
 
 
 def leave() -> None:
-    """Run the command line and end the process: at once where that was asked for, as taking Taichi down takes a second."""
+    """Run the command line and end the process.
+
+    An interrupted run ends at once, as taking Taichi down takes a second.
+    """
     status = main()
     if status in (130, 143):  # all is unwound, nothing is left to write
         for stream in (sys.stdout, sys.stderr):

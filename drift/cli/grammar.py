@@ -1,4 +1,7 @@
-"""The command line's grammar: commands, their options, and what is said of them. Imports nothing heavy, so that help comes at once."""
+"""The grammar of the command line: commands, their options, and what help says of them.
+
+It imports nothing heavy, so that help comes at once.
+"""
 
 import argparse
 from pathlib import Path

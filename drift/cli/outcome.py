@@ -12,10 +12,10 @@ from drift.planner.records import Plan, Tasking
 from drift.spill import tables as washup_tables
 from geo.notation import NMI, group, position
 
-WORTH_A_WARNING = 0.01  # share of the probability that may be lost without a word
-WORST = 5  # stretches that are told
+WORTH_A_WARNING = 0.01  # share of the probability lost from which a line says so
+WORST = 5  # stretches of coast that are listed
 
-TIMES = ("time", "time_10", "time_50", "time_90")  # of an origin
+TIMES = ("time", "time_10", "time_50", "time_90")  # in the summary of an origin
 
 Facts = dict[str, str]
 
@@ -39,46 +39,46 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     facts |= _coast(numbers)
     stories = numbers["scenario_weights"]
     for name, story in stories.items():
-        told = [f"{_percent(story['posterior'])} (before: {_percent(story['prior'])})"] if len(stories) > 1 else []
+        remarks = [f"{_percent(story['posterior'])} (before: {_percent(story['prior'])})"] if len(stories) > 1 else []
         if story["prior_on_land"] > 0:
-            told.append(f"{_percent(story['prior_on_land'])} of its prior was on land and left out")
-        if told:
-            facts[f'scenario "{name}"'] = "; ".join(told)
+            remarks.append(f"{_percent(story['prior_on_land'])} of its prior was on land and left out")
+        if remarks:
+            facts[f'scenario "{name}"'] = "; ".join(remarks)
     return facts
 
 
-def plan(made: Plan) -> Facts:
+def plan(planned: Plan) -> Facts:
     """Return what a plan is worth, and what each unit is to do."""
-    facts = {"plan": plan_text.worth(made)}
-    for name, tasking in zip(subareas.names(made), made.taskings, strict=True):
+    facts = {"plan": plan_text.worth(planned)}
+    for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True):
         facts[f"{name} {tasking.unit.name}"] = (
-            f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, {tasking.legs} legs "
-            f"{tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to {group(tasking.off_scene)[:6]}Z, "
-            f"POS {_percent(tasking.pos)}{_at_sea(tasking)}"
+            f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, "
+            f"{tasking.legs} legs {tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to "
+            f"{group(tasking.off_scene)[:6]}Z, POS {_percent(tasking.pos)}{_at_sea(tasking)}"
         )
-    if made.idle:
-        facts["not sent"] = ", ".join(made.idle)
-    facts |= {f"boats {k}": told for k, told in enumerate(made.said, 1)}
-    facts |= {f"warning {k}": told for k, told in enumerate(plan_text.warnings(made, synthetic=False), 1)}
-    for scenario, pos in zip(made.scenarios, made.by_scenario, strict=True):
-        if len(made.scenarios) > 1:
+    if planned.idle:
+        facts["not sent"] = ", ".join(planned.idle)
+    facts |= {f"boats {k}": words for k, words in enumerate(planned.said, 1)}
+    facts |= {f"warning {k}": words for k, words in enumerate(plan_text.warnings(planned, synthetic=False), 1)}
+    for scenario, pos in zip(planned.scenarios, planned.by_scenario, strict=True):
+        if len(planned.scenarios) > 1:
             facts[f'POS if "{scenario}"'] = _percent(float(pos))
     return facts
 
 
-def _at_sea(one: Tasking) -> str:
+def _at_sea(tasking: Tasking) -> str:
     """Return of a boat how far it goes by sea, and which of its legs are cut."""
-    told = [
+    remarks = [
         f"{name.lower()} {way / NMI:.1f} nmi by sea, {straight / NMI:.1f} straight"
-        for name, way, straight in subareas.by_sea(one)
+        for name, way, straight in subareas.by_sea(tasking)
     ]
-    told += [f"legs {plan_text.listed(one.cut)} cut at the coast"] * bool(one.cut)
-    return "".join(f", {words}" for words in told)
+    remarks += [f"legs {plan_text.listed(tasking.cut)} cut at the coast"] * bool(tasking.cut)
+    return "".join(f", {words}" for words in remarks)
 
 
-def _warnings(told: Sequence[str]) -> Facts:
+def _warnings(warnings: Sequence[str]) -> Facts:
     """Return warnings by number, where there are several."""
-    return {f"warning {k}" if len(told) > 1 else "warning": text for k, text in enumerate(told, 1)}
+    return {f"warning {k}" if len(warnings) > 1 else "warning": text for k, text in enumerate(warnings, 1)}
 
 
 def _search(numbers: dict[str, Any]) -> Facts:
@@ -103,55 +103,56 @@ def _search(numbers: dict[str, Any]) -> Facts:
 
 def spill(numbers: dict[str, Any]) -> Facts:
     """Return how many objects ended how, which stretches get most and when, and what the finds say."""
-    end, told = numbers["outputs"][-1], numbers["spill"]
+    end, washup = numbers["outputs"][-1], numbers["spill"]
     facts = {"time": end["date_time_group"]}
-    for fate, figure in told["totals"].items():
+    for fate, figure in washup["totals"].items():
         if figure["expected"] >= 0.05:
             facts[fate] = f"{figure['expected']:.1f} +- {figure['standard_error']:.1f} objects"
-    for place in told["worst_stretches"][:WORST]:
+    for place in washup["worst_stretches"][:WORST]:
         name = washup_tables.called(place["segment"], place["name"], place["position"])
         facts[f"{place['rank']} {name}"] = (
             f"{place['expected']:.1f} ashore ({place['number_10']:.0f} to {place['number_90']:.0f}), at least one "
             f"{_percent(place['probability'])}, the first about {_group(place['first_50'])}"
         )
-    for find in told["finds"]:
+    for find in washup["finds"]:
         odd = "; ODD, check it" if find["odd"] else ""
         facts[f'find {find["number"]} "{find["name"]}"'] = (
-            f"{find['stretch']}: the next find was to be here with {_percent(find['probability_beforehand'])}, somewhere at most "
-            f"as likely with {_percent(find['tail'])}{odd}"
+            f"{find['stretch']}: the next find was to be here with {_percent(find['probability_beforehand'])}, "
+            f"somewhere at most as likely with {_percent(find['tail'])}{odd}"
         )
-    for patrol in told["patrols"]:
+    for patrol in washup["patrols"]:
         facts[f'patrol "{patrol["name"]}"'] = (
-            f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds {patrol['detection']:.0%}"
+            f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds "
+            f"{patrol['detection']:.0%}"
         )
-    counted = f"{told['effective_worlds']:,.0f} of {told['worlds']:,} count"
-    rounds = len(told["effective_worlds_by_round"])
+    counted = f"{washup['effective_worlds']:,.0f} of {washup['worlds']:,} count"
+    rounds = len(washup["effective_worlds_by_round"])
     facts["worlds"] = counted + (f", drawn anew {rounds - 1} times about what the finds leave" if rounds > 1 else "")
     facts["errors"] = numbers["uncertainty"]["told"]
     facts |= _coast(numbers)
     facts |= _warnings(numbers["warnings"])
-    for number, note in enumerate(told["notes"], 1):
+    for number, note in enumerate(washup["notes"], 1):
         facts[f"note {number}"] = note
     return facts | _lost(numbers)
 
 
-def origin(told: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
+def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
     """Return where and when a spill may have been released, by a backward run."""
     facts = {
         name.replace("_", " "): f"{value:.4g}" if isinstance(value, float) else str(value)
-        for name, value in told.items()
+        for name, value in release.items()
     }
-    facts |= {name.replace("_", " "): _group(told[name]) for name in told if name in TIMES}
+    facts |= {name.replace("_", " "): _group(release[name]) for name in release if name in TIMES}
     facts |= _warnings(warnings)
     facts["note"] = (
-        "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) with this "
-        "release as its prior, weighted by all finds"
+        "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) "
+        "with this release as its prior, weighted by all finds"
     )
     return facts
 
 
 def _group(iso: str) -> str:
-    """Return a time as files hold it, 2026-11-21T18:30:00Z, as a date-time group; "never" where there is none."""
+    """Return a time as files hold it, 2026-11-21T18:30:00Z, as a date-time group; "never" for NaT."""
     time = np.datetime64(iso.removesuffix("Z"))
     return "never" if np.isnat(time) else group(time)
 
@@ -169,7 +170,8 @@ def _lost(numbers: dict[str, Any]) -> Facts:
     if lost <= WORTH_A_WARNING:
         return {}
     return {
-        "lost": f"{_percent(lost)} of the probability ran out of forcing or left the domain; areas are shares of the rest"
+        "lost": f"{_percent(lost)} of the probability ran out of forcing or left the domain; "
+        "areas are shares of the rest"
     }
 
 

@@ -11,11 +11,11 @@ from geo.errors import UserError
 
 def lines(error: UserError) -> list[str]:
     """Return a refusal as lines that a terminal can show, one a mistake, whatever the user had written."""
-    return [_line(told) for told in error.lines]
+    return [_line(line) for line in error.lines]
 
 
-def _line(told: str) -> str:
-    line = "".join(letter if letter.isprintable() else " " for letter in told)
+def _line(text: str) -> str:
+    line = "".join(letter if letter.isprintable() else " " for letter in text)
     return line if len(line) <= 1200 else f"{line[:600]} ... {line[-500:]}"
 
 
@@ -45,8 +45,11 @@ def say(text: str) -> None:
         ) from None
 
 
-def facts(title: str, told: dict[str, str]) -> None:
-    """Print a title and facts by name; on a terminal they are folded to its width, in a pipe each is one line."""
+def facts(title: str, named: dict[str, str]) -> None:
+    """Print a title, and facts by name.
+
+    On a terminal they are folded to its width; in a pipe each is one line.
+    """
     page = table("", "")
     page.show_header = False
     for column in page.columns:
@@ -59,7 +62,7 @@ def facts(title: str, told: dict[str, str]) -> None:
         console.print(title, overflow="fold")
     else:
         say(title)
-    for name, fact in told.items():
+    for name, fact in named.items():
         page.add_row(name, fact)
     show(page)
 
@@ -82,7 +85,7 @@ def table(*headings: str) -> Any:
     from rich import box
     from rich.table import Table
 
-    made = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    empty = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
-        made.add_column(heading)
-    return made
+        empty.add_column(heading)
+    return empty

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drift.maps.marks import Line, Mark
-from drift.motion.scenario import AreaPrior, PositionPrior, Scenario
+from drift.motion.scenario import Scenario
 
 
 def starts(scenarios: Sequence[Scenario], known_as: str, short: str) -> tuple[list[Mark], list[Line]]:
@@ -16,11 +16,11 @@ def starts(scenarios: Sequence[Scenario], known_as: str, short: str) -> tuple[li
     marks, lines = [], []
     for scenario in scenarios:
         prior = scenario.prior
-        if isinstance(prior, PositionPrior):
+        if prior.reported:
             label = known_as if len(scenarios) == 1 else f"{short}, {scenario.name}"
-            marks.append(Mark(float(np.degrees(prior.lon)), float(np.degrees(prior.lat)), label))
+            marks.append(Mark(*prior.reported, label))
         else:
             lon = np.degrees(np.unwrap(prior.lon)).tolist()
-            closed = isinstance(prior, AreaPrior)
+            closed = not prior.moving  # an area has an outline, a voyage a beginning and an end
             lines.append(Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
     return marks, lines

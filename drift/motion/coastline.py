@@ -6,7 +6,6 @@ import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.environment_spec import Coast
-from drift.motion.scenario import PositionPrior, Scenario
 from geo import notation, sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
@@ -50,7 +49,9 @@ def opened(
     if coast is not None:
         for scenario in spec.scenarios:
             story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
-            _check_water(story, scenario, coast if land is whole else _about(scenario, whole, coast))
+            if scenario.prior.reported:
+                at = scenario.prior.reported
+                _check_water(story, *at, coast if land is whole else _about(*at, whole))
     return land, coast
 
 
@@ -72,12 +73,8 @@ def _shrunk(box: Box, sources: Sequence[Source]) -> Box:
     return Box(start, south, start + east - west, north)
 
 
-def _about(scenario: Scenario, land: Shore, coast: shoreline.Coast) -> shoreline.Coast:
-    """Return the coast in full about a reported position, where there is one; else the coast that is given."""
-    prior = scenario.prior
-    if not isinstance(prior, PositionPrior):
-        return coast
-    lon, lat = float(np.degrees(prior.lon)), float(np.degrees(prior.lat))
+def _about(lon: float, lat: float, land: Shore) -> shoreline.Coast:
+    """Return the coast in full about a reported position [deg]."""
     west = sphere.wrap_degrees(lon - NEAR)
     south, north = max(lat - NEAR, -90.0), min(lat + NEAR, 90.0)
     box = Box(west, south, west + 2 * NEAR, north)
@@ -85,12 +82,8 @@ def _about(scenario: Scenario, land: Shore, coast: shoreline.Coast) -> shoreline
     return shoreline.build(Shore(shore.clip(land.polygons, cut), land.source, box=cut), box)
 
 
-def _check_water(story: str, scenario: Scenario, coast: shoreline.Coast) -> None:
-    """Refuse a reported position on land."""
-    prior = scenario.prior
-    if not isinstance(prior, PositionPrior):
-        return
-    lon, lat = float(np.degrees(prior.lon)), float(np.degrees(prior.lat))
+def _check_water(story: str, lon: float, lat: float, coast: shoreline.Coast) -> None:
+    """Refuse a reported position [deg] on land."""
     if not shoreline.is_land(coast, sphere.to_binary(lon), sphere.to_binary(lat)).any():
         return
     water = shoreline.nearest_water(coast, lon, lat)

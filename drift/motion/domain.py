@@ -13,14 +13,12 @@ from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.leeway import Drifter
 from drift.motion.model import Model
 from drift.motion.models import MODELS
-from drift.motion.scenario import AreaPrior, PositionPrior
 from geo import sphere
 from geo.box import Box
 from kernels import advance
 
 FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
 STRONGEST_WIND = 25.0  # [m/s]
-PIECE = 50_000.0  # [m] how finely a voyage is followed for its box
 POLEWARD = 89.0  # [deg] beyond, east and north lose their meaning: a particle there has left
 VAST = 4_000.0  # [deg2] a box in which it is worth asking what of it can be reached at all
 UTMOST_CURRENT, UTMOST_STOKES, UTMOST_WIND = 5.0, 1.0, 50.0  # [m/s] that nothing meets on average over a whole run
@@ -87,21 +85,14 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
     lat: list[np.ndarray] = []
     spread = 0.0
     for scenario in spec.scenarios:
-        prior = scenario.prior
-        x, y = np.atleast_1d(prior.lon), np.atleast_1d(prior.lat)
-        if isinstance(prior, PositionPrior):
-            far = prior.displacement.distance[1] if prior.displacement else 0.0
-            spread = max(spread, spreads * prior.major + far)
-        elif not isinstance(prior, AreaPrior):
-            x, y = sphere.track(x, y, PIECE)
-            x = np.unwrap(x)
-            spread = max(spread, spreads * prior.cross_track)
+        x, y, far = scenario.prior.extent(spreads)
+        spread = max(spread, far)
         # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to the first prior's.
         about = lon[0].mean() if lon else x.mean()
         lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
         lat.append(y)
     if spec.release:
-        spread += spreads * spec.release.scatter
+        spread += spreads * spec.release.release_std
     grown = np.degrees((spread + fastest * spec.period.duration) / sphere.RADIUS)
     x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
     highest = min(float(np.abs(y).max() + grown), POLEWARD)

@@ -12,7 +12,7 @@ from drift.motion.scenario import Scenario
 class Release:
     """How far the objects of a spill, whose classes go adrift together, part from what the scenarios say of them."""
 
-    scatter: float  # [m] standard deviation of an object's release about its world's
+    release_std: float  # [m] standard deviation of an object's release about its world's
     windage_bias: float  # standard deviation of the logarithm of a factor on all leeway
 
 

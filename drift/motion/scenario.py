@@ -1,15 +1,21 @@
 """Scenarios: what may have happened, each with its weight, its object, and where and when it went adrift.
 
-Records in SI, radians and UTC. Three kinds of prior: around a reported position, inside an area, along a trackline.
+Records in SI, radians and UTC. Three kinds of prior: around a reported position, inside an area, along a trackline. Each
+answers the same questions: `reported`, its position [deg] where it is the report of one; `moving`, whether where it went
+adrift depends on when; `extent`, how far it goes. They are drawn in drift.motion.prior and drift.spill.releases.
 """
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
 from drift.motion.leeway import Drifter
+from geo import sphere
 from geo.array import Array
+
+PIECE = 50_000.0  # [m] how finely a voyage is followed for its extent
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,8 @@ class Displacement:
 class PositionPrior:
     """Normal in the tangent plane of a position, wrapped onto the sphere; released at a time uniform in a window."""
 
+    moving: ClassVar = False
+
     lon: float  # [rad]
     lat: float
     major: float  # [m] standard deviation along the major axis
@@ -52,15 +60,32 @@ class PositionPrior:
     release_start: np.datetime64  # the earlier, also in a backward run
     release_end: np.datetime64
 
+    @property
+    def reported(self) -> tuple[float, float] | None:
+        """Position (lon, lat) [deg]."""
+        return float(np.degrees(self.lon)), float(np.degrees(self.lat))
+
+    def extent(self, spreads: float) -> tuple[Array, Array, float]:
+        """Return places (lon, lat) [rad] without jumps, and how far about them [m] it goes in so many standard deviations."""
+        far = self.displacement.distance[1] if self.displacement else 0.0
+        return np.array([self.lon]), np.array([self.lat]), spreads * self.major + far
+
 
 @dataclass(frozen=True)
 class AreaPrior:
     """Uniform in true area inside a polygon whose edges are straight in longitude and latitude."""
 
+    reported: ClassVar[tuple[float, float] | None] = None
+    moving: ClassVar = False
+
     lon: tuple[float, ...]  # [rad] unwrapped: without jumps, so it may leave [-pi, pi]
     lat: tuple[float, ...]
     release_start: np.datetime64
     release_end: np.datetime64
+
+    def extent(self, spreads: float) -> tuple[Array, Array, float]:
+        """Return its corners, as PositionPrior does its position; nothing lies outside them."""
+        return np.array(self.lon), np.array(self.lat), 0.0
 
 
 @dataclass(frozen=True)
@@ -69,6 +94,9 @@ class TracklinePrior:
 
     The share is uniform in [low, high], or triangular there with its top at `mode`.
     """
+
+    reported: ClassVar[tuple[float, float] | None] = None
+    moving: ClassVar = True
 
     lon: tuple[float, ...]  # [rad]
     lat: tuple[float, ...]
@@ -82,6 +110,14 @@ class TracklinePrior:
     release_start: np.datetime64
     release_end: np.datetime64
 
+    def extent(self, spreads: float) -> tuple[Array, Array, float]:
+        """Return places along the voyage, and how far from it, as PositionPrior does."""
+        lon, lat = sphere.track(self.lon, self.lat, PIECE)
+        return np.unwrap(lon), lat, spreads * self.cross_track
+
+
+ReleasePrior: TypeAlias = PositionPrior | AreaPrior | TracklinePrior
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -91,7 +127,7 @@ class Scenario:
     weight: float
     object: Drifter
     jibe_rate: float  # [1/s]
-    prior: PositionPrior | AreaPrior | TracklinePrior
+    prior: ReleasePrior
     currents: tuple[str, ...]
     winds: tuple[str, ...]
     stokes: tuple[str, ...]

@@ -7,7 +7,7 @@ from typing import Any
 from drift import facts, flow
 from drift.case.record import Case
 from drift.flow import Result
-from drift.job import Report, in_turn, opened
+from drift.job import Options, Report, in_turn, opened
 from drift.patrols import chapter
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan
@@ -35,7 +35,7 @@ def patrol(
             f"{case.path.name}: has no [[patrol_unit]] to plan with: "
             "give each its length a day, detection and first patrol"
         )
-    job = opened(case, out, datasets, threads, backend, overwrite, report)
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
     assert job.where.coast is not None
     segments = evidence.cut(case.spill, job.where.coast)
     patrol_planner.patrols(case.period, case.spill, segments)  # before the drift, because it may refuse the case
@@ -46,8 +46,7 @@ def patrol(
     with job.clock.phase("plan"):
         plan = patrol_planner.plan(after)
     if job.out is not None:
-        job.tell("write", 0.0)
         setting = facts.with_coast(facts.setting(case, job.where))
         patrols = chapter.chapter(chapter.Matter(plan, after, setting, facts.synthetic(case)))
-        flow.write(result, job.where, job.out, job.clock, more=[patrols], overwrite=overwrite)
+        flow.write(result, job, more=[patrols])
     return plan, result

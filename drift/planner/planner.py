@@ -18,7 +18,7 @@ from drift.case.record import Case
 from drift.flow import Result
 from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.job import Job, Report, in_turn, opened
+from drift.job import Job, Options, Report, in_turn, opened
 from drift.planner import bound as bounds
 from drift.planner import chapter, fleet, follow, optimiser
 from drift.planner.bound import Bound
@@ -64,23 +64,14 @@ def plan(
             f"{case.path.name}: plan.begin {group(case.plan.begin)} is before the end of {what}, {group(last)}: "
             "a plan begins when all is known; give a later begin in [plan], or leave it out"
         )
-    job = opened(case, out, datasets, threads, backend, overwrite, report)
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
     proposed, executed, result = scheme(job)
     if job.out is not None:
-        job.tell("write", 0.0)
         setting = facts.with_coast(facts.setting(executed, job.where))
         taken = [sortie.name for sortie in case.sorties]
         land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
         matter = chapter.Matter(proposed, result.forecast, setting, taken, land, facts.synthetic(case))
-        flow.write(
-            result,
-            job.where,
-            job.out,
-            job.clock,
-            more=[chapter.chapter(matter)],
-            planned=ahead(proposed),
-            overwrite=overwrite,
-        )
+        flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
     return proposed, result
 
 

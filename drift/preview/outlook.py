@@ -20,10 +20,10 @@ from geo.forcing import stream
 from geo.forcing.sources import Source
 
 PACE = 8e6  # particle-steps a second of two cores, with errors, diffusion and the coast (README, "Speed")
-LONG = 600.0  # [s] of work that is worth a word
-FOLLOWED = 2_000  # particles that are followed coarsely to the end
-MOST_STEPS, FEWEST_STEPS = 60, 8  # of theirs
-NODES = 2e8  # of forcing read for them, at about that many steps
+LONG = 600.0  # [s] of work from which a caution is given
+FOLLOWED = 2_000  # particles that are moved to the end by a coarse step
+MOST_STEPS, FEWEST_STEPS = 60, 8  # that those particles take
+NODES = 2e8  # nodes of forcing that are read for them; it limits the number of steps
 ENDS = {
     Status.ADRIFT: "adrift",
     Status.ASHORE: "ashore",
@@ -37,7 +37,8 @@ ENDS = {
 def work(case: Case, step: int) -> str:
     """Return how much a run with a step [s] has to do, and about how long that takes."""
     count = -(-case.period.duration // step)
-    text = f"{count:,} steps x {case.particles:,} particles, moved in about {_lasting(count * case.particles / PACE)} on two cores"
+    waiting = _lasting(count * case.particles / PACE)
+    text = f"{count:,} steps x {case.particles:,} particles, moved in about {waiting} on two cores"
     text += f"; {case.outputs.size:,} output times"
     kept = case.outputs.size * case.particles * BYTES / 2**30
     if kept >= 1:
@@ -69,16 +70,20 @@ def advised(case: Case, where: Environment, begin: Start) -> str:
 def holes(case: Case, source: Source) -> str:
     """Return when within the run a source has nothing between its times; "" where it has no holes."""
     first, last = case.period.span
-    found = [(max(a, first), min(b, last)) for a, b in stream.holes(source.times) if a < last and b > first]
-    usual = np.median(np.diff(source.times)) if found else None
+    gaps = [(max(a, first), min(b, last)) for a, b in stream.holes(source.times) if a < last and b > first]
+    usual = np.median(np.diff(source.times)) if gaps else None
     return "; ".join(
-        f"nothing from {notation.group(a)} to {notation.group(b)}, {_hours(b - a)}, where its times are else {_hours(usual)} apart"
-        for a, b in found
+        f"nothing from {notation.group(a)} to {notation.group(b)}, {_hours(b - a)}, where its times are else "
+        f"{_hours(usual)} apart"
+        for a, b in gaps
     )
 
 
 def ends(case: Case, begin: Start) -> str:
-    """Return what becomes of a sample that is moved to the end of the run by a coarse step, and when the first leave."""
+    """Return what becomes of a sample of particles by the end of the run, and when the first leave it.
+
+    They are moved by a coarse step.
+    """
     ensemble = begin.ensemble
     chosen = np.unique(np.linspace(0, ensemble.n - 1, min(FOLLOWED, ensemble.n)).astype(np.int64))
     some = record.sample(ensemble, chosen)
@@ -90,7 +95,7 @@ def ends(case: Case, begin: Start) -> str:
         begin.scene.advance(some, low, high, part)
     weight, status = record.probability(some), some.status.to_numpy()
     share = {kind: float(weight[status == kind].sum()) for kind in Status}
-    told = ", ".join(
+    text = ", ".join(
         f"{f'{share[kind]:.0%}' if share[kind] >= 0.005 else 'under 1%'} {word}"
         for kind, word in ENDS.items()
         if share[kind] > 0
@@ -99,13 +104,13 @@ def ends(case: Case, begin: Start) -> str:
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
         when = case.period.time(int(max(some.status_since.to_numpy()[gone].min(), 0)))
-        told += f"; the first is lost about {notation.group(when)}"
+        text += f"; the first is lost about {notation.group(when)}"
     if lost > case.max_lost:
-        told += (
-            f"; at most {case.max_lost:.0%} may be (max_lost): a run would be refused at its end. Shorten it, add a source, or "
-            "widen [domain]"
+        text += (
+            f"; at most {case.max_lost:.0%} may be (max_lost): a run would be refused at its end. Shorten it, add a "
+            "source, or widen [domain]"
         )
-    return f"{told} (roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))})"
+    return f"{text} (roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))})"
 
 
 def _grids(begin: Start) -> list[Any]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drift.motion.leeway import Drifter
-from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
+from drift.motion.scenario import ReleasePrior
 
 DAY = 86_400.0  # [s]
 FEWEST_PARTICLES = 10  # of a class in a world
@@ -100,16 +100,16 @@ class Spill:
 
     objects: tuple[int, int]  # number, lowest and highest; equally likely between
     kinds: tuple[Kind, ...]
-    prior: PositionPrior | AreaPrior | TracklinePrior  # of a world's release
-    scatter: float  # [m] standard deviation of an object's release about its world's
-    lasting: float  # [s] over which the objects of a world go adrift
+    prior: ReleasePrior  # of a world's release
+    release_std: float  # [m] standard deviation of an object's release about its world's
+    release_duration: float  # [s] over which the objects of a world go adrift
     worlds: int
     per_world: int  # particles
     destroyed: tuple[float, float]  # share lost at once, uniform between
     windage_bias: float  # standard deviation of the logarithm of a factor on all leeway
     current_bias: float  # [m/s] standard deviation of an error of the current, a component
     reporting_bias: float  # standard deviation of the logarithm of a factor on all reporting rates
-    renewals: int  # times that worlds may be drawn anew where the finds leave too few
+    redraws: int  # times that worlds may be drawn anew where the finds leave too few
     stretch: float  # [m] length of a stretch of coast
     stretches: str | None  # file of named ones
     reporting: Reporting

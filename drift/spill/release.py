@@ -43,12 +43,12 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
         tries = runtime.upload(np.zeros(2, np.int64))
         kernel.draw_objects(
             True, *slots, count, ensemble.lon, ensemble.lat, ensemble.release, ensemble.world, tries, *key,
-            *where, spill.scatter, spill.lasting, coast.pack,
+            *where, spill.release_std, spill.release_duration, coast.pack,
         )  # fmt: skip
         failed = int(tries.to_numpy()[1])
         if failed > 0.01 * (slots.last - slots.first):
             raise UserError(
-                f"[spill] scatter: {failed:,} of {slots.last - slots.first:,} objects found no water about their release; "
+                f"[spill] release_std: {failed:,} of {slots.last - slots.first:,} objects found no water about their release; "
                 "make it smaller, or check [coast] source"
             )
         drift.draw_leeway(ensemble, slots, key, kind.object)

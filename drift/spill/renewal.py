@@ -93,7 +93,7 @@ def settle(
         fates = _fates(spill, drifted, segments)
         posterior = finds.posterior(fates, known, drawn.latent, drawn.log_weight)
         rounds[-1] = posterior.effective
-        if posterior.effective >= FEWEST or len(rounds) > spill.renewals or not (known.finds or known.patrols):
+        if posterior.effective >= FEWEST or len(rounds) > spill.redraws or not (known.finds or known.patrols):
             break
         least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
         # The exponent leads from where these worlds were drawn (0) to where the finds put them (1), never back to the
@@ -292,7 +292,7 @@ def warnings(after: Aftermath) -> list[str]:
     if count.few:
         when = "after the finds" if after.posterior.known.finds else ""
         texts.append(
-            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.renewals, or check the finds "
+            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.redraws, or check the finds "
             "that are called odd"
         )
     return texts

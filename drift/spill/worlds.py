@@ -9,15 +9,15 @@ doi:10.1198/106186004X12803). Works on NumPy float64; nothing here touches the d
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 from scipy import special
 
-from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
+from drift.spill import releases
 from drift.spill.records import Spill
-from geo import notation, sphere
+from geo import sphere
 from geo.array import Array, Real
 from geo.errors import UserError
 from kernels import noise
@@ -25,7 +25,6 @@ from kernels.noise import Purpose
 
 IsLand = Callable[[Array, Array], Array]
 
-PIECE = 20_000.0  # [m] of a great-circle leg with one course
 DEFENSIVE = 0.1  # share of renewed worlds that still come from the prior: keeps weights bounded (Hesterberg 1995)
 TRIES = 400  # rounds of candidates before a release is refused as lying on land
 
@@ -130,16 +129,8 @@ class _Model:
 
     def __init__(self, spill: Spill) -> None:
         self.spill = spill
-        prior = spill.prior
-        if isinstance(prior, PositionPrior):
-            names = ["release_x", "release_y"] if prior.major > 0 else []
-            names += ["displacement", "displacement_direction"] if prior.displacement else []
-        elif isinstance(prior, AreaPrior):
-            names = ["release_x", "release_y"]
-        else:
-            names = ["voyage", "cross_track"]
-        if not isinstance(prior, TracklinePrior) and prior.release_end > prior.release_start:
-            names.append("release_time")
+        self.release = releases.law(spill.prior)
+        names = [*self.release.names]
         names += ["windage"] if spill.windage_bias > 0 else []
         names += ["current_east", "current_north"] if spill.current_bias > 0 else []
         for kind in spill.kinds:
@@ -154,58 +145,13 @@ class _Model:
 
     def place(self, latent: Real) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
         """Return releases [binary angle] and whether they are possible by the stated prior."""
-        prior = self.spill.prior
-        x, y = self.of(latent, "release_x"), self.of(latent, "release_y")
-        possible = np.ones(len(latent), bool)
-        if isinstance(prior, PositionPrior):
-            along, across = prior.major * x, prior.minor * y
-            s, c = math.sin(prior.orientation), math.cos(prior.orientation)
-            lon, lat = sphere.destination(prior.lon, prior.lat, along * s + across * c, along * c - across * s)
-            if prior.displacement:
-                (near, far), (begin, end) = prior.displacement.distance, prior.displacement.direction
-                length = near + (far - near) * special.ndtr(self.of(latent, "displacement"))
-                bearing = begin + (end - begin) * special.ndtr(self.of(latent, "displacement_direction"))
-                lon, lat = sphere.destination(lon, lat, length * np.sin(bearing), length * np.cos(bearing))
-        elif isinstance(prior, AreaPrior):
-            shape = shapely.Polygon(np.column_stack([prior.lon, prior.lat]))
-            west, south, east, north = shape.bounds
-            lon = west + (east - west) * special.ndtr(x)
-            lat = np.arcsin(np.sin(south) + (np.sin(north) - np.sin(south)) * special.ndtr(y))  # uniform in true area
-            possible = shapely.contains_xy(shape, lon, lat)
-        else:
-            lon, lat = self._on_track(prior, latent)
+        lon, lat, possible = self.release.place(partial(self.of, latent))
         return sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat)), possible
-
-    def _share(self, prior: TracklinePrior, latent: Real) -> Real:
-        """Return the share of the voyage done."""
-        u, low, high = special.ndtr(self.of(latent, "voyage")), prior.low, prior.high
-        if prior.mode is None:
-            return np.asarray(low + (high - low) * u)
-        peak = (prior.mode - low) / (high - low)
-        rising, falling = np.sqrt(u * peak), 1 - np.sqrt((1 - u) * (1 - peak))
-        return np.asarray(low + (high - low) * np.where(u < peak, rising, falling))
-
-    def _on_track(self, prior: TracklinePrior, latent: Real) -> tuple[Real, Real]:
-        x, y = sphere.track(prior.lon, prior.lat, PIECE)
-        east, north = sphere.offset(x[:-1], y[:-1], x[1:], y[1:])
-        length = np.hypot(east, north)
-        done = np.concatenate([[0.0], np.cumsum(length)])
-        way = self._share(prior, latent) * done[-1]
-        piece = np.clip(np.searchsorted(done, way, side="right") - 1, 0, length.size - 1)
-        e, n = east[piece] / length[piece], north[piece] / length[piece]
-        along, off = way - done[piece], prior.cross_track * self.of(latent, "cross_track")
-        return sphere.destination(x[piece], y[piece], along * e + off * n, along * n - off * e)
 
     def worlds(self, latent: Real, log_weight: Real) -> Worlds:
         """Return the worlds of latents."""
-        spill, prior = self.spill, self.spill.prior
+        spill = self.spill
         lon, lat, _ = self.place(latent)
-        if isinstance(prior, TracklinePrior):
-            begin, span = prior.departure, (prior.arrival - prior.departure) / np.timedelta64(1, "s")
-            share = self._share(prior, latent)
-        else:
-            begin, span = prior.release_start, (prior.release_end - prior.release_start) / np.timedelta64(1, "s")
-            share = special.ndtr(self.of(latent, "release_time")) if "release_time" in self.names else 0 * log_weight
         sinking = np.full((len(latent), len(spill.kinds)), np.inf)
         for k, kind in enumerate(spill.kinds):
             if kind.sinking:
@@ -217,7 +163,7 @@ class _Model:
             log_weight=log_weight,
             lon=lon,
             lat=lat,
-            release=notation.epoch(begin) + np.rint(share * float(span)).astype(np.int64),
+            release=self.release.time(partial(self.of, latent)),
             windage=np.exp(spill.windage_bias * self.of(latent, "windage")),
             current_east=spill.current_bias * self.of(latent, "current_east"),
             current_north=spill.current_bias * self.of(latent, "current_north"),

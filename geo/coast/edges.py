@@ -1,4 +1,4 @@
-"""The coast as the kernels see it: shoreline edges in a uniform grid of cells, on the lattice of binary angles.
+"""The coast for the kernels: shoreline edges in a uniform grid of cells, in binary angles.
 
 Every polygon vertex is rounded to int32 binary angles (at most 5 mm away); from there on everything is exact integer
 geometry in the lon-lat plane. A cell lists every edge that touches it, knows how far (in cells) the nearest cell with

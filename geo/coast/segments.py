@@ -63,8 +63,9 @@ def cut(coast: Coast, length: float = 10_000.0) -> Segments:
 
 
 def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) -> Segments:
-    """Return the stretches of a user's GeoJSON, in its order, then the rest of the coast cut by a length `rest` [m].
+    """Return the stretches of a user's GeoJSON, in its order, then the rest of the coast.
 
+    rest [m]: length of the stretches of which the rest is cut.
     A polygon takes the edges whose midpoints lie inside; a line takes those within NEAR of it, except those beyond its
     ends. An edge that several features take belongs to the nearest of them, and to the first in the file where they
     are equally near. Properties of a feature: "name", needed and unique, and "access". Raises UserError for a file that
@@ -173,7 +174,7 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
 
 
 def _chains(edge: Array, label: Array) -> tuple[Array, Array, Array]:
-    """Return (order, chain, closed): edges in running order, the chain of each in this order, whether chains are rings.
+    """Return the edges in running order, the chain of each of these, and whether chains are rings.
 
     A chain is a run of edges of one label, each beginning where the one before ends. The parts into which a ring's
     first point divides a chain are joined there. A ring begins at its southernmost point, so that stretches depend

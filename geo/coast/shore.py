@@ -130,9 +130,8 @@ def _without_lakes(land: Polygons, path: Path, cut: Box, box: Box) -> tuple[Poly
         raise UserError(f"{contents.label}: holds no polygon; give polygons of lakes")
     total = lakes.size
     broken = int((~shapely.is_valid(lakes)).sum())
-    water = clip(
-        _polygonal(shapely.make_valid(lakes)), cut
-    )  # cut before they are joined, because the lakes of the world are many
+    # They are cut before they are joined, because the lakes of the world are many.
+    water = clip(_polygonal(shapely.make_valid(lakes)), cut)
     notes = contents.notes
     if broken:
         notes += (f"{broken} of {total} lakes crossed themselves and were repaired",)
@@ -182,8 +181,9 @@ def clip(polygons: Polygons, box: Box) -> Polygons:
 
 
 def thinned(shore: Shore) -> Shore:
-    """Return land for a preview, not for a run: that of a vast box has no islets and a vertex every few km.
+    """Return land for a preview, not for a run.
 
+    In a vast box it has no islets, and a vertex every few kilometres.
     Its shores are off by up to some THIN vertices (3 km for GSHHG). Land with inner rings, and land of a box that is
     not vast, stays as it is.
     """
@@ -274,13 +274,11 @@ def _read(path: Path, word: str, wanted: str) -> _Contents:
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", RuntimeWarning
-            )  # GDAL's warnings are about what is refused or repaired below
+            # GDAL's warnings are about what is refused or repaired below.
+            warnings.simplefilter("ignore", RuntimeWarning)
             meta, _, wkb, _ = pyogrio.raw.read(path, layer=0, columns=[], force_2d=True)
-        geometries = shapely.from_wkb(
-            wkb if wkb is not None else np.empty(0, object)
-        )  # None for a table without shapes
+        # A table without shapes has None.
+        geometries = shapely.from_wkb(wkb if wkb is not None else np.empty(0, object))
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, shapely.errors.GEOSException) as error:
         reason = str(error).splitlines()[0]
         raise UserError(f"{label}: cannot be read ({reason}); give a .bna, GeoJSON or shapefile") from None

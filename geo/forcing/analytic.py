@@ -31,8 +31,9 @@ def _east_of(lon: ArrayLike, reference: float) -> Array:
 
 
 def solid_rotation(box: Box, speed: float = 0.5, pole_lon: float = 40.0, pole_lat: float = 60.0) -> Flow:
-    """Rotation of the whole sphere about an axis through (pole_lon, pole_lat) [deg]; speed [m/s] 90 degrees from it.
+    """Rotation of the whole sphere about an axis through (pole_lon, pole_lat) [deg].
 
+    speed [m/s]: 90 degrees from the axis.
     velocity = omega x r: a particle goes round a small circle, back at its start after 2 pi R / speed.
     """
     lam, phi = np.radians(pole_lon), np.radians(pole_lat)
@@ -53,7 +54,7 @@ def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
     psi = pi sin(pi y) (1 - x - exp(-x / boundary)) on the unit square; the flow is along its contours.
     """
     width, height = box.east - box.west, box.north - box.south
-    # without the small exp(-1 / boundary) term the east wall would leak: q makes psi vanish there
+    # q, of the order of exp(-1 / boundary), makes psi vanish at the east wall, which would leak without it
     q = np.exp(-1.0 / boundary)
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
@@ -128,7 +129,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
         depth = np.tanh((edge - 20e3) / 40e3)
         off = np.hypot((x + 88.0) * 0.9, y - 25.0) / 14.0
         far = np.clip(off - 0.7, 0, None)
-        fade = np.exp(-(far**2) / 0.02)  # the Gulf is all there is
+        fade = np.exp(-(far**2) / 0.02)  # the flow fades out beyond the Gulf
         deep = (0.5 + 0.5 * depth) * fade
         fall = -100.0 * far / (np.maximum(off, 0.7) * 14.0**2 * METRES) * deep
         rise = (0.5 - 0.5 * depth * depth) / 40e3 * fade
@@ -138,10 +139,10 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
 
         def velocity(seconds: float) -> tuple[Array, Array]:
             days = seconds / DAY
-            loop = np.tanh((side + 12e3 * np.sin(2 * np.pi * days / 27.0)) / HALF)  # the loop breathes
+            loop = np.tanh((side + 12e3 * np.sin(2 * np.pi * days / 27.0)) / HALF)  # the loop grows and shrinks
             psi = speed * HALF * (1 + loop)  # [m2/s]; no transport to the left: the shelf lies there
             psi_x, psi_y = (speed * (1 - loop * loop) * d for d in (side_x, side_y))
-            phase = 2 * np.pi * days / 60.0  # eddies wander round their places: any date's flow is alike
+            phase = 2 * np.pi * days / 60.0  # eddies circle about their places, so that the flow is alike on any date
             for e_lon, e_lat, radius, swirl, west, north in EDDIES:
                 narrow = np.cos(np.radians(e_lat))
                 c_lon = e_lon - west * 5e3 * np.sin(phase) / (METRES * narrow)
@@ -172,7 +173,10 @@ def _smooth(line: tuple[tuple[float, float], ...]) -> Array:
 
 
 def _beside(line: Array, squeeze: float, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    """Return the distance [m] to a polyline, whose ends go on straight, positive to its right, and its derivatives by x and y."""
+    """Return the distance [m] to a polyline, and its derivatives by x and y.
+
+    The ends of the polyline go on straight; the distance is positive to its right.
+    """
     plane = np.array([squeeze, 1.0]) * METRES
     ends, x, y = line * plane, lon * plane[0], lat * plane[1]
     way = np.diff(ends, axis=0)
@@ -222,7 +226,7 @@ def breeze(
             days = seconds / DAY
             direction = np.radians(toward + swing * np.sin(2 * np.pi * (days / 5.0 + x / 25.0)))
             strength = speed * (1 + 0.1 * np.sin(2 * np.pi * (days / 4.0 - y / 20.0)))
-            turn = 2 * np.pi * (days + (x + middle) / 360.0)  # by the sun
+            turn = 2 * np.pi * (days + (x + middle) / 360.0)  # by local solar time
             east = strength * np.sin(direction) + sea_breeze * np.sin(turn)
             return east, strength * np.cos(direction) + sea_breeze * np.cos(turn)
 
@@ -250,7 +254,7 @@ def build(quantity: str, kind: str, box: Box, **parameters: float) -> tuple[Flow
     try:
         return make(box, **parameters), spacing
     except TypeError as error:
-        known = make.__code__.co_varnames[1 : make.__code__.co_argcount]
+        takes = make.__code__.co_varnames[1 : make.__code__.co_argcount]
         raise UserError(
-            f'[[{quantity}]] analytic = "{kind}" takes {", ".join(known)}, not {sorted(parameters)}'
+            f'[[{quantity}]] analytic = "{kind}" takes {", ".join(takes)}, not {sorted(parameters)}'
         ) from error

@@ -19,7 +19,7 @@ Times = NDArray[np.datetime64]
 
 NAMES = ("time", "ocean_time", "time_counter", "valid_time", "Time", "TIME", "MT", "t")
 OWN = {"standard", "gregorian", "proleptic_gregorian"}
-EARLIEST = np.datetime64("1800-01-01", "s")  # a date before this is a climatology's or an ideal run's, not a forecast's
+EARLIEST = np.datetime64("1800-01-01", "s")  # earlier dates are those of climatologies and ideal runs, not of forecasts
 STEPS = (3600, 1800, 1200, 900, 600, 300, 60, 10)  # [s] what times in single precision are rounded to
 
 

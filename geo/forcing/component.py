@@ -18,7 +18,21 @@ from geo.grids.layout import Layout
 HORIZONTAL = ("two", "component", "components", "uv")  # dimensions that hold both components (SCHISM's hvel)
 
 
+File = tuple[str, xr.Dataset]
 Slice = tuple[xr.Dataset, str, str | None, int]  # dataset, path, time dimension or None, index along it
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A component as it is asked for: a variable, and what the case says of how it is read."""
+
+    name: str
+    side: int  # 0 for the first component, 1 for the second, which matters where one variable holds both
+    quantity: str
+    chosen: Mapping[str, Any]  # the case's variables
+    units: str | None  # that the case states
+    depth: float | None  # [m]
+    needs_times: bool  # the file's times must be understood
 
 
 @dataclass(frozen=True)
@@ -40,7 +54,7 @@ class Component:
     mask: NDArray[np.bool_] | None
     unmasked: bool = False  # the case says that zeros are still water
     fills: tuple[float, ...] = ()  # values in the file's own units that mean missing, though it does not say so
-    vouched: bool = False  # the case vouches for its values: no number is missing for what it is
+    vouched: bool = False  # the case vouches for its values: none is taken as missing for being large
     kept: Kept | None = None  # slices that stay in memory
     notes: tuple[str, ...] = field(default=())
 
@@ -50,44 +64,33 @@ def describe_dims(data: xr.Dataset, name: str) -> str:
     return f"{name}({', '.join(f'{d} = {data.sizes[d]}' for d in map(str, data[name].dims))})"
 
 
-def gather(
-    name: str,
-    side: int,
-    files: Sequence[tuple[str, xr.Dataset]],
-    quantity: str,
-    chosen: Mapping[str, Any],
-    units: str | None,
-    depth: float | None,
-    needs_times: bool,
-) -> Component:
-    """Return a component from the files that hold it; needs_times: the file's times must be understood.
-
-    side: 0 for the first component, 1 for the second, which matters where one variable holds both.
-    """
+def gather(wanted: Wanted, files: Sequence[File]) -> Component:
+    """Return a component from the files that hold it; raise UserError where they do not go together."""
+    name, quantity, chosen, depth = wanted.name, wanted.quantity, wanted.chosen, wanted.depth
     notes: list[str] = []
     path, data = files[0]
-    lone = {levels.name: levels for levels in level.beside(data, name, quantity)}
-    _check_keys(data, name, chosen, tuple(lone), quantity)
+    lone = [levels.name for levels in level.beside(data, name, quantity)]
+    _check_keys(wanted, data, lone)
     time_name = clock.variable_of(data, list(map(str, data[name].dims)), chosen)
     time_dim = str(data[time_name].dims[0]) if time_name and data[time_name].ndim == 1 else None
     if time_dim is None:
         time_dim = next((str(d) for d in data[name].dims if str(d).lower() in {n.lower() for n in clock.NAMES}), None)
-    dims, fixed = _sort_dims(data, name, time_dim, side, quantity, chosen, depth, notes, path)
-    layout, remarks = locate.locate(data, name, dims, chosen, side)
+    dims, fixed = _sort_dims(wanted, files[0], time_dim, notes)
+    layout, remarks = locate.locate(data, name, dims, chosen, wanted.side)
     notes += remarks
-    for other_path, other in files:
-        notes += [n for n in _beside(other, name, quantity, chosen, depth, other_path) if n not in notes]
+    for file in files:
+        notes += [n for n in _beside(wanted, file) if n not in notes]
     if depth is not None and not lone and not any(level.is_vertical(data, d) for d in fixed):
         notes.append(f"depth = {depth:g} m is not used: {name} has no levels")
     slices: list[Slice] = []
     stamps: list[NDArray[np.datetime64]] = []
     for other_path, other in files:
-        _same_grid(data, other, path, other_path, name, dims, layout, chosen, quantity)
-        _same_units(data, other, path, other_path, name, units, quantity)
-        _same_levels(data, other, path, other_path, fixed, quantity)
+        _same_grid(wanted, files[0], (other_path, other), dims)
+        _same_units(wanted, files[0], (other_path, other))
+        _same_levels(wanted, files[0], (other_path, other), fixed)
         count = int(other.sizes[time_dim]) if time_dim and time_dim in other[name].dims else 1
         slices += [(other, other_path, time_dim if time_dim in other[name].dims else None, k) for k in range(count)]
-        if not needs_times:
+        if not wanted.needs_times:
             continue
         when, remarks = _stamps(other, other_path, time_name, quantity, count)
         notes += [r for r in remarks if r not in notes]
@@ -95,40 +98,43 @@ def gather(
     if not slices:
         raise UserError(f"{path}: {describe_dims(data, name)} holds no slice; set [[{quantity}]] files")
     times = None
-    if needs_times:
+    if wanted.needs_times:
         times, slices = _in_order(np.concatenate(stamps), slices, quantity)
     return Component(
-        name, dims, fixed, tuple(slices), times, _factor(data, name, units, quantity, path, notes), quantity,
+        name, dims, fixed, tuple(slices), times, _factor(wanted, files[0], notes), quantity,
         layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), notes=tuple(notes),
     )  # fmt: skip
 
 
-def _check_keys(data: xr.Dataset, name: str, chosen: Mapping[str, Any], lone: Sequence[str], quantity: str) -> None:
-    """Refuse a key of variables that means nothing here; lone: names of levels that stand beside the variable."""
-    odd = [key for key in chosen if key not in quantities.KEYS and key not in data[name].dims and key not in lone]
+def _check_keys(wanted: Wanted, data: xr.Dataset, lone: Sequence[str]) -> None:
+    """Refuse a key of variables that says nothing of this one.
+
+    lone: names of levels that stand beside the variable.
+    """
+    allowed = {*quantities.KEYS, *data[wanted.name].dims, *lone}
+    odd = [key for key in wanted.chosen if key not in allowed]
     if odd:
         raise UserError(
-            f"[[{quantity}]] variables.{odd[0]}: allowed are {', '.join(quantities.KEYS)}, the dimensions of "
-            f"{describe_dims(data, name)}" + (f" and its level, {', '.join(lone)}" if lone else "")
+            f"[[{wanted.quantity}]] variables.{odd[0]}: allowed are {', '.join(quantities.KEYS)}, the dimensions of "
+            f"{describe_dims(data, wanted.name)}" + (f" and its level, {', '.join(lone)}" if lone else "")
         )
 
 
-def _same_levels(
-    data: xr.Dataset, other: xr.Dataset, path: str, other_path: str, fixed: Mapping[str, int], quantity: str
-) -> None:
+def _same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, int]) -> None:
     """Refuse a file in which an index is another level than in the first."""
+    (path, data), (other_path, other) = first, file
     for dim, index in fixed.items():
         if level.is_vertical(data, dim) and not level.same(data, other, dim, index):
             raise UserError(
-                f'{other_path} has other levels along "{dim}" than {path}: index {index} is not the same level in both; '
-                f"give it as a [[{quantity}]] source of its own"
+                f'{other_path} has other levels along "{dim}" than {path}: index {index} is not the same level in '
+                f"both; give it as a [[{wanted.quantity}]] source of its own"
             )
 
 
 def _stamps(
     data: xr.Dataset, path: str, time_name: str | None, quantity: str, count: int
 ) -> tuple[NDArray[np.datetime64], list[str]]:
-    """Return the times of a file's slices, increasing, and what is to be said of them; count: of its slices."""
+    """Return the times of a file's slices, which must increase, and remarks; count: of its slices."""
     if time_name is None:
         raise UserError(_no_time(path, quantity, count, "has no time"))
     try:
@@ -166,10 +172,13 @@ def _no_time(path: str, quantity: str, count: int, why: str) -> str:
 
 
 def _sort_dims(
-    data: xr.Dataset, name: str, time_dim: str | None, side: int, quantity: str, chosen: Mapping[str, Any],
-    depth: float | None, notes: list[str], path: str,
-) -> tuple[tuple[str, ...], dict[str, int]]:  # fmt: skip
-    """Tell a variable's horizontal dimensions from those along which one index is read."""
+    wanted: Wanted, file: File, time_dim: str | None, notes: list[str]
+) -> tuple[tuple[str, ...], dict[str, int]]:
+    """Return a variable's horizontal dimensions, and one index along each other but that of time.
+
+    notes: what is to be said of it is added here.
+    """
+    name, quantity, chosen, (path, data) = wanted.name, wanted.quantity, wanted.chosen, file
     rest = [str(d) for d in data[name].dims if str(d) != time_dim]
     fixed: dict[str, int] = {}
     for dim in list(rest):
@@ -181,44 +190,44 @@ def _sort_dims(
             fixed[dim] = int(index)
             notes.append(f"index {fixed[dim]} of {size} along {dim}, as the case says")
         elif dim.lower() in HORIZONTAL and size == 2:
-            fixed[dim] = side
+            fixed[dim] = wanted.side
         elif level.is_vertical(data, dim):
-            fixed[dim], remark = level.choose(data, name, dim, quantity, depth, path)
+            fixed[dim], remark = level.choose(data, name, dim, quantity, wanted.depth, path)
             notes += [remark] if remark else []
     rest = [d for d in rest if d not in fixed]
     single = _unstructured(data, name, rest, chosen)
-    wanted = 1 if single else 2
+    horizontal = 1 if single else 2
     for dim in rest:
-        if len(rest) > wanted and data.sizes[dim] == 1 and not _has_axis(data, dim) and dim != single:
+        if len(rest) > horizontal and data.sizes[dim] == 1 and not _has_axis(data, dim) and dim != single:
             fixed[dim] = 0
     rest = [d for d in rest if d not in fixed]
-    if len(rest) > wanted:
-        extra = [d for d in rest if d != single] if single else rest[:-wanted]
+    if len(rest) > horizontal:
+        extra = [d for d in rest if d != single] if single else rest[:-horizontal]
         raise UserError(
             f"{path}: {describe_dims(data, name)} has more than one {' and '.join(extra)}; "
             f"set [[{quantity}]] variables.{extra[0]} to an index"
         )
-    if len(rest) < wanted:
+    if len(rest) < horizontal:
         raise UserError(
             f"{path}: {describe_dims(data, name)} is no field over longitude and latitude; "
             f"set variables = {{ lon = ..., lat = ... }} to those of its points"
         )
-    if wanted == 2 and _lat_last(data, rest):
+    if horizontal == 2 and _lat_last(data, rest):
         rest = rest[::-1]
     return tuple(rest), fixed
 
 
-def _beside(
-    data: xr.Dataset, name: str, quantity: str, chosen: Mapping[str, Any], depth: float | None, path: str
-) -> list[str]:
-    """Return remarks on the levels at which a variable stands without a dimension for them; refuse any but the surface."""
+def _beside(wanted: Wanted, file: File) -> list[str]:
+    """Return remarks on the levels that a variable has no dimension for; refuse any but the surface."""
+    name, quantity, chosen, (path, data) = wanted.name, wanted.quantity, wanted.chosen, file
     remarks = []
     for levels in level.beside(data, name, quantity):
         if levels.name not in chosen:
-            remarks.append(level.accept(levels, name, quantity, depth, path))
+            remarks.append(level.accept(levels, name, quantity, wanted.depth, path))
         elif str(chosen[levels.name]).strip() != "0":
             raise UserError(
-                f"[[{quantity}]] variables.{levels.name} = {chosen[levels.name]}: it has a single level, whose index is 0"
+                f"[[{quantity}]] variables.{levels.name} = {chosen[levels.name]}: it has a single level, whose index "
+                "is 0"
             )
         else:
             remarks.append(f'the level of "{levels.name}", as the case says')
@@ -263,14 +272,13 @@ def _unstructured(data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapp
     return dims[-1] if all(held) else None
 
 
-def _same_grid(
-    data: xr.Dataset, other: xr.Dataset, path: str, other_path: str, name: str, dims: tuple[str, ...],
-    layout: Layout, chosen: Mapping[str, Any], quantity: str,
-) -> None:  # fmt: skip
+def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...]) -> None:
+    """Refuse a file whose points along a variable's horizontal dimensions are not those of the first."""
+    (path, data), (other_path, other) = first, file
     if other is data:
         return
     trouble = ""
-    for dim in map(str, data[name].dims):
+    for dim in map(str, data[wanted.name].dims):
         if dim in dims and other.sizes.get(dim) != data.sizes[dim]:
             trouble = f"{other.sizes.get(dim)} points along {dim} instead of {data.sizes[dim]}"
     if not trouble:
@@ -283,29 +291,31 @@ def _same_grid(
             and set(map(str, v.dims)) <= set(dims)
             and np.issubdtype(v.dtype, np.number)
         ]
-        for one in placing:
-            a, b = np.asarray(data[one].values, float), np.asarray(other[one].values, float)
+        for name in placing:
+            a, b = np.asarray(data[name].values, float), np.asarray(other[name].values, float)
             if a.shape != b.shape or not np.allclose(a, b, rtol=1e-6, atol=1e-5, equal_nan=True):
-                trouble = f'other values of "{one}"'
+                trouble = f'other values of "{name}"'
     if trouble:
         raise UserError(
-            f"{other_path} has another grid than {path}: {trouble}; give it as a [[{quantity}]] source of its own"
+            f"{other_path} has another grid than {path}: {trouble}; give it as a [[{wanted.quantity}]] source of its "
+            "own"
         )
 
 
-def _same_units(
-    data: xr.Dataset, other: xr.Dataset, path: str, other_path: str, name: str, stated: str | None, quantity: str
-) -> None:
+def _same_units(wanted: Wanted, first: File, file: File) -> None:
     """Refuse files of one source in different units, unless the case states which they are in."""
-    first, second = (str(one[name].attrs.get("units", "")).strip() for one in (data, other))
-    if stated is None and first.lower() != second.lower():
+    name, quantity = wanted.name, wanted.quantity
+    (path, units), (other_path, others) = ((p, str(d[name].attrs.get("units", "")).strip()) for p, d in (first, file))
+    if wanted.units is None and units.lower() != others.lower():
         raise UserError(
-            f'{other_path}: "{name}" is in "{second}", and in {path} in "{first}"; give it as a [[{quantity}]] source of its '
-            f"own, or state [[{quantity}]] units if all are in the same"
+            f'{other_path}: "{name}" is in "{others}", and in {path} in "{units}"; give it as a [[{quantity}]] source '
+            f"of its own, or state [[{quantity}]] units if all are in the same"
         )
 
 
-def _factor(data: xr.Dataset, name: str, units: str | None, quantity: str, path: str, notes: list[str]) -> float:
+def _factor(wanted: Wanted, file: File, notes: list[str]) -> float:
+    """Return what makes m/s of a variable's numbers; notes is added to."""
+    name, units, quantity, (path, data) = wanted.name, wanted.units, wanted.quantity, file
     attributes = data[name].attrs
     held = str(attributes.get("units", "")).strip()
     if units is not None:
@@ -344,7 +354,7 @@ def _mask(
             water = _water(variable.attrs)
             wet = np.asarray(variable.values == water)
             if wet.all() and not named:
-                continue  # it marks nothing: whether land is stored as zero is still to be seen
+                continue  # a mask without land says nothing of whether land is stored as zero
             notes.append(f'land where "{name}" is {1 - water}')
             return wet
     return None

@@ -1,4 +1,4 @@
-"""What `drift info FILE` prints: how a file was understood, how much is missing, and a small map in characters."""
+"""What `drift info FILE` prints: how a file was understood, what is missing, and a map in characters."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -23,38 +23,38 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     only: the one quantity to read them as; options as in `forcing.open_source`. Where a quantity is there but cannot be
     read (no units, say) its error is raised; where there is none at all, the error says what the files hold.
     """
-    found: list[Source] = []
+    understood: list[Source] = []
     errors: dict[str, UserError] = {}
     patience = options.get("timeout", address.TIMEOUT)
     listed = dataset.expand(paths, only or "current")
-    # The process that reads an address lives as long as one of its datasets: these let one serve all that follows.
+    # The process that reads an address ends with the last of its datasets; kept here, one serves all that follows.
     _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
     with dataset.readable(listed, "current"):
         held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
     own = [str((options.get("variables") or {}).get(key, "")) for key in ("east", "north")]
     if not held and any(own):
         raise UserError(
-            f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are a current, a wind or a Stokes drift; "
-            "say which: --as"
+            f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are a current, a wind "
+            "or a Stokes drift; say which: --as"
         )
     for quantity in QUANTITIES:
         if held and quantity not in held:
             continue
         try:
-            found.append(sources.open_source(quantity, held.get(quantity, listed), lenient=True, **options))
+            understood.append(sources.open_source(quantity, held.get(quantity, listed), lenient=True, **options))
         except UserError as error:
             errors[quantity] = error
     if not held:
         halves = [e for e in errors.values() if "one component" in str(e)]
         why = (halves or [errors["current"]])[0]
         raise UserError(f"no current, wind or Stokes drift found: {why}") from why
-    if not found:
+    if not understood:
         raise next(iter(errors.values()))
-    return found
+    return understood
 
 
 def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict[str, list[str]]:
-    """Return for each quantity that is there the files that hold it, and those that hold no quantity, such as grids."""
+    """Return the files that hold each quantity, and those that hold none, such as grids."""
     variables: dict[str, dict[str, Any]] = {}
     for path in listed:
         data = dataset.open_one(path, "current", patience)
@@ -65,7 +65,7 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
         try:
             pair = quantities.search(quantity, everything)
         except UserError:
-            names[quantity] = set(everything)  # several of them: opening it says which to choose
+            names[quantity] = set(everything)  # several pairs: the refusal that opening gives says which there are
             continue
         if pair is not None:
             names[quantity] = {pair.east, pair.north}
@@ -84,7 +84,8 @@ def describe(source: Source) -> list[str]:
     lines = [f"{QUANTITIES[source.quantity].spoken}: {source.name}"]
     around = " round the Earth" if grid.seamless else ""
     lines.append(
-        f"  where    {_degrees(box)}{around}; {grid.nlon} x {grid.nlat} nodes of {grid.dlon:.4g} x {grid.dlat:.4g} degrees"
+        f"  where    {_degrees(box)}{around}; {grid.nlon} x {grid.nlat} nodes of {grid.dlon:.4g} x {grid.dlat:.4g} "
+        "degrees"
     )
     lines.append(f"  when     {_when(source)}")
     values = source.read(0)
@@ -103,7 +104,10 @@ def describe(source: Source) -> list[str]:
 
 
 def sketch(source: Source, width: int = 60, height: int = 22) -> list[str]:
-    """Return a map of the first slice in characters, north up: arrows where to, "·" missing, "○" nearly calm."""
+    """Return a map of the first slice in characters, north up.
+
+    Arrows point where to, "·" is missing, "○" nearly calm.
+    """
     grid, values = source.grid, source.read(0)
     middle = np.cos(np.radians(grid.lat0 + grid.dlat * (grid.nlat - 1) / 2))
     ratio = (grid.nlon - 1) * grid.dlon * max(middle, 0.1) / ((grid.nlat - 1) * grid.dlat)

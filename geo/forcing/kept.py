@@ -1,4 +1,7 @@
-"""Slices that stay in memory: of a variable as they are read, of a source as they are sampled; for many forecasts from the same files."""
+"""Slices that stay in memory, for many forecasts from the same files.
+
+Of a variable they are kept as they are read, of a source as they are sampled.
+"""
 
 import threading
 from collections.abc import Callable, Hashable
@@ -9,7 +12,7 @@ import numpy as np
 from geo.array import Array
 from geo.grids.layout import Index
 
-# [bytes] Of one component, and of all finished slices; the slice that was last asked for longest ago goes first.
+# [bytes] of one component, and of all finished slices. What was used longest ago is dropped first.
 MOST = 2**28
 
 
@@ -24,12 +27,12 @@ class Kept:
 
     def part(self, index: tuple[Index, ...]) -> tuple[Index, ...] | None:
         """Return where in the window indices stand; None where some of them are outside it."""
-        found = []
+        inside = []
         for wanted, places in zip(index, self._places, strict=True):
             if wanted.max(initial=-1) >= len(places) or (places[wanted] < 0).any():
                 return None
-            found.append(places[wanted])
-        return tuple(found)
+            inside.append(places[wanted])
+        return tuple(inside)
 
     def slice(self, i: int, read: Callable[[], tuple[Array, int]]) -> tuple[Array, int]:
         """Return slice i over the window, and how many fill values it held, read now if it is not there."""
@@ -42,7 +45,7 @@ class Kept:
 
 
 class Finished:
-    """Slices of parts of sources in true east and north, filled towards the coast: all that is left is to sample them.
+    """Slices of parts of sources, ready to be sampled: true east and north, filled towards the coast.
 
     Only what is the same in every bit may share a key: slices of one part of one source, filled equally deep.
     """

@@ -37,7 +37,7 @@ PASCALS = {"pa": 1.0, "hpa": 100.0, "mb": 100.0, "mbar": 100.0, "millibar": 100.
 DECIBAR = 1e4  # [Pa]; of sea water it is a metre of depth to 1 %
 
 WIND_HEIGHT = 10.0  # [m] the height that leeway is measured against
-HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] from which a wind passes: the logarithmic profile changes by 15 % from 10 to these
+HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] a wind at these passes for that at 10 m: the logarithmic profile differs by 15 %
 DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
 # types of level that have no value
 SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean sea level"}
@@ -78,7 +78,7 @@ def is_vertical(data: xr.Dataset, dim: str) -> bool:
 
 
 def choose(data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
-    """Return the index to read along a vertical dimension of variable `name`, and a remark that says which level it is.
+    """Return the index to read along a vertical dimension of a variable, and a remark on which it is.
 
     depth: the one the case wants [m], None for the surface; where: the file, for messages.
     """
@@ -90,19 +90,19 @@ def choose(data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | 
         return _uncounted(dim, count, quantity, depth, where) if count > 1 else (0, "")
     if not np.isfinite(levels.values).all():
         raise UserError(
-            f'{where}: "{dim}" has missing values, so that nothing says which level lies at the surface; where you know '
-            f"it, name it by its index in [[{quantity}]] variables.{dim}"
+            f'{where}: "{dim}" has missing values, so that nothing says which level lies at the surface; where you '
+            f"know it, name it by its index in [[{quantity}]] variables.{dim}"
         )
     return _judge(levels, name, quantity, depth, where)
 
 
 def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
-    """Return the levels that a variable holds no dimension for: lone coordinates, or else what its attributes say."""
+    """Return the levels that a variable has no dimension for: lone coordinates, or those of attributes."""
     variable = data[name]
     own = set(map(str, variable.dims))
     listed = _listed(variable) | set(map(str, variable.coords))
     others = set().union(*(_listed(data[n]) for n in map(str, data.variables) if n != name))
-    found = []
+    levels = []
     for other in map(str, data.variables):
         held = data[other]
         dims = set(map(str, held.dims))
@@ -112,9 +112,9 @@ def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
             continue
         lent = any(dims & set(map(str, v.dims)) for n, v in data.variables.items() if n != other)
         if other in listed or (other not in others and not lent):
-            found.append(_read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True))
-    if found or any(is_vertical(data, d) for d in own):
-        return found
+            levels.append(_read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True))
+    if levels or any(is_vertical(data, d) for d in own):
+        return levels
     stated = of_attributes(variable.attrs, quantity)
     return [stated] if stated is not None else []
 
@@ -232,11 +232,14 @@ def _sigma(name: str, standard: str, units: str) -> bool:
 
 
 def _from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
-    """Return how far sigma lies from the surface, where the atmosphere's is 1 and an ocean's is 0 (-1 at the bottom)."""
+    """Return how far sigma lies from the surface.
+
+    In the atmosphere sigma is 1 there; in an ocean it is 0, and -1 at the bottom.
+    """
     if QUANTITIES[quantity].in_air or (upwards and (values >= 0).all() and values.max() > 0):
         return 1.0 - values
     if upwards is None and (values > 0).any():
-        return np.full(values.shape, np.nan)  # 0 to 1, and nothing says at which end the surface is
+        return np.full(values.shape, np.nan)  # it runs from 0 to 1, and nothing says at which end the surface is
     return np.abs(values)
 
 
@@ -253,8 +256,8 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
         if value is not None and not kind.endswith("Layer"):
             read = _read(kind, {"units": units}, np.array([float(value)]), quantity, True)
             return Levels("level", read.kind, read.values, read.units or kind, read.away, None, True)
-        known = re.search(r"\d", str(attributes.get("long_name", "")))  # "10 metre U wind component"
-        if not known:
+        numbered = re.search(r"\d", str(attributes.get("long_name", "")))  # "10 metre U wind component"
+        if not numbered:
             return Levels("level", "unknown", np.empty(0), kind, np.empty(0), None, True)
     for key in ("level", "long_name"):
         text = str(attributes.get(key, "")).lower().replace("_", " ")
@@ -276,17 +279,20 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
 
 
 def _surface(levels: Levels, quantity: str) -> int | None:
-    """Return the index of the level that passes for the surface; for winds the one nearest 10 m; None without one."""
+    """Return the index of the level that passes for the surface; None without one.
+
+    For winds it is the level nearest to 10 m.
+    """
     values, away = levels.values, levels.away
     if levels.kind == "number" and not QUANTITIES[quantity].in_air and levels.upwards is not None:
-        if levels.upwards:  # the greatest number is at the surface, if this is not a single one of them
+        if levels.upwards:  # the greatest number is at the surface, unless there is only one
             return int(np.argmax(values)) if len(values) > 1 else None
         return int(np.argmin(values)) if values.min() <= 1 else None
     if not np.isfinite(away).all() or not len(away):
         return None
     if levels.kind == "height":
         low, high = HEIGHTS_OF_WIND
-        fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)  # 0: at the surface, as some files put it
+        fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)  # some files give 0 for "at the surface"
         distance = np.where(fits, np.abs(away - WIND_HEIGHT), np.inf)
     elif levels.kind in ("depth", "sigma"):
         most = DEEPEST + 1e-3 if levels.kind == "depth" else QUANTITIES[quantity].sigma + 1e-6
@@ -302,15 +308,16 @@ def _judge(levels: Levels, name: str, quantity: str, depth: float | None, where:
     if depth is not None and not QUANTITIES[quantity].in_air:
         if levels.kind != "depth":
             raise UserError(
-                f'{where}: [[{quantity}]] depth = {depth:g} m, but "{levels.name}" of {name} has levels that are not in '
-                f"metres: {_spoken(levels)}; {_key(levels, quantity, False)}"
+                f'{where}: [[{quantity}]] depth = {depth:g} m, but "{levels.name}" of {name} has levels that are not '
+                f"in metres: {_spoken(levels)}; {_key(levels, quantity, False)}"
             )
         chosen = int(np.argmin(np.abs(levels.away - abs(depth))))
         apart = abs(float(levels.away[chosen]) - abs(depth))
         inside = levels.away.min() <= abs(depth) <= levels.away.max()
         if not inside and apart > max(DEEPEST, abs(depth) / 4):
             raise UserError(
-                f"{where}: {name} has no level near [[{quantity}]] depth = {depth:g} m: it is given at {_spoken(levels)}"
+                f"{where}: {name} has no level near [[{quantity}]] depth = {depth:g} m: it is given at "
+                f"{_spoken(levels)}"
             )
     else:
         surface = _surface(levels, quantity)
@@ -335,7 +342,8 @@ def _refusal(levels: Levels, name: str, quantity: str, where: str) -> str:
         given = f'is given at {_spoken(levels)} ("{levels.name}", {only} of it)'
     else:
         given = f'has "{levels.name}" = {_spoken(levels)}, and nothing says how far from the surface that is'
-    return f"{where}: {name} {given}; needed is {QUANTITIES[quantity].wanted}: {_key(levels, quantity, levels.kind == 'depth')}"
+    key = _key(levels, quantity, levels.kind == "depth")
+    return f"{where}: {name} {given}; needed is {QUANTITIES[quantity].wanted}: {key}"
 
 
 def _key(levels: Levels, quantity: str, by_depth: bool) -> str:
@@ -366,17 +374,21 @@ def _number(value: float) -> str:
 
 
 def _uncounted(dim: str, count: int, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
-    """Return the surface's index along a dimension without a coordinate, where its name alone says which end that is."""
+    """Return the index of the surface along a dimension without a coordinate; None without one.
+
+    The name of the dimension alone says at which end the surface is.
+    """
     if depth is not None and not QUANTITIES[quantity].in_air:
         raise UserError(
-            f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; where you know '
-            f"them, name one by its index, counted from 0, in [[{quantity}]] variables.{dim}"
+            f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; where '
+            f"you know them, name one by its index, counted from 0, in [[{quantity}]] variables.{dim}"
         )
     upwards = bool(FROM_BOTTOM.match(dim))
     if not QUANTITIES[quantity].in_air and (upwards or FROM_TOP.match(dim)):
         chosen = count - 1 if upwards else 0
         return chosen, f'{"last" if upwards else "first"} of {count} levels along "{dim}", taken as the surface'
     raise UserError(
-        f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is {QUANTITIES[quantity].wanted}: where you know '
+        f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is '
+        f"{QUANTITIES[quantity].wanted}: where you know "
         f"which that is, name it by its index, counted from 0, in [[{quantity}]] variables.{dim}"
     )

@@ -43,7 +43,7 @@ class Held:
 
 
 def hold(datasets: Any) -> dict[str, Held]:
-    """Return the datasets of {name: xarray.Dataset}, None for none; raise UserError where it is something else."""
+    """Return datasets by name as forcing; None gives none. Raises UserError for what is no dataset."""
     if isinstance(datasets, xr.Dataset) or not isinstance(datasets, Mapping | None):
         raise UserError(f'datasets: a {type(datasets).__name__} is given; must be {{"name": an xarray.Dataset}}')
     for name, data in (datasets or {}).items():
@@ -58,7 +58,7 @@ def as_stored(held: Held) -> xr.Dataset:
     """Return a dataset as `dataset.open_one` would from a file: packing resolved, times as numbers since a date."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # on several fill values: all are met
+            warnings.simplefilter("ignore")  # of several fill values, all of which are treated as missing
             return xr.decode_cf(
                 _encoded(held.data),
                 concat_characters=False,
@@ -66,9 +66,10 @@ def as_stored(held: Held) -> xr.Dataset:
                 decode_coords=False,
                 decode_timedelta=False,
             )
-    except Exception as error:  # whatever its names and attributes make xarray and cftime raise
+    except Exception as error:  # xarray and cftime raise many kinds
         raise UserError(
-            f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); mend its attributes, or decode it first"
+            f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); mend its attributes, or decode "
+            "it first"
         ) from error
 
 
@@ -90,7 +91,7 @@ def _encoded(data: xr.Dataset) -> xr.Dataset:
 
 
 def _numbers(variable: xr.Variable, attributes: Mapping[Any, Any]) -> tuple[xr.Variable, dict[Any, Any]]:
-    """Return dates as the numbers of a file, and the attributes that say so; what is no date is left as it is."""
+    """Return dates as the numbers of a file, and the attributes that say so; other values as they are."""
     values, encoding = variable.values, variable.encoding
     if variable.dtype.kind == "M":
         dates = values.astype("datetime64[us]").astype(object)  # Python's, None where missing
@@ -103,7 +104,7 @@ def _numbers(variable: xr.Variable, attributes: Mapping[Any, Any]) -> tuple[xr.V
         return variable, dict(attributes)
     units, kind = EPOCH, "f8"
     if encoding.get("dtype") == np.float32 and " since " in str(encoding.get("units", "")):
-        # They were stored in single precision: so they are again, for the reader to see what it rounds.
+        # They were stored in single precision, and are again, so that the reader can tell how they were rounded.
         units, calendar, kind = encoding["units"], encoding.get("calendar", calendar), "f4"
     numbers: NDArray[Any] = np.full(dates.size, np.nan, kind)
     numbers[there] = cftime.date2num(dates.reshape(-1)[there], units, calendar)

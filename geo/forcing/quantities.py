@@ -16,9 +16,8 @@ from geo.grids import naming
 
 Attributes = Mapping[str, Any]
 
-NINES = tuple(
-    k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1
-)  # 9.9 to 99999: fill values
+# 9.9 to 99999, which are often fill values
+NINES = tuple(k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1)
 
 # (east or x, north or y, "true" for east and north | "grid" for the grid's own axes), best first
 STANDARD: dict[str, tuple[tuple[str, str, str], ...]] = {
@@ -75,12 +74,15 @@ COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
 }  # fmt: skip
 # CF's
 MODIFIERS = ("_standard_error", "_number_of_observations", "_status_flag", "_quality_flag", "_detection_minimum")
-PLAIN = {"u", "v"}  # so plain that only a current may be called this without saying what it is
+PLAIN = {"u", "v"}  # only a current may have so plain a name without an attribute that says what it is
 
 
 @dataclass(frozen=True)
 class Pair:
-    """The two variables of a quantity, along which axes they count ("true", "grid", "?"), and how they were found."""
+    """The two variables of a quantity, the axes that they count along, and how they were found.
+
+    axes: "true", "grid" or "?".
+    """
 
     east: str
     north: str
@@ -119,7 +121,10 @@ def _standard_name(attributes: Attributes, key: str) -> str:
 
 
 def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str, east: bool) -> list[str]:
-    """Narrow several variables of one standard name: those at the surface first, winds at 10 m, a name in common use."""
+    """Return the best of several variables of one standard name.
+
+    Those at the surface come first, winds at 10 m, then names in common use.
+    """
     if len(names) > 1:
         names = [n for n in names if level.passes(attributes[n], quantity)] or names
     if len(names) > 1 and QUANTITIES[quantity].in_air:
@@ -173,6 +178,7 @@ def search(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
     )
 
 
+# Keys of a case's variables.
 KEYS = (
     "east",
     "north",
@@ -186,7 +192,7 @@ KEYS = (
     "x",
     "y",
     "stagger",
-)  # of a case's variables
+)
 
 
 def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str, Any], name: str) -> Pair:
@@ -207,8 +213,8 @@ def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str
                 )
         east, north = str(chosen["east"]), str(chosen["north"])
         standard = {e: a for e, _, a in STANDARD[quantity]} | {e: a for e, _, a in COMMON[quantity]}
-        known = standard.get(_standard_name(variables[east], "standard_name")) or standard.get(east) or "?"
-        return Pair(east, north, axes or known, "the case's own choice")
+        axes_named = standard.get(_standard_name(variables[east], "standard_name")) or standard.get(east) or "?"
+        return Pair(east, north, axes or axes_named, "the case's own choice")
     pair = search(quantity, variables)
     if pair is None:
         raise UserError(_absent(quantity, variables, name))
@@ -226,16 +232,16 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         name for name, _, _ in STANDARD[quantity] + COMMON[quantity]
     }, {north for _, north, _ in STANDARD[quantity] + COMMON[quantity]}  # fmt: skip
     for held, lacking, side in ((0, 1, "northward"), (1, 0, "eastward")):
-        one = [
+        lone = [
             n
             for n, a in variables.items()
             if (n in components[held] and said(a) in (None, quantity) and (n not in PLAIN or quantity == "current"))
             or _standard_name(a, "standard_name") in components[held]
         ]
-        if one and not any(n in components[lacking] for n in variables):
+        if lone and not any(n in components[lacking] for n in variables):
             return (
-                f"{name}: {one[0]} is one component of the {QUANTITIES[quantity].spoken}, but the {side} one is missing; "
-                f"name the files of both in [[{quantity}]] files, or set [[{quantity}]] variables"
+                f"{name}: {lone[0]} is one component of the {QUANTITIES[quantity].spoken}, but the {side} one is "
+                f"missing; name the files of both in [[{quantity}]] files, or set [[{quantity}]] variables"
             )
     held_instead = []
     for other in QUANTITIES:

@@ -1,4 +1,4 @@
-"""From files to a grid, times and a function that reads one slice: everything that `open_source` puts together."""
+"""From files to a grid, times and a function that reads one slice: the work of `open_source`."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -50,14 +50,14 @@ class Request:
     steady: bool
     box: Box | None
     depth: float | None
-    lenient: bool  # a lone slice counts: for a description, not for a run
+    lenient: bool  # a single slice is accepted, which is enough to describe a file, but not for a run
     plausible: bool  # the user vouches for speeds that no such quantity has
     timeout: float  # of an address [s]
 
 
 @dataclass(frozen=True)
 class Opened:
-    """Files, or a dataset in memory, of which all is known that does not depend on the part that a case needs."""
+    """Files, or a dataset in memory, with all that does not depend on the part that a case needs."""
 
     request: Request
     paths: dataset.Paths | memory.Held
@@ -94,9 +94,9 @@ def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
         for key, variable in data.variables.items():
             if variable.ndim >= 1:
                 attributes.setdefault(str(key), variable.attrs)
-    found = {k: a for k, a in attributes.items() if _is_field(k, files)}
+    fields = {k: a for k, a in attributes.items() if _is_field(k, files)}
     _check_chosen(request, files)
-    pair = quantities.find(q, found, request.variables, request.name)
+    pair = quantities.find(q, fields, request.variables, request.name)
     notes.append(f"{QUANTITIES[q].spoken} from {pair.east}, {pair.north} (found by {pair.how})")
     _check_sizes(request, pair, files)
     first, second = _components(request, pair, files, notes)
@@ -118,30 +118,33 @@ def cut(opened: Opened, box: Box | None) -> Reading:
     crops = [layout.crop(c.layout, wanted) for c in (first, second)]
     if crops[0] is None or crops[1] is None:
         raise UserError(_apart(request, first.layout))
-    made = tile.make((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
-    seen = tile.examine(made, opened.count, whole)
+    regridded = tile.make((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
+    seen = tile.examine(regridded, opened.count, whole)
     if seen.missing == 1.0 and seen.empty:
         inside = " in the case's area" if box is not None else ""
         odd = f" ({seen.strange} are no possible speed: are the units right?)" if seen.strange else ""
         raise UserError(f"{request.name}: every value is missing{inside}{odd}; set [[{request.quantity}]] files")
-    made = seen.tile
+    regridded = seen.tile
     return Reading(
-        made.grid,
+        regridded.grid,
         opened.times,
-        lambda i: tile.read(made, i),
+        lambda i: tile.read(regridded, i),
         seen.missing,
-        opened.notes + whole.notes + made.notes + seen.notes,
+        opened.notes + whole.notes + regridded.notes + seen.notes,
         "",
-        tile.domain(made),
+        tile.domain(regridded),
     )
 
 
 def keep(opened: Opened, box: Box) -> Opened:
-    """Return a source whose slices, once read, stay in memory over a box: parts of it that lie inside are cut from there."""
+    """Return a source whose slices, once read, stay in memory over a box.
+
+    Parts of it that lie inside the box are cut from there.
+    """
     kept = []
-    for one in opened.components:
-        crop = layout.crop(one.layout, _needed(box))
-        kept.append(one if crop is None else replace(one, kept=Kept(slices.window(crop))))
+    for component_ in opened.components:
+        crop = layout.crop(component_.layout, _needed(box))
+        kept.append(component_ if crop is None else replace(component_, kept=Kept(slices.window(crop))))
     return replace(opened, components=(kept[0], kept[1]))
 
 
@@ -192,8 +195,8 @@ def _check_sizes(request: Request, pair: quantities.Pair, files: list[tuple[str,
                     f"{path}: {component.describe_dims(data, name)} holds no value along {empty[0]}; "
                     f"set [[{request.quantity}]] files"
                 )
-        both = pair.east == pair.north and pair.east in data.variables
-        if both and not any(str(d).lower() in component.HORIZONTAL for d in data[pair.east].dims):
+        shared = pair.east == pair.north and pair.east in data.variables
+        if shared and not any(str(d).lower() in component.HORIZONTAL for d in data[pair.east].dims):
             raise UserError(
                 f"{path}: {pair.east} is named as both components; set [[{request.quantity}]] variables.north"
             )
@@ -225,12 +228,11 @@ def _components(
     result = []
     for side, name in enumerate((pair.east, pair.north)):
         having = [(path, data) for path, data in holding if name in data.variables]
+        wanted = component.Wanted(
+            name, side, request.quantity, request.variables, request.units, request.depth, needs_times=not stated
+        )
         try:
-            result.append(
-                component.gather(
-                    name, side, having, request.quantity, request.variables, request.units, request.depth, not stated
-                )
-            )
+            result.append(component.gather(wanted, having))
         except (IndexError, ValueError) as error:
             if not {"lon", "lat"} & set(request.variables):
                 raise
@@ -282,8 +284,8 @@ def _join(
     if len(times) == 1:
         if not request.lenient:
             raise UserError(
-                f"{request.name}: one time only, {notation.group(times[0])}, which says nothing of the hours around it; set "
-                f"[[{q}]] steady = true to hold it constant, or times to say when it holds, or name more files"
+                f"{request.name}: one time only, {notation.group(times[0])}, which says nothing of the hours around "
+                f"it; set [[{q}]] steady = true to hold it constant, or times to say when it holds, or name more files"
             )
         notes.append("one time only: a run needs steady = true or times")
     elif np.median(np.diff(times)) > np.timedelta64(25, "h"):
@@ -298,15 +300,15 @@ def _apart(request: Request, item: Layout) -> str:
     box = request.box
     assert box is not None
     x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
-    known = np.isfinite(lon) & np.isfinite(lat)
+    placed = np.isfinite(lon) & np.isfinite(lat)
     near = np.argmin(
-        np.where(known, sphere.distance(np.radians(x), np.radians(y), np.radians(lon), np.radians(lat)), np.inf)
+        np.where(placed, sphere.distance(np.radians(x), np.radians(y), np.radians(lon), np.radians(lat)), np.inf)
     )
     where = notation.toward(x, y, float(lon.flat[near]), float(lat.flat[near]))
     return (
         f"{request.name} covers {_span(lon, lat)} and the case needs {box.west:.2f} to {box.east:.2f} E, "
-        f"{box.south:.2f} to {box.north:.2f} N: no overlap; from the middle of that it is {where} to the nearest value; set "
-        f"[[{request.quantity}]] files, or move the case"
+        f"{box.south:.2f} to {box.north:.2f} N: no overlap; from the middle of that it is {where} to the nearest "
+        f"value; set [[{request.quantity}]] files, or move the case"
     )
 
 

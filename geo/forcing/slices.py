@@ -61,11 +61,11 @@ def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
     if time_dim is not None:
         fixed[time_dim] = k
     try:
-        with np.errstate(all="ignore"):  # what damage decodes to overflows; it becomes a missing value
+        with np.errstate(all="ignore"):  # damaged values may overflow; they become missing
             yield data[component.name].isel(fixed)
-    except UserError as error:  # of a library in a process of its own
+    except UserError as error:  # from a library that runs in a process of its own
         raise UserError(f"{error}; set {dataset.key(path, component.quantity)}") from error
-    except Exception as error:  # HDF5's OSError and RuntimeError, zlib's
+    except Exception as error:  # HDF5 raises OSError and RuntimeError, zlib its own
         raise UserError(
             f"{path}: cannot read slice {k} of {component.name} ({' '.join(str(error).split())[:80]}): "
             f"truncated or damaged; mend {dataset.key(path, component.quantity)}"

@@ -22,7 +22,7 @@ from geo.forcing.kept import Shelf
 from geo.forcing.quantity import QUANTITIES
 from geo.grids.grid import Grid
 
-EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for what does not vary in space
+EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for fields that are the same everywhere
 MOST_NODES = 1_000_000  # of a built-in flow's tile
 
 
@@ -66,8 +66,9 @@ def open_source(
     plausible: bool = False,
     timeout: float = address.TIMEOUT,
 ) -> Source:
-    """Open files (a path, a glob, a list of them, a Zarr store, an OPeNDAP address) or a dataset in memory as one source.
+    """Open files, or a dataset in memory, as one source.
 
+    paths: a path, a glob, a list of them, a Zarr store, an OPeNDAP address, or the dataset.
     variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name}, {"axes": "true" |
     "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it overrides what is found.
     units: of the values where the file is silent or wrong. times: {"start": ..., "interval": ...} or one time a
@@ -189,7 +190,7 @@ def analytic(
     step = max(step, float(np.sqrt(width * height / MOST_NODES)))
     if box.east - box.west >= 360.0:
         step = 360.0 / np.ceil(360.0 / step)
-    # Nodes stand at multiples of the step: where they stand must not depend on the box.
+    # Nodes stand at multiples of the step, so that their places do not depend on the box.
     west = np.floor(box.west / step)
     east = min(np.ceil(box.east / step), west + np.ceil(360.0 / step))
     south, north = np.floor(max(box.south / step, -90 / step + 1)), np.ceil(min(box.north / step, 90 / step - 1))
@@ -208,9 +209,9 @@ def analytic(
         result[np.abs(grid.lat) > 89.0] = np.nan
         return result
 
-    told = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
-    digest = hashlib.sha256(f"{kind} {told} {grid} {first} {last}".encode()).hexdigest()[:16]
-    notes = (f'SYNTHETIC: built-in flow "{kind}"{" with " + told if told else ""}, no observation or model',)
+    given = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
+    digest = hashlib.sha256(f"{kind} {given} {grid} {first} {last}".encode()).hexdigest()[:16]
+    notes = (f'SYNTHETIC: built-in flow "{kind}"{" with " + given if given else ""}, no observation or model',)
     missing = float((np.abs(grid.lat) > 89.0).mean())
     return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)
 

@@ -23,7 +23,7 @@ def factor(units: str) -> float:
     text = units.strip()
     if text.lower() in COMMON:
         return COMMON[text.lower()]
-    import pint  # here, not above: a quarter of a second that files in m/s need not pay
+    import pint  # imported here: it takes a quarter of a second, which files in m/s need not pay
 
     spelled = re.sub(r"\bkn\b|\bkts\b", "knot", text)
     spelled = re.sub(r"(?<=[A-Za-z])\s*(\*\*|\^)?\s*([+-]?\d+)", r"**(\2)", spelled)  # s-1, s^-1, s**-1
@@ -38,7 +38,7 @@ def factor(units: str) -> float:
 
 def inside_text(text: str) -> str | None:
     """Return a unit of speed written in brackets in a long name, as RTOFS does: "velocity (m/s)"."""
-    for found in re.findall(r"[(\[]([^()\[\]]+)[)\]]", text):
-        if found.strip().lower() in COMMON:
-            return str(found.strip())
+    for inside in re.findall(r"[(\[]([^()\[\]]+)[)\]]", text):
+        if inside.strip().lower() in COMMON:
+            return str(inside.strip())
     return None

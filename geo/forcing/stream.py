@@ -49,8 +49,11 @@ class Bracket(NamedTuple):
 
 
 class Slices:
-    """The slices of one source, read ahead in a pool; filled towards the coast `cells` deep (0: as they are) by neighbours'
-    means, and beyond from the nearest wet node within REACH."""
+    """The slices of one source, read ahead in a pool and filled towards the coast.
+
+    Land nodes take the means of their neighbours, `cells` deep (0: nothing is filled), and beyond that the value of
+    the nearest wet node within REACH.
+    """
 
     def __init__(self, source: Source, cells: int, ahead: int, pool: ThreadPoolExecutor) -> None:
         self.source, self.cells, self.ahead, self._pool = source, cells, ahead, pool

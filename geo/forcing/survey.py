@@ -1,4 +1,4 @@
-"""What a source holds as a whole: how fast it is, the fill values that it does not declare, whether its land is zero.
+"""What a source holds as a whole: its speeds, undeclared fill values, and whether its land is zero.
 
 Judged once a source, from fixed slices and evenly strided points of all that the files hold, never from the part that a
 case needs: so no answer depends on the case's domain. At most READ bytes of values are read.
@@ -18,35 +18,33 @@ from geo.forcing.component import Component
 from geo.forcing.quantity import QUANTITIES
 
 READ = 64 * 2**20  # [bytes] of values at most, both components and all slices together
-READ_REMOTE = 4 * 2**20  # [bytes] of them through an address
+READ_REMOTE = 4 * 2**20  # [bytes] of values at most from an address
 LOOKED_AT = 8  # slices at most: the first, the last and some between
 DRY = 0.005  # share of exact zeros from which they are land
-RECURS = 3  # times from which an extreme value is a fill value if it is one at all
+RECURS = 3  # times that an extreme value must occur at least to be a fill value
 VARIED = 10  # different values that the rest must hold before one can stand apart from it
 GAP = 0.25  # of the range of all other values, from which a number of nines stands apart from them
 SLOW_WIND = 2.0  # [m/s]
 
-STRONG_MEAN = (
-    2.5  # [m/s] a current's mean over a file, places and times, is less: western boundary currents fill no file
-)
+# [m/s] A current's mean over all places and times of a file is less: western boundary currents fill no file.
+STRONG_MEAN = 2.5
 PERCENTILE = 99.9  # of a current's speeds that must stay under the fastest: a few points of a race may exceed it
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What was found. looked_at: indices of the slices; fills: values of each component, in the file's own units, that
-    are none; dry: whether points that are exactly zero in all those slices are land; notes: all that in words.
-    """
+    """What some slices of a source say of all of it."""
 
-    looked_at: tuple[int, ...]
-    fills: tuple[tuple[float, ...], tuple[float, ...]]
-    dry: bool
-    notes: tuple[str, ...]
+    looked_at: tuple[int, ...]  # indices of the slices
+    fills: tuple[tuple[float, ...], tuple[float, ...]]  # of each component, in the file's units: numbers for "missing"
+    dry: bool  # whether points that are exactly zero in all those slices are land
+    notes: tuple[str, ...]  # all that in words
 
 
 def of(components: tuple[Component, Component], count: int, plausible: bool, name: str) -> Survey:
-    """Survey a source's first `count` slices; plausible: the user vouches for its values, so that nothing is refused.
+    """Survey the first `count` slices of a source.
 
+    plausible: the user vouches for its values, so that nothing is refused.
     Raises UserError, with the figures, where the speeds can't be those of the quantity.
     """
     looked_at = tuple(int(k) for k in np.unique(np.linspace(0, count - 1, min(count, LOOKED_AT)).round()))
@@ -54,14 +52,14 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
     notes: list[str] = []
     fills: list[tuple[float, ...]] = []
     for component, values in zip(components, samples, strict=True):
-        found = () if plausible else undeclared(values, component.factor, component.quantity, _packed(component))
-        fills.append(found)
-        for fill in found:
+        stray = () if plausible else undeclared(values, component.factor, component.quantity, _packed(component))
+        fills.append(stray)
+        for fill in stray:
             share = float(np.mean(values == fill))
             values[values == fill] = np.nan
             notes.append(
-                f'"{component.name}" holds {fill:g} at {share:.1%} of its points, apart from all other values: taken as a '
-                "fill value that the file does not declare (plausible = true to take it as a value)"
+                f'"{component.name}" holds {fill:g} at {share:.1%} of its points, apart from all other values: taken '
+                "as a fill value that the file does not declare (plausible = true to take it as a value)"
             )
         with np.errstate(invalid="ignore", over="ignore"):
             values[np.abs(values) * component.factor > QUANTITIES[component.quantity].impossible] = np.nan
@@ -70,8 +68,8 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
         share = float(np.mean(samples[0] == fill))
         samples = [np.where(values == fill, np.nan, values) for values in samples]
         notes.append(
-            f"both components hold {fill:g} at {share:.1%} of their points, apart from all other values: taken as a fill "
-            "value that the file does not declare (plausible = true to take it as a value)"
+            f"both components hold {fill:g} at {share:.1%} of their points, apart from all other values: taken as a "
+            "fill value that the file does not declare (plausible = true to take it as a value)"
         )
     shares = _still(components, samples, looked_at)
     dry = min(shares) > DRY and max(shares) < 1 and _may_be_dry(components, samples)
@@ -116,16 +114,16 @@ def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float,
     values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves nothing: packed
     fields saturate. One apart by a gap must also be faster than anything real, or what a packed number is by default.
     """
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     fastest = QUANTITIES[quantity].fastest
-    found: list[float] = []
-    for _ in range(4):  # a file may hold two of them, and both signs
+    fills: list[float] = []
+    for _ in range(4):  # a file may hold two fill values, each with both signs
         for largest in (True, False):
-            if not known.size:
-                return tuple(found)
-            extreme = float(known.max() if largest else known.min())
-            at = known == extreme
-            rest = known[~at]
+            if not finite.size:
+                return tuple(fills)
+            extreme = float(finite.max() if largest else finite.min())
+            at = finite == extreme
+            rest = finite[~at]
             if (
                 int(at.sum()) < RECURS
                 or rest.size < VARIED
@@ -138,19 +136,20 @@ def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float,
             usual = bool(np.isclose(abs(extreme), quantities.NINES, rtol=1e-6).any()) and fast
             usual |= any(np.isclose(extreme, one, rtol=1e-5) for one in packed)
             if gap > (GAP if usual else 1.0) * (high - low) and (usual or fast):
-                found.append(extreme)
-                known = rest
-    return tuple(found)
+                fills.append(extreme)
+                finite = rest
+    return tuple(fills)
 
 
 def _shared(samples: list[Array]) -> tuple[float, ...]:
-    """Return a number of nines that both components hold at the same points, apart from all else: a slow fill value.
+    """Return a number of nines that both components hold at the same points, apart from all else.
 
+    That is a slow fill value.
     99 cm/s is a speed like others; that both components have exactly it, in many places, and nothing near it, is not.
     """
     if samples[0].shape != samples[1].shape:
         return ()
-    found, largest = [], float(np.fmax.reduce(np.abs(samples[0]), axis=None, initial=0.0))
+    fills, largest = [], float(np.fmax.reduce(np.abs(samples[0]), axis=None, initial=0.0))
     for size in quantities.NINES:
         for fill in (size, -size) if size <= 1.01 * largest else ():
             at = np.isclose(samples[0], fill, rtol=1e-6) & np.isclose(samples[1], fill, rtol=1e-6)
@@ -158,8 +157,8 @@ def _shared(samples: list[Array]) -> tuple[float, ...]:
                 continue
             rest = np.concatenate([values[~at & np.isfinite(values)] for values in samples])
             if rest.size and len(np.unique(rest[:10_000])) >= VARIED and np.abs(rest - fill).min() > GAP * np.ptp(rest):
-                found.append(float(samples[0][at][0]))
-    return tuple(found)
+                fills.append(float(samples[0][at][0]))
+    return tuple(fills)
 
 
 def _still(
@@ -171,7 +170,7 @@ def _still(
         still = np.stack([slices.still(one, component, i) for one, i in zip(values, looked_at, strict=True)])
         zero.append(np.all(still | np.isnan(values), axis=0) & np.any(still, axis=0))
     if samples[0].shape == samples[1].shape:
-        zero = [zero[0] & zero[1]] * 2  # together: a packed component is often zero by itself
+        zero = [zero[0] & zero[1]] * 2  # both must be zero, because a packed component is often zero by itself
     present = [np.any(np.isfinite(values), axis=0) for values in samples]
     first, second = (float(z.sum() / max(p.sum(), 1)) for z, p in zip(zero, present, strict=True))
     return first, second
@@ -201,7 +200,7 @@ def _judged(
     if not speed.size:
         return []
     mean, high, largest = float(speed.mean()), float(np.percentile(speed, PERCENTILE)), float(speed.max())
-    told = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
+    figures = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
     spoken, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
     if quantity == "current":
         good = mean <= STRONG_MEAN and high <= fastest
@@ -211,15 +210,17 @@ def _judged(
     else:
         good, allowed = largest <= fastest, f"a {spoken} is at most {fastest:g} m/s"
     if not good and plausible:
-        return [f"speeds that no {spoken} has ({told}), as the case vouches"]
+        return [f"speeds that no {spoken} has ({figures}), as the case vouches"]
     if not good:
         raise UserError(
-            f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {told}; {allowed}. "
-            f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set plausible = true"
+            f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {figures}; {allowed}. "
+            f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set "
+            "plausible = true"
         )
     if QUANTITIES[quantity].in_air and largest <= SLOW_WIND:
         return [
-            f"WARNING: this wind is nowhere over {largest:.2g} m/s at the {len(looked_at)} times looked at: is it a current?"
+            f"WARNING: this wind is nowhere over {largest:.2g} m/s at the {len(looked_at)} times looked at: is it a "
+            "current?"
         ]
     return []
 

@@ -26,8 +26,9 @@ Values = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Tile:
-    """components, layouts: the two components and their points; matrices: their weights, None where taken as they are.
+    """How the two components of a source become vectors on a regular grid.
 
+    components, layouts: the two components and their points; matrices: their weights, None where taken as they are.
     directions: (nlat, columns, 4) unit vectors of the components' axes, None where they are east and north;
     dry: points whose zeros are land, per component; beyond: (nlat,) rows poleward of 89 degrees.
     """
@@ -85,7 +86,7 @@ def make(components: tuple[Component, Component], layouts: tuple[Layout, Layout]
 
 
 def domain(tile: Tile) -> NDArray[np.bool_] | None:
-    """Return the nodes (nlat, columns) inside the source's own domain; None where all are, or where it can't be told.
+    """Return the nodes (nlat, columns) inside the source's own domain; None where all are, or none can be told.
 
     A triangular mesh ends at the coast: what is outside it may be land.
     """
@@ -126,7 +127,7 @@ def _directions(
 ) -> NDArray[np.float32] | None:  # fmt: skip
     first = layouts[0]
     if isinstance(first, Axes | Triangles) or matrices is None:
-        return None  # here the axes are east and north, or there are none
+        return None  # the axes are east and north here, or the components have none
     if axes == "true":
         notes.append("components are true east and north as they stand")
         return None
@@ -135,7 +136,7 @@ def _directions(
     if isinstance(first, Plane):
         result = rotation.plane_axes(first, lon, lat)
         how = "the projection's axes"
-    else:  # each component has an axis of its own: at a fold one may be taken from one side, one from the other
+    else:  # each component has its own axis: at a fold they may come from different sides
         second = layouts[1] if isinstance(layouts[1], Curved) else first
         x, y = (
             rotation.carried_axis(matrix, item.lon, item.lat, _x_axis(item) + quarter, lon, lat)
@@ -198,7 +199,7 @@ def read(tile: Tile, i: int) -> Values:
 
 
 def examine(tile: Tile, count: int, seen: Survey) -> Examined:
-    """Look at the first slice: what is missing, what carrying cost; and mark as dry what the survey takes as land."""
+    """Return what the first slice shows: what is missing, what regridding costs, and which nodes are land."""
     notes: list[str] = []
     if seen.dry:
         tile = replace(tile, dry=_dry(tile, seen.looked_at))

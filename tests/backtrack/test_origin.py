@@ -110,7 +110,7 @@ objects = 2
 worlds = 50
 windage_bias = 0
 current_bias = "{BIAS} m/s"
-scatter = "{SCATTER} m"
+release_std = "{SCATTER} m"
 position = {{ at = [0.0, 0.0], std = "{SPREAD} m", until = "+{WINDOW // HOUR} h" }}
 [[spill.class]]
 name = "drum"

@@ -41,10 +41,10 @@ worlds = 60
 per_world = 40
 position = { at = [-88.1, 27.2], error = "3 km" }
 windage_bias = 0.3
-lasting = "1 h"
-scatter = "1 km"
+release_duration = "1 h"
+release_std = "1 km"
 destroyed = [0, 0.3]
-renewals = 0
+redraws = 0
 [spill.stretches]
 length = "4 km"
 """
@@ -279,15 +279,15 @@ SPILLS = {
     "too few worlds": ("worlds = 60", "worlds = 10", "worlds 10: must be at least 50"),
     "too many worlds": ("worlds = 60", "worlds = 1000000000", "this machine has room for"),
     "too few particles": ("per_world = 40", "per_world = 5", "per_world 5: must be at least 10"),
-    "negative lasting": ('"1 h"', '"-1 h"', "0 to 366 d"),
-    "endless lasting": ('"1 h"', "inf", "not finite"),
-    "lasting beyond 32 bits": ('"1 h"', '"1000000 d"', "0 to 366 d"),
-    "negative scatter": ('scatter = "1 km"', 'scatter = "-1 km"', "at least 0 m"),
+    "negative release_duration": ('"1 h"', '"-1 h"', "0 to 366 d"),
+    "endless release_duration": ('"1 h"', "inf", "not finite"),
+    "release_duration beyond 32 bits": ('"1 h"', '"1000000 d"', "0 to 366 d"),
+    "negative release_std": ('release_std = "1 km"', 'release_std = "-1 km"', "at least 0 m"),
     "destroyed from high to low": ("[0, 0.3]", "[0.5, 0.2]", "[0.5, 0.2] must go from low to high"),
     "more than all destroyed": ("[0, 0.3]", "1.5", "1.5 must be a share"),
     "destroyed nan": ("[0, 0.3]", "[nan, 0.3]", "nan is not finite"),
     "too uncertain": ("windage_bias = 0.3", "windage_bias = 5", "0 to 1"),
-    "two places": ("renewals", "area = { polygon = [[-89, 27], [-88.5, 27], [-88.5, 28]] }\nrenewals", "and area"),
+    "two places": ("redraws", "area = { polygon = [[-89, 27], [-88.5, 27], [-88.5, 28]] }\nredraws", "and area"),
     "released after the end": ('"3 km" }', '"3 km", time = "+13 h" }', "outside the run"),
     "released backward": ('"3 km" }', '"3 km", time = "+3 h", until = "+1 h" }', "is before time"),
     "misspelled": ("objects = 20", "objcets = 20", 'did you mean "objects"?'),
@@ -306,6 +306,38 @@ def test_spills(kind: str, tmp_path: Path) -> None:
     old, new, word = SPILLS[kind]
     assert old in SPILL
     assert word in refusal(tmp_path, spill=SPILL.replace(old, new, 1))
+
+
+OLD_KEYS = {"release_duration": "lasting", "release_std": "scatter", "redraws": "renewals"}
+
+
+def test_old_keys_make_the_same_record(tmp_path: Path) -> None:
+    """All three at once, with values that are no defaults."""
+    new = SPILL.replace("redraws = 0", "redraws = 2")
+    old = new
+    for key, before in OLD_KEYS.items():
+        old = old.replace(f"{key} = ", f"{before} = ")
+    spill = case_file.load(written(tmp_path, spill=new)).spill
+    assert spill is not None
+    assert (spill.release_duration, spill.release_std, spill.redraws) == (3600.0, 1000.0, 2)
+    assert case_file.load(written(tmp_path, spill=old)).spill == spill
+
+
+@pytest.mark.parametrize("key", OLD_KEYS)
+def test_a_key_by_both_names_is_refused(key: str, tmp_path: Path) -> None:
+    """In one line that names both; so is --set with an old key, of a case that has the new one."""
+    before = OLD_KEYS[key]
+    (given,) = [line for line in SPILL.splitlines() if line.startswith(key)]
+    line = refusal(tmp_path, spill=SPILL.replace(given, f"{given}\n{given.replace(key, before)}"))
+    assert line.endswith(f'spill: "{before}" is the old name of "{key}", and both are given; give {key} alone')
+    with pytest.raises(UserError, match=f'"{before}" is the old name of "{key}"'):
+        case_file.load(written(tmp_path), {f"spill.{before}": "1"})
+
+
+def test_an_unknown_key_is_likened_to_the_keys_of_today(tmp_path: Path) -> None:
+    line = refusal(tmp_path, spill=SPILL.replace("release_std", "scattre"))
+    assert "scatter," not in line
+    assert "release_std, release_duration" in line
 
 
 CLASSES = {
@@ -529,7 +561,7 @@ def test_a_certain_patrol_that_found_all(stretches: list[str], tmp_path: Path) -
     assert total(spill, "ashore") == total(spill, "destroyed") == 0
 
 
-def test_lasting_beyond_the_run(tmp_path: Path) -> None:
+def test_release_duration_beyond_the_run(tmp_path: Path) -> None:
     """Objects go adrift over a day, the run lasts half of it: half are not yet, and that is in the account."""
     spill = run(tmp_path, spill=SPILL.replace('"1 h"', '"1 d"'))
     assert 0.4 < total(spill, "pending") / (20 - total(spill, "destroyed")) < 0.6

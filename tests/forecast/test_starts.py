@@ -20,7 +20,7 @@ def test_marks_and_lines() -> None:
     position = PositionPrior(np.radians(-87.5), np.radians(28.7), 900.0, 400.0, 0.3, None, BEGIN, BEGIN)
     lon, lat = np.radians([179.2, -179.6, -179.9]), np.radians([-17.1, -17.4, -18.2])
     area = AreaPrior(tuple(lon), tuple(lat), BEGIN, BEGIN)
-    way = SimpleNamespace(__class__=TracklinePrior, lon=lon[:2], lat=lat[:2])
+    way = TracklinePrior(tuple(lon[:2]), tuple(lat[:2]), 1500.0, BEGIN, BEGIN, 5.0, 0.0, 1.0, None, BEGIN, BEGIN)
     (alone,), none = starts([scenario("one", position)], "Last known position", "LKP")
     assert (alone.lon, alone.lat, alone.label, none) == (
         pytest.approx(-87.5),

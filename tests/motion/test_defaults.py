@@ -283,7 +283,7 @@ objects = 20
 worlds = 400
 per_world = 50
 windage_bias = 0
-scatter = "1 m"
+release_std = "1 m"
 position = { at = [4.0, 59.0], std = "1 m" }
 class = [{ name = "drum", object = "water" }]
 """
@@ -337,7 +337,7 @@ def test_the_default_errors_reach_what_drifts(tmp_path, monkeypatch, job) -> Non
     monkeypatch.setattr(simulate, "run", watched)
     case = load(tmp_path, JOBS[job])
     if job == "plan":
-        follow.follow(case, opened(case, None, None, None, "cpu", False, None).where)
+        follow.follow(case, opened(case).where)
     else:
         {"run": drift.run, "spill": drift.run, "origin": drift.trace}[job](case)
     time, lat, world = seen[-1]

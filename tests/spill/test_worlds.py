@@ -31,8 +31,8 @@ worlds = %d
 per_world = 30
 windage_bias = 0.3
 current_bias = "0.07 m/s"
-lasting = "5 h"
-scatter = "300 m"
+release_duration = "5 h"
+release_std = "300 m"
 %s
 [[spill.class]]
 name = "raft"
@@ -147,7 +147,7 @@ def test_a_world_scales_all_the_leeway_of_its_objects(released: Any) -> None:
 
 
 def test_classes_have_their_shares_and_objects_their_times(released: Any) -> None:
-    """Weights of a class add up to its share; an object goes adrift within `lasting` of its world; it lies about its world's release."""
+    """Weights of a class add up to its share; an object goes adrift within `release_duration` of its world; it lies about its world's release."""
     _, drawn, ensemble = released
     weight = np.exp(ensemble.log_weight.to_numpy().astype(np.float64))
     for (first, last), share in zip(ensemble.scenarios, (0.75, 0.25), strict=True):

@@ -45,8 +45,8 @@ def roms(folder: Path, spoil: Any) -> Path:
 
 def places(path: Path, name: str, side: int, **chosen: Any) -> tuple[Any, Any]:
     data = dataset.open_one(str(path), "current")
-    found = component.gather(name, side, [(str(path), data)], "current", chosen, None, None, False)
-    return layout.points(found.layout)
+    wanted = component.Wanted(name, side, "current", chosen, None, None, needs_times=False)
+    return layout.points(component.gather(wanted, [(str(path), data)]).layout)
 
 
 def apart(a: Any, b: Any) -> float:
