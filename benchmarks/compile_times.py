@@ -22,8 +22,8 @@ import shapely
 from rich.console import Console
 from rich.table import Table
 
-from drift.motion import ensemble as record
 from drift.motion.drift import COLUMNS
+from drift.particles import ensemble as record
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast.shore import Shore

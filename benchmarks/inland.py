@@ -11,8 +11,8 @@ import time
 
 import drift
 from drift import start
-from drift.motion import ensemble as record
 from drift.motion import simulate
+from drift.particles import ensemble as record
 from geo import sphere
 from geo.coast import edges as shoreline
 from kernels import runtime

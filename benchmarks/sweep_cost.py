@@ -12,8 +12,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from drift.motion import ensemble as record
 from drift.motion.drift import COLUMNS
+from drift.particles import ensemble as record
 from drift.search import laws, patterns, sensor_path
 from drift.search.records import Law
 from geo import sphere

@@ -20,8 +20,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from drift.motion import ensemble as record
 from drift.motion.drift import COLUMNS
+from drift.particles import ensemble as record
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline

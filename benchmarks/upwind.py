@@ -10,9 +10,9 @@ import sys
 
 import numpy as np
 
-from drift.motion import ensemble as record
 from drift.motion import leeway
 from drift.motion.drift import COLUMNS
+from drift.particles import ensemble as record
 from kernels import prior as kernel
 from kernels import runtime
 from kernels.noise import key

@@ -6,14 +6,14 @@ from importlib import metadata
 from typing import Any
 
 from drift.case.record import Case
+from drift.environment.environment import Environment
 from drift.forecast.starts import starts
 from drift.maps.imprint import Imprint, Setting
 from drift.motion import forcing_error
-from drift.motion.ensemble import Account
-from drift.motion.environment import Environment
-from drift.motion.status import Status
 from drift.output import formats
 from drift.output.chapter import Chapter
+from drift.particles.ensemble import Account
+from drift.particles.status import Status
 from drift.start import Start
 from geo.files import digest
 from kernels import runtime

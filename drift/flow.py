@@ -21,12 +21,13 @@ from drift.forecast import effective, off_grid
 from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Options, Report, in_turn, opened
-from drift.motion import ensemble as record
-from drift.motion import life, scene, simulate
-from drift.motion.ensemble import Ensemble
+from drift.motion import scene, simulate
 from drift.motion.spool import Spool
 from drift.output import writer
 from drift.output.chapter import Chapter, joined
+from drift.particles import ensemble as record
+from drift.particles import life
+from drift.particles.ensemble import Ensemble
 from drift.search import chapter as search_chapter
 from drift.search import particles_left
 from drift.search import tables as search_tables

@@ -16,8 +16,8 @@ from typing import Any, ParamSpec, TypeVar
 
 from drift import start
 from drift.case.record import Case
+from drift.environment.environment import Environment
 from drift.forecast import chapter as forecast_chapter
-from drift.motion.environment import Environment
 from drift.output import writer
 from geo.files import digest
 from kernels import runtime

@@ -19,8 +19,9 @@ from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast.build import Forecast
 from drift.job import Report
-from drift.motion import scene, simulate, snapshot
+from drift.motion import scene, simulate
 from drift.motion.spool import Spool
+from drift.particles import snapshot
 from drift.waters import Waters, divide
 from geo import sphere
 from geo.array import Array
@@ -44,7 +45,7 @@ class Brief:
     times: npt.NDArray[np.datetime64]  # of the outputs, UTC, shape (outputs,)
     lon: Array  # [deg] -180 to 180
     lat: Array
-    status: Array  # uint8, drift.motion.status.Status: 0 is adrift, 1 ashore
+    status: Array  # uint8, drift.particles.status.Status: 0 is adrift, 1 ashore
     probability: Array  # adds up to 1 over the particles, of all statuses
     mean: Array  # (outputs, 2) lon, lat [deg] of the mean of those adrift or ashore; NaN where there are none
     step: int = 0  # [s]

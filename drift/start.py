@@ -3,24 +3,26 @@
 Here a case becomes the records that the engine takes; below nothing knows of it.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from drift.case.record import Case
-from drift.motion import domain, environment, lost, models, prior, scene, step_size
+from drift.environment import domain, environment, lost
+from drift.environment.environment import Common, Environment
+from drift.environment.environment_spec import Coast, EnvironmentSpec
+from drift.motion import models, prior, step_size
 from drift.motion.clock import Clock
-from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec, Release
-from drift.motion.environment import Common, Environment
-from drift.motion.environment_spec import EnvironmentSpec
 from drift.motion.forcing import Forcing
 from drift.motion.period import ClockSpec
 from drift.motion.scene import Scene
-from drift.motion.snapshot import Snapshot
 from drift.motion.step_size import Trial
-from drift.motion.weights import shares
+from drift.particles.ensemble import Ensemble
+from drift.particles.snapshot import Snapshot
+from drift.particles.weights import shares
 from drift.search.filter import Search
 from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
@@ -105,7 +107,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
         ensemble, dry = drawn.ensemble, drawn.dry
     forcing = Forcing(list(where.scenarios), case.direction)
     try:
-        beach, bias = scene.beach(case.coast), case.current_error.bias > 0
+        beach, bias = _beach(case.coast), case.current_error.bias > 0
         place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
         stage = Scene(forcing, models.motions(case.errors, case.scenarios), place)
         clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, stage)
@@ -153,3 +155,8 @@ def check_end(case: Case, where: Environment, begin: Start, end: Snapshot, searc
     if search is not None:
         end = replace(end, probability=shares(search.unsearched))
     lost.check_end(where, case.max_lost, begin.ensemble, begin.scene, begin.clock, end)
+
+
+def _beach(coast: Coast) -> advance.Beach:
+    """Return what a coast does to a particle."""
+    return advance.Beach(coast.half_life / math.log(2), coast.offing, coast.behaviour == "slide")

@@ -14,12 +14,12 @@ import numpy as np
 
 from drift import start
 from drift.case.record import Case
-from drift.motion import coastline, domain
+from drift.environment import coastline, domain
+from drift.environment.environment import Environment
+from drift.environment.environment_spec import EnvironmentSpec
+from drift.environment.forcing_spec import ForcingSpec
+from drift.environment.forcing_spec import options as source_options
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.environment import Environment
-from drift.motion.environment_spec import EnvironmentSpec
-from drift.motion.forcing_spec import ForcingSpec
-from drift.motion.forcing_spec import options as source_options
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline

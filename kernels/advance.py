@@ -289,7 +289,7 @@ def mover(
 ) -> Move:
     """Return a function that moves slots of an ensemble over one lattice step, in place.
 
-    ensemble: a drift.motion.ensemble.Ensemble. slots: the first, the one after the last, and the number of the first in
+    ensemble: a drift.particles.ensemble.Ensemble. slots: the first, the one after the last, and the number of the first in
     the whole run, by which its noise goes. ranges: first and last tile of currents, winds and Stokes drift.
     direction: of all its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can
     be measured on an analytic flow. A particle moves only while adrift, from its release on; it ends ashore, sunk,

@@ -6,7 +6,7 @@ and ends ashore, outside of the forcing, outside of the domain or sunk; what ref
 
 import taichi as ti
 
-ADRIFT, ASHORE, OUTSIDE, LEFT, SUNK, PENDING = range(6)  # drift.motion.status.Status
+ADRIFT, ASHORE, OUTSIDE, LEFT, SUNK, PENDING = range(6)  # drift.particles.status.Status
 
 NEVER = 2**31 - 1  # [s] a time that does not come
 LONGEST = 2.0e9  # [s] longest wait on a beach that whole seconds can hold

@@ -298,7 +298,7 @@ def expose(
 ) -> None:
     """Add to the exposure of slots [first, last) what a sensor does on a stretch of the step that has just been made.
 
-    ensemble: a drift.motion.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
+    ensemble: a drift.particles.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
     kind: CUBE adds the integral of ds / 2 r^3 [1/m2]; ABEAM the log of a miss wherever it comes abeam, for each factor
     of W, table a lateral range curve and scale 1 / W by factor [1/m]; ZONES hazards, table radii in pairs [m] and scale
     rates [1/s]; INSIDE the time inside the ring `table` [m] round the track, times scale. exposure: device, (n,), for

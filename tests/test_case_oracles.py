@@ -24,7 +24,7 @@ from scipy import stats
 
 from drift import flow
 from drift.case import file as case_file
-from drift.motion.status import Status
+from drift.particles.status import Status
 
 CASES = ROOT / "cases"
 OURS, THEIRS = 20_000, 2_500  # particles, in all; a scenario

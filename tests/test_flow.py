@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import drift
-from drift.motion.status import Status
+from drift.particles.status import Status
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline

@@ -11,8 +11,8 @@ import xarray as xr
 
 import drift
 from drift import start
-from drift.motion import domain, environment
-from drift.motion.status import Status
+from drift.environment import domain, environment
+from drift.particles.status import Status
 from geo import sphere
 from geo.errors import UserError
 from geo.forcing.kept import Kept

@@ -31,17 +31,19 @@ import xarray as xr
 
 from drift.backtrack import tracks
 from drift.backtrack.tracks import Beaches, Group
+from drift.environment import domain
+from drift.environment.environment import Environment
 from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.motion import domain, models, partials, simulate, step_size, weights
-from drift.motion.ensemble import Ensemble
+from drift.motion import models, simulate, step_size
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing
 from drift.motion.period import ClockSpec, Period
 from drift.motion.scene import Scene
 from drift.motion.simulate import Progress
-from drift.motion.status import Status
+from drift.particles import partials, weights
+from drift.particles.ensemble import Ensemble
+from drift.particles.status import Status
 from drift.spill import worlds as drawn_worlds
 from drift.spill.records import Spill
 from drift.spill.worlds import Worlds

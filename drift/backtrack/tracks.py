@@ -13,11 +13,11 @@ import numpy as np
 from scipy import special
 
 from drift.motion import drift
-from drift.motion import ensemble as record
-from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import AIR_IN_WATER
 from drift.motion.period import Period
+from drift.particles import ensemble as record
+from drift.particles.ensemble import Ensemble
 from drift.spill import evidence, release
 from drift.spill.records import Find, Kind, Spill
 from drift.spill.worlds import Worlds

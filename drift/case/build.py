@@ -16,9 +16,9 @@ from drift.case.mistakes import Mistakes
 from drift.case.record import Case, Depth
 from drift.case.schema import CaseTable, CoastTable, OutputTable
 from drift.case.sources import Forcing, SourceTable
-from drift.motion.environment_spec import Coast
+from drift.environment.environment_spec import Coast
+from drift.environment.forcing_spec import ForcingSpec, Quantity
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
-from drift.motion.forcing_spec import ForcingSpec, Quantity
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Sortie, Unit
 from drift.spill.records import Spill

@@ -21,7 +21,7 @@ from drift.case.mistakes import Mistakes
 from drift.case.record import Case
 from drift.case.schema import CaseTable
 from drift.case.sources import SourceTable
-from drift.motion.forcing_spec import ForcingSpec, Quantity
+from drift.environment.forcing_spec import ForcingSpec, Quantity
 from geo.errors import UserError
 from geo.files import small
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drift.case.expect import Expect
-from drift.motion.environment_spec import Coast
+from drift.environment.environment_spec import Coast
+from drift.environment.forcing_spec import ForcingSpec
 from drift.motion.forcing_error import Errors, ForcingError
-from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.period import Period
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift.case import fields, units
-from drift.motion.forcing_spec import ForcingSpec, Quantity, Report, Slices
+from drift.environment.forcing_spec import ForcingSpec, Quantity, Report, Slices
 from geo import notation
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES

@@ -15,7 +15,7 @@ from drift.case.scenario import ScenarioTable
 from drift.case.schema import CaseTable
 from drift.case.sources import Forcing
 from drift.case.spill import build as build_spill
-from drift.motion.forcing_spec import ForcingSpec
+from drift.environment.forcing_spec import ForcingSpec
 from drift.motion.leeway import Drifter
 from drift.motion.scenario import Scenario
 from drift.spill.records import Find, Patrol, Spill

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator
 
 from drift.case import fields
+from drift.environment.forcing_spec import ForcingSpec
 from drift.motion.forcing_error import CASE, DEFAULT, HOUR, NOWHERE, RIVALS, ForcingError
-from drift.motion.forcing_spec import ForcingSpec
 from geo.errors import UserError
 
 # Residuals of two regional ocean models against 248 drifters: 0.30 to 0.34 m/s a component, e-folding after 10 to 14 h,

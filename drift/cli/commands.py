@@ -281,7 +281,7 @@ def _info(given: argparse.Namespace) -> None:
         options: dict[str, Any] = {}
         if given.changes:
             from drift.case import file as case_file
-            from drift.motion import forcing_spec
+            from drift.environment import forcing_spec
 
             spec = case_file.source(given.quantity or "current", given.files, _changes(given))
             options = forcing_spec.options(spec)

@@ -20,8 +20,8 @@ from drift.case.record import Case
 from drift.drifters import error_law
 from drift.drifters.error_law import Tracks
 from drift.drifters.records import Track, breaks
+from drift.environment.forcing_spec import ForcingSpec
 from drift.motion.forcing import QUANTITIES, Forcing
-from drift.motion.forcing_spec import ForcingSpec
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError

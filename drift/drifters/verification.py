@@ -23,8 +23,8 @@ from drift.drifters.clusters import Estimate
 from drift.drifters.records import Track
 from drift.job import in_turn
 from drift.motion.forcing_error import NOWHERE, ForcingError
-from drift.motion.status import Status
 from drift.output import writer
+from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError

@@ -18,8 +18,8 @@ from scipy import ndimage
 
 from drift.forecast import areas, containment, dataset, density, effective
 from drift.forecast.shares import SHARES
-from drift.motion.snapshot import Snapshot, mapped
-from drift.motion.status import Status
+from drift.particles.snapshot import Snapshot, mapped
+from drift.particles.status import Status
 from geo import cells, sphere
 from geo.array import Array
 from geo.cells import QUANTUM, Cells, Deposit, IsLand

@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 
 from drift.forecast import areas, effective
-from drift.motion.snapshot import Means, Snapshot, mapped, means
-from drift.motion.status import Status
+from drift.particles.snapshot import Means, Snapshot, mapped, means
+from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from geo.cells import Cells

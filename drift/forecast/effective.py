@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from drift.motion import partials, weights
-from drift.motion.partials import Blocks
+from drift.particles import partials, weights
+from drift.particles.partials import Blocks
 from geo import notation
 from geo.array import Array
 

@@ -1,1 +1,1 @@
-"""What drifts, and what moves it: the ensemble, its priors, winds and currents, the clock."""
+"""What moves and how: models of motion, objects and their priors, the forcing on the device, the clock, the run."""

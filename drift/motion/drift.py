@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 
-from drift.motion.ensemble import Column, Ensemble, Slots
 from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.leeway import Drifter
 from drift.motion.model import Inside, Key, Model, Waters
 from drift.motion.scenario import Scenario
+from drift.particles.ensemble import Column, Ensemble, Slots
 from geo.array import Array
 from kernels import advance as kernel
 from kernels import bridge

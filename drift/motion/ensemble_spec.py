@@ -26,7 +26,7 @@ class EnsembleSpec:
     particles: int
     seed: int
     resampling: str | None = (
-        None  # way to draw particles anew (drift.motion.resample.METHODS), which may need slots to spare; None: never
+        None  # way to draw particles anew (drift.particles.resample.METHODS), which may need slots to spare; None: never
     )
     debris: tuple[Drifter, ...] = ()  # what drifts beside the objects: contacts tell of it
     release: Release | None = None  # of a spill

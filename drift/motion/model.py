@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from drift.motion.ensemble import Column, Ensemble, Slots
 from drift.motion.forcing_error import Errors
 from drift.motion.leeway import Drifter
 from drift.motion.scenario import Scenario
+from drift.particles.ensemble import Column, Ensemble, Slots
 from geo.array import Array
 from kernels import advance as kernel
 from kernels.sample import Tiles

@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 
 from drift.motion.drift import DRIFT
-from drift.motion.ensemble import Column
 from drift.motion.forcing_error import Errors
 from drift.motion.model import Model, Motion
 from drift.motion.scenario import Scenario
+from drift.particles.ensemble import Column
 
 MODELS: dict[str, Model] = {"drift": DRIFT}
 

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from drift.motion import ensemble as record
-from drift.motion import models, resample
-from drift.motion.ensemble import Ensemble, Slots
+from drift.motion import models
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.models import MODELS
 from drift.motion.period import Period
 from drift.motion.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles import resample
+from drift.particles.ensemble import Ensemble, Slots
+from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError

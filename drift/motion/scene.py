@@ -1,6 +1,5 @@
 """The scene of a run, which does not change while it lasts: forcing, how each scenario's objects move, and the place."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,10 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.motion.ensemble import Ensemble
-from drift.motion.environment_spec import Coast
 from drift.motion.forcing import Forcing
 from drift.motion.model import Inside, Motion, Waters
+from drift.particles.ensemble import Ensemble
 from geo.array import Array
 from kernels import advance as kernel
 from kernels import coast as device_coast
@@ -59,11 +57,6 @@ class Scene:
             there = model.between(ensemble, terms, self.place, inside)
             lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
         return lon, lat
-
-
-def beach(coast: Coast) -> kernel.Beach:
-    """Return what a coast does to a particle."""
-    return kernel.Beach(coast.half_life / math.log(2), coast.offing, coast.behaviour == "slide")
 
 
 def land_of(scene: Scene) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[np.bool_]] | None:

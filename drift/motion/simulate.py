@@ -10,12 +10,12 @@ from typing import Protocol
 
 import numpy as np
 
-from drift.motion import life
 from drift.motion.clock import Clock
-from drift.motion.ensemble import Ensemble
 from drift.motion.model import Inside
 from drift.motion.scene import Scene
-from drift.motion.status import Status
+from drift.particles import life
+from drift.particles.ensemble import Ensemble
+from drift.particles.status import Status
 from geo.array import Array
 from kernels import advance as kernel
 from kernels import noise

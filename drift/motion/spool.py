@@ -9,12 +9,12 @@ from typing import overload
 
 import numpy as np
 
-from drift.motion import ensemble as record
-from drift.motion import weights
-from drift.motion.ensemble import Ensemble
 from drift.motion.period import Period
 from drift.motion.simulate import Moment
-from drift.motion.snapshot import Snapshot
+from drift.particles import ensemble as record
+from drift.particles import weights
+from drift.particles.ensemble import Ensemble
+from drift.particles.snapshot import Snapshot
 from geo.array import Array
 from geo.errors import UserError
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.motion import ensemble as record
 from drift.motion.clock import Clock, lattice
-from drift.motion.ensemble import Ensemble
 from drift.motion.forcing_error import Errors
 from drift.motion.period import ClockSpec, Period
 from drift.motion.scene import Scene
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.ensemble import Ensemble
+from drift.particles.status import Status
 from geo import notation, sphere
 from geo.array import Array
 from geo.errors import UserError

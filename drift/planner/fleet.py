@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from drift.case.record import Case, Depth
-from drift.motion.environment import Environment
+from drift.environment.environment import Environment
 from drift.planner import courses, depth, planning_tracks
 from drift.planner.courses import Course
 from drift.planner.planning_tracks import Tracks

@@ -9,10 +9,10 @@ import numpy as np
 
 from drift import start
 from drift.case.record import Case
-from drift.motion import ensemble as record
+from drift.environment.environment import Environment
 from drift.motion import simulate
-from drift.motion.environment import Environment
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.status import Status
 from drift.planner.planning_tracks import Tracks
 from drift.search.records import Resampling
 from kernels import noise

@@ -8,12 +8,12 @@ import numpy as np
 from drift import start
 from drift.case.record import Case
 from drift.case.schema import BYTES_PER_PARTICLE
-from drift.motion import ensemble as record
+from drift.environment.environment import Environment
 from drift.motion import step_size
 from drift.motion.clock import Clock
-from drift.motion.environment import Environment
 from drift.motion.spool import BYTES
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.status import Status
 from drift.start import Start
 from geo import notation
 from geo.forcing import stream

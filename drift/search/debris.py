@@ -6,10 +6,10 @@ They drift beside the object's, slot by slot, until they are last asked for; whe
 from dataclasses import dataclass, replace
 
 from drift.motion import drift, models, prior
-from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import Drifter
 from drift.motion.scene import Scene
+from drift.particles.ensemble import Ensemble
 from drift.search.records import Contact
 from geo.array import Array
 from kernels import noise

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from drift.motion.ensemble import Ensemble
 from drift.motion.forcing import Forcing
+from drift.particles.ensemble import Ensemble
 from drift.search import laws, markers, sensor_path
 from drift.search.markers import Marker, Tracked
 from drift.search.records import Sortie

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from drift.motion import ensemble as record
-from drift.motion import life, resample, weights
-from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.scene import Scene
 from drift.motion.simulate import PositionsAt
-from drift.motion.status import Status
-from drift.motion.weights import Weighed
+from drift.particles import ensemble as record
+from drift.particles import life, resample, weights
+from drift.particles.ensemble import Ensemble
+from drift.particles.status import Status
+from drift.particles.weights import Weighed
 from drift.search import contacts as contact_laws
 from drift.search import debris
 from drift.search.exposure import SortieExposure

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.motion import weights
-from drift.motion.ensemble import Ensemble
+from drift.particles import weights
+from drift.particles.ensemble import Ensemble
 from geo.array import Array
 
 BINS = 400  # of release times: a thousandth of a window of 40 h is 6 minutes, and each has its own mean

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift.motion import weights
 from drift.output import formats
+from drift.particles import weights
 from geo import notation
 from geo.array import Array
 from geo.coast.segments import Segments

@@ -33,7 +33,7 @@ class Fates:
     kind: Ints  # number of its class of objects
     release: Ints  # [s after start]
     ended: Ints  # [s after start] when it sank, left the domain or ran out of forcing; FOREVER otherwise
-    ending: Ints  # drift.motion.status.Status at the end of the run
+    ending: Ints  # drift.particles.status.Status at the end of the run
     stays: Stays
 
 

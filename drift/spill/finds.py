@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from drift.motion import partials, weights
-from drift.motion.status import Status
+from drift.particles import partials, weights
+from drift.particles.status import Status
 from drift.spill import exposure, shrinkage
 from drift.spill.exposure import Exposure, Reporting, Walk
 from drift.spill.fates import Fates

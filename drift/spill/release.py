@@ -5,12 +5,13 @@ Every class of objects has a range of slots, world after world; a slot's world s
 
 import numpy as np
 
-from drift.motion import drift, partials
-from drift.motion import ensemble as record
-from drift.motion.ensemble import Ensemble
+from drift.motion import drift
 from drift.motion.forcing_error import Errors
 from drift.motion.leeway import AIR_IN_WATER
 from drift.motion.period import Period
+from drift.particles import ensemble as record
+from drift.particles import partials
+from drift.particles.ensemble import Ensemble
 from drift.spill.records import FEWEST_PARTICLES, Spill
 from drift.spill.worlds import Worlds
 from geo.array import Real

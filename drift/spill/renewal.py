@@ -15,11 +15,11 @@ import xarray as xr
 from scipy import special  # stats would take a second to import
 
 from drift.forecast import effective
-from drift.motion import weights
-from drift.motion.ensemble import Ensemble
 from drift.motion.period import Period
 from drift.motion.spool import Spool
-from drift.motion.status import Status
+from drift.particles import weights
+from drift.particles.ensemble import Ensemble
+from drift.particles.status import Status
 from drift.spill import evidence, finds, unknowns, washup, worlds
 from drift.spill import tables as washup_tables
 from drift.spill.fates import FOREVER, Fates, Realisation

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drift.motion.ensemble import Ensemble
-from drift.motion.status import Status
+from drift.particles.ensemble import Ensemble
+from drift.particles.status import Status
 from drift.spill.fates import FOREVER, Stays
 from geo.array import Array
 

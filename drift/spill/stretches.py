@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.motion import weights
+from drift.particles import weights
 from drift.spill import estimate
 from drift.spill.dataset import SHARES
 from drift.spill.fates import Fates, Realisation

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from drift.motion.status import Status
+from drift.particles.status import Status
 from drift.spill import dataset as washup_dataset
 from drift.spill import estimate, stretches
 from drift.spill.dataset import SHARES

@@ -12,15 +12,15 @@ from drift import start
 from drift.backtrack import backward, tracks
 from drift.case import file as case_file
 from drift.case.record import Case
-from drift.motion import ensemble as record
+from drift.environment.environment import Environment
 from drift.motion import simulate
 from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
-from drift.motion.environment import Environment
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Motion
 from drift.motion.scene import Scene
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.status import Status
 from drift.spill import release as objects
 from drift.spill import worlds as drawn_worlds
 from geo import sphere

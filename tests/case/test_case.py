@@ -11,8 +11,8 @@ from places import DATA, ROOT
 
 from drift.case import file as case_file
 from drift.case.record import Case
+from drift.environment.forcing_spec import Slices
 from drift.motion import leeway
-from drift.motion.forcing_spec import Slices
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from geo import sphere
 from geo.box import Box

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from drift.case.grid import GridTable
 from drift.forecast import build as forecast_build
 from drift.forecast import off_grid
-from drift.motion.snapshot import Snapshot
+from drift.particles.snapshot import Snapshot
 from geo import sphere
 from geo.errors import UserError
 

@@ -7,7 +7,7 @@ import xarray as xr
 
 from drift.forecast import build as forecast_build
 from drift.forecast import density, shares
-from drift.motion.status import Status
+from drift.particles.status import Status
 from geo import cells, sphere
 
 LON, LAT = -87.3, 28.1  # [deg] where the test clouds lie

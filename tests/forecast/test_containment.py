@@ -7,7 +7,7 @@ from scipy import stats
 
 from drift.forecast import build as forecast_build
 from drift.forecast import containment, density
-from drift.motion.snapshot import Snapshot
+from drift.particles.snapshot import Snapshot
 from geo import sphere
 from geo.errors import UserError
 

@@ -24,7 +24,7 @@ from drift.forecast import map as forecast_map
 from drift.forecast.effective import Count
 from drift.maps.imprint import Imprint, Setting
 from drift.motion import spool
-from drift.motion.status import Status
+from drift.particles.status import Status
 from drift.planner import files as plan_files
 from drift.planner import map as plan_map
 from drift.planner import text as plan_text

@@ -19,7 +19,7 @@ from drift.forecast import words as forecast_words
 from drift.maps import chart, field, labels
 from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Line, Mark
-from drift.motion.status import Status
+from drift.particles.status import Status
 from geo import sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of

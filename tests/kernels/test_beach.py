@@ -8,14 +8,14 @@ import shapely
 from scipy import stats
 
 import drift
-from drift.motion import ensemble as record
 from drift.motion import simulate
 from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Motion
 from drift.motion.scene import Scene
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.status import Status
 from drift.spill import release
 from geo import sphere
 from geo.box import Box

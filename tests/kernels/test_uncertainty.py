@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drift.motion import ensemble as record
 from drift.motion.drift import COLUMNS
+from drift.particles import ensemble as record
 from geo import sphere
 from geo.grids.grid import Grid
 from kernels import advance as kernel

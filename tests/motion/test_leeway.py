@@ -6,10 +6,10 @@ from places import DATA
 from scipy import stats
 
 from drift.motion import drift as drift_model
-from drift.motion import ensemble as record
 from drift.motion import leeway
 from drift.motion.drift import COLUMNS
-from drift.motion.ensemble import Slots
+from drift.particles import ensemble as record
+from drift.particles.ensemble import Slots
 from geo import sphere
 from geo.errors import UserError
 from geo.grids.grid import Grid

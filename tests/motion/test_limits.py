@@ -5,14 +5,14 @@ import pytest
 import shapely
 from scipy.integrate import solve_ivp
 
-from drift.motion import ensemble as record
 from drift.motion import simulate
 from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Motion
 from drift.motion.scene import Scene
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.status import Status
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from drift.motion import ensemble as record
 from drift.motion import simulate
 from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
-from drift.motion.ensemble import Column, Ensemble, Slots
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Inside, Model, Motion
 from drift.motion.models import MODELS
 from drift.motion.scene import Scene
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.ensemble import Column, Ensemble, Slots
+from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from geo.forcing import sources

@@ -9,14 +9,14 @@ from scipy import stats
 from scipy.spatial.distance import cdist
 
 from drift.motion import drift as drift_model
-from drift.motion import ensemble as record
 from drift.motion import leeway, simulate
 from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Motion
 from drift.motion.scene import Scene
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.status import Status
 from geo import sphere
 from geo.box import Box
 from geo.forcing import sources as forcing

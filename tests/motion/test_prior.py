@@ -7,13 +7,13 @@ import pytest
 import shapely
 from scipy import stats
 
-from drift.motion import ensemble as record
 from drift.motion import prior
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.leeway import Drifter, Line
 from drift.motion.period import Period
 from drift.motion.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
+from drift.particles import ensemble as record
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline

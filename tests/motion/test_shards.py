@@ -5,14 +5,14 @@ import pytest
 
 import drift
 from drift import start
-from drift.motion import ensemble as record
 from drift.motion import models, prior, simulate
-from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.models import MODELS
-from drift.motion.partials import BLOCK
 from drift.motion.scenario import Scenario
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.ensemble import Ensemble
+from drift.particles.partials import BLOCK
+from drift.particles.status import Status
 from kernels import noise, runtime
 
 SHORE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",

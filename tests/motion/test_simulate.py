@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drift.motion import ensemble as record
 from drift.motion import simulate, step_size
 from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Motion
 from drift.motion.scene import Scene
-from drift.motion.status import Status
 from drift.motion.step_size import LADDER
+from drift.particles import ensemble as record
+from drift.particles.status import Status
 from geo import sphere
 from geo.forcing import sources
 from geo.forcing.sources import Source

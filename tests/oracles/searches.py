@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from drift.forecast import build as forecast_build
-from drift.motion.status import Status
+from drift.particles.status import Status
 from drift.planner.records import Alternative, Plan, Tasking
 from drift.search.records import Contact, Fix, Law, PlanSpec, Sortie, Unit, Watch
 from drift.search.updates import Update, Updates

@@ -20,9 +20,9 @@ from drift.forecast import build as forecast_build
 from drift.forecast import chapter as forecast_chapter
 from drift.forecast.tracks import Trajectories
 from drift.maps.imprint import Imprint, Setting
-from drift.motion.status import Status
 from drift.output import writer
 from drift.output.chapter import Chapter
+from drift.particles.status import Status
 from geo import notation, sphere
 from geo.errors import UserError
 

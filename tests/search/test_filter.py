@@ -13,11 +13,12 @@ from scipy import stats
 
 from drift import start
 from drift.case import file as case_file
-from drift.motion import ensemble as record
-from drift.motion import leeway, resample, simulate
+from drift.motion import leeway, simulate
 from drift.motion.drift import COLUMNS
 from drift.motion.forcing_error import ForcingError
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles import resample
+from drift.particles.status import Status
 from drift.search import debris, sensor_path
 from drift.search.filter import Search
 from drift.search.records import Contact, Fix, Law, Resampling, Sortie, Watch

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drift.motion import weights
+from drift.particles import weights
 from drift.spill import estimate
 
 WORLDS = 400

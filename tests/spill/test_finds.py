@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy import integrate, special, stats
 from spills import DAY, scattered, spill
 
-from drift.motion import weights
-from drift.motion.status import Status
+from drift.particles import weights
+from drift.particles.status import Status
 from drift.spill import exposure, finds, realisations, shrinkage
 from drift.spill.exposure import Reporting, Walk
 from drift.spill.fates import FOREVER, Fates

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from drift.motion.status import Status
 from drift.output import formats
+from drift.particles.status import Status
 from drift.spill import dataset as washup_dataset
 from drift.spill import estimate, washup
 from drift.spill import tables as washup_tables

@@ -12,7 +12,7 @@ from PIL import Image
 
 from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
-from drift.motion.status import Status
+from drift.particles.status import Status
 from drift.spill import map as washup_map
 from drift.spill import tables as washup_tables
 from drift.spill import washup

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import drift
-from drift.motion.status import Status
+from drift.particles.status import Status
 from drift.preview import check
 from geo import sphere
 from geo.errors import UserError

@@ -8,7 +8,8 @@ from pyproj import Geod
 
 import drift
 from drift import start
-from drift.motion import domain, environment, leeway
+from drift.environment import domain, environment
+from drift.motion import leeway
 from geo import sphere
 from geo.box import Box
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drift.motion import weights
+from drift.particles import weights
 from geo.array import Array
 from kernels import noise
 from kernels.noise import Purpose

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from drift.environment.environment_spec import Coast
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.environment_spec import Coast
 from geo import notation, sphere
 from geo.box import Box
 from geo.coast import edges as shoreline

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drift.motion import ensemble as record
 from drift.motion.drift import COLUMNS
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.status import Status
 
 RNG = np.random.default_rng(4)
 

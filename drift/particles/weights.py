@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.motion.partials import Blocks, Partial
+from drift.particles.partials import Blocks, Partial
 from geo.array import Array
 
 

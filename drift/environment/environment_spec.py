@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from drift.motion.forcing_spec import ForcingSpec
+from drift.environment.forcing_spec import ForcingSpec
 from geo.box import Box
 
 

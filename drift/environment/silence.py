@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 
 from drift.motion.clock import Clock
-from drift.motion.ensemble import Ensemble
 from drift.motion.forcing import QUANTITIES, Forcing, Term
-from drift.motion.snapshot import Snapshot
-from drift.motion.status import Status
+from drift.particles.ensemble import Ensemble
+from drift.particles.snapshot import Snapshot
+from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import special
 
-from drift.motion import partials, weights
-from drift.motion.partials import BLOCK, Blocks, Partial
-from drift.motion.weights import Weighed
+from drift.particles import partials, weights
+from drift.particles.partials import BLOCK, Blocks, Partial
+from drift.particles.weights import Weighed
 
 RNG = np.random.default_rng(11)
 SIZES = (3 * BLOCK + 17, 2, 2 * BLOCK, 5 * 96 + 40)  # of four scenarios, the last cut into blocks of 96

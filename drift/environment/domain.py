@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from drift.environment.environment_spec import EnvironmentSpec
+from drift.environment.forcing_spec import ForcingSpec
 from drift.motion.drift import DRIFT
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.environment_spec import EnvironmentSpec
-from drift.motion.forcing_spec import ForcingSpec
 from drift.motion.leeway import Drifter
 from drift.motion.model import Model
 from drift.motion.models import MODELS

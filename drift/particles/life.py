@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.motion.ensemble import Ensemble
-from drift.motion.status import Status
+from drift.particles.ensemble import Ensemble
+from drift.particles.status import Status
 from geo.array import Array
 
 

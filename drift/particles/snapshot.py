@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.motion import partials
-from drift.motion.partials import Blocks
-from drift.motion.status import Status
+from drift.particles import partials
+from drift.particles.partials import Blocks
+from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from geo.cells import ONE
@@ -21,7 +21,7 @@ class Snapshot:
     lon: npt.NDArray[np.int32]  # binary angle
     lat: npt.NDArray[np.int32]
     probability: npt.NDArray[np.float64]
-    status: npt.NDArray[np.int32]  # drift.motion.status.Status
+    status: npt.NDArray[np.int32]  # drift.particles.status.Status
     scenario: npt.NDArray[np.int32]
     family: Array | None = None  # int: the particle of the beginning from which it descends; None: itself
     world: Array | None = None  # int: the world whose unknowns it shares; None: there are none

@@ -7,12 +7,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from drift.motion import coastline, domain
+from drift.environment import coastline, domain
+from drift.environment.environment_spec import EnvironmentSpec
+from drift.environment.forcing_spec import ForcingSpec
+from drift.environment.forcing_spec import options as source_options
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.environment_spec import EnvironmentSpec
 from drift.motion.forcing import QUANTITIES, Sources
-from drift.motion.forcing_spec import ForcingSpec
-from drift.motion.forcing_spec import options as source_options
 from drift.motion.period import Period
 from drift.motion.scenario import Scenario
 from geo import notation

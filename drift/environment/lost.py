@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.motion import domain, silence
-from drift.motion import ensemble as record
+from drift.environment import domain, silence
+from drift.environment.environment import Environment
 from drift.motion.clock import Clock
-from drift.motion.ensemble import Ensemble
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.environment import Environment
 from drift.motion.forcing import QUANTITIES
-from drift.motion.partials import Blocks
 from drift.motion.scene import Scene
-from drift.motion.snapshot import Snapshot
-from drift.motion.status import Status
+from drift.particles import ensemble as record
+from drift.particles.ensemble import Ensemble
+from drift.particles.partials import Blocks
+from drift.particles.snapshot import Snapshot
+from drift.particles.status import Status
 from geo import notation, sphere
 from geo.box import Box
 from geo.errors import UserError

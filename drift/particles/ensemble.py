@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drift.motion import partials, weights
-from drift.motion.partials import Blocks
-from drift.motion.status import Status
-from drift.motion.weights import Weighed
+from drift.particles import partials, weights
+from drift.particles.partials import Blocks
+from drift.particles.status import Status
+from drift.particles.weights import Weighed
 from geo.array import Array
 from kernels import runtime
 
@@ -37,7 +37,7 @@ NEVER = 2**31 - 1  # [s] a time that does not come
 CORE = (
     Column("lon", np.int32, 0, "binary angle", "longitude"),
     Column("lat", np.int32, 0, "binary angle", "latitude"),
-    Column("status", np.int32, Status.PENDING, "", "drift.motion.status.Status"),
+    Column("status", np.int32, Status.PENDING, "", "drift.particles.status.Status"),
     Column("release", np.int32, 0, "s", "when it is released"),
     Column("status_since", np.int32, 0, "s", "when it went ashore, sank, left, or ran out of forcing"),
     Column("moving_since", np.int32, 0, "s", "when it last began to move, where what strands refloats"),
@@ -63,7 +63,7 @@ class Ensemble:
     seed: int
     bounds: tuple[int, ...]  # the first slot of each scenario and, last, n
     numbers: tuple[int, ...]  # of each scenario's first slot in the whole run
-    block: tuple[int, ...]  # slots of each scenario that make a block: drift.motion.partials
+    block: tuple[int, ...]  # slots of each scenario that make a block: drift.particles.partials
     lon: Device
     lat: Device
     status: Device

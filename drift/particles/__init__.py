@@ -1,0 +1,1 @@
+"""The particles: their columns and lives, their weights, and sums over all of them."""
