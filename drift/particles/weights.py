@@ -83,4 +83,5 @@ def weighed(log_weight: Array, blocks: Blocks) -> Weighed:
 
 def normalised(log_weight: Array, blocks: Blocks) -> Array:
     """Return the weights of all particles as probabilities, float64 (n,), of sum 1."""
-    return np.asarray(np.exp(log_weight.astype(np.float64) - weighed(log_weight, blocks).log_sum))
+    weight = relative(log_weight)
+    return np.asarray(weight / blocks.total(weight))
