@@ -1,4 +1,6 @@
-"""Every Taichi kernel, in the order in which data passes them.
+"""Every Taichi kernel: a step of the particles (drift, errors, shore, life), detection, planning, deposits.
+
+In the order in which data passes them:
 
 runtime  start a backend; host arrays <-> device arrays
 launch   arguments in groups; a kernel with its arguments set once
@@ -15,7 +17,10 @@ integrate  Runge-Kutta along a velocity, and its divergence
 shore    what the shore does to a step: landing, sliding, refloating
 advance  one step of all particles, composed of these
 bridge   where particles are inside a step
-weigh    sums of weights in fixed order
+sweep    what a sensor does to particles along a track, and how failures change weights
+sweeps   parallel sweeps over particles, for the planner
+rectangles  what each of many rectangles would find
+allocate effort spread over cells
 deposit  weights to a grid, in fixed point
 
 Arrays and numbers in, arrays out. Modules here do without `from __future__ import annotations`: it breaks Taichi.

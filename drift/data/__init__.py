@@ -1,0 +1,1 @@
+"""Published tables: leeway classes, sweep widths."""

@@ -1,1 +1,1 @@
-"""The drawing kit: charts, pages and labels. It knows no topic."""
+"""The drawing kit of every map.py: charts, pages and labels. It knows no topic; each topic's map.py says what stands where."""

@@ -1,1 +1,1 @@
-"""What moves and how: models of motion, objects and their priors, the forcing on the device, the clock, the run."""
+"""What moves and how: objects, priors, models of motion, their errors, the clock, the run. A step's arithmetic is in kernels."""

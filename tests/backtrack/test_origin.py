@@ -9,7 +9,7 @@ import shapely
 from scipy import stats
 
 from drift import start
-from drift.backtrack import backward, tracks
+from drift.backtrack import backward
 from drift.case import file as case_file
 from drift.case.record import Case
 from drift.environment.environment import Environment
@@ -310,22 +310,27 @@ def straight() -> shoreline.Coast:
     return shoreline.build(Shore(np.array([shape], object), "test", (), BOX), Box(-1.2, -1.2, 1.2, 1.2))
 
 
-def test_a_find_ashore_tells_the_release_by_the_law_of_arrivals(tmp_path) -> None:
-    """Arrivals at a straight shore follow the inverse Gaussian law, waits the exponential: quadrature over both."""
+@pytest.mark.parametrize("count", [1, 4])
+def test_finds_ashore_tell_the_release_by_the_law_of_arrivals(tmp_path, count: int) -> None:
+    """Arrivals at a straight shore follow the inverse Gaussian law, waits the exponential: quadrature over both.
+
+    Finds of one stretch and time that share no error multiply the same likelihood.
+    """
     coast = straight()
     cut = segments.cut(coast, 10_000.0)
     on, _ = segments.nearest(cut, coast, 0.0, 0.04)
-    case = case_of(tmp_path, ASHORE.replace("STRETCH", cut.name[on]))
+    text = ASHORE.replace("STRETCH", cut.name[on]).replace("objects = 1", f"objects = {count}")
+    case = case_of(tmp_path, text + (count - 1) * text[text.index("[[find]]") :])
     found = origin(
-        case, environment(sources.constant("current", SPEED, 0.0), coast), cut, [on],
-        worlds=100, per_find=400, cells=40, times=18,
+        case, environment(sources.constant("current", SPEED, 0.0), coast), cut, count * [on],
+        worlds=200, per_find=400, cells=40, times=18,
     )  # fmt: skip
     edge = shoreline.edges(coast)[cut.of_edge == on]
     south, north = np.sort(edge[:, [1, 3]].ravel())[[0, -1]] * (360 / sphere.TURN) * DEGREE
     away, y0 = -found.lon * DEGREE, found.lat * DEGREE
     arrival = (np.arange(800) + 0.5) * FOUND / 800
     weight = np.exp(-(COAST_RATE + REMOVAL) * (FOUND - arrival))
-    times = (np.arange(72) + 0.5) * HOUR
+    times = found.time.astype(np.int64) - T0
     chance = np.zeros((times.size, y0.size, away.size))
     for k, t in enumerate(times):
         age = arrival[arrival > t] - t
@@ -333,16 +338,19 @@ def test_a_find_ashore_tells_the_release_by_the_law_of_arrivals(tmp_path) -> Non
         spread = np.sqrt(2 * SHORE_D * age)[:, None]
         along = stats.norm.cdf((north - y0) / spread) - stats.norm.cdf((south - y0) / spread)
         chance[k] = np.einsum("a,ax,ay->yx", weight[arrival > t], law, along)
-    chance *= found.prior[0] / chance.sum()
+    chance = found.prior * (chance / chance.max()) ** count
     chance /= chance.sum()
     expected = np.array(
         [-(chance.sum((0, 1)) * away).sum(), (chance.sum((0, 2)) * y0).sum(), (chance.sum((1, 2)) * times).sum()]
     )
     mean, error, std = figures(found)
-    # Tracks begin up to 100 m off the beach, at the time of arrival: that far and that much too late they may lead.
-    offing = tracks.OFFING[1] * np.array([1, 0, 1 / SPEED])
-    assert (np.abs(mean - expected) < 3 * error + offing).all()
-    assert (3 * error + offing < 0.1 * std).all()
+    # Kernels of width h that keep mean and variance change a density of standard deviation s by a share h^2 / (2 s^2)
+    # times a function of place that is 0 for a normal density and otherwise of order one. The mean shifts by as large a
+    # share of s at most, find by find. The shore, at which tracks begin, leaves about 100 of 400 particles, so the share
+    # is 1 / (2 sqrt(100)), 5 %, and this law has up to two thirds of it. By Silverman's rule for one world it is 11 %.
+    smoothing = 0.033 * count * std
+    assert (np.abs(mean - expected) < 3 * error + smoothing).all()
+    assert (3 * error + smoothing < 0.055 * count * std).all()
 
 
 def test_what_may_have_sunk_came_from_near(tmp_path) -> None:
