@@ -4,8 +4,9 @@ Each scenario has a range of slots, about in proportion to its weight but never 
 that an unlikely story is still told by enough particles; log weights make up for it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from drift.motion import models
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.models import MODELS
 from drift.motion.period import Period
-from drift.motion.scenario import AreaPrior, PositionPrior, Scenario, TracklinePrior
+from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.particles import ensemble as record
 from drift.particles import resample
 from drift.particles.ensemble import Ensemble, Slots
@@ -52,7 +53,7 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
     dry = []
     for scenario, slots in zip(spec.scenarios, ensemble.slots, strict=True):
         tries = runtime.upload(np.zeros(2, np.int64))
-        _place(spec.period, scenario, ensemble, slots, key, tries, coast)
+        DRAWS[type(scenario.prior)](scenario.prior, _Draw(spec.period, ensemble, slots, key, tries, coast))
         drawn, failed = (int(x) for x in tries.to_numpy())
         if failed:
             fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
@@ -98,48 +99,73 @@ def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int]) -> A
     return log_weight
 
 
-def _place(
-    period: Period,
-    scenario: Scenario,
-    ensemble: Ensemble,
-    slots: Slots,
-    key: tuple[int, int],
-    tries: Any,
-    coast: DeviceCoast | None,
-) -> None:
-    """Draw positions and releases of one scenario's slots."""
-    prior = scenario.prior
-    shore = coast or open_sea()
-    water = (shore.pack,)
-    common = (coast is not None, *slots, ensemble.lon, ensemble.lat)
-    if isinstance(prior, TracklinePrior):
-        points, courses, lengths, ends = _pieces(prior)
-        mode = -1.0 if prior.mode is None else prior.mode
-        voyage = period.direction * float((prior.arrival - prior.departure) / np.timedelta64(1, "s"))
-        kernel.draw_trackline(
-            *common, ensemble.release, tries, *key, *(runtime.upload(x) for x in (points, courses, lengths, ends)),
-            prior.cross_track, prior.low, prior.high, mode, period.elapsed(prior.departure), voyage, *water,
-        )  # fmt: skip
-        return
-    window = sorted((period.elapsed(prior.release_start), period.elapsed(prior.release_end)))
-    kernel.draw_release(*slots, ensemble.release, *key, *window)
-    if isinstance(prior, PositionPrior):
-        lon, lat = (int(sphere.to_binary(np.degrees(x))) for x in (prior.lon, prior.lat))
-        nearest, farthest, bearing, sector = 0.0, 0.0, 0.0, 0.0
-        if prior.displacement:
-            (nearest, farthest), (bearing, to) = prior.displacement.distance, prior.displacement.direction
-            sector = to - bearing
-        kernel.draw_position(
-            *common, tries, *key, lon, lat, prior.major, prior.minor, prior.orientation,
-            nearest, farthest, bearing, sector, *water,
-        )  # fmt: skip
-    else:
-        vertices, west, south, width, height = _polygon(prior)
-        inside = np.array([south, south + height]) * sphere.UNIT
-        broadest = 1.0 if inside[0] <= 0 <= inside[1] else float(np.cos(np.abs(inside).min()))
-        kernel.draw_area(
-            *common, tries, *key, runtime.upload(vertices), west, south, width, height, broadest, *water
-        )  # fmt: skip
+class _Draw(NamedTuple):
+    """What drawing one scenario's slots takes besides its prior."""
+
+    period: Period
+    ensemble: Ensemble
+    slots: Slots
+    key: tuple[int, int]
+    tries: Any  # int64 (2,) on the device: candidates drawn, slots that found no water
+    coast: DeviceCoast | None
+
+    @property
+    def common(self) -> tuple[Any, ...]:
+        """The first arguments of the kernels that draw positions."""
+        return self.coast is not None, *self.slots, self.ensemble.lon, self.ensemble.lat
+
+    @property
+    def water(self) -> Any:
+        """Their last argument."""
+        return (self.coast or open_sea()).pack
+
+    def release(self, first: np.datetime64, last: np.datetime64) -> None:
+        """Draw releases, uniform between two times."""
+        window = sorted((self.period.elapsed(first), self.period.elapsed(last)))
+        kernel.draw_release(*self.slots, self.ensemble.release, *self.key, *window)
+
+
+def _draw_position(prior: PositionPrior, to: _Draw) -> None:
+    """Draw positions about a report, and releases."""
+    to.release(prior.release_start, prior.release_end)
+    lon, lat = (int(sphere.to_binary(np.degrees(x))) for x in (prior.lon, prior.lat))
+    nearest, farthest, bearing, sector = 0.0, 0.0, 0.0, 0.0
+    if prior.displacement:
+        (nearest, farthest), (bearing, end) = prior.displacement.distance, prior.displacement.direction
+        sector = end - bearing
+    kernel.draw_position(
+        *to.common, to.tries, *to.key, lon, lat, prior.major, prior.minor, prior.orientation,
+        nearest, farthest, bearing, sector, to.water,
+    )  # fmt: skip
+
+
+def _draw_area(prior: AreaPrior, to: _Draw) -> None:
+    """Draw positions in an area, and releases."""
+    to.release(prior.release_start, prior.release_end)
+    vertices, west, south, width, height = _polygon(prior)
+    inside = np.array([south, south + height]) * sphere.UNIT
+    broadest = 1.0 if inside[0] <= 0 <= inside[1] else float(np.cos(np.abs(inside).min()))
+    kernel.draw_area(
+        *to.common, to.tries, *to.key, runtime.upload(vertices), west, south, width, height, broadest, to.water
+    )
+
+
+def _draw_trackline(prior: TracklinePrior, to: _Draw) -> None:
+    """Draw positions and releases along a voyage."""
+    points, courses, lengths, ends = _pieces(prior)
+    mode = -1.0 if prior.mode is None else prior.mode
+    voyage = to.period.direction * float((prior.arrival - prior.departure) / np.timedelta64(1, "s"))
+    kernel.draw_trackline(
+        *to.common, to.ensemble.release, to.tries, *to.key, *(runtime.upload(x) for x in (points, courses, lengths, ends)),
+        prior.cross_track, prior.low, prior.high, mode, to.period.elapsed(prior.departure), voyage, to.water,
+    )  # fmt: skip
+
+
+DRAWS: dict[type, Callable[[Any, _Draw], None]] = {
+    PositionPrior: _draw_position,
+    AreaPrior: _draw_area,
+    TracklinePrior: _draw_trackline,
+}
 
 
 def _polygon(prior: AreaPrior) -> tuple[Array, int, int, int, int]:

@@ -93,7 +93,8 @@ def test_a_shard_draws_its_slice_of_the_whole(begun: tuple[start.Start, Ensemble
         own = empty(whole, part, spec.scenarios)
         for scenario, slots in zip(spec.scenarios, own.slots, strict=True):
             tries = runtime.upload(np.zeros(2, np.int64))
-            prior._place(spec.period, scenario, own, slots, key, tries, coast)
+            to = prior._Draw(spec.period, own, slots, key, tries, coast)
+            prior.DRAWS[type(scenario.prior)](scenario.prior, to)
             MODELS[scenario.model].draw(own, slots, key, scenario, spec.errors)
         assert own.n > 0
         for name in set(own.columns) - {"log_weight", "world"}:
