@@ -59,7 +59,7 @@ class Search:
         self._debris = debris.of_contacts(spec, self._contacts, scene)
         self._updates: list[Update] = []
         first = self.ensemble.log_weight.to_numpy()
-        self._prior = self._scenarios(first)
+        self._prior = self._weighed(first).scenarios
         self.unsearched = first.astype(
             np.float64
         )  # log weights (n,) by all that was seen, as if no sortie had been flown
@@ -125,7 +125,8 @@ class Search:
         before = self.ensemble.log_weight.to_numpy()
         flown.fail(self.ensemble, columns, self._group(flown, self._shared), self.ensemble.log_weight)
         after = self.ensemble.log_weight.to_numpy()
-        evidence = self._evidence(before, after, f'sortie "{sortie.name}"')
+        then, now = self._weighed(before), self._weighed(after)
+        evidence = self._evidence(then, now, f'sortie "{sortie.name}"')
         weight = weights.relative(before)
         pos = np.nan_to_num(-np.expm1(evidence))  # a scenario that had no weight finds nothing
         self._missed = self._missed * (1 - pos)
@@ -136,9 +137,9 @@ class Search:
         self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
         self._note(
             Update(
-                sortie.name, "sortie", sortie.end, evidence, self._scenarios(after), self._weighed(before).ess, self._weighed(after).ess,
+                sortie.name, "sortie", sortie.end, evidence, now.scenarios, then.ess, now.ess,
                 poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
-                standing=self._standing(sortie.end, after),
+                standing=self._standing(sortie.end, after, now.ess),
             )
         )  # fmt: skip
         self._settle(after.astype(np.float64))
@@ -153,9 +154,9 @@ class Search:
         likelihood = contact_laws.log_likelihood(contact, lon, lat)
         there = life.read(who).at(time) <= Status.ASHORE
         likelihood = np.where(there, likelihood, -np.inf)
-        before, now = self.ensemble.log_weight.to_numpy(), self.log_weight(time)
+        before, current = self.ensemble.log_weight.to_numpy(), self.log_weight(time)
         # The mean likelihood under all that is known then, which includes sorties under way.
-        mean = self._weighed(now + likelihood).log_sum - self._weighed(now).log_sum
+        mean = self._weighed(current + likelihood).log_sum - self._weighed(current).log_sum
         if contact.false_density > 0:
             likelihood = np.logaddexp(likelihood, np.log(contact.false_density))
         elif contact.belief < 1:  # in units of the mean, so that the evidence stays a density
@@ -167,17 +168,18 @@ class Search:
                     likelihood = np.logaddexp(np.log(contact.belief) + likelihood, doubt)
         self.unsearched = self.unsearched + likelihood
         after = before + likelihood
-        evidence = self._evidence(before, after, f'contact "{contact.name}"')
+        then, now = self._weighed(before), self._weighed(after)
+        evidence = self._evidence(then, now, f'contact "{contact.name}"')
         self._note(
             Update(
                 contact.name,
                 "contact",
                 contact.time,
                 evidence,
-                self._scenarios(after),
-                self._weighed(before).ess,
-                self._weighed(after).ess,
-                standing=self._standing(contact.time, after),
+                now.scenarios,
+                then.ess,
+                now.ess,
+                standing=self._standing(contact.time, after, now.ess),
             )
         )
         self._settle(after, changed=True)
@@ -264,9 +266,8 @@ class Search:
             columns[key] = runtime.empty(self.ensemble.n * len(flown.factors))
         return columns[key]
 
-    def _evidence(self, before: Array, after: Array, what: str) -> Array:
+    def _evidence(self, then: Weighed, now: Weighed, what: str) -> Array:
         """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
-        then, now = self._weighed(before), self._weighed(after)
         whole = now.log_sum - then.log_sum
         with np.errstate(invalid="ignore"):  # NaN for a scenario that had no weight before
             sums = now.log_sums - then.log_sums
@@ -277,10 +278,6 @@ class Search:
                 "place, time and error, or allow for doubt: a POD below 1, a belief below 1, or a wider prior"
             )
         return np.array([*sums, whole])
-
-    def _scenarios(self, log_weight: Array) -> Array:
-        """Return the probability of each scenario."""
-        return self._weighed(log_weight).scenarios
 
     def _weighed(self, log_weight: Array) -> Weighed:
         """Return what is needed of the weights of all particles."""
@@ -301,9 +298,9 @@ class Search:
                 alive[a:b] = scenario.survival.alive(time - release[a:b])
         return alive
 
-    def _standing(self, time: np.datetime64, log_weight: Array) -> Standing:
-        """Return how the search stands at a time, by weights."""
-        self._least = min(self._least, self._weighed(log_weight).ess)
+    def _standing(self, time: np.datetime64, log_weight: Array, ess: float) -> Standing:
+        """Return how the search stands at a time, by log weights (n,) and their effective number."""
+        self._least = min(self._least, ess)
         return standing(time, self.ensemble, log_weight, self._never, self._least)
 
     def _note(self, update: Update) -> None:
