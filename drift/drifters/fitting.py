@@ -40,7 +40,7 @@ BOUNDS = {  # smallest and largest value of each parameter, SI: far outside all 
 }
 FEWEST = 12  # fewest ways between fixes for a fit
 ENOUGH = 10  # fewest drifters with which the spread between them counts
-VAGUE = 0.7  # with this standard error of its logarithm, or a larger one, a parameter counts as not told
+VAGUE = 0.7  # with this standard error of its logarithm, or a larger one, a parameter counts as not identified
 STEP = 0.05  # step of a logarithm for second derivatives
 SLOPE = 1e-5  # step of a logarithm for first derivatives
 LIMIT = 0.5 * float(stats.chi2.ppf(0.90, 1))  # log likelihood below the best at a one-sided limit of 95 %
@@ -53,13 +53,13 @@ class Parameter:
     """One parameter: its value, the standard error of its logarithm, and whether the data tell it.
 
     error: the standard error that is printed; curvature: that from the curvature alone. limit: upper limit (95 %) of a
-    parameter that is not told; NaN for `time`, which has none.
+    parameter that is not identified; NaN for `time`, which has none.
     """
 
     value: float
     error: float
     curvature: float
-    told: bool
+    identified: bool
     limit: float = math.nan
 
 
@@ -177,12 +177,12 @@ def _parameters(law: Law, tracks: Tracks, free: Sequence[str], best: float) -> t
     best: its log likelihood.
     """
     errors, curvature, clustered = _errors(law, tracks, free)
-    parameters = dict.fromkeys(NAMES, Parameter(math.nan, math.nan, math.nan, told=False))
+    parameters = dict.fromkeys(NAMES, Parameter(math.nan, math.nan, math.nan, identified=False))
     for name in free:
         value = getattr(law, name)
-        told = errors[name] < VAGUE and value > 1.05 * BOUNDS[name][0] and value < BOUNDS[name][1] / 1.05
-        limit = math.nan if told or name == "time" else _limit(law, tracks, free, name, best)
-        parameters[name] = Parameter(value, errors[name], curvature[name], told, limit)
+        identified = errors[name] < VAGUE and value > 1.05 * BOUNDS[name][0] and value < BOUNDS[name][1] / 1.05
+        limit = math.nan if identified or name == "time" else _limit(law, tracks, free, name, best)
+        parameters[name] = Parameter(value, errors[name], curvature[name], identified, limit)
     return parameters, clustered
 
 

@@ -28,7 +28,7 @@ SPREADS = 5.0  # standard deviations of a prior that lie in its box
 
 def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """Return the box outside which a particle of a run has left."""
-    box = asked.domain or reach(spec)
+    box = asked.domain or within_reach(spec)
     box = replace(box, south=max(box.south, -POLEWARD), north=min(box.north, POLEWARD))
     if (box.east - box.west) * (box.north - box.south) > VAST:
         box = _common(box, utmost(spec, asked))
@@ -42,7 +42,7 @@ def binary(box: Box) -> advance.Domain:
     return advance.Domain(west, south, width, round((box.north - box.south) * sphere.TURN / 360))
 
 
-def reach(spec: EnsembleSpec) -> Box:
+def within_reach(spec: EnsembleSpec) -> Box:
     """Return the box that holds every prior and all that it can reach by the end of the run."""
     leeway = max((model.usual(one, STRONGEST_WIND) for model, one in _all(spec)), default=0.0)
     fastest = FASTEST_CURRENT + leeway + 3 * (spec.errors.current.std + spec.errors.current.bias)

@@ -18,7 +18,7 @@ NEARLY = 0.9  # share of what is left out that counts as all of it
 NAMED = 3  # places that are given by name; of more, the number
 
 
-def told(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
+def left_out(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
     """Return in a sentence what a frame leaves out of the map at a time; empty if that is little and no place.
 
     at: a forecast's data (drift.forecast.dataset) at one time. places: shapes (n, 2) [deg] by name; a place is reported

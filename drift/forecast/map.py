@@ -95,7 +95,7 @@ def _layout(
         height = 0.775 - ROW * (count.few + rows)
         aspect = 0.665 * SHEET.width / (height * SHEET.height)
         frame = layers.extent(forecast, [now], setting.marks, setting.lines, aspect, places.values())
-        return height, frame, textwrap.wrap(beyond.told(frame, at, places), 135)
+        return height, frame, textwrap.wrap(beyond.left_out(frame, at, places), 135)
 
     height, frame, left_out = under(len(warnings))
     if left_out:

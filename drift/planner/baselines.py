@@ -18,7 +18,7 @@ def by_hand(crews: Sequence[Crew], stage: Stage, whole: Stage) -> list[tuple[str
     """Return the plan of manuals: the best square round the mean position, divided into strips by effort."""
     able, times = [], []
     for crew in crews:
-        start, duration = crew.reach.slot(crew.reach.arrival(crew.plane.lon, crew.plane.lat))
+        start, duration = crew.available.slot(crew.available.arrival(crew.plane.lon, crew.plane.lat))
         if duration >= rectangle.SHORTEST:
             able.append((crew, float(duration) * crew.unit.search_speed))
             times.append(float(start - crew.zero + duration / 2))

@@ -106,7 +106,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
         legs = polyline.through(start + sailed.elapsed, sailed.lon, sailed.lat, sailed.searching.tolist())
         # Every other leg of a pattern is a cross leg, which is not counted.
         cut = tuple(sorted({k // 2 + 1 for k in sailed.cut if k % 2 == 0}))
-    end = min(start + float(flown.duration[0]), crew.reach.spans[-1][1]) if crew.random else legs.time[-1]
+    end = min(start + float(flown.duration[0]), crew.available.spans[-1][1]) if crew.random else legs.time[-1]
     coverage = tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in unit.sweep_width)
     first, last = availability.moment(start), availability.moment(math.ceil(end))
     sortie = Sortie(
@@ -123,7 +123,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
         polyline.way(way or straight) / unit.transit_speed
         for way, straight in zip(ways, ((unit.base, ends[0]), (ends[1], unit.return_to)), strict=True)
     )
-    takeoff = availability.moment(max(math.floor(start - way_out), math.ceil(crew.reach.leaves)))
+    takeoff = availability.moment(max(math.floor(start - way_out), math.ceil(crew.available.leaves)))
     home = availability.moment(math.ceil(end + way_home))
     return Tasking(
         unit=unit, round=1, sortie=sortie, takeoff=takeoff, on_scene=sortie.start, off_scene=sortie.end, home=home,

@@ -84,11 +84,11 @@ def _framed(
     """Return the map's frame, its height [of the page], and lines over it that say what the frame leaves out."""
     here = _extent(forecast, plan, i, marks, high)
     at = forecast.data.isel(time=i)
-    out = textwrap.wrap(beyond.told(here, at), 110)
+    out = textwrap.wrap(beyond.left_out(here, at), 110)
     if out:
         high -= ROW * len(out)
         here = _extent(forecast, plan, i, marks, high)
-        out = textwrap.wrap(beyond.told(here, at), 110)
+        out = textwrap.wrap(beyond.left_out(here, at), 110)
     return here, high, out
 
 

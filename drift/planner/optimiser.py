@@ -102,10 +102,10 @@ def _crews(
     """
     crews = []
     for u, unit in enumerate(units):
-        course, reach = at_sea.get(unit.name), availability.of_unit(unit, spec, (plane.lon, plane.lat))
+        course, available = at_sea.get(unit.name), availability.of_unit(unit, spec, (plane.lon, plane.lat))
         if course is not None:
-            reach = replace(reach, way=course.arrival)
-        crews.append(rectangle.crew(unit, reach, plane, zero, factor[u], course))
+            available = replace(available, way=course.arrival)
+        crews.append(rectangle.crew(unit, available, plane, zero, factor[u], course))
     return crews
 
 
@@ -186,7 +186,7 @@ def _order(crews: Sequence[Crew], rng: np.random.Generator, k: int) -> list[int]
 
     In beginning 0 the strongest comes first, in the others the order is random.
     """
-    strength = [crew.widest * crew.unit.search_speed * crew.reach.search for crew in crews]
+    strength = [crew.widest * crew.unit.search_speed * crew.available.search for crew in crews]
     return sorted(range(len(crews)), key=lambda u: -strength[u]) if k == 0 else rng.permutation(len(crews)).tolist()
 
 
@@ -303,16 +303,16 @@ def _draw(crew: Crew, stage: Stage, undetected: Array, rng: np.random.Generator,
 
     undetected: probability of each particle, (m,), that it is there and the other units do not find it.
     """
-    if count == 0 or undetected.sum() <= 0 or not crew.reach.spans:
+    if count == 0 or undetected.sum() <= 0 or not crew.available.spans:
         return np.empty((0, 8))
     edges = stage.swarm.time.shape[0]
     share = np.cumsum(undetected) / undetected.sum()
     i = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
     x, y = (v.reshape(stage.m, edges) for v in (stage.swarm.x, stage.swarm.y))
-    arrival = crew.reach.arrival(*crew.plane.round(x[i, edges // 2], y[i, edges // 2]))
-    slack = np.maximum(crew.reach.spans[-1][1] - SLACK - arrival, 0.0)
+    arrival = crew.available.arrival(*crew.plane.round(x[i, edges // 2], y[i, edges // 2]))
+    slack = np.maximum(crew.available.spans[-1][1] - SLACK - arrival, 0.0)
     wait = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * slack)
-    start, duration = crew.reach.slot(arrival + wait)
+    start, duration = crew.available.slot(arrival + wait)
     middle = np.clip(np.searchsorted(stage.swarm.time, start - crew.zero + duration / 2) - 1, 0, edges - 1)
     # Half of the centres are particles; the others lie between two particles.
     j = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
@@ -335,7 +335,7 @@ def _vary(rows: Array, crew: Crew, rng: np.random.Generator, size: float) -> Arr
     count = len(rows)
     step = rng.standard_normal((count, 6)) * size
     step *= rng.random((count, 6)) < 0.6  # some numbers stay, so that one can be improved without the others
-    side = np.sqrt(np.exp(rows[:, SPACING]) * crew.unit.search_speed * crew.reach.search)
+    side = np.sqrt(np.exp(rows[:, SPACING]) * crew.unit.search_speed * crew.available.search)
     varied[:, X] += 0.3 * side * step[:, 0]
     varied[:, Y] += 0.3 * side * step[:, 1]
     varied[:, TURN] += 0.5 * step[:, 2]

@@ -39,7 +39,7 @@ class Crew:
     """A unit as the optimiser takes it."""
 
     unit: Unit
-    reach: Availability
+    available: Availability
     plane: Plane
     zero: float  # [s since 1970] that times are counted from
     width: Array  # (scenarios,) sweep width [m]
@@ -60,14 +60,14 @@ class Crew:
 
 
 def crew(
-    unit: Unit, reach: Availability, plane: Plane, zero: float, factor: Array, course: Course | None = None
+    unit: Unit, available: Availability, plane: Plane, zero: float, factor: Array, course: Course | None = None
 ) -> Crew:
     """Return a unit as the optimiser takes it."""
     curve = laws.pod(unit.law, np.arange(round(MOST / STEP) + 1) * STEP)
     table = None
     if laws.of(unit.law).detects == "abeam":
         table = np.column_stack(laws.table(unit.law)).ravel()
-    return Crew(unit, reach, plane, zero, np.array(unit.sweep_width), factor, curve, table, course)
+    return Crew(unit, available, plane, zero, np.array(unit.sweep_width), factor, curve, table, course)
 
 
 class Sweeps(NamedTuple):
@@ -95,7 +95,7 @@ def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
     for turn in range(3 if corner else 1):
         if turn:
             x, y = commence(rows, length, spacing, legs)
-        start, duration = crew.reach.slot(crew.reach.arrival(*crew.plane.round(x, y)) + rows[:, WAIT])
+        start, duration = crew.available.slot(crew.available.arrival(*crew.plane.round(x, y)) + rows[:, WAIT])
         track = crew.unit.search_speed * duration
         if not turn:
             legs = np.maximum(np.rint(np.sqrt(track / (np.exp(rows[:, ASPECT]) * spacing))), 1)
@@ -135,7 +135,7 @@ def _in_time(crew: Crew, flown: Sweeps, legs: Legs, k: int) -> bool:
     first, last = ((legs.lon[j], legs.lat[j]) for j in (0, -1))
     there = courses.distance(crew.course, crew.course.out, first) / crew.unit.transit_speed
     home = courses.distance(crew.course, crew.course.home, last)
-    return crew.reach.leaves + there <= crew.zero + float(flown.start[k]) and math.isfinite(home)
+    return crew.available.leaves + there <= crew.zero + float(flown.start[k]) and math.isfinite(home)
 
 
 def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
@@ -155,8 +155,8 @@ def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
         for k, one in zip(which, sailed, strict=True):
             if one is None or math.isinf(one.home):
                 continue
-            there = crew.reach.leaves + one.out / crew.unit.transit_speed
-            start, room = (float(v) for v in crew.reach.slot(there + rows[k, WAIT]))
+            there = crew.available.leaves + one.out / crew.unit.transit_speed
+            start, room = (float(v) for v in crew.available.slot(there + rows[k, WAIT]))
             took = float(one.elapsed[-1])
             sought = float(np.diff(one.elapsed)[one.searching].sum())
             if took <= room and sought > most[k]:

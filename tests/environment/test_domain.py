@@ -43,7 +43,7 @@ def test_the_reach_holds_what_drifts_as_fast_as_it_is_reckoned_with(
     found = leeway.find(name)
     slope = max(abs(line.slope) for line in (found.down, found.right, found.left))
     far = (2.5 + 25 * slope) * hours * 3600
-    box = domain.reach(start.ensemble_spec(case))
+    box = domain.within_reach(start.ensemble_spec(case))
     azimuth = np.linspace(0, 360, 721)
     x, y, _ = EARTH.fwd(np.full(721, lon), np.full(721, lat), azimuth, np.full(721, far))
     assert ((x - box.west) % 360 <= box.east - box.west).all()
