@@ -30,7 +30,7 @@ class Wanted:
     side: int  # 0 for the first component, 1 for the second, which matters where one variable holds both
     quantity: str
     chosen: Mapping[str, Any]  # the case's variables
-    units: str | None  # that the case states
+    units: str | None  # units that the case states
     depth: float | None  # [m]
     needs_times: bool  # the file's times must be understood
 

@@ -21,7 +21,7 @@ class Kept:
 
     def __init__(self, index: tuple[Index, ...]) -> None:
         self.index = index
-        self._places = [_places(one) for one in index]
+        self._places = [_places(along) for along in index]
         self._slices: dict[int, tuple[Array, int]] = {}
         self._guard = threading.Lock()
 

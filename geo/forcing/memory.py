@@ -55,10 +55,13 @@ def hold(datasets: Any) -> dict[str, Held]:
 
 
 def as_stored(held: Held) -> xr.Dataset:
-    """Return a dataset as `dataset.open_one` would from a file: packing resolved, times as numbers since a date."""
+    """Return a dataset as `dataset.open_one` would return it from a file.
+
+    Packing is resolved, and times are numbers since a date.
+    """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of several fill values, all of which are treated as missing
+            warnings.simplefilter("ignore")  # warnings of several fill values, which all count as missing
             return xr.decode_cf(
                 _encoded(held.data),
                 concat_characters=False,
