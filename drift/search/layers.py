@@ -99,7 +99,7 @@ def _stands(sortie: Sortie) -> bool:
 
 
 def places(contacts: Sequence[Contact], sorties: Sequence[Sortie] = ()) -> dict[str, list[Array]]:
-    """Return the shapes of contacts and sorties by name, for beyond.told."""
+    """Return the shapes of contacts and sorties by name, for beyond.sentence."""
     shapes_of: dict[str, list[Array]] = {}
     for seen in contacts:
         if len(seen.fixes) > 1:  # positions A and B of a beacon are places of their own

@@ -1,6 +1,7 @@
-"""How a search stands after an update: when the object went adrift, as the weights tell it, and what was never searched.
+"""How a search stands after an update: when the object went adrift, and what was never searched.
 
-What it takes to say how likely somebody is alive at any time, of millions of particles, in a few numbers.
+When it went adrift is told by the weights. This is what it takes to say, in a few numbers for millions of particles,
+how likely somebody is alive at any time.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from drift.particles import weights
 from drift.particles.ensemble import Ensemble
 from geo.array import Array
 
-BINS = 400  # of release times: a thousandth of a window of 40 h is 6 minutes, and each has its own mean
+BINS = 400  # bins of release times: of a window of 40 h each has 6 minutes, and its own mean
 
 
 @dataclass(frozen=True)
