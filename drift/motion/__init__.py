@@ -1,1 +1,1 @@
-"""What moves and how: models of motion, objects and their priors, the forcing on the device, the clock, the run."""
+"""What moves and how: models of motion, objects, priors, forcing on the device, clock, run."""

@@ -25,7 +25,7 @@ from kernels import noise, runtime
 from kernels import prior as kernel
 from kernels.coast import DeviceCoast, open_sea
 
-LEAST_SHARE = 0.1  # of an equal share of the particles
+LEAST_SHARE = 0.1  # least particles of a scenario, as a share of an equal share
 PIECE = 20_000.0  # [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N
 
 
@@ -57,8 +57,8 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
         if failed:
             fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
             raise UserError(
-                f'scenario "{scenario.name}": {fault}: {failed} of {slots.last - slots.first} particles found no place in many '
-                "tries; move or widen it, or check [coast] source"
+                f'scenario "{scenario.name}": {fault}: {failed} of {slots.last - slots.first} particles found no place '
+                "in many tries; move or widen it, or check [coast] source"
             )
         dry.append(1.0 - (slots.last - slots.first) / drawn)
         MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)

@@ -1,4 +1,7 @@
-"""The scene of a run, which does not change while it lasts: forcing, how each scenario's objects move, and the place."""
+"""The scene of a run, which does not change while it lasts.
+
+It is the forcing, how each scenario's objects move, and the surroundings.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
