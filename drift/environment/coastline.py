@@ -1,4 +1,7 @@
-"""The coast of a run: all that can be met within its domain, in full about reported positions, which must not lie on land."""
+"""The coast of a run: all that can be met within its domain.
+
+About reported positions, which must not lie on land, the coast keeps its full detail.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -34,10 +37,12 @@ def opened(
     seen: Callable[[Shore], Shore] | None,
     shared: tuple[Shore, shoreline.Coast | None] | None,
 ) -> tuple[Shore, shoreline.Coast | None]:
-    """Return the land in a box, and its coast, None where there is none; raise UserError for a report from land.
+    """Return the land in a box and its coast, None where there is none.
 
-    seen: what of the land's detail is wanted, all unless a function says; shared: land and coast, where others have
-    them.
+    Raises UserError for a position that was reported on land.
+
+    seen: what of the land's detail is wanted, all of it unless a function says; shared: land and coast, where other
+    runs have built them.
     """
     if shared:
         whole, coast = shared
