@@ -14,7 +14,7 @@ class Imprint:
     title: str
     footer: str = ""  # a line of where it comes from: errors, version, seed
     attributes: Mapping[str, str] = field(default_factory=dict)  # the same in full, into the file
-    caution: str = ""  # on a banner
+    caution: str = ""  # text of a banner
 
 
 @dataclass(frozen=True)
@@ -25,5 +25,5 @@ class Setting:
     polygons: Iterable[Any] = ()  # of land, by Shapely [deg]
     marks: Sequence[Mark] = ()  # where the run began, as points
     lines: Sequence[Line] = ()  # the same, as areas and tracklines
-    known_as: str = "Last known position"  # what the marks are
-    particles: int | None = None  # in the run
+    known_as: str = "Last known position"  # what the legend calls the marks
+    particles: int | None = None  # particles in the run

@@ -241,7 +241,7 @@ def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(tmp_path, word
     out = (x < here.x[0]) | (x > here.x[1]) | (y < here.y[0]) | (y > here.y[1])
     share = f"{100 * mass[out].sum():.1f} %"
     assert mass[out].sum() == pytest.approx(0.02, abs=0.004)  # and what strays from the main cloud
-    told = beyond.told(here, at)
+    told = beyond.sentence(here, at)
     assert told.startswith(f"{share} of the probability lies outside this frame, to the {point} (around ")
     place = told.partition("(around ")[2].rstrip(")")
     lat_text, lon_text = place.split()
