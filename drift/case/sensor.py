@@ -247,7 +247,10 @@ class SensorTable(fields.Table):
 
 
 def by_scenario(given: dict[str, float], scenarios: Sequence[Scenario], key: str) -> tuple[float, ...]:
-    """Return values in the order of the scenarios from a table by name; every scenario is in it and nothing else."""
+    """Return values in the order of the scenarios from a table by name.
+
+    Every scenario is in the table, and nothing else.
+    """
     names = [scenario.name for scenario in scenarios]
     for name in given:
         if name not in names:

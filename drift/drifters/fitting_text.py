@@ -70,7 +70,7 @@ def _coverage(share: float, held: Estimate) -> str:
 
 def _parameter(parameter: Parameter, unit: str, scale: float) -> str:
     """Return a parameter in its unit, of which `scale` is the size in SI."""
-    if parameter.told:
+    if parameter.identified:
         low, high = (parameter.value * math.exp(sign * 2 * parameter.error) / scale for sign in (-1, 1))
         return f"{parameter.value / scale:.3g} {unit} (95 %: {low:.3g} to {high:.3g})"
     if math.isfinite(parameter.limit):
@@ -93,7 +93,7 @@ def toml(fit: Fit) -> str:
         f"current = {{ {', '.join(parts)} }}",
     ]
     walk = fit.parameters["diffusivity"]
-    if walk.told or fit.law.diffusivity > 0.05:
+    if walk.identified or fit.law.diffusivity > 0.05:
         lines.append(f'diffusivity = "{fit.law.diffusivity:.2g} m2/s"')
     else:
         lines.append(
@@ -101,10 +101,10 @@ def toml(fit: Fit) -> str:
             + (f": below {walk.limit:.2g} m2/s" if math.isfinite(walk.limit) else "")
         )
     if any(abs(mean) > 2 * error for mean, error in zip(fit.mean, fit.mean_error, strict=True)):
-        bias_told = fit.parameters["bias"].told
+        bias_identified = fit.parameters["bias"].identified
         remedy = (
             f'state bias = "{fit.law.bias:.3f} m/s"'
-            if bias_told
+            if bias_identified
             else "state what is left of the bias, which these data do not tell"
         )
         lines += [

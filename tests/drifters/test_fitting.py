@@ -176,7 +176,7 @@ def test_parameters_are_recovered_within_what_their_errors_say(fits):
         row += [(a - b) / c for a, b, c in zip(fit.mean, MEAN, fit.mean_error, strict=True)]
         z.append(row)
         assert fit.clustered
-        assert all(one.told and one.error >= one.curvature for one in fit.parameters.values())
+        assert all(one.identified and one.error >= one.curvature for one in fit.parameters.values())
     squares = np.square(z).sum(axis=0)
     low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], SETS)
     assert (squares > low).all()
@@ -210,18 +210,18 @@ def test_ellipses_hold_out_what_they_say():
 def test_what_the_data_do_not_tell_is_said():
     still = Law(std=0.2, time=6 * 3600, bias=0.0, diffusivity=0.0, noise=100.0)
     alone = fitting.of(ways(simulated(np.random.default_rng(8), 1, 1.4, still)), True)
-    assert not alone.parameters["bias"].told
+    assert not alone.parameters["bias"].identified
     assert alone.law.bias == 0
     assert not alone.clustered
     walk = alone.parameters["diffusivity"]
-    assert not walk.told
+    assert not walk.identified
     assert walk.limit > walk.value  # and beyond it the data speak against it, by the quantile of the profile's law
     tracks = along.residuals(ways(simulated(np.random.default_rng(8), 1, 1.4, still)), True)
     free = ["std", "time", "diffusivity", "noise"]
     _, there = fitting.likeliest(tracks, free, alone.law, {"diffusivity": walk.limit})
     assert alone.log - there.log == pytest.approx(stats.norm.ppf(0.95) ** 2 / 2, abs=0.2)
     short = fitting.of(ways(simulated(np.random.default_rng(10), 4, 0.25, Law(0.2, 40 * 3600, 0.1, 4.0, 30.0))), True)
-    assert not short.parameters["time"].told
+    assert not short.parameters["time"].identified
 
 
 def test_clustered_errors_are_the_sum_over_pairs_that_share_a_cluster():
@@ -325,7 +325,7 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
         made_good = np.radians([(lon[k] - lon[k - 1]) * np.cos(middle), lat[k] - lat[k - 1]]) * RADIUS
         # the tangent plane of the fix before turns by half the convergence of meridians
         turn = np.radians(lon[k] - lon[k - 1]) / 2 * np.sin(middle)
-        assert way.made[k] == pytest.approx(made_good, abs=1.1 * abs(turn) * np.hypot(*made_good) + 0.05)
+        assert way.observed[k] == pytest.approx(made_good, abs=1.1 * abs(turn) * np.hypot(*made_good) + 0.05)
 
 
 def test_a_wind_that_is_always_the_same_tells_no_windage():
