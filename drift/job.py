@@ -24,7 +24,7 @@ from kernels import runtime
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Report = Callable[[str, float], None]  # told what is being done, and what share of it is done
+Report = Callable[[str, float], None]  # takes what is being done, and what share of it is done
 
 
 @dataclass

@@ -15,7 +15,7 @@ _of_thread = threading.local()
 
 
 class Left(BaseException):
-    """The wait was given up because nobody waits for its result any more."""
+    """The wait was given up because its result is no longer needed."""
 
 
 def ask(check: Callable[[], None]) -> None:

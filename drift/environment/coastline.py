@@ -18,7 +18,7 @@ from geo.errors import UserError
 from geo.forcing.sources import Source
 
 MARGIN = 0.25  # [deg] more than a step
-NEAR = 1.0  # [deg] about a reported position that its place on land or water is told from
+NEAR = 1.0  # [deg] about a reported position within which full detail says whether it lies on land
 
 
 def around(box: Box, sources: Sequence[Source]) -> Box:

@@ -80,7 +80,7 @@ def _all(spec: EnsembleSpec) -> list[tuple[Model, Drifter]]:
 
 
 def _fastest(specs: Sequence[ForcingSpec], least: float) -> float:
-    """Return the fastest that is typed in a case [m/s], or what is thought of as fastest if that is more."""
+    """Return the fastest speed that a case states [m/s], or `least` if that is more."""
     typed = [spec.constant for spec in specs if spec.constant is not None]
     typed += [row for spec in specs if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
     return max([least, *(math.hypot(east, north) for east, north in typed)])

@@ -54,7 +54,7 @@ class Common(Protocol):
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and a coast that is, within a box, as one built for it; None: there is none to share."""
+        """Return the land and a coast that within a box is as one built for it; None if there is nothing to share."""
 
 
 def open_for(

@@ -26,7 +26,7 @@ from scipy import ndimage, spatial
 from geo.array import Array
 
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
-FEW = 8  # times as many cells has a grid, and it is worth while to look at those alone that count
+FEW = 8  # a grid with so many times more cells than count is read only where they count
 PARTS = np.array([9, 3, 3, 1]) / 16  # of a cell's mass go to four cells of the next level: see _above
 SAMPLE = 4096  # particles that tell how fine cells are to be
 REACH = 4  # cells, and standard deviations, as far as a kernel reaches

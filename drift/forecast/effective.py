@@ -3,9 +3,8 @@
 Every file and picture asks here, and nowhere else.
 
 Weights make a few particles count for all of them: their effective number is one over the sum of their squared shares
-(Kong 1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle that it descends from: copies know no more
-than it did, however many there are. Objects of one world share all that nobody knows of it, so that a spill stands on
-its worlds.
+(Kong 1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle that it descends from: copies add no
+information, however many there are. Objects of one world share all its unknowns, so for a spill its worlds count.
 """
 
 import math
@@ -84,12 +83,12 @@ def sentence(count: Count, when: str = "", rough: str = "areas and shares are ro
 
 
 def banner(count: Count, rough: str = "the areas are rough", when: str = "") -> str:
-    """Return what a picture says of few; when: the time of its map that stands on least."""
+    """Return a picture's warning that few count; when: the time of its map with the lowest count."""
     return f"ONLY {count.words.upper()}{when and f' at {when}'}: {rough}"
 
 
 def at(data: Any, time: int, particles: int | None = None) -> Count:
-    """Return the count that a forecast's map stands on at an output.
+    """Return how many count for a forecast's map at an output.
 
     That is its worlds if these are few, else its particles. data: as of drift.forecast.dataset; particles: how many
     were drawn.
@@ -103,7 +102,7 @@ def at(data: Any, time: int, particles: int | None = None) -> Count:
 
 
 def fewest(data: Any, outputs: Iterable[int], particles: int | None = None) -> tuple[Count, int]:
-    """Return the lowest count that the map of an output stands on, and that output.
+    """Return the lowest count of the maps of some outputs, and that output.
 
     Outputs that show nothing are passed over.
     """
@@ -113,9 +112,9 @@ def fewest(data: Any, outputs: Iterable[int], particles: int | None = None) -> t
 
 
 def parts(data: Any, time: int) -> list[str]:
-    """Return which parts of a map stand on few particles: those adrift, those ashore, a scenario.
+    """Return the parts of a map for which few particles count: those adrift, those ashore, a scenario.
 
-    There is none where the whole map stands on few.
+    There are none where few count for the whole map.
     """
     if at(data, time).few:
         return []

@@ -1,4 +1,4 @@
-"""What the pictures of a run share: the words that stand on each, and what every chart shows."""
+"""What the pictures of a run share: the words on each, and what every chart shows."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from drift.maps.marks import Line, Mark
 
 @dataclass(frozen=True)
 class Imprint:
-    """Words that stand on every picture: whose it is, where it comes from, and what it must not be believed of."""
+    """Words on every picture: its title, where it comes from, and a caution about what not to believe."""
 
     title: str
     footer: str = ""  # a line of where it comes from: errors, version, seed

@@ -52,7 +52,7 @@ class Sheet:
     lines: tuple[Row, ...]  # under the title
     footer: Row
     caution: Badge | None = None  # warns of what a reader must not believe; None: never shown
-    rough: Badge | None = None  # warns that the picture stands on little; None: never shown
+    rough: Badge | None = None  # warns that few count for the picture; None: never shown
     beside: float | None = None  # letters of a title that has a caution right of it; None: as many as without
 
 
@@ -105,7 +105,7 @@ def head(on: Page, imprint: Imprint, *lines: str) -> None:
 
 
 def rough(on: Page, text: str) -> None:
-    """Say on a banner that a picture stands on little."""
+    """Draw a banner which says that few particles or worlds count for a picture."""
     assert on.sheet.rough is not None
     _banner(on, on.sheet.rough, text)
 

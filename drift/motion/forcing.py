@@ -2,10 +2,10 @@
 
 Each scenario sees tiles of its own.
 
-Sources of a quantity stand in order of priority. A particle takes the first that knows its place as it is; then the
-first that knows it once missing values next to the coast are filled. So with several sources each has two tiles.
-Sources that are added to these are filled each by itself, and each must know the place: a sum with a missing term is
-missing.
+Sources of a quantity stand in order of priority. A particle takes the first that has a value at its place as it is,
+then the first that has one once missing values next to the coast are filled. So with several sources each has two
+tiles. Sources that are added to these are filled each by itself, and each must have a value at the place: a sum with a
+missing term is missing.
 """
 
 from collections.abc import Mapping

@@ -53,7 +53,7 @@ class Model:
     between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], tuple[Array, Array]]
     # Returns terms that leave nothing to chance, so that the error of a step can be measured.
     still: Callable[[Terms], Terms]
-    # Returns the longest steps [s] that the model bears, each with what it is.
+    # Returns the longest steps [s] that the model allows, by the reason for each.
     longest: Callable[[Errors], Mapping[str, float]]
     # Returns how fast an object usually goes through the water in a wind [m/s], to draw its box.
     usual: Callable[[Drifter, float], float]

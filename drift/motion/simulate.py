@@ -27,7 +27,7 @@ Watch = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Moment:
-    """The ensemble as it is at one time, on the host."""
+    """The state of the ensemble at one time, on the host."""
 
     elapsed: int  # [s] since the run's start
     lon: Array  # int32 binary angle (n,)
@@ -120,8 +120,8 @@ def run(
 ) -> Iterator[Moment]:
     """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
 
-    progress is told the share of the run that is done, after every step; watch when the step began [s since start];
-    search looks on and changes weights.
+    progress: takes the share of the run that is done, after every step; watch: takes when the step began [s since
+    start]; search: looks on and changes weights.
     """
     due = [int(t) for t in outputs]
     if search:

@@ -23,7 +23,7 @@ except ImportError:  # Windows: the owner is known by name alone
 
 PREFIX = ".drift-partial-"
 LOCK = "lock"
-STALE = 86_400  # [s]; a folder whose owner cannot be asked is nobody's after so long without a change
+STALE = 86_400  # [s]; a folder whose owner cannot be asked counts as abandoned after so long without a change
 ATTEMPTS = 10
 
 

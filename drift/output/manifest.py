@@ -46,7 +46,7 @@ def of(run_id: str, paths: Iterable[Path]) -> Manifest:
 
 
 def text(manifest: Manifest) -> str:
-    """Return a manifest as it stands in its file."""
+    """Return a manifest as it is written to its file."""
     return json.dumps(asdict(manifest), indent=1) + "\n"
 
 

@@ -146,7 +146,7 @@ def probability(ensemble: Ensemble) -> Array:
 
 @dataclass(frozen=True)
 class Account:
-    """Where the probability is: by status and scenario, and how many particles it is worth."""
+    """Where the probability is, by status and scenario, and how many particles count for it."""
 
     by_status: Array  # (scenario, status), sum 1
     ess: float  # effective sample size, 1 / sum of squared weights (Kong 1992)

@@ -98,7 +98,7 @@ def over_worlds(values: Array) -> Array:
 
 
 def whole(n: int) -> Blocks:
-    """Return the blocks of n particles of which nothing more is known."""
+    """Return the blocks of n particles without scenarios."""
     return cut((0, n), (0,), (BLOCK,))
 
 

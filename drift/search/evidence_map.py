@@ -30,7 +30,7 @@ from geo import notation
 from geo.array import Array
 
 A_LINE = 4  # scenarios on a line of the legend
-HUGE = 1e6  # Bayes factor beyond which its figure says no more
+HUGE = 1e6  # Bayes factor beyond which its exact value adds nothing
 MOST = 22  # rows; of more updates the last are shown
 DIGIT = 0.072  # [in] width of a small digit
 OVERHANG = 0.12  # [in] how far numbers over a chart may reach beyond its right edge

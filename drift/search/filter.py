@@ -311,7 +311,7 @@ class Search:
         return np.asarray(np.divide(over, under, out=np.zeros(len(under)), where=under > 0))
 
     def _alive(self, time: float) -> Array:
-        """Return each particle's chance of being alive at a time [s after start]; 1 where no survival is told."""
+        """Return each particle's chance of being alive at a time [s after start]; 1 without survival times."""
         release = self.ensemble.release.to_numpy()
         alive = np.ones(self.ensemble.n)
         for scenario, (a, b) in zip(self._spec.scenarios, self.ensemble.scenarios, strict=True):

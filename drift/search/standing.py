@@ -1,7 +1,7 @@
 """How a search stands after an update: when the object went adrift, and what was never searched.
 
-When it went adrift is told by the weights. This is what it takes to say, in a few numbers for millions of particles,
-how likely somebody is alive at any time.
+The weights say when the object went adrift. A few numbers, made from millions of particles, are enough to say how
+likely somebody is alive at any time.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Standing:
     release: Array  # [s after start] mean of each bin, (S, B)
     mass: Array  # probability, (S, B); adds up to 1
     never: Array  # probability of having been where no sortie searched, given each scenario, then of all; (S + 1,)
-    effective: float  # particles that all this stands on
+    effective: float  # number of particles that count for all this
 
 
 def standing(

@@ -2,7 +2,7 @@
 
 Worlds are the independent units: several realisations of a world are averaged before they come here as its one value.
 Weights add up to 1 over all worlds. A standard error holds what the worlds and the particles in them leave open; it is
-NaN where too few worlds speak to tell.
+NaN where too few worlds count.
 """
 
 import numpy as np
@@ -48,7 +48,7 @@ def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
     mean at least 95 % of the time, whatever it is, two of a normal number 95.4 % (at k = 0 they are the upper bound of
     Wilson's score interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is
     taken as the root mean square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on
-    either side where there are so many: groups that are rare for like reasons are taken as alike.
+    either side where there are so many: groups that are rare for similar reasons are taken as similar.
     """
     order = np.argsort(hits, axis=0, kind="stable")
     parts = [np.take_along_axis(x, order, 0) for x in (count, hits, square)]

@@ -3,14 +3,15 @@
 With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N - F): g is the
 density with which an object that was not destroyed is found there and then, q its probability of having been found by
 now, d the share destroyed at once. L is a product over classes. It is summed over N, over d, over the class of finds
-where that is unknown, and over which finds are none of ours. g and q come from a world's particles and are noisy:
-drift.spill.shrinkage draws them toward those of other worlds.
+where that is unknown, and over which finds are not from this spill. g and q come from a world's particles and are
+noisy: drift.spill.shrinkage draws them toward those of other worlds.
 
-A find at sea enters by g alone, for nobody knows where else at sea was looked.
-A find that is none of ours with probability p has the density p / (1 - p) * B, where B is what true finds have on
-average: before any find, as many as expected, spread over the coast as length times reporting rate and evenly over the
-time since the first release (by a patrol: over its stretches as their length; at sea: over an ellipse as wide as what
-is adrift). Without finds and without patrols L is 1: that nothing was found says nothing either.
+A find at sea enters by g alone, for nobody knows where else at sea people looked.
+
+A find that is not from this spill with probability p has the density p / (1 - p) * B, where B is what true finds have
+on average: before any find, as many as expected, spread over the coast as length times reporting rate and evenly over
+the time since the first release (by a patrol: over its stretches as their length; at sea: over an ellipse as wide as
+what is adrift). Without finds and without patrols L is 1: that nothing was found says nothing either.
 """
 
 from collections.abc import Mapping

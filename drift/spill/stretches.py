@@ -22,7 +22,7 @@ MEANS = ("expected", "probability", "arrived")
 def settled(fates: Fates) -> dict[str, Array]:
     """Return release and end of every slot, and arrival and leave of every stay [s], without contradictions.
 
-    "Not yet released" goes before "ended", and "ended" before "ashore": where two hold at a time, the former counts.
+    "Not yet released" goes before "ended", and "ended" before "ashore": where two hold at a time, the first counts.
     """
     stays = fates.stays
     ended = np.maximum(fates.ended, fates.release)

@@ -24,7 +24,7 @@ from geo.errors import UserError
 from geo.files import decoder, messages
 from geo.files.messages import Message
 
-# which component a field is: (quantity, side) by short name, and by number where eccodes knows no name
+# Which component a field is: (quantity, side), by short name, and by number where eccodes has no name.
 NAMED = {
     **{f"{height}{'uv'[k]}": ("wind", k) for k in (0, 1) for height in ("", "10", "100", "200")},
     "u10n": ("wind", 0), "v10n": ("wind", 1),

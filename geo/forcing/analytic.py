@@ -123,7 +123,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     streamfunction goes to zero over the shelf. An invention that looks like the Gulf; it forecasts nothing. Other
     waters have only its tide.
     """
-    squeeze = np.cos(np.radians(26.0))  # all is reckoned in a plane about 26 N: x = lon * squeeze * METRES
+    squeeze = np.cos(np.radians(26.0))  # all is computed in a plane about 26 N: x = lon * squeeze * METRES
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
         x, y = np.broadcast_arrays(-88.0 + _east_of(lon, -88.0), np.asarray(lat, float))

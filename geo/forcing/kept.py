@@ -64,7 +64,7 @@ class Finished:
             return values
 
     def keep(self, key: Hashable, values: Array) -> None:
-        """Keep a slice, which nobody changes from now on."""
+        """Keep a slice, which must not be changed from now on."""
         with self._guard:
             self._size += values.nbytes - getattr(self._slices.pop(key, None), "nbytes", 0)
             self._slices[key] = values

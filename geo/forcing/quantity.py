@@ -1,4 +1,4 @@
-"""What forcing is: currents, winds and Stokes drift, each one entry with what is true of it in any file."""
+"""The quantities of forcing: currents, winds and Stokes drift, each with what holds for it in any file."""
 
 from dataclasses import dataclass
 
