@@ -57,7 +57,7 @@ def reach(spec: EnsembleSpec) -> Box:
 def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """Return a box that practically nothing of a run leaves.
 
-    Its speeds last nowhere, unless the case states faster ones, and its errors are beyond chance.
+    It assumes speeds that last nowhere, or those of the case if they are faster, and errors beyond chance.
 
     With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs. A
     particle that leaves the box all the same counts as having left the domain.

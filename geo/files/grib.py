@@ -408,7 +408,7 @@ def _arranged(values: Real, grid: Points) -> Real:
             position = np.arange(nx) * (count / nx)
             ordered, i = values[start : start + count], np.floor(position + 1e-9).astype(int)
             share = np.clip(position - i, 0.0, 1.0)
-            # a missing neighbour whose weight is 0 must not make the value missing
+            # A missing neighbour whose weight is 0 must not make the value missing
             right = np.where(share > 0, ordered[(i + 1) % count], 0.0)
             result[row] = ordered[i % count] * (1 - share) + right * share
             start += count

@@ -43,7 +43,10 @@ class Held:
 
 
 def hold(datasets: Any) -> dict[str, Held]:
-    """Return datasets by name as forcing; None gives an empty result. Raises UserError for what is not a dataset."""
+    """Return datasets by name as forcing; None gives an empty result.
+
+    Raises UserError for what is not a dataset.
+    """
     if isinstance(datasets, xr.Dataset) or not isinstance(datasets, Mapping | None):
         raise UserError(f'datasets: a {type(datasets).__name__} is given; must be {{"name": an xarray.Dataset}}')
     for name, data in (datasets or {}).items():
