@@ -1,4 +1,4 @@
-"""Built-in flows in closed form, for the shipped case, for tests, and for a first try without a file.
+"""Built-in synthetic flows in closed form: for the shipped case, for tests, for a first try without a file.
 
 A flow is placed at points, flow(lon, lat) [deg], and then tells its velocity at any time there:
 velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s]. Its clock is absolute, so that a flow is the same
