@@ -1,4 +1,4 @@
-"""A job: a case that is being worked on, from the folder of its results to the environment that it moves in.
+"""A job: a case that is being worked on, from its results' folder to its environment.
 
 Every job begins in the same way: what can be refused at once is refused, then Taichi is started and the environment
 opened. Jobs of several threads of one program are done one after another, for Taichi compiles and launches for one
@@ -24,7 +24,7 @@ from kernels import runtime
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Report = Callable[[str, float], None]  # told what is being done, and what share of it is done
+Report = Callable[[str, float], None]  # takes what is being done, and what share of it is done
 
 
 @dataclass

@@ -1,9 +1,9 @@
-"""Many forecasts in one process, one after another: from many starts and places, with many seeds, errors or objects.
+"""Many forecasts in one process, one after another.
 
-What the cases have in common is made once: their files are opened, surveyed and decoded once, their coast is built
-once. A forecast of many is the forecast that `drift.run` makes of its case alone, bit for bit, whoever else is among
-them and in whatever order. Forecasts come one by one, so that ten thousand need no more memory than one (with maps:
-three); one that is refused says why, and the next goes on.
+They may differ in starts, places, seeds, errors or objects. What the cases have in common is made once: their files are
+opened, surveyed and decoded once, their coast is built once. A forecast of many is the forecast that `drift.run` makes
+of its case alone, bit for bit, whoever else is among them and in whatever order. Forecasts come one by one, so that ten
+thousand need no more memory than one (with maps: three); one that is refused says why, and the next goes on.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

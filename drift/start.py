@@ -119,7 +119,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
 
 
 def stretches(case: Case, where: Environment, begin: Start) -> Segments | None:
-    """Return the stretches of coast that a spill is told by; None without a spill.
+    """Return the stretches of coast by which a spill is reported; None without a spill.
 
     Raises UserError for finds and patrols that cannot be.
     """

@@ -29,7 +29,10 @@ def cut_line(line: Any) -> list[Any]:
 
 
 def _turned(shape: Any, precision: float = 0.0) -> Iterator[Any]:
-    """Yield the parts of a shape between two antimeridians, moved between -180 and 180; precision [deg] of the grid that is kept to."""
+    """Yield the parts of a shape between two antimeridians, moved between -180 and 180.
+
+    precision [deg]: of the grid on which the corners lie.
+    """
     for turn in TURNS:
         inside = shapely.intersection(shape, shapely.box(turn - 180, -90, turn + 180, 90))
         moved = shapely.transform(inside, lambda xy, turn=turn: xy - np.array([turn, 0.0]))

@@ -54,7 +54,10 @@ def through(
 
 
 def unwrap(lon: npt.ArrayLike, first: float | None = None) -> Array:
-    """Return longitudes [deg] without jumps: each is shifted by whole turns to lie nearest to the one before it."""
+    """Return longitudes [deg] without jumps.
+
+    Each is shifted by whole turns to lie nearest to the one before it.
+    """
     lon = np.asarray(lon, np.float64)
     whole = np.concatenate([[lon[0] if first is None else first], lon])
     return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(whole) / 360.0)))  # exact where nothing jumps
@@ -176,9 +179,10 @@ def strip(legs: Legs, reach: float) -> Area:
 
 
 def _plane(legs: Legs) -> tuple[Array, Array, Callable[[Array, Array], tuple[Array, Array]]]:
-    """Return (x, y) [m] of the vertices in an azimuthal equidistant projection about their middle, and its inverse.
+    """Return (x, y) [m] of the vertices in an azimuthal equidistant projection, and its inverse.
 
-    The inverse takes arrays of x and y [m] and returns (lon, lat) [deg].
+    The projection is centred on the middle of the vertices. The inverse takes arrays of x and y [m] and returns (lon,
+    lat) [deg].
     """
     lon, lat = np.array(legs.lon), np.array(legs.lat)
     middle = np.radians([(lon.min() + lon.max()) / 2, (lat.min() + lat.max()) / 2])

@@ -79,7 +79,10 @@ def offset(lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: 
 def destination(
     lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike
 ) -> tuple[Array, Array]:
-    """Return (lon, lat) [rad] reached from a point along the great circle (east, north) [m]: the exponential map."""
+    """Return (lon, lat) [rad] reached from a point along the great circle (east, north) [m].
+
+    This is the exponential map.
+    """
     lon, lat = np.asarray(lon, np.float64), np.asarray(lat, np.float64)
     east, north = np.asarray(east, np.float64), np.asarray(north, np.float64)
     angle = np.hypot(east, north) / RADIUS

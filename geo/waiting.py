@@ -1,4 +1,6 @@
-"""How a wait for a server, a library or another thread is given up: it asks every quarter of a second whether to go on.
+"""How a wait for a server, a library or another thread can be given up.
+
+It asks every quarter of a second whether to go on.
 
 A signal's exception can be lost where a destructor runs, and other threads never see it. So each wait asks by itself.
 """
@@ -13,7 +15,7 @@ _of_thread = threading.local()
 
 
 class Left(BaseException):
-    """The wait was given up because nobody waits for its result any more."""
+    """The wait was given up because its result is no longer needed."""
 
 
 def ask(check: Callable[[], None]) -> None:

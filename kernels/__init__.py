@@ -10,18 +10,18 @@ prior    draw initial positions in water
 sample   current, wind and Stokes drift at a point, from regular tiles
 coast    is it wet; where does a step first meet the shore
 features what a step may hold, as bits
-life     what of a step a particle moves
+life     during which part of a step a particle moves
 errors   Ornstein-Uhlenbeck errors, random walk, jibes
 velocity current, Stokes drift and leeway of a drifting object
 integrate  Runge-Kutta along a velocity, and its divergence
 shore    what the shore does to a step: landing, sliding, refloating
 advance  one step of all particles, composed of these
 bridge   where particles are inside a step
-sweep    what a sensor does to particles along a track, and how failures change weights
-sweeps   parallel sweeps over particles, for the planner
-rectangles  what each of many rectangles would find
-allocate effort spread over cells
+sweep    what a sensor's track does to each particle: exposure, and the weights that it leaves
 deposit  weights to a grid, in fixed point
+allocate what effort that is spread over cells finds
+rectangles  what rectangles searched by parallel sweeps find
+sweeps   what legs that are flown find
 
 Arrays and numbers in, arrays out. Modules here do without `from __future__ import annotations`: it breaks Taichi.
 """

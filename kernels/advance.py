@@ -1,4 +1,4 @@
-"""One lattice step of all particles: drift through currents, wind and waves, with errors, diffusion and a coast.
+"""One lattice step of all particles: drift in current, wind and waves, errors, diffusion, coast.
 
 A step from position (lon, lat) integrates dlon/dt = u / (R cos lat), dlat/dt = v / R by an explicit Runge-Kutta scheme;
 adds a random walk; and ends at its first crossing of the shore, or goes on along it. Positions are integers; within the
@@ -6,7 +6,7 @@ step everything is float32 on differences from the position at its begin. Writin
 most 5 mm.
 
 One launch does it all, so that the columns are read once. The parts are point functions, which another model of motion
-shares: kernels.life says what of the step a particle moves, errors what chance does to it, integrate leads it along any
+shares: kernels.life says when in the step a particle moves, errors what chance does to it, integrate leads it along any
 field of velocity, shore says what the coast does to it; velocity.drift is this model's own.
 """
 
@@ -37,7 +37,7 @@ from kernels.life import ADRIFT, ASHORE, LEFT, OUTSIDE, SUNK
 from kernels.sample import Sea, Tiles
 from kernels.velocity import Drifter, drift
 
-# Longest step accepted [binary angle unit], 42 degrees; a longer one, next to a pole, counts as invalid.
+# Longest step accepted [binary angle units], 42 degrees; a longer one, next to a pole, counts as invalid.
 FARTHEST = 5.0e8
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -62,7 +62,7 @@ OWN = {
 
 
 class Physics(NamedTuple):
-    """How the objects of one scenario move, beside the forcing: errors are off at zero, so is each other term."""
+    """How the objects of one scenario move, besides the forcing; each term is off at zero."""
 
     current_std: float = 0.0  # [m/s] of the current's error, a component
     current_time: float = 1.0  # [s] its decorrelation time
@@ -80,7 +80,7 @@ Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
     seed0=ti.u32,
     seed1=ti.u32,
-    shift=ti.i32,  # from a slot here to its number in the whole run, by which noise goes
+    shift=ti.i32,  # from a slot to its number in the whole run, which is the key of its noise
     stay=ti.f32,  # see Beach
     offing=ti.f32,
     debris=ti.i32,  # see Surroundings
@@ -145,9 +145,10 @@ def _advance(
                     off = terms.direction * f32x2(east, north)
             r = integrate.integrate(
                 velocity, ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT),
-                ti.static(bool(features & REFLOAT)), features, sea, drifter, x, y, c0, s0, terms.direction * dt, begin, share, off,
+                ti.static(bool(features & REFLOAT)), features, sea, drifter, x, y, c0, s0, terms.direction * dt,
+                begin, share, off,
             )  # fmt: skip
-            if r[3] > 0.5:  # else the drift leads onto the beach: it waits for one that leads off it
+            if r[3] > 0.5:  # where the drift leads onto the beach, the particle waits for one that leads off it
                 dlon, dlat = r[0], r[1]
                 if ti.static(features & REFLOAT):
                     core.moving_since[i] = left
@@ -167,14 +168,15 @@ def _advance(
                 x_end, y_end = x + move_lon, y + move_lat
                 met, number, part = 0, -1, ti.cast(1.0, ti.f32)
                 if ti.static(features & COAST):
-                    # Asked first: a stage may have found no forcing just because it lies inland, behind the shore.
+                    # The shore is asked first: a stage may lie inland, behind it, and find no forcing only for that.
                     met, x_end, y_end, part, number = shore.meet(
-                        ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)), x, y, move_lon, move_lat,
-                        c0, 2.0 * physics.diffusivity * dt, terms.seed0, terms.seed1, slot, step, coast,
+                        ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
+                        x, y, move_lon, move_lat, c0,
+                        2.0 * physics.diffusivity * dt, terms.seed0, terms.seed1, slot, step, coast,
                     )  # fmt: skip
                     if ti.static(features & SLIDE):
                         if x_end != x + move_lon or y_end != y + move_lat:
-                            known = True  # it slid: a stage that found no forcing lay inland
+                            known = True  # it slid along the shore: a stage that found no forcing lay inland
                 if met == 1:
                     core.lon[i], core.lat[i] = x_end, y_end
                     core.status[i] = ASHORE
@@ -198,17 +200,17 @@ def _advance(
 
 
 class Beach(NamedTuple):
-    """What the coast does to a particle that reaches it: it stays for good, for a while, or slides along."""
+    """What happens to a particle that reaches the coast: it stays for good, for a while, or slides along."""
 
-    stay: float = 0.0  # [s] mean wait before it is afloat again; 0: for good
-    offing: float = 0.0  # [m] off the beach where it is afloat again
+    stay: float = 0.0  # [s] mean wait before it is afloat again; 0: it stays for good
+    offing: float = 0.0  # [m] distance off the beach at which it is afloat again
     slides: bool = False
 
 
 class Step(NamedTuple):
     """One step of the lattice clock."""
 
-    number: int  # of the lattice step: the key of its noise
+    number: int  # number of the lattice step: the key of its noise
     elapsed: int  # [s] from the run's start to the begin of the step
     duration: int  # [s] > 0
     direction: int  # +1 forward in time, -1 backward
@@ -227,7 +229,7 @@ class Domain(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What is the same for all scenarios of a run: where they are, what the coast does, what is asked of a step."""
+    """What is the same for all scenarios of a run: the domain, the coast, what a step computes."""
 
     domain: Domain
     coast: DeviceCoast | None = None
@@ -235,9 +237,9 @@ class Surroundings(NamedTuple):
     bias: bool = False  # whether particles have an error of the current that lasts
     sinks: bool = False
     divergence: bool = False  # log weights lose the divergence along the track: a backward run's likelihood
-    debris: int = (
-        0  # number of a class that shares the errors of the forcing, not walk and jibes, slot by slot with the object
-    )
+    # Number of a class of debris, 0: none. It shares the errors of the forcing with the object, slot by slot, but has a
+    # random walk and jibes of its own.
+    debris: int = 0
     scheme: str = "rk4"
 
 
@@ -289,8 +291,8 @@ def mover(
 ) -> Move:
     """Return a function that moves slots of an ensemble over one lattice step, in place.
 
-    ensemble: a drift.particles.ensemble.Ensemble. slots: the first, the one after the last, and the number of the first in
-    the whole run, by which its noise goes. ranges: first and last tile of currents, winds and Stokes drift.
+    ensemble: a drift.particles.ensemble.Ensemble. slots: the first, the one after the last, and the number of the first
+    in the whole run, which is the key of its noise. ranges: first and last tile of currents, winds and Stokes drift.
     direction: of all its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can
     be measured on an analytic flow. A particle moves only while adrift, from its release on; it ends ashore, sunk,
     outside the forcing or the domain.

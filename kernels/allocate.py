@@ -1,7 +1,7 @@
 """What effort that is spread over cells finds, and what a little more of it in each cell would add.
 
-Particles (m) are in one cell a time bin, or in none (-1); cells of different bins are different. Effort is by unit and
-cell.
+In each time bin a particle (m of them) is in one cell or in none (-1); different bins have different cells. Effort is
+by unit and cell.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def look(curve: ti.template(), at: ti.f32) -> ti.f32:
 
 @ti.func
 def _rate(sweep: ti.f32, ratio: ti.f32) -> ti.f32:
-    """Return the area swept past a drifting particle [m2/s] at the most: against its drift, speeds add up."""
+    """Return the largest area swept past a drifting particle [m2/s]: against its drift, the speeds add up."""
     return sweep * (1.0 + ratio)
 
 
@@ -103,7 +103,9 @@ def _gain(
 
 
 class Field:
-    """Particles in cells, and the curve that turns coverage into probability; on the host, as the kernels take them.
+    """Particles in cells, and the curve that turns coverage into probability.
+
+    The arrays are on the host, as the kernels take them.
 
     cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much finding a particle after
     a bin is worth less, (b, m) (POS: 1 at the last bin, else 0); pace: speed of a particle [m/s] (b, m); sweep: sweep
@@ -133,16 +135,19 @@ class Field:
         sums = np.zeros(2 * -(-self.m // BLOCK), np.float32)
         flat = np.ascontiguousarray(density, np.float32).reshape(-1)
         _spend(
-            self.bins, self.units, 1 / self.step, self.cell, flat, self.sweep, self.slowness, self.pace, self.fall, self.scenario,
-            self.weight, *self.curve, self.gradient, sums,
+            self.bins, self.units, 1 / self.step, self.cell, flat, self.sweep, self.slowness, self.pace, self.fall,
+            self.scenario, self.weight, *self.curve, self.gradient, sums,
         )  # fmt: skip
         found, most = sums.astype(np.float64).reshape(-1, 2).sum(axis=0)
         return float(found), float(most)
 
     def gain(self, squared: bool = False) -> np.ndarray:
-        """Return what a unit of density [s/m2] more would add, by cell and unit; squared: mass times squared rate instead."""
+        """Return what one more unit of density [s/m2] would add, by cell and unit (cells, units).
+
+        squared: return the sum of mass times squared rate instead.
+        """
         _gain(
-            self.units, squared, self.first, self.entry, self.sweep, self.slowness, self.pace, self.scenario, self.weight,
-            self.gradient, self.gains,
+            self.units, squared, self.first, self.entry, self.sweep, self.slowness, self.pace, self.scenario,
+            self.weight, self.gradient, self.gains,
         )  # fmt: skip
         return self.gains.reshape(self.cells, self.units).astype(np.float64)

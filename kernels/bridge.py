@@ -41,7 +41,7 @@ def _between(
             for _ in range(2):
                 if hit == 1:
                     hit, x_end, y_end, _p, _e = first_crossing(x, y, move_lon, move_lat, coast)
-                    # If it hits, keep to the line, which met no coast but may touch one where it is rounded.
+                    # If it hits, keep to the line. That met no coast, but may touch one where it is rounded.
                     move_lon, move_lat = line_lon, line_lat
             lon[i], lat[i] = x_end, y_end
         else:
@@ -60,8 +60,8 @@ def between(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (lon, lat) [binary angle], shape (n,), at a share of the way from begin to end, in water.
 
-    spread [m]: standard deviation there, a component; 0 keeps to the straight line. slot: of each in the whole run, (n,),
-    with moment the key of its noise.
+    spread [m]: standard deviation of a component there; 0 keeps to the straight line. slot: of each in the whole run,
+    (n,); slot and moment are the key of its noise.
     """
     lon, lat = begin[0].copy(), begin[1].copy()
     arrays = (lon, lat, *end, share.astype(np.float32), spread.astype(np.float32), slot.astype(np.int32))

@@ -1,4 +1,6 @@
-"""Where a step first touches the coast, and whether a point is in the water: exact integer geometry on geo.coast.edges's grid.
+"""Where a step first touches the coast, and whether a point is in the water.
+
+The geometry is in exact integers, on the grid of geo.coast.edges.
 
 Steps and shoreline edges are straight lines between lattice points of binary-angle lon-lat. Signs of determinants are
 taken in 64-bit integers, so no answer depends on rounding; steps and edges must be shorter than 2**29 units (45
@@ -55,10 +57,11 @@ def open_sea() -> DeviceCoast:
 
 @ti.func
 def is_wet(lon, lat, coast: ti.template()):
-    """1 if a point [binary angles] lies in the water of a `Coast`: parity of the edges between it and its cell's reference point.
+    """Return 1 if a point [binary angles] lies in the water of a `Coast`, else 0.
 
-    An end of an edge on the line from the reference to the point counts as right of it (half-open), so a line through
-    a vertex crosses once or not at all.
+    The edges between the point and the reference point of its cell are counted: if their number is odd, the two lie on
+    different sides of the shore. An end of an edge on the line from the reference to the point counts as right of it
+    (half-open), so a line through a vertex crosses once or not at all.
     """
     cell, start, edge = ti.static(coast.cell, coast.start, coast.edges)
     frame = coast.frame
@@ -96,7 +99,7 @@ def is_wet(lon, lat, coast: ti.template()):
 
 @ti.func
 def _fraction(sx, sy, ax, ay, bx, by):
-    """Where the step (0, 0)-(sx, sy) first touches the edge A-B, in 2**-30 of the step; NEVER if it doesn't."""
+    """Return where the step (0, 0)-(sx, sy) first touches the edge A-B, in 2**-30 of it; NEVER if it doesn't."""
     at = NEVER
     side_a = sx * ay - sy * ax
     side_b = sx * by - sy * bx
@@ -124,9 +127,9 @@ def _fraction(sx, sy, ax, ay, bx, by):
 
 @ti.func
 def _first(lon, lat, sx, sy, coast: ti.template()):
-    """(fraction in 2**-30, listed edge) of the first touch of a step, over the cells that it goes through.
+    """Return (fraction in 2**-30, listed edge) of a step's first touch, over the cells that it goes through.
 
-    Row by row: in each row, the columns between where the step enters and leaves it.
+    The cells are visited row by row: in each row, the columns between where the step enters and leaves it.
     """
     start, edge = ti.static(coast.start, coast.edges)
     frame = coast.frame
@@ -173,21 +176,24 @@ def _first(lon, lat, sx, sy, coast: ti.template()):
 
 @ti.func
 def is_clear(lon, lat, reach, coast: ti.template()):
-    """1 if no move of at most `reach` units along each axis can meet the coast: one look-up in a cell's byte."""
+    """Return 1 if no move of at most `reach` units along each axis can meet the coast.
+
+    This costs one look-up of a cell's byte.
+    """
     frame = coast.frame
     clear = reach == 0
     column = ti.cast(ti.bit_shr(ti.cast(lon - frame[0], ti.u32), frame[2]), ti.i32)
     row = ti.cast((ti.cast(lat, ti.i64) - frame[1]) >> frame[2], ti.i32)
     if column < frame[3] and row >= 0 and row < frame[4]:
         away = ti.cast(coast.cell[row * frame[3] + column], ti.i32) & 127
-        # From anywhere in a cell, a move of k whole cells' width ends at most k cells away, where k < away is clear.
+        # A move of k cells' width ends at most k cells away, wherever in the cell it begins; k < away is clear.
         clear = clear or reach <= (away - 1) << frame[2]
     return clear
 
 
 @ti.func
 def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
-    """(hit, lon, lat, fraction, edge_id): the end of a step (dlon, dlat) that starts in water [binary angles].
+    """Return (hit, lon, lat, fraction, edge_id): how a step (dlon, dlat) from water ends [binary angles].
 
     Without a hit: (0, where the step leads, 1.0, -1). With one: the last lattice point in water before the crossing
     (verified: the way to it touches no edge; at worst the start), the crossing's fraction of the step, and the number
@@ -223,7 +229,7 @@ def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
                 if along <= 0:
                     along = 0
                     seeking = 0
-                # Round towards the start; the point may still lie across an edge, so it is tested as a step itself.
+                # Round towards the start. The point may still lie across an edge, so the way to it is tested as a step.
                 sx = ti.cast(abs(dlon), ti.i64) * along // reach
                 sy = ti.cast(abs(dlat), ti.i64) * along // reach
                 if dlon < 0:
@@ -289,7 +295,10 @@ def wet(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 
 
 def meets(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray, dlat: np.ndarray) -> np.ndarray:
-    """Return at which fraction steps from wet points [binary angles], shape (n,), first touch the coast; inf of those that do not."""
+    """Return at which fraction steps from wet points first touch the coast; inf for those that do not.
+
+    Points and steps are binary angles of shape (n,).
+    """
     steps = [np.ascontiguousarray(a, np.int32) for a in (lon, lat, dlon, dlat)]
     fraction = np.full(steps[0].size, np.inf, np.float32)
     if fraction.size:

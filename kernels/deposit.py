@@ -1,4 +1,7 @@
-"""Weights of particles to the cells of a lon-lat grid, in fixed point: the same bits in any order, on any thread."""
+"""Weights of particles to the cells of a lon-lat grid, summed in fixed point.
+
+The sums have the same bits in any order and on any thread.
+"""
 
 from typing import Any
 

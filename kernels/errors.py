@@ -1,4 +1,4 @@
-"""What chance does to a step: errors of the forcing that forget themselves, a random walk, and jibes."""
+"""What chance does to a step: errors of the forcing that decorrelate in time, a random walk, and jibes."""
 
 import taichi as ti
 
@@ -11,9 +11,10 @@ f32x4 = ti.types.vector(4, ti.f32)
 
 @ti.func
 def transition(old: f32x2, std: ti.f32, time: ti.f32, dt: ti.f32, normal: f32x2) -> f32x2:
-    """Return an Ornstein-Uhlenbeck process of standard deviation std and decorrelation time [s], dt [s] after it was `old`.
+    """Return an Ornstein-Uhlenbeck process dt [s] after it was `old`.
 
-    The transition is exact for any dt (Gillespie 1996, doi:10.1103/PhysRevE.54.2084, eq. 1.9).
+    Its standard deviation is std, its decorrelation time is `time` [s]. The transition is exact for any dt (Gillespie
+    1996, doi:10.1103/PhysRevE.54.2084, eq. 1.9).
     """
     keep = ti.exp(-dt / time)
     kick = std * ti.sqrt(1.0 - keep * keep)
@@ -22,9 +23,10 @@ def transition(old: f32x2, std: ti.f32, time: ti.f32, dt: ti.f32, normal: f32x2)
 
 @ti.func
 def jibed(rate: ti.f32, dt: ti.f32, uniform: ti.f32):
-    """Return whether an odd number of jibes at a rate [1/s] falls within dt [s]: independent of the length of the step.
+    """Return whether an odd number of jibes at a rate [1/s] falls within dt [s].
 
-    A Poisson number of mean m is odd with probability (1 - exp(-2 m)) / 2.
+    The law does not depend on how a time is cut into steps. A Poisson number of mean m is odd with probability
+    (1 - exp(-2 m)) / 2.
     """
     odd = 0.5 - 0.5 * ti.exp(-2.0 * rate * dt)
     return uniform < odd
@@ -32,9 +34,10 @@ def jibed(rate: ti.f32, dt: ti.f32, uniform: ti.f32):
 
 @ti.func
 def walked(walk: f32x2, c: ti.f32, s: ti.f32) -> f32x2:
-    """Return (dlon, dlat) [binary angle units] of a random walk (east, north) [m] from a latitude of cosine c and sine s.
+    """Return (dlon, dlat) [binary angle units] of a random walk (east, north) [m].
 
-    The exponential map to second order: without its last term a walk drifts poleward by D tan(lat) / R.
+    c, s: cosine and sine of the latitude where it begins. This is the exponential map to second order: without its last
+    term a walk drifts poleward by D tan(lat) / R.
     """
     unit = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
     dlat = (walk[1] - walk[0] * walk[0] * s / c * ti.f32(0.5 / sphere.RADIUS)) * unit
@@ -52,7 +55,7 @@ def draw(
     step: ti.i32,
     dt: ti.f32,
 ):
-    """Return (error, walk) of particle i over dt [s] of a lattice step, and move its own errors and its side on to the step's end.
+    """Return (error, walk) of particle i over dt [s] of a lattice step, and update its errors and its side.
 
     error: of current and wind, east and north [m/s], the mean of those at begin and end of the step; walk: east and
     north [m]. own, physics, terms: see kernels.advance; slot: the particle's in the whole run, the key of its noise.
@@ -62,7 +65,7 @@ def draw(
         w = noise.words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
         if ti.static(features & DIFFUSION):
             walk = noise.normals(w[0], w[1]) * ti.sqrt(2.0 * physics.diffusivity * dt)
-            if ti.static(features & DEBRIS):  # shares the errors of the forcing with its object, no more
+            if ti.static(features & DEBRIS):  # debris shares only the errors of the forcing with the object
                 v = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
                 walk = noise.normals(v[0], v[1]) * ti.sqrt(2.0 * physics.diffusivity * dt)
         if ti.static(features & ERRORS):

@@ -1,4 +1,7 @@
-"""What a step may hold, as bits of a number that is known when a kernel is compiled: what is not asked for is not compiled."""
+"""What a step may include, as bits of a number that is known when a kernel is compiled.
+
+What is not asked for is not compiled.
+"""
 
 CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4, BIAS, SINK, REFLOAT, SLIDE, DIVERGENCE, DEBRIS = (
     1 << k for k in range(14)

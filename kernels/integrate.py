@@ -1,16 +1,17 @@
-"""A step along a field of velocity, by an explicit Runge-Kutta scheme in lon and lat, and the field's divergence.
+"""A step along a field of velocity by an explicit Runge-Kutta scheme, and the field's divergence.
+
+The step is taken in lon and lat.
 
 A velocity is a `ti.func` (features, sea, own, lon, lat, fraction) -> (east, north, valid) [m/s], as
-`kernels.velocity.drift` is:
-features: what it is compiled for; sea: kernels.sample.Sea; own: what of the particle it depends on; lon, lat [binary
-angle]; fraction: of the lattice step.
+`kernels.velocity.drift` is. features: what it is compiled for; sea: kernels.sample.Sea; own: what of the particle it
+depends on; lon, lat [binary angle]; fraction: of the lattice step.
 """
 
 import taichi as ti
 
 from kernels import sphere
 
-ASIDE = 200.0  # [m] across which a divergence is measured, to either side
+ASIDE = 200.0  # [m] to either side, the distance over which a divergence is measured
 
 # Where each stage stands in the step, and its part of the sum. A stage starts along the velocity of the one before.
 MIDPOINT = ((0.0, 1 / 2), (0.0, 1.0))
@@ -25,7 +26,7 @@ def tableau(scheme: ti.template(), stage: ti.i32) -> f32x2:
     """Return where a stage of a scheme stands in the step, and its part of the sum."""
     at, part = ti.cast(scheme[0][0], ti.f32), ti.cast(scheme[1][0], ti.f32)
     for k in ti.static(range(1, len(scheme[0]))):
-        # Only where an entry differs from the one before: a comparison for each stage costs 3 % of a step.
+        # Compare only where an entry differs from the one before: a comparison for each stage costs 3 % of a step.
         if ti.static(scheme[0][k] != scheme[0][k - 1] or scheme[1][k] != scheme[1][k - 1]):
             if stage >= k:
                 at, part = scheme[0][k], scheme[1][k]
@@ -49,20 +50,22 @@ def integrate(
     share: ti.f32,
     off: f32x2,
 ) -> f32x4:
-    """Return (dlon, dlat, valid, sets off) [binary angle units] over dt [s, signed], a share of the step from `begin` on.
+    """Return (dlon, dlat, valid, sets off) [binary angle units] over dt [s, signed].
+
+    dt is a share of the lattice step, from `begin` on.
 
     scheme: MIDPOINT, of order 2, or CLASSICAL, of order 4 (Kutta 1901), in the coordinates lon and lat themselves:
     stages of east and north metres, added up and wrapped afterwards, would be of first order. c0, s0: cosine and sine
-    of lat. Where a stage finds no forcing, valid is 0 and the way is that of the last stage that did: where the coast
-    may still stop it.
+    of lat. Where a stage finds no forcing, valid is 0 and the displacement is that of the last stage that found some:
+    the coast may still stop the particle on the way.
 
-    beached: whether a particle may lie on a beach; then off (east, north) leads off it, as long as the drift has to do
-    so to set the particle off, and is zero for a particle that is afloat. Where it does not set off, the way means
-    nothing.
+    beached: whether a particle may lie on a beach. Then `off` (east, north) points off the beach, and the particle sets
+    off only if the drift has a component along it; `off` is zero for a particle that is afloat. If the particle does
+    not set off, the displacement means nothing.
     """
     scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
     dlon, dlat, sum_lon, sum_lat, valid, sets_off = 0.0, 0.0, 0.0, 0.0, 1.0, 1.0
-    # A loop at run time: unrolled it compiles three times as long and runs no faster.
+    # The loop runs at run time: unrolled it takes three times as long to compile and runs no faster.
     for stage in range(ti.static(len(scheme[0]))):
         at, part = tableau(scheme, stage)
         d = at * dlat * ti.f32(sphere.UNIT)
@@ -94,11 +97,14 @@ def divergence(
     lat: ti.i32,
     fraction: ti.f32,
 ) -> ti.f32:
-    """Return the divergence [1/s] of a velocity on the sphere, by central differences; 0 where a side has no forcing."""
+    """Return the divergence [1/s] of a velocity on the sphere; 0 where a side has no forcing.
+
+    It is taken by central differences.
+    """
     c, s = sphere.cos_lat(lat), sphere.sin_lat(lat)
     dx = ti.cast(ASIDE / (c * ti.f32(sphere.RADIUS * sphere.UNIT)), ti.i32)
     dy = ti.cast(ASIDE / (sphere.RADIUS * sphere.UNIT), ti.i32)
-    # east, west, north, south: sides that are left or up count +1
+    # The sides are east, west, north and south; east and north count +1, the others -1.
     total, valid, north = 0.0, 1.0, 0.0
     for side in range(4):
         sign = 1 - 2 * (side & 1)

@@ -1,8 +1,9 @@
-"""Arguments of kernels in groups, and a kernel with its arguments set once, to be launched again and again: Taichi looks at all of
-them anew at every launch, which takes longer than a step of some thousand particles.
+"""Arguments of kernels in groups, and a kernel with its arguments set once, to be launched again and again.
 
-It leans on what Taichi 1.7.4 does inside (kernel_impl.Kernel.launch_kernel); elsewhere than on a CPU it launches as
-Taichi does.
+Taichi looks at all arguments anew at every launch, which takes longer than a step of some thousand particles.
+
+This module relies on how Taichi 1.7.4 works inside (kernel_impl.Kernel.launch_kernel). On any backend but the CPU it
+launches as Taichi does.
 """
 
 from collections.abc import Callable
@@ -26,7 +27,10 @@ _known: dict[tuple, tuple[Any, Any]] = {}
 
 
 class Pack(ArgPack):
-    """A group of a kernel's arguments, made in a fraction of the time that Taichi's own takes: that makes a class of each."""
+    """A group of a kernel's arguments, made in a fraction of the time that Taichi's own takes.
+
+    Taichi makes a new class for each.
+    """
 
     def __init__(self, kind: ArgPackType, members: dict[str, Any]) -> None:
         """Write what is no array to the device; arrays are handed over at the launch."""
@@ -40,7 +44,9 @@ class Pack(ArgPack):
 
 
 def pack(kind: ArgPackType, *values: Any) -> Pack:
-    """Return a group of arguments of a kind (`ti.types.argpack`), in the order of its members; it keeps its arrays alive.
+    """Return a group of arguments of a kind (`ti.types.argpack`), in the order of its members.
+
+    It keeps its arrays alive.
 
     Numbers in it cost 12 us and some 30 bytes that Taichi never gives back: what is packed for each ensemble holds
     none. Taichi 1.7.4 knows the members by their names alone: two groups of one kernel must not share one, nor may the
@@ -50,10 +56,10 @@ def pack(kind: ArgPackType, *values: Any) -> Pack:
 
 
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
-    """Return a function that launches a kernel with these arguments, but for whole numbers named in `changing`, which it takes.
+    """Return a function that launches a kernel with these arguments.
 
-    Arrays are `ti.Ndarray`s, and stay alive as long as the function does, alone or in a `pack`; a structure comes as a
-    dict.
+    The function takes the whole numbers named in `changing`; all other arguments stay as they are. Arrays are
+    `ti.Ndarray`s, and stay alive as long as the function does, alone or in a `pack`; a structure comes as a dict.
     """
     primal = kernel._primal
     names = [argument.name for argument in primal.arguments]
@@ -71,8 +77,8 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
     each = zip(primal.arguments, args, strict=True)
     key = (primal, *(value for argument, value in each if isinstance(argument.annotation, template)))
     if key not in _known:
-        made = primal.compiled_kernels[primal.ensure_compiled(*_structured(primal, args))]
-        _known[key] = made, program.compile_kernel(program.config(), program.get_device_caps(), made)
+        compiled = primal.compiled_kernels[primal.ensure_compiled(*_structured(primal, args))]
+        _known[key] = compiled, program.compile_kernel(program.config(), program.get_device_caps(), compiled)
     compiled, code = _known[key]
     context = compiled.make_launch_context()
     real = [(a, v) for a, v in zip(primal.arguments, args, strict=True) if not isinstance(a.annotation, template)]
@@ -91,7 +97,7 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
     slots = [(next(k for k, (a, _) in enumerate(real) if a.name == name),) for name in changing]
 
     def launch_bound(*values: int, kept: tuple = args) -> None:
-        for slot, array in arrays:  # each time: a launch turns them into addresses
+        for slot, array in arrays:  # set anew each time: a launch turns arrays into addresses
             context.set_arg_ndarray(slot, array)
         for slot, value in zip(slots, values, strict=True):
             context.set_arg_int(slot, value)

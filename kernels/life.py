@@ -1,4 +1,4 @@
-"""A particle's life: its states, and what of a step it moves, before the step is made and after.
+"""A particle's life: its states, and during which part of a step it moves.
 
 Times are whole seconds after the run's start, also of a run backward in time. A particle waits for its release, drifts,
 and ends ashore, outside of the forcing, outside of the domain or sunk; what refloats goes on from the beach.
@@ -14,11 +14,12 @@ LONGEST = 2.0e9  # [s] longest wait on a beach that whole seconds can hold
 
 @ti.func
 def ahead(status: ti.i32, release: ti.i32, due: ti.i32, sink_time: ti.i32, elapsed: ti.i32, duration: ti.i32):
-    """Return (moves, left, finish) of the step that begins at `elapsed`: whether a particle moves in it, from when to when [s].
+    """Return (moves, left, finish) of the step that begins at `elapsed`, before the step is made.
 
-    due: when its wait on the beach ends, `NEVER` where nothing refloats; sink_time: when it sinks, `NEVER` where
-    nothing does. A particle that is already to sink when it would begin to move has finish equal to left: adrift it
-    sinks there and then, on the beach it stays, waterlogged.
+    moves: whether the particle moves in it; left, finish: from when to when [s]. due: when its wait on the beach ends,
+    `NEVER` where nothing refloats; sink_time: when it sinks, `NEVER` where nothing sinks. A particle whose time to sink
+    comes before it would begin to move has finish equal to left: adrift it sinks at once; on the beach it stays,
+    waterlogged.
     """
     end = elapsed + duration
     begins = release
@@ -38,11 +39,11 @@ def ahead(status: ti.i32, release: ti.i32, due: ti.i32, sink_time: ti.i32, elaps
 def behind(
     status: ti.i32, release: ti.i32, status_since: ti.i32, moving_since: ti.i32, elapsed: ti.i32, duration: ti.i32
 ):
-    """Return (seen, left, finish, gone) of the step that has just been made, begun at `elapsed` [s]; not for what is pending.
+    """Return (seen, left, finish, gone) [s] of the step just made, which began at `elapsed`.
 
-    The particle was there to be seen from `seen` until `gone`, and moved straight from `left` to `finish`: not before
-    its release, nor before it refloated (`moving_since`), nor after it ended (`status_since`). What lies ashore is
-    still there to be seen.
+    Pending particles are not allowed. The particle was there to be seen from `seen` until `gone`, and moved straight
+    from `left` to `finish`: not before its release, nor before it refloated (`moving_since`), nor after it ended
+    (`status_since`). What lies ashore is still there to be seen.
     """
     finish = elapsed + duration
     gone = finish
@@ -59,9 +60,10 @@ def behind(
 
 @ti.func
 def refloats(status_since: ti.i32, uniform: ti.f32, stay: ti.f32) -> ti.i32:
-    """Return when [s] the wait of a particle on the beach ends that went ashore at `status_since`: exponential of mean `stay` [s].
+    """Return when [s] a particle that went ashore at `status_since` is afloat again.
 
-    uniform: a number in (0, 1) of this landing, so that no step draws the wait anew.
+    The wait on the beach is exponential of mean `stay` [s]. uniform: a number in (0, 1) of this landing, so that no
+    step draws the wait anew.
     """
     wait = ti.min(-ti.log(uniform) * stay, LONGEST)
     return status_since + ti.cast(ti.min(wait, LONGEST - ti.cast(status_since, ti.f32)), ti.i32)

@@ -1,8 +1,8 @@
 """Random numbers as a function of (seed, stream, slot, step): Philox-4x32-10.
 
 Salmon, Moraes, Dror and Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3", doi:10.1145/2063384.2063405.
-No state: the same call gives the same bits on any thread, in any order, in any shard. The integer stream is the same on
-every backend; normals differ between backends in the last bits of log, sin and cos.
+There is no state: the same call gives the same bits on any thread, in any order, in any shard. The integer stream is
+the same on every backend; normals differ between backends in the last bits of log, sin and cos.
 """
 
 import enum
@@ -20,7 +20,7 @@ STREAM_BRIDGE = 6
 STREAM_COAST = 7
 STREAM_REFLOAT = 8
 STREAM_RELEASE = 9
-STREAM_DEBRIS = 16  # and on, one a class
+STREAM_DEBRIS = 16  # the first of many: each class of debris has its own
 
 u32x4 = ti.types.vector(4, ti.u32)
 f32x2 = ti.types.vector(2, ti.f32)
@@ -51,7 +51,7 @@ def words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i
 
 @ti.func
 def uniform(word: ti.u32) -> ti.f32:
-    """Return a uniform number in (0, 1), never 0 and never 1: 23 bits and a half."""
+    """Return a uniform number in (0, 1), never 0 and never 1: the middle of one of 2**23 equal intervals."""
     return (ti.cast(word >> ti.u32(9), ti.f32) + 0.5) * (1.0 / 8388608.0)
 
 
@@ -61,8 +61,8 @@ def normals(a: ti.u32, b: ti.u32) -> f32x2:
     r = ti.sqrt(-ti.log(uniform(a)))  # sqrt(-2 log u), times the diagonal's sqrt(1/2)
     t = 4.0 * uniform(b)
     quadrant = ti.cast(t, ti.i32)
-    # Cosine and sine of the angle from the quadrant's diagonal, at most 45 degrees, by their series: error 3e-8, no
-    # call of libm, and so the same on every backend.
+    # Cosine and sine of the angle from the quadrant's diagonal, at most 45 degrees, come from their series, with an
+    # error of 3e-8: without a call of libm they are the same on every backend.
     x = (t - ti.cast(quadrant, ti.f32) - 0.5) * 1.5707963267948966
     y = x * x
     c = 1.0 - y * (1 / 2 - y * (1 / 24 - y * (1 / 720 - y * (1 / 40320))))
@@ -91,15 +91,15 @@ class Purpose(enum.IntEnum):
     BACKWARD = 10  # particles of a backward run, in the kernels
     BACKWARD_PLACES = 11  # where and when they begin
     BACKWARD_WORLDS = 12
-    BACKWARD_PRIOR = 13  # releases of which the prior's map is made
+    BACKWARD_PRIOR = 13  # releases from which the prior's map is made
 
 
 def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:
     """Return the seed (0 <= seed < 2**64) of a purpose, from that of a case or of another purpose.
 
-    The particles of a run keep the run's own seed. Any other purpose has a hash of seed, purpose and number (0 <= number
-    < 2**32), so that no two of them draw the same numbers, whatever seeds users choose: two equal hashes are as likely
-    as two equal random numbers of 64 bits.
+    The particles of a run keep the run's own seed. Any other purpose has a hash of seed, purpose and number
+    (0 <= number < 2**32), so that no two of them draw the same numbers, whatever seeds users choose: two equal hashes
+    are as likely as two equal random numbers of 64 bits.
     """
     if purpose == Purpose.RUN:
         return seed
@@ -107,7 +107,10 @@ def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:
 
 
 def _mixed(word: int) -> int:
-    """Return a word of 64 bits with its bits mixed: one step of SplitMix64 (Steele et al. 2014, doi:10.1145/2660193.2660195)."""
+    """Return a word of 64 bits with its bits mixed: one step of SplitMix64.
+
+    Steele et al. 2014, doi:10.1145/2660193.2660195.
+    """
     word = (word + 0x9E3779B97F4A7C15) % 2**64
     word = (word ^ word >> 30) * 0xBF58476D1CE4E5B9 % 2**64
     word = (word ^ word >> 27) * 0x94D049BB133111EB % 2**64
@@ -123,6 +126,9 @@ def key(seed: int, purpose: Purpose = Purpose.RUN, number: int = 0) -> tuple[int
 def generator(
     seed: int, purpose: Purpose = Purpose.RUN, number: int = 0, event: tuple[int, int] = (0, 0)
 ) -> np.random.Generator:
-    """Return random numbers on the host for a purpose: NumPy's Philox-4x64-10, from the counter (0, 0, *event) on."""
+    """Return a generator of random numbers on the host for a purpose.
+
+    It is NumPy's Philox-4x64-10, started at the counter (0, 0, *event).
+    """
     own = seed_for(seed, purpose, number)
     return np.random.Generator(np.random.Philox(key=own, counter=[0, 0, *event]))

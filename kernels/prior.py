@@ -3,7 +3,7 @@
 Each slot tries up to TRIES candidates of its own random stream and keeps the first that lies in water: the prior
 conditioned on water. How many candidates were drawn tells the share of the prior that lay on land.
 
-first, last: the slots, from the first to before the last; number: of the first in the whole run, by which noise goes.
+first, last: the slots, from the first to before the last; number: of the first in the whole run, the key of its noise.
 """
 
 import taichi as ti
@@ -12,7 +12,7 @@ from kernels import noise, sphere
 from kernels.coast import Coast, Ints, Reals, is_wet
 
 TRIES = 4096  # a prior with less than 1 % of water still fails with probability 1e-18 only
-REDRAWS = 64  # of a slope: at least half of all draws pass, so that all fail with probability 2**-64 at most
+REDRAWS = 64  # draws of a slope: at least half of all draws pass, so that all fail with probability 2**-64 at most
 LINES = 3  # leeway lines of an object: the first draw of line k is number k of its stream, the next one k + LINES
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -21,7 +21,10 @@ I64s = ti.types.ndarray(dtype=ti.i64, ndim=1)
 
 @ti.func
 def _wrapped_normal(lon: ti.i32, lat: ti.i32, n: f32x2, major: ti.f32, minor: ti.f32, orientation: ti.f32):
-    """Return a position displaced by a bivariate normal in the tangent plane, major axis clockwise from north [rad]."""
+    """Return a position displaced by a bivariate normal in the tangent plane.
+
+    orientation: of the major axis, clockwise from north [rad].
+    """
     along, across = major * n[0], minor * n[1]
     s, c = ti.sin(orientation), ti.cos(orientation)
     return sphere.exponential(lon, lat, along * s + across * c, along * c - across * s)
@@ -76,7 +79,10 @@ def draw_position(
 
 @ti.func
 def _inside(lon: ti.i32, lat: ti.i32, west: ti.i32, vertices: ti.template()):
-    """Return 1 inside a polygon of vertices [lon0, lat0, lon1, ...] by crossing number, exact in 64-bit integers."""
+    """Return 1 inside a polygon of vertices [lon0, lat0, lon1, ...], else 0.
+
+    It counts crossings, exactly, in 64-bit integers.
+    """
     n = vertices.shape[0] // 2
     x, y = ti.cast(ti.cast(lon - west, ti.u32), ti.i64), ti.cast(lat, ti.i64)
     odd = 0
@@ -112,7 +118,9 @@ def draw_area(
     broadest: ti.f32,
     coast: Coast,
 ):
-    """Draw positions uniform in true area inside a polygon whose sides are straight in lon-lat (parallels stay so).
+    """Draw positions uniform in true area inside a polygon.
+
+    The polygon's sides are straight in lon-lat, so that parallels stay parallels.
 
     west, south, width, height: its bounding box [binary angle]; broadest: the largest cos(lat) in it. tries[0] counts
     the candidates inside the polygon, tries[1] the slots that found no water.
@@ -159,12 +167,12 @@ def draw_trackline(
     voyage: ti.f32,
     coast: Coast,
 ):
-    """Draw a share of the voyage done at the time of distress, the place on the track there, and a cross-track error.
+    """Draw the share of the voyage done at the time of distress, and the place on the track there.
 
-    points [lon0, lat0, ...]: begins of short great-circle pieces; courses [rad], lengths [m] and ends (share of the
-    voyage done at the piece's end), one a piece. The share is uniform over [earliest, latest], or triangular with its
-    peak at mode if mode >= 0. release [s after start] = departure + share * voyage. cross_track: standard deviation
-    [m].
+    The place gets a cross-track error. points [lon0, lat0, ...]: begins of short great-circle pieces; courses [rad],
+    lengths [m] and ends (share of the voyage done at the piece's end), one a piece. The share is uniform over
+    [earliest, latest], or triangular with its peak at mode if mode >= 0. release [s after start] = departure + share *
+    voyage. cross_track: standard deviation [m].
     """
     for i in range(first, last):
         found = 0
@@ -240,7 +248,7 @@ def draw_object(
 
     So the standard deviation at wind speed W is slope_std W + offset_std (Breivik and Allen 2008,
     doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn anew with its offset, which cuts the normal law
-    there (docs/leeway.md). No more than half of it may lie below: what fails REDRAWS times is given `least` itself.
+    there (docs/leeway.md). No more than half of the law may lie below. A slope that fails REDRAWS times is `least`.
     """
     for i in range(first, last):
         own, n = least, (least - mean_slope) / ti.max(slope_std, 1e-30)
@@ -275,7 +283,10 @@ def draw_error(
     seed1: ti.u32,
     std: ti.f32,
 ):
-    """Draw errors [m/s] from their law, normal with `std` a component: of current (which = 0), wind (1), bias of the current (2)."""
+    """Draw errors [m/s], normal with standard deviation `std` a component.
+
+    which: 0 for errors of the current, 1 for errors of the wind, 2 for biases of the current.
+    """
     for i in range(first, last):
         w = noise.words(seed0, seed1, noise.STREAM_ERROR, number + i - first, which)
         n = noise.normals(w[0], w[1])
@@ -303,7 +314,9 @@ def draw_objects(
     lasting: ti.f32,
     coast: Coast,
 ):
-    """Draw the objects of worlds, per_world slots each: about the world's release [binary angle], from its time on.
+    """Draw the objects of worlds, per_world slots each, about the world's release [binary angle].
+
+    They are released from the time of the world's release on.
 
     scatter [m]: standard deviation of a component; lasting [s]: over which releases are uniform. tries[0] += candidates
     drawn, tries[1] += slots that found no water and lie at their world's release itself.
@@ -341,7 +354,10 @@ def draw_immersion(
     high: ti.f32,
     ratio: ti.f32,
 ):
-    """Draw each object's immersion, uniform in [low, high], and write its slope ratio * sqrt((1 - I) / I) downwind."""
+    """Draw each object's immersion I, uniform in [low, high], and write its downwind slope.
+
+    The slope is ratio * sqrt((1 - I) / I).
+    """
     for i in range(first, last):
         w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -2)
         immersion = low + (high - low) * noise.uniform(w[0])
@@ -368,7 +384,9 @@ def draw_sinking(
     time: Reals,
     spread: ti.f32,
 ):
-    """Draw when each object sinks [s after start]: after a lognormal time of median time[world] [s], or by a hazard.
+    """Draw when each object sinks [s after start].
+
+    The time until then is lognormal, of median time[world] [s], or follows a constant hazard.
 
     spread: standard deviation of the time's logarithm; 0 for a hazard of half-life time[world]. Infinite: never.
     """

@@ -1,4 +1,4 @@
-"""What rectangles that are searched by parallel sweeps find of moving particles, leg by leg left out.
+"""What rectangles that are searched by parallel sweeps find of moving particles, without their single legs.
 
 Swept laws: the legs are smeared out into a front that creeps across the rectangle. A particle is covered where the
 front passes it, with W / S times the creep's speed over the front's speed past the particle: what drifts along with the
@@ -14,9 +14,8 @@ import taichi as ti
 from kernels.allocate import HostInts, HostReals, look
 
 BLOCK = 256
-PARAMETERS = (
-    9  # of a rectangle: x, y, sine and cosine of the orientation, length, width, start, duration, side of the creep
-)
+# Numbers of a rectangle: x, y, sine and cosine of the orientation, length, width, start, duration, side of the creep.
+PARAMETERS = 9
 FULL = 8.0  # coverage beyond which more is not counted
 
 
@@ -50,7 +49,7 @@ def _cover(
                 a0, a1 = ax * sin + ay * cos, bx * sin + by * cos
                 q0, q1 = side * (ax * cos - ay * sin), side * (bx * cos - by * sin)
                 if ti.static(random):
-                    # The part of the way inside: both slabs.
+                    # The part of the way inside the rectangle lies in both of its slabs.
                     low, high = 0.0, 1.0
                     for d in ti.static(range(2)):
                         u, v, h = a0, a1, half
@@ -149,7 +148,9 @@ def gains(
     particles: Swarm, random: bool, rectangle: np.ndarray, coverage: np.ndarray, factor: np.ndarray, step: float,
     curve: np.ndarray, before: np.ndarray, later: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Return what each rectangle finds, the sum of before * (worth - later) * b over particles and nodes, float64 (c,).
+    """Return what each rectangle finds, float64 (c,).
+
+    This is the sum of before * (worth - later) * b over particles and nodes.
 
     rectangle: (c, PARAMETERS), SI; coverage: (c, scenarios) of its pattern; factor: of the sweep width at each node;
     curve: b at multiples of a step of coverage; before, later: (m, nodes), the weight that is left, and what it will
@@ -168,7 +169,10 @@ def found(
     particles: Swarm, random: bool, rectangle: np.ndarray, coverage: np.ndarray, factor: np.ndarray, step: float,
     curve: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return b for each particle and node, float32 (m, nodes), and what finding it then is worth, (m,), of one rectangle."""
+    """Return what one rectangle finds of each particle.
+
+    The results are b for each particle and node, float32 (m, nodes), and what finding the particle then is worth, (m,).
+    """
     m = particles.scenario.shape[0]
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
     arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, coverage, factor)]

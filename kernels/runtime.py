@@ -1,4 +1,4 @@
-"""Start Taichi once, on the backend asked for; let one thread at a time use it; move arrays between host and device.
+"""Start Taichi once, let one thread at a time use it, and move arrays between host and device.
 
 `ti.init` wipes every array of the process, so a process keeps the backend that it started with.
 """
@@ -41,7 +41,10 @@ def alone() -> Iterator[None]:
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use: of the machine, its affinity, its container's quota."""
+    """Return the number of cores that this process may use.
+
+    That is the least of the machine's, its affinity's and its container's quota.
+    """
     try:
         count = len(os.sched_getaffinity(0))
     except (AttributeError, OSError):  # macOS and Windows know no affinity
@@ -51,7 +54,10 @@ def cores() -> int:
 
 
 def _quota() -> float | None:
-    """Return the cores' worth of time that the container grants (Linux control groups, version 2 or 1), None without one."""
+    """Return the cores' worth of time that the container grants, None without a limit.
+
+    Reads Linux control groups, version 2 or 1.
+    """
     for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
         try:
             granted, period = " ".join((CGROUPS / name).read_text() for name in names).split()
@@ -63,7 +69,9 @@ def _quota() -> float | None:
 
 
 def start(backend: str = "cpu", threads: int | None = None) -> None:
-    """Start Taichi on a backend with a number of CPU threads (default and most: `cores()`); once started, keep it.
+    """Start Taichi on a backend with a number of CPU threads; once started, keep it.
+
+    threads: `cores()` by default and at most.
 
     Raises UserError when the backend is unknown or this machine lacks it, when another one runs already, or on a
     graphics card from another thread than the one that started it.
@@ -79,15 +87,15 @@ def start(backend: str = "cpu", threads: int | None = None) -> None:
             return
         try:
             with contextlib.redirect_stdout(io.StringIO()):
-                # fast_math reorders sums, so that results would hang on the compiler; it saves 3 to 10 %.
+                # fast_math reorders sums, so that results would depend on the compiler; it would save 3 to 10 %.
                 ti.init(
                     arch=BACKENDS[backend],
                     enable_fallback=False,
                     default_fp=ti.f32,
                     default_ip=ti.i32,
                     fast_math=False,
-                    # What it finds in a kernel the machine's compiler finds again; it takes the square of the kernel's
-                    # length.
+                    # The machine's compiler finds again whatever this pass finds in a kernel, and the pass takes time
+                    # in proportion to the square of the kernel's length.
                     cfg_optimization=False,
                     log_level=ti.ERROR,
                     offline_cache=True,
@@ -98,7 +106,8 @@ def start(backend: str = "cpu", threads: int | None = None) -> None:
                 impl.get_runtime().materialize()
         except Exception as error:
             raise UserError(
-                f"--backend: {backend!r} is not available on this machine ({str(error).splitlines()[0]}); use --backend cpu"
+                f"--backend: {backend!r} is not available on this machine ({str(error).splitlines()[0]}); "
+                "use --backend cpu"
             ) from error
         _started.update(backend=backend, threads=count, thread=threading.get_ident())
 
@@ -112,8 +121,8 @@ def _check_same(backend: str, threads: int | None) -> None:
         )
     if backend != "cpu" and threading.get_ident() != _started["thread"]:
         raise UserError(
-            f"--backend {backend}: a graphics card serves the thread that started it, and this is another one of the same "
-            "program; run all cases from one thread, or with --backend cpu"
+            f"--backend {backend}: a graphics card serves the thread that started it, and this is another one of the "
+            "same program; run all cases from one thread, or with --backend cpu"
         )
 
 
@@ -123,10 +132,12 @@ def backend() -> str:
 
 
 class Column(ti.ScalarNdarray):
-    """A device array of scalars, which a CPU reads and writes where it lies: Taichi launches a kernel for each copy.
+    """A device array of scalars, which on a CPU is read and written where it lies.
 
-    Made without the trace of the caller that Taichi's own keeps for its messages: that takes most of the time it takes
-    to make one.
+    Taichi would launch a kernel for each copy.
+
+    It is made without the trace of the caller that Taichi's own array keeps for its messages: the trace takes most of
+    the time of making one.
     """
 
     def __init__(self, dtype, n: int) -> None:
@@ -144,7 +155,7 @@ class Column(ti.ScalarNdarray):
     def from_numpy(self, arr: np.ndarray) -> None:
         """Take up the values of a host array of the same shape and type."""
         if _started.get("backend") != "cpu" or arr.dtype != _NUMPY[self.dtype] or arr.shape != self.shape:
-            super().from_numpy(arr)  # which also says what is wrong with it
+            super().from_numpy(arr)  # it also says what is wrong with the array
         else:
             self._memory()[:] = arr
 
@@ -155,7 +166,10 @@ class Column(ti.ScalarNdarray):
 
 
 def _memory(array, n: int, kind: type) -> np.ndarray:
-    """Return n numbers of a device array where they lie in the memory of a CPU, which keeps them no longer than the array lives."""
+    """Return n numbers of a device array where they lie in the memory of a CPU.
+
+    The result does not keep the array alive, and must not be used after it.
+    """
     place = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(array)
     return np.frombuffer((kind * n).from_address(place), kind)
 
@@ -166,7 +180,9 @@ def empty(n: int, dtype=ti.f32) -> ti.Ndarray:
 
 
 def empty_nodes(n: int) -> ti.Ndarray:
-    """Return a zeroed device array of n vectors of four float32: one aligned fetch a node is worth 10 % of a step.
+    """Return a zeroed device array of n vectors of four float32.
+
+    One aligned fetch a node saves 10 % of the time of a step.
 
     Taichi 1.7.4 frees scalar ndarrays but forgets vector ones (ScalarNdarray has __del__, VectorNdarray has none).
     """
@@ -187,7 +203,10 @@ _KINDS = {kind: np.ctypeslib.as_ctypes_type(dtype) for kind, dtype in _NUMPY.ite
 
 
 def pairs(nodes: ti.Ndarray) -> np.ndarray | None:
-    """Return an array of `empty_nodes` where it lies, each node as two pairs of float32 in 64 bits (n, 2); None but on a CPU."""
+    """Return an array of `empty_nodes` where it lies, each node as two pairs of float32 in 64 bits (n, 2).
+
+    Return None on any backend but the CPU.
+    """
     n = nodes.shape[0]
     return _memory(nodes.arr, 2 * n, ctypes.c_int64).reshape(n, 2) if _started.get("backend") == "cpu" else None
 
@@ -209,5 +228,5 @@ def copy(values: ti.Ndarray) -> ti.Ndarray:
 
 
 def wait() -> None:
-    """Wait until the device has done all that was launched: for timing."""
+    """Wait until the device has done all that was launched; used for timing."""
     ti.sync()

@@ -1,4 +1,6 @@
-"""Current, wind and Stokes drift at a point: bilinear in space, linear in time, from several tiles by priority, or added.
+"""Current, wind and Stokes drift at a point, bilinear in space and linear in time.
+
+Several tiles answer by priority, or are added up.
 
 All tiles of a run lie in one flat array. A node holds four numbers side by side: (east, north) at the earlier and at
 the later of two times, so that one look-up fetches both. A missing value is NaN. The tiles of a quantity stand in
@@ -35,9 +37,10 @@ Sea = ti.types.argpack(
 
 @ti.func
 def sample(sea: ti.template(), first: ti.i32, last: ti.i32, lon: ti.i32, lat: ti.i32, fraction: ti.f32) -> f32x3:
-    """Return (east, north, valid): of each group in [first, last) the first tile that knows the point, added up.
+    """Return (east, north, valid), added up over the groups of tiles in [first, last).
 
-    sea: a `Sea`; fraction: of the step. first must begin a group, last end one.
+    Of each group the first tile that knows the point answers. sea: a `Sea`; fraction: of the step. first must begin a
+    group, last end one.
     """
     nodes, where, scale = ti.static(sea.nodes, sea.where, sea.scale)
     east, north, valid = 0.0, 0.0, 0.0
@@ -50,14 +53,14 @@ def sample(sea: ti.template(), first: ti.i32, last: ti.i32, lon: ti.i32, lat: ti
         x = ti.cast(ti.cast(lon - where[w + 1], ti.u32), ti.f32) * scale[s]
         y = ti.cast(ti.cast(lat - where[w + 2], ti.u32), ti.f32) * scale[s + 1]
         if x <= scale[s + 2] and y <= scale[s + 3]:
-            ix = ti.cast(ti.min(x, scale[s + 2] - 0.5), ti.i32)  # on the last node: the cell before it
+            ix = ti.cast(ti.min(x, scale[s + 2] - 0.5), ti.i32)  # the last node belongs to the cell before it
             iy = ti.cast(ti.min(y, scale[s + 3] - 0.5), ti.i32)
             fx, fy = x - ix, y - iy
             a = where[w] + iy * where[w + 3] + ix
             b = a + where[w + 3]
             lower = nodes[a] + fx * (nodes[a + 1] - nodes[a])
             upper = nodes[b] + fx * (nodes[b + 1] - nodes[b])
-            both = lower + fy * (upper - lower)
+            both = lower + fy * (upper - lower)  # (east, north) at the earlier and at the later time
             alpha = scale[s + 4] + scale[s + 5] * fraction
             u = both[0] + alpha * (both[2] - both[0])
             v = both[1] + alpha * (both[3] - both[1])

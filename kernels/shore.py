@@ -1,4 +1,4 @@
-"""What the shore does to a step: touches between its end points, the moment of landing, sliding along, refloating.
+"""What the shore does to a step: touches on the way, the time of landing, sliding along, refloating.
 
 Where a step meets the shore is exact (kernels.coast). What happens there is reckoned in float32 metres on the plane
 tangent at the particle, with the shore near it taken as a straight line.
@@ -21,7 +21,7 @@ f32x3 = ti.types.vector(3, ti.f32)
 
 @ti.func
 def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
-    """(distance, east, north) [m] of the nearest point of the shore from a point, searched within reach [m].
+    """Return (distance, east, north) [m] from a point to the nearest point of the shore, within reach [m].
 
     c: cosine of the latitude. A distance above reach says that there is none.
     """
@@ -59,7 +59,10 @@ def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
 
 @ti.func
 def facing(lon, lat, c, number, coast: ti.template()) -> f32x3:
-    """(distance [m], east, north) of a point from the straight line of an edge, and the unit normal on its side."""
+    """Return (distance [m], east, north): how far a point is from an edge's straight line, and the normal.
+
+    The unit normal (east, north) points to the side of the point.
+    """
     line = ti.static(coast.line)
     ax = ti.cast(line[4 * number] - lon, ti.i64)
     ay = ti.cast(line[4 * number + 1] - lat, ti.i64)
@@ -75,16 +78,18 @@ def facing(lon, lat, c, number, coast: ti.template()) -> f32x3:
 
 @ti.func
 def touch(lon, lat, dlon, dlat, chance, c, coast: ti.template()):
-    """(touched, before, after, east, north): whether the bridge over a step that ends in water met the shore.
+    """Return (touched, before, after, east, north): whether the bridge over a step met the shore.
+
+    The step ends in water.
 
     A Brownian bridge over a time t between points at distances d1 and d2 on one side of a line meets it with
-    probability exp(-d1 d2 / (D t)) (Karatzas and Shreve 1991, eq. 4.3.40); chance [m2] = -D t log(u), u uniform, so
-    that it does where d1 d2 < chance. The line is the shore's tangent at the point nearest to either end. before,
+    probability exp(-d1 d2 / (D t)) (Karatzas and Shreve 1991, eq. 4.3.40). With chance [m2] = -D t log(u), u uniform,
+    it meets the line where d1 d2 < chance. The line is the shore's tangent at the point nearest to either end. before,
     after: d1, d2 [m]; east, north: the line's unit normal towards the water.
     """
     sx = ti.cast(dlon, ti.f32) * (c * ti.f32(METRES))
     sy = ti.cast(dlat, ti.f32) * ti.f32(METRES)
-    reach = ti.sqrt(chance)  # one of the two ends lies within it
+    reach = ti.sqrt(chance)  # where the bridge met the shore, one of its ends lies within this distance
     touched, before, after, nx, ny = 0, 0.0, 0.0, 0.0, 0.0
     for end in range(2):
         if touched == 0:
@@ -102,12 +107,13 @@ def touch(lon, lat, dlon, dlat, chance, c, coast: ti.template()):
 
 @ti.func
 def landing(fraction, before, variance, normal, uniform):
-    """The share of a step [1] after which a random walk first meets a line that its straight way meets at `fraction`.
+    """Return the share of a step [1] after which a random walk first meets a line.
 
-    before: distance [m] to the line at the step's begin; variance [m2]: 2 D t of the walk over the step. In the clock
-    s = share / (1 - share) a bridge is Brownian motion with drift, so s is inverse Gaussian with mean
-    fraction / (1 - fraction) and shape before^2 / variance; drawn by Michael, Schucany and Haas 1976
-    (doi:10.1080/00031305.1976.10479147). The same law holds for a bridge that comes back, to its mirror image.
+    fraction: the share after which its straight way meets the line. before: distance [m] to the line at the step's
+    begin; variance [m2]: 2 D t of the walk over the step. In the clock s = share / (1 - share) a bridge is Brownian
+    motion with drift, so s is inverse Gaussian with mean fraction / (1 - fraction) and shape before^2 / variance; drawn
+    by Michael, Schucany and Haas 1976 (doi:10.1080/00031305.1976.10479147). The same law holds for a bridge that comes
+    back, to its mirror image.
     """
     share = fraction
     if variance > 0.0 and fraction < 0.9999 and before > 0.0:
@@ -123,11 +129,12 @@ def landing(fraction, before, variance, normal, uniform):
 
 @ti.func
 def pushed(sx, sy, before, nx, ny, chance) -> f32x2:
-    """Return a step (sx, sy) [m], pushed off the shore's line at distance `before`, normal (nx, ny), by as much as it went over it.
+    """Return a step (sx, sy) [m] pushed off the shore's line by as much as it went over it.
 
-    chance [m2]: as of `touch`; 0 without diffusion. Its bridge's lowest point is then that of its law, and the push
-    makes it reflected Brownian motion in a half-plane, exact in law (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H);
-    without diffusion it is the projection onto the shore.
+    The line lies at distance `before` [m] and has the normal (nx, ny). chance [m2]: see `touch`; 0 without diffusion.
+    With it, the lowest point of the bridge over the step is drawn from its law, and the push makes the motion a
+    reflected Brownian motion in a half-plane, exact in law (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H). Without
+    diffusion the push is the projection onto the shore.
     """
     after = before + sx * nx + sy * ny
     lowest = 0.5 * (before + after - ti.sqrt((before - after) * (before - after) + 4.0 * chance))
@@ -137,19 +144,25 @@ def pushed(sx, sy, before, nx, ny, chance) -> f32x2:
 
 @ti.func
 def along(sx, sy, nx, ny) -> f32x2:
-    """Return what is left of a step (sx, sy) [m] that has met a further edge of unit normal (nx, ny): it follows that edge."""
+    """Return what is left of a step (sx, sy) [m] that has met a further edge: it follows that edge.
+
+    nx, ny: the edge's unit normal.
+    """
     inward = sx * nx + sy * ny
     return f32x2(sx + (OFF - inward) * nx, sy + (OFF - inward) * ny)
 
 
 @ti.func
 def leave(lon, lat, c, offing, number, coast: ti.template()):
-    """(lon, lat, east, north): a point an offing [m] straight off the beach, and the way there; half-way over to another shore."""
+    """Return (lon, lat, east, north): where a particle leaves the beach to, and the unit vector there.
+
+    The place lies an offing [m] straight off the beach, or half-way to another shore that is nearer.
+    """
     f = facing(lon, lat, c, number, coast)
     move_x = ti.cast(ti.round(offing * f[1] / (c * ti.f32(METRES))), ti.i32)
     move_y = ti.cast(ti.round(offing * f[2] / ti.f32(METRES)), ti.i32)
     x, y, hit = lon, lat, 1
-    for _ in range(2):  # all the way, else half the way to what it met
+    for _ in range(2):  # first all the way, then half the way to what it met
         if hit == 1:
             hit, x, y, _part, _number = first_crossing(lon, lat, move_x, move_y, coast)
             move_x, move_y = (x - lon) // 2, (y - lat) // 2
@@ -158,9 +171,10 @@ def leave(lon, lat, c, offing, number, coast: ti.template()):
 
 @ti.func
 def piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step):
-    """(dlon, dlat, chance): piece j of the pieces of a walk, of variance v [m2] each, and the `chance` of its touch.
+    """Return (dlon, dlat, chance): piece j of a random walk, and the `chance` of its touch.
 
-    rest_lon, rest_lat: what is left to walk, which the last piece does: a Brownian bridge. Noise of a slot and a step.
+    v: variance [m2] of each piece. rest_lon, rest_lat: what is left to walk; the last piece takes all of it, which
+    makes the walk a Brownian bridge. seed0, seed1, slot, step: the key of its noise.
     """
     w = noise.philox(
         ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST), ti.cast(2 * j, ti.u32), seed0, seed1
@@ -177,7 +191,10 @@ def piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step):
 
 @ti.func
 def mirrored(dlon, dlat, after, nx, ny, c):
-    """(dlon, dlat): a step that ends at a distance `after` [m] from the shore's line, normal (nx, ny), ended as far behind it."""
+    """Return (dlon, dlat): a step that ends before the shore's line, mirrored to end as far behind it.
+
+    after: distance [m] of its end from the line; nx, ny: the line's normal.
+    """
     away_lon = ti.cast(ti.round(2.0 * after * nx / (c * ti.f32(METRES))), ti.i32)
     away_lat = ti.cast(ti.round(2.0 * after * ny / ti.f32(METRES)), ti.i32)
     return dlon - away_lon, dlat - away_lat
@@ -199,15 +216,17 @@ def meet(
     step,
     coast: ti.template(),
 ):
-    """(met, lon, lat, part, edge number): how a step (dlon, dlat) from a point in water ends, and whether it ends on the shore.
+    """Return (met, lon, lat, part, edge number): how a step (dlon, dlat) from water ends.
 
-    walks: whether it is a random walk of variance [m2] = 2 D t, of the noise of a slot and a step, else it is straight.
-    A walk's way is a Brownian bridge, walked in pieces of at most PIECE, so that a shore smaller than the step's spread
-    is met as often as at small steps; each piece is tested for a crossing and for a touch. part: share of the step [1]
-    after which the shore is met.
+    met: whether it ends on the shore.
 
-    slides: what meets the shore never ends there, but goes on along it: `pushed` off its line and, at further edges,
-    `along` each in turn.
+    walks: whether the step is a random walk of variance [m2] = 2 D t, with the noise of a slot and a step; otherwise it
+    is straight. A walk is a Brownian bridge, taken in pieces of at most PIECE, so that a shore smaller than the step's
+    spread is met as often as at small steps; each piece is tested for a crossing and for a touch. part: share of the
+    step [1] after which the shore is met.
+
+    slides: whether what meets the shore goes on along it instead of ending there: it is `pushed` off the shore's line
+    and led `along` each further edge in turn.
     """
     k = ti.f32(METRES)
     pieces, near = 1, True
@@ -228,7 +247,7 @@ def meet(
                 move_lon, move_lat, chance = piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step)
                 rest_lon, rest_lat = rest_lon - move_lon, rest_lat - move_lat
 
-            # The first try is the piece itself; after it, what the shore makes of a piece that has met it.
+            # The first attempt is the piece itself; later ones are what the shore makes of a piece that has met it.
             x_from, y_from, way_lon, way_lat, going = x, y, move_lon, move_lat, 1
             x_end, y_end, before, share, struck = x, y, ti.cast(0.0, ti.f32), ti.cast(1.0, ti.f32), -1
             sx, sy = ti.cast(move_lon, ti.f32) * (c * k), ti.cast(move_lat, ti.f32) * k
@@ -273,8 +292,8 @@ def meet(
             elif met == 1:
                 if ti.static(walks):
                     w = noise.philox(
-                        ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST), ti.cast(2 * j + 1, ti.u32),
-                        seed0, seed1,
+                        ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST),
+                        ti.cast(2 * j + 1, ti.u32), seed0, seed1,
                     )  # fmt: skip
                     n = noise.normals(w[0], w[1])
                     share = landing(share, before, v, n[0], noise.uniform(w[2]))

@@ -13,7 +13,10 @@ QUARTER = 1 << 30  # binary angle of 90 degrees
 
 @ti.func
 def _sine(x: ti.f32) -> ti.f32:
-    """Return sin x for |x| <= pi/2 by its series, relative error 2e-7: without a call of libm, alike on every backend."""
+    """Return sin x for |x| <= pi/2 by its series, relative error 2e-7.
+
+    It does without libm, so that all backends agree.
+    """
     y = x * x
     return x * (
         1.0
@@ -35,7 +38,9 @@ def sin_lat(lat: ti.i32) -> ti.f32:
 
 @ti.func
 def exponential(lon: ti.i32, lat: ti.i32, east: ti.f32, north: ti.f32):
-    """Return (lon, lat) [binary angle] reached along the great circle (east, north) [m], over a pole if need be.
+    """Return (lon, lat) [binary angle] reached along the great circle (east, north) [m].
+
+    The way may lead over a pole.
 
     With x, y the sines of the arc towards east and north, z its cosine, c and s those of the latitude:
     up = z c - y s, q = x^2 / (hypot(x, up) + up), sin(dlat) = y - q s. No term is a difference of large numbers.

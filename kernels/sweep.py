@@ -1,4 +1,4 @@
-"""What a sensor's track has done to each particle: exposure along relative tracks, and what it makes of weights.
+"""What a sensor's track has done to each particle: its exposure, and what that makes of weights.
 
 A stretch of a step is given by nodes: times [s after the step's begin] and places of the sensor, straight in between.
 The particle goes straight from where the step began to where it ended. All is worked out in the frame of the particle,
@@ -21,17 +21,17 @@ HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 HostInts = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
 CUBE, ABEAM, ZONES, INSIDE = range(4)  # kinds of exposure
-HAZARD, SHARE, MISS = range(
-    3
-)  # what an exposure means: a hazard, a share of time inside, the log of a miss by factor of W
+# What an exposure means: a hazard, a share of time inside, or the log of a miss by factor of W.
+HAZARD, SHARE, MISS = range(3)
 
 
 @ti.func
 def relative(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32, c: ti.f32, bend: ti.f32) -> f32x2:
-    """Return the way [m] east and north from a sensor to a particle, in the particle's tangent plane, to second order.
+    """Return the vector (east, north) [m] from a sensor to a particle, to second order.
 
-    c: cosine of the sensor's latitude; bend: half its sine times its cosine, per unit of binary angle. Great circles
-    past the particle are straight in this plane up to terms of third order: 0.1 m within 20 km.
+    It lies in the particle's tangent plane. c: cosine of the sensor's latitude; bend: half its sine times its cosine,
+    per unit of binary angle. Great circles past the particle are straight in this plane up to terms of third order: 0.1
+    m within 20 km.
     """
     dlon, dlat = ti.cast(x - at_lon, ti.f32), ti.cast(y - at_lat, ti.f32)
     return f32x2(dlon * c, dlat - dlon * dlon * bend) * ti.f32(METRES)
@@ -39,7 +39,9 @@ def relative(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32, c: ti.f32, be
 
 @ti.func
 def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
-    """Return the integral of ds / (2 r^3) [1/m2] along the relative track from a to b, of lengths far_a and far_b.
+    """Return the integral of ds / (2 r^3) [1/m2] along the relative track from a to b.
+
+    far_a, far_b: the lengths of a and b.
 
     It is 1/2 1/x^2 [s / r] between the ends, x the lateral range; written as the field of a wire, |b - a| (ra + rb) /
     (2 ra rb (ra rb + a.b)), it needs no lateral range and loses no digits where that is small.
@@ -55,10 +57,10 @@ def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
 
 @ti.func
 def lateral(a: f32x2, b: f32x2, along_a: ti.f32, along_b: ti.f32) -> ti.f32:
-    """Return the lateral range [m] of the relative track from a to b, or -1 unless the particle comes abeam on it.
+    """Return the lateral range [m] of the relative track from a to b, or -1 if the particle never comes abeam.
 
-    along: way along the leg's own course from the particle to the sensor; it is abeam where that changes sign, either
-    way, on one side of a joint only, however a leg is cut.
+    along_a, along_b: distance along the leg's own course from the particle to the sensor. The particle is abeam where
+    its sign changes; 0 counts as positive, so that a pass at the joint of two pieces counts once.
     """
     x = -1.0
     if (along_a < 0.0) != (along_b < 0.0):
@@ -85,7 +87,10 @@ def within(a: f32x2, b: f32x2, radius: ti.f32) -> ti.f32:
 
 @ti.func
 def inside(a: f32x2, b: f32x2, ring: ti.template()) -> ti.f32:
-    """Return the share of the way from a to b inside a ring of corners (x, y, x, y, ...) [m], counterclockwise, not closed."""
+    """Return the share of the way from a to b that lies inside a ring of corners.
+
+    ring: (x, y, x, y, ...) [m], counterclockwise, not closed.
+    """
     corners = ring.shape[0] // 2
     d = b - a
     share, within_a = 0.0, 0
@@ -93,11 +98,11 @@ def inside(a: f32x2, b: f32x2, ring: ti.template()) -> ti.f32:
     for k in range(corners):
         qx, qy = ring[2 * k], ring[2 * k + 1]
         ex, ey = qx - px, qy - py
-        # parity of a ray to the east from a
+        # The parity of crossings of a ray to the east from a says whether a lies inside.
         if (py > a[1]) != (qy > a[1]):
             if (a[0] - px) < ex * (a[1] - py) / ey:
                 within_a = 1 - within_a
-        # where the way crosses this edge: entering to its left
+        # Where the way crosses this edge, it enters the ring if it passes to the edge's left.
         side_a, side_b = ex * (a[1] - py) - ey * (a[0] - px), ex * (b[1] - py) - ey * (b[0] - px)
         if (side_a < 0.0) != (side_b < 0.0):
             at = side_a / (side_a - side_b)
@@ -115,7 +120,10 @@ def inside(a: f32x2, b: f32x2, ring: ti.template()) -> ti.f32:
 
 @ti.func
 def chance(curve: ti.template(), x: ti.f32) -> ti.f32:
-    """Return a lateral range curve (range, chance, range, chance, ...) at x: straight in between, nothing beyond the last."""
+    """Return a lateral range curve (range, chance, range, chance, ...) at the range x.
+
+    It is linear in between and zero beyond the last range.
+    """
     last = curve.shape[0] // 2 - 1
     found = 0.0
     if x <= curve[2 * last]:
@@ -259,7 +267,10 @@ def _apart(
     place: ti.template(),
     trig: ti.template(),
 ) -> f32x2:
-    """Return the way [m] from the sensor, at a time within piece k, to a particle that moves at a pace once it leaves."""
+    """Return the vector [m] from the sensor to a particle, at a time within piece k.
+
+    The particle moves at a pace once it leaves.
+    """
     share = ti.min(ti.max((when - leaves) * pace, 0.0), 1.0)
     node = k + ti.cast(when == time[k + 1], ti.i32)
     way = _at(x, y, dx, dy, share, node, place, trig)
@@ -275,7 +286,10 @@ def _apart(
 
 
 class Track(NamedTuple):
-    """A sensor's way through a stretch of a step, or one place of it: k + 1 nodes, k straight pieces; on the host."""
+    """A sensor's way through a stretch of a step, or one place of it.
+
+    It has k + 1 nodes and k straight pieces, and lies on the host.
+    """
 
     time: np.ndarray  # float32 [s after the step's begin], (k + 1,), ascending
     place: np.ndarray  # int32 binary angle, lon and lat of each node, (2 (k + 1),)
@@ -296,7 +310,7 @@ def expose(
     scale,
     exposure,
 ) -> None:
-    """Add to the exposure of slots [first, last) what a sensor does on a stretch of the step that has just been made.
+    """Add to the exposure of slots [first, last) what a sensor does on a stretch of the step just made.
 
     ensemble: a drift.particles.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
     kind: CUBE adds the integral of ds / 2 r^3 [1/m2]; ABEAM the log of a miss wherever it comes abeam, for each factor
@@ -318,7 +332,7 @@ def _log_miss(meaning: ti.template(), exposure: ti.f32, coefficient: ti.f32) -> 
         miss = -exposure * coefficient
     elif ti.static(meaning == SHARE):
         share = exposure
-        if share > 1.0 - 1e-5:  # all the time, but for what rounding left of it
+        if share > 1.0 - 1e-5:  # it is all the time, but for rounding
             share = 1.0
         miss = ti.log(ti.max(1.0 - share * coefficient, 0.0))
     return miss
@@ -341,7 +355,8 @@ def _fail(
         if factors == 1:
             log_weight[i] += _log_miss(meaning, exposure[i], coefficient[0])
         elif log_weight[i] > -ti.math.inf:
-            # The mean over the factor of the product of all misses so far, before and after this one.
+            # The weight changes by the ratio of two means over the factor: of the product of all misses so far, after
+            # and before this one.
             top_before = top_after = ti.f32(-ti.math.inf)
             mean_before = mean_after = 0.0
             for f in range(factors):

@@ -1,7 +1,9 @@
-"""What legs that are flown find of moving particles whose tracks are kept: the exact detection that a plan is refined on.
+"""What legs that are flown find of moving particles whose tracks are kept.
 
-The same point mathematics as of the search itself (kernels.sweep), in a plane instead of on the sphere: two straight
-motions at a time, of a leg and of a particle within a time bin.
+This is the exact detection that a plan is refined on.
+
+The mathematics is that of the search itself (kernels.sweep), in a plane instead of on the sphere: two straight motions
+at a time, of a leg and of a particle within a time bin.
 """
 
 import numpy as np
@@ -23,9 +25,9 @@ def _exposure(
     cube: ti.template(), i: ti.i32, first: ti.i32, last: ti.i32, edges: ti.i32, time: ti.template(), x: ti.template(),
     y: ti.template(), value: ti.template(), node: ti.template(), table: ti.template(), scale: ti.f32,
 ):  # fmt: skip
-    """Return -log of the miss of nodes [first, last) of (time, x, y, seeks), and what finding the particle then is worth.
+    """Return -log of the miss of nodes [first, last), and what finding the particle then is worth.
 
-    cube: the integral of ds / (2 r^3) instead, which scale leaves alone.
+    node: (time, x, y, seeks). cube: the integral of ds / (2 r^3) instead, which scale leaves alone.
     """
     total, worth = 0.0, 0.0
     t = 0
@@ -74,8 +76,8 @@ def _exposure(
 @ti.kernel
 def _gains(
     cube: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals, value: HostReals, box: HostReals,
-    scenario: HostInts, start: HostInts, extent: HostReals, node: HostReals, table: HostReals, width: HostReals, factor: HostReals,
-    before: HostReals, later: HostReals, sums: HostReals,
+    scenario: HostInts, start: HostInts, extent: HostReals, node: HostReals, table: HostReals, width: HostReals,
+    factor: HostReals, before: HostReals, later: HostReals, sums: HostReals,
 ):  # fmt: skip
     m, nodes = scenario.shape[0], factor.shape[0]
     blocks = (m + BLOCK - 1) // BLOCK
@@ -138,7 +140,10 @@ def _found(
 
 
 def _nodes(path: np.ndarray) -> np.ndarray:
-    """Return a path as it is; the kernels step through four numbers a node, and would read any others as nonsense."""
+    """Return a path as it is; raise ValueError unless it has four numbers a node.
+
+    The kernels step through four numbers a node, and would misread any others.
+    """
     if path.ndim != 2 or path.shape[1] != 4:
         raise ValueError(f"a path has nodes (time, x, y, seeks), shape (k, 4); this one has shape {path.shape}")
     return path
@@ -154,7 +159,9 @@ def gains(
     particles: Swarm, table: np.ndarray | None, paths: list[np.ndarray], width: np.ndarray, factor: np.ndarray,
     before: np.ndarray, later: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Return what each path finds, the sum of before * (worth - later) * (1 - miss) over particles and nodes, float64.
+    """Return what each path finds, float64.
+
+    This is the sum of before * (worth - later) * (1 - miss) over particles and nodes.
 
     table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time [s], x, y [m], whether
     the leg to the next one searches), straight in between; what is far from all of one (FAR) is left out; width: sweep
@@ -189,7 +196,11 @@ def gains(
 def found(
     particles: Swarm, table: np.ndarray | None, path: np.ndarray, width: np.ndarray, factor: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return 1 - miss for each particle and node, float32 (m, nodes), and what finding it then is worth, (m,), of one path."""
+    """Return what one path finds of each particle.
+
+    The results are 1 - miss for each particle and node, float32 (m, nodes), and what finding the particle then is
+    worth, (m,).
+    """
     m = particles.scenario.shape[0]
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
     node, widths, factors = (np.ascontiguousarray(v, np.float32).reshape(-1) for v in (_nodes(path), width, factor))

@@ -283,8 +283,8 @@ def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, rel
     than the scatter is made up for by drawing the particles in towards their mean, so that variances stay (West 1993).
 
     Silverman's rule (1986, eq. 4.15), n^(-1/6), suits a map of one world. Here densities are multiplied over finds and
-    then averaged over worlds: the noise of the kernels averages out, their bias stays, and adds up find by find. So they
-    are narrower; but a kernel still holds about n^(1/2) particles, so that noise does not pick the worlds.
+    then averaged over worlds: the noise of the kernels averages out, their bias stays, and adds up find by find. So
+    they are narrower; but a kernel still holds about n^(1/2) particles, so that noise does not pick the worlds.
     """
     total = weight.sum(axis=1, keepdims=True)
     share = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0)

@@ -1,1 +1,4 @@
-"""The case file: what is written becomes frozen records in SI units, and every mistake of a user is refused."""
+"""The case file: what is written becomes frozen records in SI units.
+
+Every mistake of a user is refused.
+"""

@@ -176,7 +176,7 @@ def _expectations_unmet(table: CaseTable) -> list[str]:
 def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     """Return what a case says of a search; what is wrong with it is added to the mistakes.
 
-    Where the scenarios are at fault nothing is looked at: they say what is searched for, and how well it is seen.
+    Where the scenarios are at fault nothing is checked: they say what is searched for, and how well it is seen.
     """
     if not run.scenarios:
         return _Search()

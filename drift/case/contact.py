@@ -75,7 +75,7 @@ class BearingTable(fields.Table):
 
     @model_validator(mode="after")
     def proper(self) -> "BearingTable":
-        """Refuse an error that is none, and ranges from far to near."""
+        """Refuse an error of zero, and ranges from far to near."""
         if not 0 < self.std <= 90:
             raise ValueError(f"std {self.std:g} deg must be above 0 and at most 90 deg")
         if self.far is not None and self.far <= self.near:

@@ -1,4 +1,4 @@
-"""Case files: who is adrift, since when and where, in which wind and current, and what is asked of the forecast.
+"""Case files: who is adrift, since when and where, in which wind and current, and what is asked for.
 
 `load` turns a TOML file into a Case, a frozen record in SI and UTC. Every error that can be found without opening the
 forcing is found here, all of them at once, a line each. Cases that ship with the project are found by name.

@@ -32,7 +32,7 @@ class Track:
 
 
 def read(path: Path | str) -> Track:
-    """Return the track of a GPX file; raise UserError, one line, for what is none."""
+    """Return the track of a GPX file; raise UserError, one line, for a file that holds none."""
     path = Path(path)
     try:
         return _track(_root(path))

@@ -157,7 +157,10 @@ class PatternTable(fields.Table):
         return signs[int(order[-1])]
 
     def pattern(self, start: float, speed: float, end: float | None) -> Pattern:
-        """Return the pattern flown from a time [s since 1970] on at a speed [m/s]; end: until when a square goes on."""
+        """Return the pattern flown from a time [s since 1970] on at a speed [m/s].
+
+        end: the time until which a square goes on.
+        """
         turn = math.radians(self.orientation or 0.0)
         if self.kind in {"parallel", "creeping"}:
             assert self.centre is not None  # complete
@@ -243,7 +246,10 @@ def timed_legs(rows: list[tuple[Any, tuple[float, float]]], start: np.datetime64
 
 
 def track_legs(track: gpx.Track, start: float | None, speed: float | None) -> Legs:
-    """Return the legs of a GPX track; one without times is followed from `start` [s since 1970] at `speed` [m/s]."""
+    """Return the legs of a GPX track.
+
+    A track without times is followed from `start` [s since 1970] at `speed` [m/s].
+    """
     if track.time:
         return polyline.through(track.time, track.lon, track.lat, track.joined)
     if speed is None or start is None:

@@ -200,7 +200,7 @@ class SensorTable(fields.Table):
     def widths(self, kind: str, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
         """Return the sweep width [m] for each scenario; a lateral range curve brings its own.
 
-        kind: of unit, "" if not told; speed [m/s], NaN if not told. Raises ValueError for what is missing.
+        kind: of unit, "" if not given; speed [m/s], NaN if not given. Raises ValueError for what is missing.
         """
         given, own = self.sweep_width, laws.of(self.law).width
         if given is None and own is not None:
@@ -247,7 +247,10 @@ class SensorTable(fields.Table):
 
 
 def by_scenario(given: dict[str, float], scenarios: Sequence[Scenario], key: str) -> tuple[float, ...]:
-    """Return values in the order of the scenarios from a table by name; every scenario is in it and nothing else."""
+    """Return values in the order of the scenarios from a table by name.
+
+    Every scenario is in the table, and nothing else.
+    """
     names = [scenario.name for scenario in scenarios]
     for name in given:
         if name not in names:

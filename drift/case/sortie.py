@@ -285,7 +285,7 @@ class SortieTable(SensorTable):
         return first if start is None else start, last if end is None else end
 
     def _speed(self, legs: Legs | None) -> float:
-        """Return the speed [m/s], that of the legs where none is told; NaN if nothing tells."""
+        """Return the speed [m/s], that of the legs where none is given; NaN where neither is known."""
         if self.speed is not None:
             return self.speed
         if legs is None or (self.watch is not None and self.watch.at is not None):
@@ -293,7 +293,7 @@ class SortieTable(SensorTable):
         return float(polyline.lengths(legs).sum()) / (legs.time[-1] - legs.time[0])
 
     def _widths(self, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
-        """Return sweep widths [m]; NaN for a watch, and where a POD says all and none is told."""
+        """Return sweep widths [m]; NaN for a watch, and where a POD is given in place of a width."""
         if self.watch is not None:
             return (math.nan,) * len(scenarios)
         if self.area is not None and self.actual is None and self.pod is not None and self.sweep_width is None:

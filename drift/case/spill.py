@@ -224,7 +224,7 @@ class PatrolTable(fields.Table):
 
     @model_validator(mode="after")
     def proper(self) -> "PatrolTable":
-        """Refuse what is no probability, and a patrol of nowhere."""
+        """Refuse what is not a probability, and a patrol without a place."""
         if not 0 <= self.detection <= 1:
             raise ValueError(f"detection {self.detection:g} must be a probability, 0 to 1")
         if bool(self.stretches) == (self.between is not None):
@@ -246,7 +246,7 @@ class PatrolUnitTable(fields.Table):
 
     @model_validator(mode="after")
     def proper(self) -> "PatrolUnitTable":
-        """Refuse what is no probability, and a reach from nowhere."""
+        """Refuse what is not a probability, and a reach without a base."""
         if not 0 < self.detection <= 1:
             raise ValueError(f"detection {self.detection:g} must be a probability above 0, at most 1")
         if self.stretches and self.base is not None:

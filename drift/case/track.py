@@ -67,7 +67,10 @@ def cut(legs: Legs, completed: float, until: float | None) -> Legs:
 
 
 def marker(track: str | None, positions: Any, start: np.datetime64, end: np.datetime64, run: Run) -> Legs:
-    """Return where a marker was, all the time from a start to an end: of a GPX track, or of positions with times."""
+    """Return where a marker was, all the time from a start to an end.
+
+    Its track is a GPX track, or positions with times.
+    """
     if track is not None:
         file = sources.one_file(track, run.folder, "marker.track")
         points = gpx.read(file)

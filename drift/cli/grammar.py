@@ -95,7 +95,8 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
         "--columns",
         default="",
         metavar="KEY=COLUMN,..",
-        help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and wind_, stokes_ alike",
+        help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and wind_, stokes_ "
+        "alike",
     )
     command.add_argument(
         "--max-gap", default="3 h", metavar="TIME", help="longest time between fixes that is spanned (default: 3 h)"
@@ -144,6 +145,7 @@ def _add_info(commands: Any) -> None:
         default=[],
         dest="changes",
         metavar="KEY=VALUE",
-        help="a key of a case's source, like variables.east=ue, units=cm/s, steady=true or depth='5 m'; may be repeated",
+        help="a key of a case's source, like variables.east=ue, units=cm/s, steady=true or depth='5 m'; "
+        "may be repeated",
     )
     info.add_argument("--plot", type=Path, metavar="PNG", help="draw a map of the first time")

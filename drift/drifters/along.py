@@ -37,15 +37,15 @@ class Ways:
     """Ways of one drifter, which each end at a fix; n fixes.
 
     step: time since the fix before [s], (n,); fresh: whether a fix begins a stretch, and so ends no way, (n,). Ways
-    (n, 2), east and north [m]: made: the drifter's own; model: that of current and Stokes drift; wind: that of the air,
-    None where the case has no wind.
+    (n, 2), east and north [m]: observed: the drifter's own; model: that of current and Stokes drift; wind: that of the
+    air, None where the case has no wind.
     """
 
     name: str
     time: Array  # [s since 1970]
     step: Array
     fresh: Array
-    made: Array
+    observed: Array
     model: Array
     wind: Array | None
 
@@ -105,10 +105,10 @@ def compared(
         fresh = fresh | ~present
         lon, lat = np.radians(track.lon), np.radians(track.lat)
         east, north = sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:])
-        made = np.concatenate([np.zeros((1, 2)), np.stack([east, north], axis=1)])
-        made, model = (np.where(fresh[:, None], 0.0, way) for way in (made, model))
+        observed = np.concatenate([np.zeros((1, 2)), np.stack([east, north], axis=1)])
+        observed, model = (np.where(fresh[:, None], 0.0, way) for way in (observed, model))
         wind = np.where(fresh[:, None], 0.0, parts["wind"]) if "wind" in parts else None
-        ways.append(Ways(track.name, track.time, step, fresh, made, model, wind))
+        ways.append(Ways(track.name, track.time, step, fresh, observed, model, wind))
     notes = []
     if cut:
         notes.append(f"{cut:,} ways between fixes left out that take more than {gap / 3600:.3g} h, or are leaps")
@@ -131,7 +131,7 @@ def residuals(ways: Sequence[Ways], wind: bool) -> Tracks:
     """
     pieces = []
     for way in ways:
-        excess = _since(way.made - way.model, way.fresh)
+        excess = _since(way.observed - way.model, way.fresh)
         regressors = np.zeros((way.step.size, 2, 2 + wind))
         if wind and way.wind is not None:
             regressors[..., 0] = _since(way.wind, way.fresh)
@@ -174,9 +174,10 @@ def _sampled(
     asked: Sequence[str],
     datasets: Mapping[str, Any] | None,
 ) -> dict[str, list[Array]]:
-    """Return values of a case's sources by quantity at each drifter's points, (points, 2), NaN where there is none.
+    """Return values of a case's sources by quantity at each drifter's points, (points, 2).
 
-    They are sampled as for particles, with the same priorities, sums and filled coasts.
+    Values are NaN where there is none. They are sampled as for particles, with the same priorities, sums and filled
+    coasts.
     """
     bounds = np.cumsum([0, *(len(point[0]) for point in points)])
     time = np.concatenate([point[0] for point in points])

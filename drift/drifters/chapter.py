@@ -18,28 +18,28 @@ from kernels import runtime
 class Matter:
     """What the files and pictures are made from."""
 
-    made: Verification
+    verification: Verification
     imprint: Imprint
 
 
-def _picture(one: Matter, path: Path) -> None:
-    from drift.drifters import map as verification_map  # here: Matplotlib takes a second to import
+def _picture(matter: Matter, path: Path) -> None:
+    from drift.drifters import map as verification_map  # imported here, for Matplotlib takes a second
 
-    verification_map.draw(one.made, path, one.imprint)
+    verification_map.draw(matter.verification, path, matter.imprint)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "verify.csv": lambda one, stamped: verification_files.table(one.made, stamped["run_id"]),
-    "verify.nc": lambda one, stamped: verification_files.dataset(one.made),
+    "verify.csv": lambda matter, stamped: verification_files.table(matter.verification, stamped["run_id"]),
+    "verify.nc": lambda matter, stamped: verification_files.dataset(matter.verification),
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
     "verify.png": _picture,
 }
 
 
-def chapter(made: Verification) -> Chapter:
+def chapter(verification: Verification) -> Chapter:
     """Return the only chapter of a verification."""
-    case = made.case
+    case = verification.case
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in facts.PACKAGES)
     inputs = [facts.input_file(path) for path in case.inputs]
     attributes = {
@@ -48,12 +48,12 @@ def chapter(made: Verification) -> Chapter:
         "versions": versions,
         "seed": str(case.seed),
         "backend": runtime.backend(),
-        "forcing": "; ".join(f"{Path(one['path']).name}: {one['digest']}" for one in inputs),
+        "forcing": "; ".join(f"{Path(given['path']).name}: {given['digest']}" for given in inputs),
         "coast": case.coast.source,
-        "uncertainty": verification_text.errors(made),
+        "uncertainty": verification_text.errors(verification),
         "case": case.text,
     }
     footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"
-    one = Matter(made, Imprint(case.title, footer, attributes))
-    numbers = {"verification": verification_files.numbers(made), "inputs": inputs}
-    return Chapter(numbers, bound(FILES, one), bound(PICTURES, one), attributes)
+    matter = Matter(verification, Imprint(case.title, footer, attributes))
+    numbers = {"verification": verification_files.numbers(verification), "inputs": inputs}
+    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), attributes)

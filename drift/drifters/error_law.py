@@ -1,4 +1,4 @@
-"""The law of a model's errors along the tracks of real drifters, and the exact likelihood of tracks under it.
+"""The law of a model's errors along the tracks of real drifters, and the likelihood of tracks under it.
 
 Between fixes a drifter moves by the model's displacement along its track plus an error. In each component (east, north)
 the error is a sum of independent parts: a bias that each drifter keeps, an Ornstein-Uhlenbeck velocity, diffusion, and
@@ -76,9 +76,9 @@ class Likelihood:
 def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array, Array]:
     """Return phi, variance of i, covariance of i and e, variance of e, of an Ornstein-Uhlenbeck velocity.
 
-    All are by step [s]. Over a step that begins with the velocity v0, it ends as v = phi v0 + e, and its integral is T (1 - phi) v0 + i,
-    where T is the decorrelation time, `memory`. The moments of (i, e) are those of Uhlenbeck and Ornstein 1930
-    (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
+    All are by step [s]. Over a step that begins with the velocity v0, it ends as v = phi v0 + e, and its integral is
+    T (1 - phi) v0 + i, where T is the decorrelation time, `memory`. The moments of (i, e) are those of Uhlenbeck and
+    Ornstein 1930 (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
     """
     a = step / memory
     lost = -np.expm1(-a)
@@ -97,9 +97,10 @@ def spread(law: Law, step: npt.ArrayLike) -> Array:
 
 
 def correlation(law: Law, lag: npt.ArrayLike, span: float) -> Array:
-    """Return the covariance [m2/s2] of mean velocity errors over spans [s] whose begins are `lag` [s] >= span apart.
+    """Return the covariance [m2/s2] of mean velocity errors over spans [s].
 
-    The errors of fixes are left out, because two spans share a fix only where they touch.
+    The spans begin `lag` [s] apart, which is at least their length. The errors of fixes are left out, because two spans
+    share a fix only where they touch.
     """
     lag, a = np.asarray(lag, np.float64), span / law.time
     within = (2 * np.sinh(a / 2) / a) ** 2 if a > SMALL else 1 + a**2 / 12

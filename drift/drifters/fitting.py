@@ -1,4 +1,4 @@
-"""Errors of a case's forcing and the windage of what drifts, by tracks of real drifters: `drift fit-errors`.
+"""Errors of a case's forcing and the windage of what drifts, from drifters' tracks: `drift fit-errors`.
 
 The parameters of `drift.drifters.error_law` are those under which the tracks are likeliest. Standard errors are those
 of the parameters' logarithms, from the curvature of the log likelihood. With ten drifters or more there is also the
@@ -273,10 +273,10 @@ def _errors(law: Law, tracks: Tracks, free: Sequence[str]) -> tuple[dict[str, fl
     laws = [law, *(moved((name, 1.0)) for name in inside), *(moved((name, -1.0)) for name in inside)]
     laws += [moved((inside[i], side), (inside[j], side)) for side in (1.0, -1.0) for i, j in pairs]
     centre, *others = error_law.likelihoods(laws, tracks)
-    up, down, both = others[:size], others[size : 2 * size], others[2 * size :]
+    up, down, paired = others[:size], others[size : 2 * size], others[2 * size :]
     curve = np.diag([(a.log + b.log - 2 * centre.log) / STEP**2 for a, b in zip(up, down, strict=True)])
     for number, (i, j) in enumerate(pairs):
-        corners = both[number].log + both[number + len(pairs)].log + 2 * centre.log
+        corners = paired[number].log + paired[number + len(pairs)].log + 2 * centre.log
         cross = corners - up[i].log - down[i].log - up[j].log - down[j].log
         curve[i, j] = curve[j, i] = cross / (2 * STEP**2)
     value, vector = np.linalg.eigh(-curve)
@@ -294,7 +294,10 @@ def _errors(law: Law, tracks: Tracks, free: Sequence[str]) -> tuple[dict[str, fl
 
 
 def _mean_errors(best: error_law.Likelihood, clustered: bool) -> Array:
-    """Return standard errors of windage and mean error, by the law or, where that is larger, clustered by drifter."""
+    """Return standard errors of windage and mean error.
+
+    They are by the law or, where that is larger, clustered by drifter.
+    """
     variance = np.diag(best.covariance)
     if clustered:
         count = len(best.score)
@@ -363,7 +366,10 @@ def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Arr
 
 
 def _velocities(way: Ways, mean: Array, wind: bool) -> tuple[Array, Array, Array]:
-    """Return middles [s], mean velocity errors (n, 2) [m/s] and lengths [s] of pieces of about an hour or longer."""
+    """Return middles [s], mean velocity errors (n, 2) [m/s] and lengths [s] of pieces.
+
+    The pieces last about an hour or longer.
+    """
     tracks = along.residuals([way], wind)
     excess = tracks.data[0] - tracks.regressors[0] @ mean
     time, values, spans = [], [], []

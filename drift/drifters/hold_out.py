@@ -66,9 +66,9 @@ def _part(way: Ways, keep: Array) -> Ways:
     index = np.flatnonzero(keep)
     fresh = way.fresh[index] | (np.diff(index, prepend=-2) > 1)
     time = way.time[index]
-    made, model = (np.where(fresh[:, None], 0.0, values[index]) for values in (way.made, way.model))
+    observed, model = (np.where(fresh[:, None], 0.0, values[index]) for values in (way.observed, way.model))
     wind = None if way.wind is None else np.where(fresh[:, None], 0.0, way.wind[index])
-    return Ways(way.name, time, np.diff(time, prepend=time[:1]), fresh, made, model, wind)
+    return Ways(way.name, time, np.diff(time, prepend=time[:1]), fresh, observed, model, wind)
 
 
 def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:

@@ -172,7 +172,7 @@ def _times(stamps: Sequence[str]) -> Array:
 
 
 def _moment(text: str) -> float:
-    """Return a time [s since 1970]; raise ValueError where the text is none.
+    """Return a time [s since 1970]; raise ValueError where the text is no time.
 
     It may be ISO 8601, a date-time group, seconds or milliseconds since 1970, or one of OTHER_FORMS.
     """

@@ -18,8 +18,8 @@ MOST_LOST = 0.05  # if a larger share of the probability is lost, areas of the r
 def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
     """Return whether areas that should hold a share are too small, too large, or as stated.
 
-    They are as stated within two standard errors. lost: share of the probability that is on no map. Nobody knows where it is, so areas of the rest cannot be judged
-    where it is large.
+    They are as stated within two standard errors. lost: share of the probability that is on no map. Nobody knows where
+    it is, so areas of the rest cannot be judged where it is large.
     """
     if lost > MOST_LOST:
         return f"not to be judged, as {lost:.0%} of the probability left the forcing; add a source beyond its edges"

@@ -46,11 +46,12 @@ DAY = 86_400.0
 
 @dataclass(frozen=True)
 class Verification:
-    """Forecasts against drifters: n forecasts at m times, with areas and ranks at those of them that are `leads`.
+    """Forecasts against drifters: n forecasts at m times.
 
-    hours: (m,) after the start. apart, waiting, way, spread: (n, m) [m]: distance of the drifter from the mean
-    position, and from the start (persistence); path length of the drifter since the start; root mean square of the
-    particles' distances from their mean. containment, along, across: (n, leads) ranks of the drifter, 0 to 1.
+    There are areas and ranks at those of the times that are `leads`. hours: (m,) after the start. apart, waiting, way,
+    spread: (n, m) [m]: distance of the drifter from the mean position, and from the start (persistence); path length of
+    the drifter since the start; root mean square of the particles' distances from their mean. containment, along,
+    across: (n, leads) ranks of the drifter, 0 to 1.
     """
 
     case: Case

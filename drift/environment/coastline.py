@@ -1,4 +1,7 @@
-"""The coast of a run: all that can be met within its domain, in full about reported positions, which must not lie on land."""
+"""The coast of a run: all that can be met within its domain.
+
+About reported positions, which must not lie on land, the coast keeps its full detail.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -15,7 +18,7 @@ from geo.errors import UserError
 from geo.forcing.sources import Source
 
 MARGIN = 0.25  # [deg] more than a step
-NEAR = 1.0  # [deg] about a reported position that its place on land or water is told from
+NEAR = 1.0  # [deg] about a reported position within which full detail says whether it lies on land
 
 
 def around(box: Box, sources: Sequence[Source]) -> Box:
@@ -34,10 +37,12 @@ def opened(
     seen: Callable[[Shore], Shore] | None,
     shared: tuple[Shore, shoreline.Coast | None] | None,
 ) -> tuple[Shore, shoreline.Coast | None]:
-    """Return the land in a box, and its coast, None where there is none; raise UserError for a report from land.
+    """Return the land in a box and its coast, None where there is none.
 
-    seen: what of the land's detail is wanted, all unless a function says; shared: land and coast, where others have
-    them.
+    Raises UserError for a position that was reported on land.
+
+    seen: what of the land's detail is wanted, all of it unless a function says; shared: land and coast, where other
+    runs have built them.
     """
     if shared:
         whole, coast = shared

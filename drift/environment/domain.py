@@ -1,4 +1,7 @@
-"""The domain of a run: the box outside which a particle has left, by default all that anything adrift can reach."""
+"""The domain of a run: the box outside which a particle has left.
+
+By default it holds all that anything adrift can reach.
+"""
 
 import math
 from collections.abc import Sequence
@@ -17,12 +20,12 @@ from geo import sphere
 from geo.box import Box
 from kernels import advance
 
-FASTEST_CURRENT = 2.5  # [m/s] what the reach of a case is reckoned with, unless it states its [domain]
+FASTEST_CURRENT = 2.5  # [m/s] with which a domain is computed where the case states none
 STRONGEST_WIND = 25.0  # [m/s]
-POLEWARD = 89.0  # [deg] beyond, east and north lose their meaning: a particle there has left
-VAST = 4_000.0  # [deg2] a box in which it is worth asking what of it can be reached at all
-UTMOST_CURRENT, UTMOST_STOKES, UTMOST_WIND = 5.0, 1.0, 50.0  # [m/s] that nothing meets on average over a whole run
-FARTHEST = 7.0  # standard deviations beyond which nothing is drawn
+POLEWARD = 89.0  # [deg] nearer to a pole, east and north lose their meaning, and a particle has left
+VAST = 4_000.0  # [deg2] size of a box above which it is worth asking how much of it can be reached at all
+UTMOST_CURRENT, UTMOST_STOKES, UTMOST_WIND = 5.0, 1.0, 50.0  # [m/s] no average over a whole run is as high
+FARTHEST = 7.0  # standard deviations beyond which practically nothing is drawn
 SPREADS = 5.0  # standard deviations of a prior that lie in its box
 
 
@@ -44,7 +47,7 @@ def binary(box: Box) -> advance.Domain:
 
 def within_reach(spec: EnsembleSpec) -> Box:
     """Return the box that holds every prior and all that it can reach by the end of the run."""
-    leeway = max((model.usual(one, STRONGEST_WIND) for model, one in _all(spec)), default=0.0)
+    leeway = max((model.usual(drifter, STRONGEST_WIND) for model, drifter in _all(spec)), default=0.0)
     fastest = FASTEST_CURRENT + leeway + 3 * (spec.errors.current.std + spec.errors.current.bias)
     if spec.release:
         fastest += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
@@ -52,13 +55,15 @@ def within_reach(spec: EnsembleSpec) -> Box:
 
 
 def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
-    """Return a box that nothing of a run leaves: speeds that nowhere last, or as fast as the case says, and errors beyond chance.
+    """Return a box that practically nothing of a run leaves.
 
-    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs.
-    What should leave it all the same has left the domain, and is told so.
+    It assumes speeds that last nowhere, or those of the case if they are faster, and errors beyond chance.
+
+    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs. A
+    particle that leaves the box all the same counts as having left the domain.
     """
     wind = _fastest(asked.winds, UTMOST_WIND) + FARTHEST * spec.errors.wind.std
-    leeway = max((model.fastest(one, wind, FARTHEST) for model, one in _all(spec)), default=0.0)
+    leeway = max((model.fastest(drifter, wind, FARTHEST) for model, drifter in _all(spec)), default=0.0)
     fastest = _fastest(asked.currents, UTMOST_CURRENT) + _fastest(asked.stokes, UTMOST_STOKES) + leeway
     fastest += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
     if spec.release:
@@ -69,18 +74,23 @@ def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
 
 def _all(spec: EnsembleSpec) -> list[tuple[Model, Drifter]]:
     """Return all objects of a run and how each moves; debris drifts."""
-    return [(MODELS[one.model], one.object) for one in spec.scenarios] + [(DRIFT, drifter) for drifter in spec.debris]
+    return [(MODELS[scenario.model], scenario.object) for scenario in spec.scenarios] + [
+        (DRIFT, drifter) for drifter in spec.debris
+    ]
 
 
 def _fastest(specs: Sequence[ForcingSpec], least: float) -> float:
-    """Return the fastest that is typed in a case [m/s], or what is thought of as fastest if that is more."""
+    """Return the fastest speed that a case states [m/s], or `least` if that is more."""
     typed = [spec.constant for spec in specs if spec.constant is not None]
     typed += [row for spec in specs if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
     return max([least, *(math.hypot(east, north) for east, north in typed)])
 
 
 def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
-    """Return the box of all priors, so many standard deviations wide, and of what drifts from them at a speed [m/s]."""
+    """Return the box of all priors, and of what drifts from them at a speed [m/s].
+
+    spreads: how many standard deviations of the priors it holds.
+    """
     lon: list[np.ndarray] = []
     lat: list[np.ndarray] = []
     spread = 0.0
@@ -102,17 +112,20 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
 
 
 def _common(box: Box, other: Box) -> Box:
-    """Return the part of a box that lies in another too; the whole of it where they have no part, or two, in common."""
+    """Return the part of a box that lies in another too.
+
+    Return the whole box where they have no part in common, or two.
+    """
     south, north = max(box.south, other.south), min(box.north, other.north)
     if other.east - other.west >= 360:
-        found = [(box.west, box.east)]
+        spans = [(box.west, box.east)]
     elif box.east - box.west >= 360:
-        found = [(other.west, other.east)]
+        spans = [(other.west, other.east)]
     else:
         sides = ((max(box.west, other.west + k), min(box.east, other.east + k)) for k in (-360, 0, 360))
-        found = [(west, east) for west, east in sides if west < east]
-    if south >= north or len(found) != 1:
+        spans = [(west, east) for west, east in sides if west < east]
+    if south >= north or len(spans) != 1:
         return box
-    ((west, east),) = found
+    ((west, east),) = spans
     start = sphere.wrap_degrees(west)
     return Box(start, south, start + east - west, north)

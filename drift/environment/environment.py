@@ -30,7 +30,10 @@ COARSEST = 4.0  # [deg] the lattice's widest spacing
 
 @dataclass(frozen=True)
 class Environment:
-    """The forcing of each scenario, the coast (None without one), and the box outside which a particle has left."""
+    """The forcing of each scenario, the coast, and the box outside which a particle has left.
+
+    coast: None without one.
+    """
 
     box: Box
     scenarios: tuple[Sources, ...]
@@ -51,7 +54,7 @@ class Common(Protocol):
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and a coast that is, within a box, as one built for it; None: there is none to share."""
+        """Return the land and a coast that within a box is as one built for it; None if there is nothing to share."""
 
 
 def open_for(
@@ -70,9 +73,11 @@ def open_for(
     reported position lies on land.
     """
     box = domain.bounds(spec, asked)
-    opened = {one.name + one.quantity: _open(one, box, spec.period, held, common) for one in asked.forcing}
-    cells: dict[tuple[str, str], int] = {(one.quantity, one.name): one.fill for one in asked.forcing}
-    added = frozenset((one.quantity, one.name) for one in asked.forcing if one.add)
+    opened = {
+        forcing.name + forcing.quantity: _open(forcing, box, spec.period, held, common) for forcing in asked.forcing
+    }
+    cells: dict[tuple[str, str], int] = {(forcing.quantity, forcing.name): forcing.fill for forcing in asked.forcing}
+    added = frozenset((forcing.quantity, forcing.name) for forcing in asked.forcing if forcing.add)
     opened = {key: _with_notes(source, added) for key, source in opened.items()}
     scenarios = []
     for scenario in spec.scenarios:
@@ -100,10 +105,10 @@ def open_for(
 
 
 def part(box: Box) -> Box:
-    """Return the box that is read of a source: the one asked for, widened to a lattice at most an eighth as wide.
+    """Return the box that is read of a source: the one asked for, widened to a lattice.
 
-    So runs that begin near each other see the same part of a source, on the same grid, which for many forecasts is
-    prepared only once.
+    The lattice's lines are at most an eighth of the box apart. So runs that begin near each other see the same part of
+    a source, on the same grid, which for many forecasts is prepared only once.
     """
 
     def outward(low: float, high: float) -> tuple[float, float]:
@@ -117,7 +122,10 @@ def part(box: Box) -> Box:
 
 
 def _names(spec: EnsembleSpec, scenario: Scenario) -> tuple[tuple[str, ...], ...]:
-    """Return the names of the sources that a scenario drifts in, by quantity; no winds where nothing feels them."""
+    """Return the names of the sources that a scenario drifts in, by quantity.
+
+    There are no winds where nothing feels them.
+    """
     blown = scenario.object.uses_wind or any(drifter.uses_wind for drifter in spec.debris)
     return scenario.currents, scenario.winds if blown else (), scenario.stokes
 
@@ -132,8 +140,8 @@ def hold(asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str)
     for name, spec in named.items():
         if name not in given:
             raise UserError(
-                f'{place}: {spec.quantity} "{spec.name}": dataset = "{name}" is an xarray.Dataset in memory, which only Python '
-                f'can give: drift.run(case, datasets={{"{name}": ...}}); from the command line name files'
+                f'{place}: {spec.quantity} "{spec.name}": dataset = "{name}" is an xarray.Dataset in memory, which '
+                f'only Python can give: drift.run(case, datasets={{"{name}": ...}}); from the command line name files'
             )
     for name in given:
         if name not in named:
@@ -195,9 +203,9 @@ def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
 def _check_times(
     period: Period, max_lost: float, place: str, quantity: str, sources: tuple[Source, ...], *, added: bool
 ) -> None:
-    """Refuse a run of which a part, longer than may be lost, has no source of a quantity; sources: a term of its sum.
+    """Refuse a run if for more of it than may be lost a quantity has no source.
 
-    place: the scenario that drifts in them, as a refusal calls it.
+    sources: one term of the quantity's sum; place: the scenario that drifts in them, as a refusal calls it.
     """
     if any(not source.times.size for source in sources):
         return
@@ -218,8 +226,8 @@ def _check_times(
     more = f" and {len(without) - 3} times more" if len(without) > 3 else ""
     raise UserError(
         f"{place}: {quantity} {names} lasts from {whole}, the run from "
-        f"{notation.group(first)} to {notation.group(last)}: {math.floor(100 * share)}% of it is covered, nothing {lacking}{more}, and "
-        f"without forcing all that is adrift is lost. Change "
+        f"{notation.group(first)} to {notation.group(last)}: {math.floor(100 * share)}% of it is covered, "
+        f"nothing {lacking}{more}, and without forcing all that is adrift is lost. Change "
         + (
             f"start, duration or end, or leave {names} out: it has add = true, and a sum without it is none"
             if added

@@ -1,6 +1,7 @@
-"""Which winds and currents a run asks for: files, a dataset in memory, a constant, a table, or a built-in flow.
+"""Which winds and currents a run asks for.
 
-Constants and tables are what was reported on scene. Nothing is opened here; geo.forcing.sources does that.
+They come from files, a dataset in memory, a constant, a table, or a built-in flow. Constants and tables are what was
+reported on scene. Nothing is opened here; geo.forcing.sources does that.
 """
 
 from collections.abc import Mapping
@@ -40,12 +41,12 @@ class ForcingSpec:
     constant: tuple[float, float] | None = None  # true east, north [m/s]
     table: Report | None = None
     analytic: str | None = None
-    parameters: Mapping[str, float] = field(default_factory=dict)  # of the built-in flow, SI
+    parameters: Mapping[str, float] = field(default_factory=dict)  # parameters of the built-in flow, SI
     variables: Mapping[str, str] | None = None
     units: str | None = None
     depth: float | None = None  # [m]
     steady: bool = False
-    times: Slices | None = None  # in place of the files' own
+    times: Slices | None = None  # used in place of the files' own
     fill: int = 3  # cells filled from wet neighbours toward the coast
     plausible: bool = False  # the user vouches for the speeds in the files
     timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered

@@ -32,7 +32,7 @@ def check_prior(
     low, high, _ = next(clock.steps())
     scene.forcing.set(low, high)
     lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
-    # What is released later may find a source that has nothing yet: the run itself judges it.
+    # What is released later may find a value where a source has none yet, so the run itself judges it.
     probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
     _check_domain(where.box, max_lost, ensemble, probability)
     blocks = ensemble.blocks
@@ -43,17 +43,15 @@ def check_prior(
         ):
             slots = np.arange(first, last)
             x, y, weight = lon[slots], lat[slots], probability[slots]
-            everywhere = np.ones(last - first, bool)  # where all terms have a value
+            everywhere = np.ones(last - first, bool)  # whether all terms have a value there
             for of, term, valid in silence.terms(scene.forcing, number, x, y):
                 lost = np.where(valid, 0.0, weight)
                 if of == quantity:
                     everywhere &= valid
                 missed = blocks.total(lost, slots)
                 if of == quantity and missed > 0:
-                    share, middle = (
-                        missed / max(blocks.total(weight, slots), 1e-300),
-                        _middle(blocks, x, y, lost, slots),
-                    )
+                    share = missed / max(blocks.total(weight, slots), 1e-300)
+                    middle = _middle(blocks, x, y, lost, slots)
                     silent = [source for source in sources.of(quantity) if source.name in term.names]
                     away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
                     places.append(
@@ -61,10 +59,10 @@ def check_prior(
                     )
             missing += blocks.total(np.where(everywhere, 0.0, weight), slots)
         if missing > max_lost:
-            summed = any(key[0] == quantity for one in where.scenarios for key in one.added)
+            summed = any(key[0] == quantity for named in where.scenarios for key in named.added)
             raise UserError(
-                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({'; '.join(places)}); at most "
-                f"{max_lost:.0%} may be lost (max_lost). "
+                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({'; '.join(places)}); "
+                f"at most {max_lost:.0%} may be lost (max_lost). "
                 + ("A sum has no value where one of its terms has none. " if summed else "")
                 + f"Add a source, or move the {spec.story}"
             )
@@ -81,9 +79,9 @@ def check_end(
     box, silent = where.box, silence.in_words(silence.lost(scene.forcing, clock, ensemble, end))
     raise UserError(
         f"{sum(lost.values()):.0%} of the probability was lost by the end: {lost[Status.OUTSIDE]:.0%} ran out of "
-        f"forcing{f' (no value: {silent})' if silent else ''}, {lost[Status.LEFT]:.0%} left the domain ({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
-        f"{box.north:.2f} N); at most {max_lost:.0%} may be (max_lost). Shorten the run, add a source, or widen "
-        "[domain]"
+        f"forcing{f' (no value: {silent})' if silent else ''}, {lost[Status.LEFT]:.0%} left the domain "
+        f"({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}..{box.north:.2f} N); at most {max_lost:.0%} may be "
+        "(max_lost). Shorten the run, add a source, or widen [domain]"
     )
 
 
@@ -99,8 +97,8 @@ def _check_domain(box: Box, max_lost: float, ensemble: Ensemble, probability: np
     x, y = _middle(ensemble.blocks, ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), lost)
     raise UserError(
         f"[domain]: {share:.0%} of the prior lies outside it, about {notation.position(x, y)}, from where it is "
-        f"{_edge(box, x, y)} to its edge ({box.west:.2f}..{box.east:.2f} E {box.south:.2f}..{box.north:.2f} N); at most "
-        f"{max_lost:.0%} may be lost (max_lost). Widen [domain], or leave it out"
+        f"{_edge(box, x, y)} to its edge ({box.west:.2f}..{box.east:.2f} E {box.south:.2f}..{box.north:.2f} N); "
+        f"at most {max_lost:.0%} may be lost (max_lost). Widen [domain], or leave it out"
     )
 
 
@@ -111,9 +109,9 @@ def _middle(
     weight: npt.NDArray[Any],
     slots: npt.NDArray[Any] | None = None,
 ) -> tuple[float, float]:
-    """Return the weighted mean position (lon, lat) [deg] of particles [binary angles]: that of their mean vector.
+    """Return the weighted mean position (lon, lat) [deg] of particles [binary angles].
 
-    slots: those that they are; by default all.
+    It is the direction of their mean vector. slots: of these particles, by default all.
     """
     x, y = lon * sphere.UNIT, lat * sphere.UNIT
     vector = np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)
@@ -123,7 +121,10 @@ def _middle(
 
 
 def _away(source: Source, lon: float, lat: float) -> str:
-    """Return how far and where the domain of a source lies from a point [deg]; what is missing inside it is land, or a gap."""
+    """Return how far and in which direction the domain of a source lies from a point [deg].
+
+    A value that is missing inside the domain is land or a gap.
+    """
     grid = source.grid
     if source.domain is None:
         box = grid.box
@@ -140,7 +141,10 @@ def _away(source: Source, lon: float, lat: float) -> str:
 
 
 def _edge(box: Box, lon: float, lat: float) -> str:
-    """Return how far and where the edge of a box is from a point [deg], to about a thousandth of the box's size."""
+    """Return how far and in which direction the edge of a box is from a point [deg].
+
+    The result is right to about a thousandth of the box's size.
+    """
     share = np.linspace(0, 1, 1001)
     x, y = box.west + share * (box.east - box.west), box.south + share * (box.north - box.south)
     x, y = (

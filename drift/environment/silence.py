@@ -15,16 +15,16 @@ from geo.array import Array
 
 Shares = dict[tuple[str, tuple[str, ...]], float]  # by quantity and the names of a term's sources
 
-MOST = 24  # steps looked at: those that lost most stand for all
+MOST = 24  # steps that are looked at: those that lost most stand for all
 AHEAD = (0.0, 1.0, 3.0)  # steps ahead along the current: a stage of the step found nothing, not always its begin
 
 
 def terms(
     forcing: Forcing, scenario: int, lon: Array, lat: Array, fraction: float = 0.0
 ) -> Iterator[tuple[str, Term, Array]]:
-    """Yield the quantity, the term and at which places [binary angle] (n,) it has a value, for all terms of a scenario.
+    """Yield the quantity and the term, and where the term has a value, for all terms of a scenario.
 
-    fraction: of the step that the forcing is set to.
+    lon, lat: places [binary angle] (n,); fraction: of the step that the forcing is set to.
     """
     for quantity in QUANTITIES:
         for term in forcing.terms[scenario][quantity]:
@@ -40,7 +40,7 @@ def lost(forcing: Forcing, clock: Clock, ensemble: Ensemble, end: Snapshot) -> S
     ended, outside, probability = ensemble.status_since.to_numpy(), end.status == Status.OUTSIDE, end.probability
     steps = [(step.elapsed, low, high) for low, high, step in clock.steps()]
     number = np.searchsorted([elapsed for elapsed, _, _ in steps], ended, "right") - 1
-    # What was released before the first step, or is pending, is outside of nothing: its number is not looked at.
+    # Particles released before the first step, and pending ones, are not outside: their number does not matter.
     by_step = ensemble.blocks.table(number.clip(0), len(steps), np.where(outside, probability, 0.0))
     chosen = [k for k in np.argsort(-by_step, kind="stable")[:MOST] if by_step[k] > 0]
     shares: Shares = {}

@@ -215,7 +215,10 @@ def build(
 
 
 def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
-    """Return the containment of each cell (nlat, nlon), and as curves its levels, areas [m2] and densities [1/m2]."""
+    """Return the containment of each cell (nlat, nlon), and the same as curves.
+
+    The curves are levels, areas [m2] and densities [1/m2].
+    """
     height = mass / area[:, None]
     order = density.ranked(height)
     inside = np.cumsum(mass.ravel()[order])
@@ -239,9 +242,9 @@ def contours(area: Area) -> list[shapely.MultiPolygon]:
 
 
 def _contour(cells: Cells, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
-    """Return the outline [deg] of the cells that are denser than a threshold, the logarithm of a density [1/m2].
+    """Return the outline [deg] of the cells that are denser than a threshold.
 
-    wanted: size [m2] of these cells.
+    threshold: the logarithm of a density [1/m2]; wanted: size [m2] of these cells.
 
     The line runs where the logarithm of density, linear between cell centres, is at the threshold. Where cells are
     coarse it is moved until it encloses the wanted size to 0.5 %. A pad of empty cells closes it at the edge.

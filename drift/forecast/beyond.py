@@ -1,4 +1,4 @@
-"""What the frame of a picture leaves out, in words: probability, contacts and positions, and where they lie."""
+"""What the frame of a picture leaves out, in words: probability, contacts and positions."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -29,7 +29,10 @@ def left_out(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None
 
 
 def aside(frame: Frame, at: Any) -> str:
-    """Return in a few words, for a small map, what a frame leaves out of the probability; empty if that is little."""
+    """Return in a few words, for a small map, what a frame leaves out of the probability.
+
+    The result is empty if that is little.
+    """
     mass = _outside(frame, at)
     total = float(mass.sum())
     if total <= TELLING:
@@ -75,7 +78,7 @@ def _probability(frame: Frame, at: Any) -> str:
         return ""
     lon, lat, alone = _most(mass, at)
     words = f"{labels.percent(total)} of the probability lies outside this frame"
-    if within(frame, np.array([[lon, lat]]))[0]:  # their mean is in the frame: they lie round it
+    if within(frame, np.array([[lon, lat]]))[0]:  # their mean is in the frame, so they lie round it
         return f"{words}, on several sides"
     return f"{words}, {'' if alone else 'most of it '}{_where(frame, lon, lat)}"
 

@@ -1,4 +1,4 @@
-"""Snapshots of the particles -> what a planner reads: probability maps, containment areas, contours, mean tracks.
+"""Snapshots of the particles -> what a planner reads: maps, containment areas, contours, mean tracks.
 
 Everything here is float64 NumPy on fixed-point deposits, in one order: the same snapshots give the same bits on any
 number of threads. A map holds the object adrift or ashore; what is outside the forcing, has left, sunk or is not yet
@@ -158,24 +158,24 @@ def begin(
 def _reference(snapshots: Sequence[Snapshot]) -> int:
     """Return the longitude [binary angle] round which to unwrap: that of the mean position at all times."""
     x = y = 0.0
-    for one in snapshots:
-        weight, lon = np.where(mapped(one), one.probability, 0.0), one.lon * sphere.UNIT
-        x, y = x + one.blocks.total(weight * np.cos(lon)), y + one.blocks.total(weight * np.sin(lon))
+    for snapshot in snapshots:
+        weight, lon = np.where(mapped(snapshot), snapshot.probability, 0.0), snapshot.lon * sphere.UNIT
+        x, y = x + snapshot.blocks.total(weight * np.cos(lon)), y + snapshot.blocks.total(weight * np.sin(lon))
     return int(sphere.to_binary(np.degrees(np.arctan2(y, x))))
 
 
-def _cloud(one: Snapshot, centre: int) -> _Cloud | None:
+def _cloud(snapshot: Snapshot, centre: int) -> _Cloud | None:
     """Return a snapshot's extent and spacing; None if no probability is adrift or ashore."""
-    index = np.flatnonzero(mapped(one))
+    index = np.flatnonzero(mapped(snapshot))
     if not len(index):
         return None
-    # int32 subtraction wraps: longitudes relative to the centre, in [-180, 180) degrees
-    lon, lat = np.subtract(one.lon[index], np.int32(centre)), one.lat[index]
+    # int32 subtraction wraps, which gives longitudes relative to the centre in [-180, 180) degrees.
+    lon, lat = np.subtract(snapshot.lon[index], np.int32(centre)), snapshot.lat[index]
     shrink = float(np.cos(int(lat.sum(dtype=np.int64)) / len(lat) * sphere.UNIT))
-    weight = np.where(mapped(one), one.probability, 0.0)
-    picks = density.systematic(one.blocks.running(weight))
-    x, y = np.subtract(one.lon[picks], np.int32(centre)) * shrink, one.lat[picks].astype(np.float64)
-    spacing = density.typical_spacing(x, y, effective.number(weight, blocks=one.blocks))
+    weight = np.where(mapped(snapshot), snapshot.probability, 0.0)
+    picks = density.systematic(snapshot.blocks.running(weight))
+    x, y = np.subtract(snapshot.lon[picks], np.int32(centre)) * shrink, snapshot.lat[picks].astype(np.float64)
+    spacing = density.typical_spacing(x, y, effective.number(weight, blocks=snapshot.blocks))
     return _Cloud(index, int(lon.min()), int(lon.max()), int(lat.min()), int(lat.max()), spacing)
 
 

@@ -1,4 +1,7 @@
-"""What a forecast hands out: maps over time, tracks of a subsample, tables, shapes for a GIS, and two pictures."""
+"""What a forecast hands out: maps over time, tracks, tables, shapes for a GIS, and two pictures.
+
+The tracks are those of a subsample.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

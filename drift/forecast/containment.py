@@ -1,4 +1,7 @@
-"""The containment of points, read from a forecast: the smallest share of the probability whose area holds each."""
+"""The containment of points, read from a forecast.
+
+It is the smallest share of the probability whose area holds the point.
+"""
 
 from typing import Any
 
@@ -13,7 +16,9 @@ LEAST = 1e-6  # least 1 - containment, which keeps its logarithm finite in cells
 
 
 def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-    """Return the containment at points [deg], shape (n,), at one of a forecast's output times; 1 where nothing is.
+    """Return the containment at points [deg], shape (n,), at an output time of a forecast.
+
+    It is 1 where there is no probability.
 
     data: a drift.forecast.dataset, of a run or from forecast.nc. Between the centres of cells that hold any probability
     the logarithm of 1 - containment is bilinear: for a bivariate normal that is the logarithm of density, which the

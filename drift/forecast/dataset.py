@@ -28,7 +28,7 @@ def _positions(name: str, dims: tuple[str, ...], words: str) -> dict[str, tuple[
 
 
 CELLWISE = ("time", "lat", "lon")
-# name: dimensions, attributes. Each takes its values from `_maps` or `_numbers`.
+# By name: dimensions, attributes. Each variable takes its values from `_maps` or `_numbers`.
 VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "probability": (
         CELLWISE,
@@ -196,11 +196,11 @@ def _numbers(
     """Return what is known of each time as a whole."""
     none = np.full(shares, np.nan)
     return {
-        "containment_area": np.array([one.areas if one else none for one in maps]),
-        "held_out": np.array([one.held_out if one else none for one in maps]),
+        "containment_area": np.array([area.areas if area else none for area in maps]),
+        "held_out": np.array([area.held_out if area else none for area in maps]),
         "status_probability": np.array([s.blocks.table(s.status, len(Status), s.probability) for s in snapshots]),
         "scenario_probability": np.array([s.blocks.table(s.scenario, scenarios, s.probability) for s in snapshots]),
-        "particles_per_kernel": np.array([one.per_kernel if one else np.nan for one in maps]),
+        "particles_per_kernel": np.array([area.per_kernel if area else np.nan for area in maps]),
     }
 
 
@@ -244,14 +244,14 @@ class _Counted:
     drawn: int  # number of worlds that were drawn; 0 where there are none
 
 
-def _counted(one: Snapshot, scenarios: int) -> _Counted:
-    weight, family, blocks = np.where(mapped(one), one.probability, 0.0), one.family, one.blocks
+def _counted(snapshot: Snapshot, scenarios: int) -> _Counted:
+    weight, family, blocks = np.where(mapped(snapshot), snapshot.probability, 0.0), snapshot.family, snapshot.blocks
     return _Counted(
         effective.number(weight, family, blocks),
-        effective.by(one.status, len(Status), one.probability, family, blocks),
-        effective.by(one.scenario, scenarios, weight, family, blocks),
-        np.nan if one.world is None else effective.number(weight, one.world, blocks),
-        0 if one.world is None else 1 + int(one.world.max()),
+        effective.by(snapshot.status, len(Status), snapshot.probability, family, blocks),
+        effective.by(snapshot.scenario, scenarios, weight, family, blocks),
+        np.nan if snapshot.world is None else effective.number(weight, snapshot.world, blocks),
+        0 if snapshot.world is None else 1 + int(snapshot.world.max()),
     )
 
 

@@ -26,7 +26,7 @@ from scipy import ndimage, spatial
 from geo.array import Array
 
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
-FEW = 8  # times as many cells has a grid, and it is worth while to look at those alone that count
+FEW = 8  # a grid with so many times more cells than count is read only where they count
 PARTS = np.array([9, 3, 3, 1]) / 16  # of a cell's mass go to four cells of the next level: see _above
 SAMPLE = 4096  # particles that tell how fine cells are to be
 REACH = 4  # cells, and standard deviations, as far as a kernel reaches
@@ -37,7 +37,10 @@ PER_KERNEL = 0.07  # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate 
 
 
 def systematic(running: Array) -> Array:
-    """Return the slots of a systematic sample of SAMPLE, each once, by the sum of weights up to and with each slot, (n,)."""
+    """Return the slots of a systematic sample of SAMPLE, each once.
+
+    running: the sum of weights up to and with each slot, (n,).
+    """
     goals = (np.arange(SAMPLE) + 0.5) / SAMPLE * running[-1]
     return np.unique(np.searchsorted(running, goals).clip(max=len(running) - 1))
 
@@ -151,7 +154,10 @@ def medium(allowed: Array) -> Medium:
 
 @dataclass(frozen=True)
 class Histogram:
-    """The effective number of particles in a kernel about each cell, at each level of the pyramid, for one medium."""
+    """The effective number of particles in a kernel about each cell, for one medium.
+
+    It is given at each level of the pyramid.
+    """
 
     number: tuple[Array, ...]
 
@@ -175,9 +181,10 @@ def wider(first: Array, area: Array) -> tuple[Array, ...]:
 def histogram(
     cells: Array, mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None
 ) -> Histogram:
-    """Return the effective numbers of particles, from weights and their squares in cells (flat indices), each (n,).
+    """Return the effective numbers of particles, from weights and their squares in cells, each (n,).
 
-    more: factors by which they are divided (see `wider`), so that kernels take in so many times as many.
+    The cells are flat indices. more: factors by which they are divided (see `wider`), so that kernels take in so many
+    times as many.
     """
     numbers = []
     for level, reach in enumerate(where.reach):
@@ -242,7 +249,7 @@ def _smoothed(staying: Sequence[tuple[Array, Array]], where: Medium, level: int,
         smooth = np.asarray(PARTS @ values[above])
     if cells.size:
         rows, columns = np.divmod(cells, shape[1])
-        south, west = max(rows.min() - REACH, 0), max(columns.min() - REACH, 0)  # beyond, all is zero
+        south, west = max(rows.min() - REACH, 0), max(columns.min() - REACH, 0)  # all is zero beyond these
         own = np.zeros((min(rows.max() + REACH + 1, shape[0]) - south, min(columns.max() + REACH + 1, shape[1]) - west))
         share = reach.ravel()[cells]
         own[rows - south, columns - west] = np.divide(stay, share, out=np.zeros(stay.size), where=share > 0)

@@ -1,9 +1,10 @@
-"""How many particles or worlds count, and whether these are few: the one place that says so, for every file and picture.
+"""How many particles or worlds count, and whether these are few.
+
+Every file and picture asks here, and nowhere else.
 
 Weights make a few particles count for all of them: their effective number is one over the sum of their squared shares
-(Kong 1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle that it descends from: copies know no more
-than it did, however many there are. Objects of one world share all that nobody knows of it, so that a spill stands on
-its worlds.
+(Kong 1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle that it descends from: copies add no
+information, however many there are. Objects of one world share all its unknowns, so for a spill its worlds count.
 """
 
 import math
@@ -19,9 +20,9 @@ from geo import notation
 from geo.array import Array
 
 FEW = {"particles": 200.0, "worlds": 50.0}  # fewer than so many, and figures are rough
-SLACK = 1e-6  # of a number: what misses it by rounding reaches it
-PART = 0.05  # share of the probability on the map from which a part of it is told of by itself
-# share of what is ever released, from which on a run is warned of: before, its maps say what is missing
+SLACK = 1e-6  # share of a number by which rounding may miss it
+PART = 0.05  # share of the probability on the map from which on a part of it is mentioned by itself
+# A run is warned of once this share of what is ever released is out: until then its maps say what is missing.
 RELEASED = 0.99
 PARTS = {"adrift": "of those adrift", "ashore": "of those ashore"}
 
@@ -32,7 +33,7 @@ class Count:
 
     number: float
     of: int | None = None
-    what: str = "particles"  # or worlds
+    what: str = "particles"  # what counts: "particles" or "worlds"
 
     @property
     def few(self) -> bool:
@@ -57,10 +58,8 @@ def number(weight: Array, family: Array | None = None, blocks: Blocks | None = N
     """
     if not len(weight) or weight.max() <= 0:
         return 0.0
-    blocks, weight = (
-        blocks or partials.whole(len(weight)),
-        weight / weight.max(),
-    )  # squares of the smallest would be nothing
+    blocks = blocks or partials.whole(len(weight))
+    weight = weight / weight.max()  # squares of the smallest weights would underflow
     if family is not None:
         return weights.effective(blocks.grouped(family, weight))
     total, squares = blocks.partial(weight, weight**2).total[0]
@@ -68,7 +67,10 @@ def number(weight: Array, family: Array | None = None, blocks: Blocks | None = N
 
 
 def by(code: Array, many: int, weight: Array, family: Array | None = None, blocks: Blocks | None = None) -> Array:
-    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,); family, blocks: as in `number`."""
+    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,).
+
+    family, blocks: as in `number`.
+    """
     if family is not None:
         return np.array([number(np.where(code == k, weight, 0.0), family, blocks) for k in range(many)])
     total, squares = (blocks or partials.whole(len(weight))).table(code, many, weight, weight**2)
@@ -81,14 +83,15 @@ def sentence(count: Count, when: str = "", rough: str = "areas and shares are ro
 
 
 def banner(count: Count, rough: str = "the areas are rough", when: str = "") -> str:
-    """Return what a picture says of few; when: the time of its map that stands on least."""
+    """Return a picture's warning that few count; when: the time of its map with the lowest count."""
     return f"ONLY {count.words.upper()}{when and f' at {when}'}: {rough}"
 
 
 def at(data: Any, time: int, particles: int | None = None) -> Count:
-    """Return what a forecast's map (drift.forecast.dataset) stands on at an output: its worlds if these are few, else its particles.
+    """Return how many count for a forecast's map at an output.
 
-    particles: how many were drawn.
+    That is its worlds if these are few, else its particles. data: as of drift.forecast.dataset; particles: how many
+    were drawn.
     """
     if "effective_worlds" in data:
         worlds = data["effective_worlds"]
@@ -99,55 +102,67 @@ def at(data: Any, time: int, particles: int | None = None) -> Count:
 
 
 def fewest(data: Any, outputs: Iterable[int], particles: int | None = None) -> tuple[Count, int]:
-    """Return what the map that stands on least stands on, of those at some outputs that show anything, and its output."""
+    """Return the lowest count of the maps of some outputs, and that output.
+
+    Outputs that show nothing are passed over.
+    """
     counts = [(at(data, int(i), particles), int(i)) for i in outputs]
-    shown = [one for one in counts if one[0].number > 0]
-    return min(shown, key=lambda one: one[0].number / FEW[one[0].what], default=(Count(0.0, particles), 0))
+    shown = [pair for pair in counts if pair[0].number > 0]
+    return min(shown, key=lambda pair: pair[0].number / FEW[pair[0].what], default=(Count(0.0, particles), 0))
 
 
 def parts(data: Any, time: int) -> list[str]:
-    """Return which parts of a map stand on few particles, those adrift, those ashore, a scenario; none where all of it does."""
+    """Return the parts of a map for which few particles count: those adrift, those ashore, a scenario.
+
+    There are none where few count for the whole map.
+    """
     if at(data, time).few:
         return []
-    one = data.isel(time=time)
-    mapped = float(one["probability"].sum())
-    found = []
-    statuses = zip(one["status"].values, one["status_probability"].values, one["status_effective"].values, strict=True)
+    output = data.isel(time=time)
+    mapped = float(output["probability"].sum())
+    sentences = []
+    statuses = zip(
+        output["status"].values, output["status_probability"].values, output["status_effective"].values, strict=True
+    )
     named = [(PARTS[str(name)], p, n) for name, p, n in statuses if str(name) in PARTS]
-    if one.sizes["scenario"] > 1 and "effective_worlds" not in data:  # classes of objects are no stories
-        shares = one["probability_by_scenario"].sum(["lat", "lon"]).values
-        of = zip(one["scenario"].values, shares, one["scenario_effective"].values, strict=True)
+    if output.sizes["scenario"] > 1 and "effective_worlds" not in data:  # classes of objects are no stories
+        shares = output["probability_by_scenario"].sum(["lat", "lon"]).values
+        of = zip(output["scenario"].values, shares, output["scenario_effective"].values, strict=True)
         named += [(f'of scenario "{name}"', p, n) for name, p, n in of]
     for name, share, many in named:
         count = Count(float(many))
         if share >= PART * mapped and count.few:
-            found.append(
-                f"{sentence(count, name, 'what is said of these alone is rough')} ({100 * share:.0f} % of the probability)"
+            sentences.append(
+                f"{sentence(count, name, 'what is said of these alone is rough')} "
+                f"({100 * share:.0f} % of the probability)"
             )
-    return found
+    return sentences
 
 
 def of_run(data: Any, particles: int, since: np.datetime64 | None = None, left: float = 0.0) -> list[str]:
     """Return the warnings of a forecast: at which outputs few particles count, and of which parts at its end.
 
-    since, left: where it has been told already that `left` particles count from a time on, outputs from then on are
-    told of only if fewer than half as many count there.
+    since, left: where a reader knows already that `left` particles count from a time on, outputs from then on are
+    mentioned only if fewer than half as many count there.
     """
-    told = []
+    sentences = []
     times = data["time"].values
     few = [i for i in range(released(data), len(times)) if at(data, i, particles).few]
     if few:
         counts = [at(data, i, particles) for i in few]
         worst = min(range(len(few)), key=lambda k: counts[k].number)
-        known = since is not None and all(_since(times, i, since) for i in few)
-        if not known or counts[worst].number < 0.5 * left:
+        already = since is not None and all(_since(times, i, since) for i in few)
+        if not already or counts[worst].number < 0.5 * left:
             others = f" and few at {len(few) - 1} more output time{'s' * (len(few) > 2)}" if len(few) > 1 else ""
-            told.append(sentence(counts[worst], f"at {notation.group(times[few[worst]])}{others}"))
-    return told + parts(data, len(times) - 1)
+            sentences.append(sentence(counts[worst], f"at {notation.group(times[few[worst]])}{others}"))
+    return sentences + parts(data, len(times) - 1)
 
 
 def released(data: Any) -> int:
-    """Return the first output from which on all that is ever released is, but for 1 - RELEASED; 0 if nothing is."""
+    """Return the first output from which on all that is ever released is, but for 1 - RELEASED.
+
+    Return 0 if nothing ever is.
+    """
     status = [str(name) for name in data["status"].values]
     share = 1 - data["status_probability"].values[:, status.index("pending")]
     return int(np.argmax(share >= RELEASED * share.max()))

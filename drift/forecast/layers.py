@@ -28,7 +28,7 @@ INNERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": 
 BETWEEN: tuple[Any, ...] = ((0, (6, 2)), (0, (6, 2, 1.5, 2)), (0, (10, 3)), (0, (4, 1.5, 1.5, 1.5, 1.5, 1.5)))
 OUTERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))}
 ROUGH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#55606b", "hatch": "////", "linewidth": 0.0, "alpha": 0.55}
-LARGER = 1.6  # by how much a frame may grow to show a place that is far off
+LARGER = 1.6  # factor by which a frame may grow to show a place that is far off
 TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", chart.RED
 SHOWN = 0.995  # containment of the cells that are shaded
 ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
@@ -133,7 +133,9 @@ def density(forecast: Forecast, time: int) -> Array:
 
 
 def scale_top(at: Any) -> float:
-    """Return the density [% per nmi2] that ends the colour scale: the area above it holds a tenth of those adrift.
+    """Return the density [% per nmi2] that ends the colour scale.
+
+    The area above it holds a tenth of those adrift.
 
     Those ashore have symbols of their own, and their narrow strip would take most of the scale: they count only where
     hardly any are adrift.
@@ -159,7 +161,9 @@ def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) 
 
 
 def kept(polygon: shapely.MultiPolygon) -> list[Array]:
-    """Return the rings to draw of an area, each (n, 2): without islands and holes of less than ISLAND of its size.
+    """Return the rings to draw of an area, each (n, 2).
+
+    Islands and holes of less than ISLAND of its size are left out.
 
     Pictures alone leave them out, files do not. Where islands make up more than a tenth, the larger ones stay.
     """

@@ -29,7 +29,7 @@ from geo import notation
 from geo.array import Array
 from geo.notation import NMI
 
-ROW = 0.03  # of the page, a row of warnings over the map
+ROW = 0.03  # height of a row of warnings over the map, as a share of the page
 SHEET = Sheet(
     11.7, 8.3, 140, left=0.055, title=sheet.heading(0.955, 15, 95), beside=60, lines=(Row(0.92, 12), Row(0.888, 9)),
     caution=Badge(0.985, 0.955, side="right"), rough=Badge(0.058, 0.884 - ROW, 11), footer=sheet.small(0.015, 7.5, 190),
@@ -171,7 +171,10 @@ def _small_map(
 
 
 def _log_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -> None:
-    """Draw a logarithmic colour scale of density with powers of ten; box: left, bottom, width, height of the page."""
+    """Draw a logarithmic colour scale of density with powers of ten.
+
+    box: left, bottom, width, height of the page.
+    """
     bar, top = figure.add_axes(box), mesh.norm.vmax
     figure.colorbar(mesh, cax=bar, extend="both")
     per, unit = labels.scale(top)

@@ -1,6 +1,6 @@
 """Shares of the probability whose areas a forecast gives: output.areas of a case, in percent."""
 
-SHARES = (0.5, 0.75, 0.95)  # where a case names none
+SHARES = (0.5, 0.75, 0.95)  # used where a case names none
 MOST = 6  # lines that a map can tell apart
 LEAST, LARGEST = 1.0, 99.9  # [%], of areas that particles can resolve
 

@@ -52,7 +52,7 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
 
 
 def counts(data: Any, i: int) -> dict[str, float]:
-    """Return how many particles, and worlds where there are any, a map stands on, by column of a table."""
+    """Return how many particles, and worlds where there are any, count for a map, by column of a table."""
     names = [name for name in ("effective_particles", "effective_worlds") if name in data]
     return {name: float(data[name].values[i]) for name in names}
 

@@ -101,7 +101,10 @@ def _flags(names: Sequence[str]) -> list[str]:
 
 
 def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]]:
-    """Return what is known of when each trajectory was released and ended, and where on the coast, as variables."""
+    """Return what is known of when each trajectory began and ended, and where on the coast.
+
+    The results are variables of the dataset.
+    """
     variables: dict[str, tuple[str, Array, dict[str, str]]] = {}
     direction = -1 if tracks.time[-1] < tracks.time[0] else 1
     halted = np.isin(tracks.status[:, -1], (Status.ASHORE, Status.OUTSIDE, Status.LEFT))

@@ -56,7 +56,7 @@ def unshaded(at: Any) -> str:
 
 
 def basis(forecast: Forecast, time: int, particles: int | None) -> str:
-    """Return in words when the forecast starts and how many particles it stands on."""
+    """Return in words when the forecast starts and how many particles count for it."""
     times = forecast.data["time"].values
     hours = float((times[time] - times[0]) / np.timedelta64(1, "s")) / 3600
     when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {notation.group(times[0])}"

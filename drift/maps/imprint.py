@@ -1,4 +1,4 @@
-"""What the pictures of a run share: the words that stand on each, and what every chart shows."""
+"""What the pictures of a run share: the words on each, and what every chart shows."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,12 +9,12 @@ from drift.maps.marks import Line, Mark
 
 @dataclass(frozen=True)
 class Imprint:
-    """Words that stand on every picture: whose it is, where it comes from, and what it must not be believed of."""
+    """Words on every picture: its title, where it comes from, and a caution about what not to believe."""
 
     title: str
     footer: str = ""  # a line of where it comes from: errors, version, seed
     attributes: Mapping[str, str] = field(default_factory=dict)  # the same in full, into the file
-    caution: str = ""  # on a banner
+    caution: str = ""  # text of a banner
 
 
 @dataclass(frozen=True)
@@ -25,5 +25,5 @@ class Setting:
     polygons: Iterable[Any] = ()  # of land, by Shapely [deg]
     marks: Sequence[Mark] = ()  # where the run began, as points
     lines: Sequence[Line] = ()  # the same, as areas and tracklines
-    known_as: str = "Last known position"  # what the marks are
-    particles: int | None = None  # in the run
+    known_as: str = "Last known position"  # what the legend calls the marks
+    particles: int | None = None  # particles in the run

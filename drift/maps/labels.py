@@ -14,18 +14,20 @@ from geo.notation import NMI
 
 HALO = (patheffects.withStroke(linewidth=2.5, foreground="white"),)
 LEADER = {"arrowstyle": "-", "color": "#1b2733", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2}
+# Offsets of a label from its point [typographic points], tried in this order.
 SPOTS = [
     (radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle)))
     for radius in (9, 18, 30, 45)
     for angle in (0, 180, 45, -45, 135, -135, 90, -90)
-]  # [typographic points] tried in this order
+]
 TINY = 5e-4  # share that would read as 0.0 %
+# Units of area [nmi2], from large to small.
 UNITS = (
     *((10.0**k, f"{10**k:,} nmi²") for k in (8, 6, 4, 2)),
     (1.0, "nmi²"),
     *((10.0**k / NMI**2, f"{10**k:,} m²") for k in (4, 2)),
     (1 / NMI**2, "m²"),
-)  # of area [nmi2], from large to small
+)
 
 Point = tuple[float, float, str, dict[str, Any]]  # x, y [m], text, style
 STEPS = (1, 2, 3, 6, 12, 24, 48, 72, 120, 240, 480, 960)  # [h] between times on an axis

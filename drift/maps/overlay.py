@@ -1,4 +1,7 @@
-"""What another topic draws on a chart: its layers, the places that the frame should show, its rows of the legend."""
+"""What another topic draws on a chart: its layers, its places, its rows of the legend.
+
+The frame should show its places.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

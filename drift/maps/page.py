@@ -39,7 +39,10 @@ def kept(draw: Callable[[Path], None]) -> Callable[[Path], None]:
 
 
 def save(canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int) -> None:
-    """Write the picture with its provenance as text chunks, and no date: the same forecast gives the same bytes."""
+    """Write the picture with its provenance as text chunks, and no date.
+
+    So the same forecast gives the same bytes.
+    """
     texts = {"Title": title, "Software": "casp-drift", **(attributes or {})}
     canvas.figure.savefig(path, format="png", dpi=dpi, metadata=texts)
 

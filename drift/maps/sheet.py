@@ -51,8 +51,8 @@ class Sheet:
     title: Row
     lines: tuple[Row, ...]  # under the title
     footer: Row
-    caution: Badge | None = None  # what the picture must not be believed of; None: never said
-    rough: Badge | None = None  # that it stands on little; None: never said
+    caution: Badge | None = None  # warns of what a reader must not believe; None: never shown
+    rough: Badge | None = None  # warns that few count for the picture; None: never shown
     beside: float | None = None  # letters of a title that has a caution right of it; None: as many as without
 
 
@@ -105,7 +105,7 @@ def head(on: Page, imprint: Imprint, *lines: str) -> None:
 
 
 def rough(on: Page, text: str) -> None:
-    """Say on a banner that a picture stands on little."""
+    """Draw a banner which says that few particles or worlds count for a picture."""
     assert on.sheet.rough is not None
     _banner(on, on.sheet.rough, text)
 
@@ -132,9 +132,9 @@ def legend(figure: Figure, rows: Sequence[tuple[Any, str]], **style: Any) -> Any
 
 
 def density_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -> tuple[Axes, str]:
-    """Draw the colour scale of a probability density [% per nmi2] with round numbers; return its axes and their unit.
+    """Draw the colour scale of a probability density [% per nmi2]; return its axes and their unit.
 
-    box: left, bottom, width, height of the page; the scale runs along its longer side.
+    The scale has round numbers. box: left, bottom, width, height of the page; the scale runs along its longer side.
     """
     along = box[2] * figure.get_figwidth() > box[3] * figure.get_figheight()
     bar = figure.add_axes(box)

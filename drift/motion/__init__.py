@@ -1,1 +1,1 @@
-"""What moves and how: objects, priors, models of motion, their errors, the clock, the run. A step's arithmetic is in kernels."""
+"""What moves and how: objects, priors, models of motion, errors, clock, run. The arithmetic of a step is in kernels."""

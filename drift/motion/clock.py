@@ -35,7 +35,10 @@ def _common(times: npt.NDArray[np.int64], origin: int) -> int:
 
 @dataclass(frozen=True)
 class Clock:
-    """The time of a run: from start, `duration` seconds forward (direction +1) or backward (-1), in lattice steps."""
+    """The time of a run, from start, in lattice steps.
+
+    It runs `duration` seconds forward (direction +1) or backward (-1).
+    """
 
     start: int  # [s since 1970]
     duration: int  # [s]

@@ -2,7 +2,7 @@
 
 Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010; docs/leeway.md, docs/errors.md.
 
-Every particle has three leeway lines and a side of the wind of its own, and errors of current and wind as they stand.
+Every particle has its own three leeway lines, its own side of the wind, and its present errors of current and wind.
 """
 
 import math
@@ -23,14 +23,19 @@ from kernels.advance import Physics
 LEEWAY = ("down_slope", "down_offset", "right_slope", "right_offset", "left_slope", "left_offset")
 COLUMNS = (
     Column("side", np.int32, 1, "", "+1 drifts to the right of the wind, -1 to the left"),
-    *(Column(name, np.float32, 0, "" if "slope" in name else "m/s", "leeway line: speed per wind speed, or offset") for name in LEEWAY),
+    *(
+        Column(name, np.float32, 0, "" if "slope" in name else "m/s", "leeway line: speed per wind speed, or offset")
+        for name in LEEWAY
+    ),
     Column("current_error_east", np.float32, 0, "m/s", "Ornstein-Uhlenbeck error of the current as it stands"),
     Column("current_error_north", np.float32, 0, "m/s", "the same, north"),
     Column("wind_error_east", np.float32, 0, "m/s", "Ornstein-Uhlenbeck error of the wind as it stands"),
     Column("wind_error_north", np.float32, 0, "m/s", "the same, north"),
-    Column("current_bias_east", np.float32, 0, "m/s", "error of the current that lasts: its own, or in a spill its world's"),
+    Column(
+        "current_bias_east", np.float32, 0, "m/s", "error of the current that lasts: its own, or in a spill its world's"
+    ),
     Column("current_bias_north", np.float32, 0, "m/s", "the same, north"),
-)  # fmt: skip
+)
 
 
 def physics(errors: Errors, scenario: Scenario) -> Physics:
@@ -46,7 +51,10 @@ def draw(ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors:
 
 
 def draw_leeway(ensemble: Ensemble, slots: Slots, key: Key, drifter: Drifter) -> None:
-    """Draw each particle's own leeway lines and its first side; no downwind slope is negative unless its line's is."""
+    """Draw each particle's own leeway lines and its first side.
+
+    No downwind slope is negative unless its line's is.
+    """
     own = ensemble.own
     for number, name in enumerate(("down", "right", "left")):
         line = getattr(drifter, name)
@@ -79,7 +87,7 @@ def between(
 
     Its variance a component is 2 D s (1 - s) T at a share s of a way that takes T.
     """
-    diffusivity = np.repeat([one.diffusivity if one else 0.0 for one in terms], np.diff(ensemble.bounds))
+    diffusivity = np.repeat([term.diffusivity if term else 0.0 for term in terms], np.diff(ensemble.bounds))
     variance = 2 * diffusivity * inside.share * (1 - inside.share) * inside.lasting
     spread = np.where(inside.adrift, np.sqrt(variance), 0.0)
     after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()

@@ -1,4 +1,7 @@
-"""What the ensemble of a run is drawn from: stories, how many particles tell them, and how wrong the forcing may be."""
+"""What the ensemble of a run is drawn from.
+
+That is its scenarios, how many particles they have, and how wrong the forcing may be.
+"""
 
 from dataclasses import dataclass
 
@@ -10,7 +13,10 @@ from drift.motion.scenario import Scenario
 
 @dataclass(frozen=True)
 class Release:
-    """How far the objects of a spill, whose classes go adrift together, part from what the scenarios say of them."""
+    """How far the objects of a spill depart from what its scenarios say.
+
+    The classes of a spill go adrift together.
+    """
 
     release_std: float  # [m] standard deviation of an object's release about its world's
     windage_bias: float  # standard deviation of the logarithm of a factor on all leeway
@@ -25,11 +31,10 @@ class EnsembleSpec:
     errors: Errors
     particles: int
     seed: int
-    resampling: str | None = (
-        None  # way to draw particles anew (drift.particles.resample.METHODS), which may need slots to spare; None: never
-    )
-    debris: tuple[Drifter, ...] = ()  # what drifts beside the objects: contacts tell of it
-    release: Release | None = None  # of a spill
+    # How particles are drawn anew (drift.particles.resample.METHODS), which may need slots to spare; None: never.
+    resampling: str | None = None
+    debris: tuple[Drifter, ...] = ()  # what drifts beside the objects, and is reported by contacts
+    release: Release | None = None  # only of a spill
 
     @property
     def story(self) -> str:

@@ -1,9 +1,11 @@
-"""The winds and currents of a run on the device: which tiles each scenario sees, kept in step with the clock.
+"""The winds and currents of a run on the device, kept in step with the clock.
 
-Sources of a quantity stand in order of priority. A particle takes the first that knows its place as it is; then the
-first that knows it once missing values next to the coast are filled. So with several sources each has two tiles.
-Sources that are added to these are filled each by itself, and each must know the place: a sum with a missing term is
-missing.
+Each scenario sees tiles of its own.
+
+Sources of a quantity stand in order of priority. A particle takes the first that has a value at its place as it is,
+then the first that has one once missing values next to the coast are filled. So with several sources each has two
+tiles. Sources that are added to these are filled each by itself, and each must have a value at the place: a sum with a
+missing term is missing.
 """
 
 from collections.abc import Mapping
@@ -24,13 +26,16 @@ QUANTITIES = tuple(KNOWN)
 
 @dataclass(frozen=True)
 class Sources:
-    """What one scenario drifts in: sources by quantity, in order of priority, and how deep each is filled [cells]."""
+    """What one scenario drifts in: sources by quantity, in order of priority.
+
+    Each comes with how deep it is filled [cells].
+    """
 
     current: tuple[Source, ...] = ()
     wind: tuple[Source, ...] = ()
     stokes: tuple[Source, ...] = ()
     cells: Mapping[tuple[str, str], int] = field(default_factory=dict)  # by quantity and name
-    # by quantity and name: no matter of priority, but added to the rest
+    # Quantity and name of sources that are added to the rest, instead of taking part by priority.
     added: frozenset[tuple[str, str]] = frozenset()
 
     def of(self, quantity: str) -> tuple[Source, ...]:
@@ -65,9 +70,10 @@ def _heed(closed: Event) -> None:
 
 
 class Forcing:
-    """Tiles of all scenarios; `ranges[s]` are the first and last tile of current, wind and Stokes drift of scenario s.
+    """Tiles of all scenarios, by quantity.
 
-    terms: of scenario s and a quantity, in the order of their tiles.
+    `ranges[s]` are the first and last tile of current, wind and Stokes drift of scenario s. terms: of scenario s and a
+    quantity, in the order of their tiles.
     """
 
     def __init__(self, scenarios: list[Sources], direction: int) -> None:

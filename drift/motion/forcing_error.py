@@ -1,4 +1,4 @@
-"""How wrong winds and currents may be: the error of each quantity of forcing, who states it, and both in words."""
+"""How wrong winds and currents may be: the error of each quantity, and who states it, also in words."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,7 +24,10 @@ class ForcingError:
 
 @dataclass(frozen=True)
 class Errors:
-    """How wrong the forcing of a run may be: its currents, its winds, and the diffusion of what neither resolves."""
+    """How wrong the forcing of a run may be.
+
+    Currents and winds have errors, and what neither resolves has a diffusivity.
+    """
 
     current: ForcingError
     wind: ForcingError
@@ -45,7 +48,10 @@ def switched_off(current: ForcingError, wind: ForcingError | None) -> str:
 
 
 def words(current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str) -> str:
-    """Return in a line which errors a run has, and who says so; by: who says the diffusivity. Without a wind: None."""
+    """Return in a line which errors a run has, and who says so.
+
+    by: who says the diffusivity. wind: None where there is no wind.
+    """
     parts = [_words("current", current), *([_words("wind", wind)] if wind is not None else [])]
     parts += [f"diffusivity {diffusivity:g} m2/s ({by})"] if diffusivity > 0 else []
     return "; ".join(parts)

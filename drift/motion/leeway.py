@@ -72,7 +72,9 @@ class Drifter:
 
 
 def windage(immersion: Any) -> Any:
-    """Return the share of the wind speed [1] at which a box drifts, of a share of its height under water; any shape.
+    """Return the share of the wind speed [1] at which a box drifts, of any shape.
+
+    immersion: share of its height under water.
 
     Drag of air on what is above balances that of water below: sqrt(rho_air / rho_water) sqrt((1 - I) / I), drag
     coefficients taken as equal (Daniel et al. 2002, doi:10.1016/S1353-2561(02)00075-0).

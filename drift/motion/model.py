@@ -16,7 +16,7 @@ from geo.array import Array
 from kernels import advance as kernel
 from kernels.sample import Tiles
 
-Key = tuple[int, int]  # of random numbers: kernels.noise.key
+Key = tuple[int, int]  # key of random numbers: kernels.noise.key
 Terms = Any  # what a model's kernel takes of a scenario: opaque to all but the model
 
 
@@ -32,18 +32,18 @@ class Inside(NamedTuple):
     """A time inside a step that has just been made; arrays of shape (n,)."""
 
     before: tuple[Array, Array]  # lon, lat [binary angle] where each particle's way in the step begins
-    share: Array  # of its way that it has gone by then, 0 to 1
+    share: Array  # share of its way that a particle has gone by then, 0 to 1
     lasting: Array  # [s] that its way takes
     adrift: Array  # bool: whether it is still adrift at the step's end
     seed: int
-    moment: int  # with seed and slot the key of the noise of that time
+    moment: int  # together with seed and slot, the key of the noise at that time
 
 
 @dataclass(frozen=True)
 class Model:
     """How objects of one kind move."""
 
-    columns: tuple[Column, ...]  # that a particle has besides the core
+    columns: tuple[Column, ...]  # columns of the ensemble besides those of the core
     terms: Callable[[Errors, Scenario], Terms]
     # Draws the columns' first values, of a scenario's slots.
     draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]
@@ -53,7 +53,7 @@ class Model:
     between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], tuple[Array, Array]]
     # Returns terms that leave nothing to chance, so that the error of a step can be measured.
     still: Callable[[Terms], Terms]
-    # Returns the longest steps [s] that the model bears, each with what it is.
+    # Returns the longest steps [s] that the model allows, by the reason for each.
     longest: Callable[[Errors], Mapping[str, float]]
     # Returns how fast an object usually goes through the water in a wind [m/s], to draw its box.
     usual: Callable[[Drifter, float], float]

@@ -19,4 +19,4 @@ def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
 
 def motions(errors: Errors, scenarios: Iterable[Scenario]) -> tuple[Motion, ...]:
     """Return how the objects of each scenario move."""
-    return tuple(Motion(model := MODELS[one.model], model.terms(errors, one)) for one in scenarios)
+    return tuple(Motion(model := MODELS[scenario.model], model.terms(errors, scenario)) for scenario in scenarios)

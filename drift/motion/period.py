@@ -1,4 +1,7 @@
-"""The period of a run, and how it is to be cut into steps. A case holds both, so this file knows nothing of Taichi."""
+"""The period of a run, and how it is to be cut into steps.
+
+A case holds both, so this file knows nothing of Taichi.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -26,7 +26,7 @@ from kernels import noise, runtime
 from kernels import prior as kernel
 from kernels.coast import DeviceCoast, open_sea
 
-LEAST_SHARE = 0.1  # of an equal share of the particles
+LEAST_SHARE = 0.1  # least particles of a scenario, as a share of an equal share
 PIECE = 20_000.0  # [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N
 
 
@@ -58,8 +58,8 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
         if failed:
             fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
             raise UserError(
-                f'scenario "{scenario.name}": {fault}: {failed} of {slots.last - slots.first} particles found no place in many '
-                "tries; move or widen it, or check [coast] source"
+                f'scenario "{scenario.name}": {fault}: {failed} of {slots.last - slots.first} particles found no place '
+                "in many tries; move or widen it, or check [coast] source"
             )
         dry.append(1.0 - (slots.last - slots.first) / drawn)
         MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
@@ -156,8 +156,9 @@ def _draw_trackline(prior: TracklinePrior, to: _Draw) -> None:
     mode = -1.0 if prior.mode is None else prior.mode
     voyage = to.period.direction * float((prior.arrival - prior.departure) / np.timedelta64(1, "s"))
     kernel.draw_trackline(
-        *to.common, to.ensemble.release, to.tries, *to.key, *(runtime.upload(x) for x in (points, courses, lengths, ends)),
-        prior.cross_track, prior.low, prior.high, mode, to.period.elapsed(prior.departure), voyage, to.water,
+        *to.common, to.ensemble.release, to.tries, *to.key,
+        *(runtime.upload(x) for x in (points, courses, lengths, ends)), prior.cross_track, prior.low, prior.high, mode,
+        to.period.elapsed(prior.departure), voyage, to.water,
     )  # fmt: skip
 
 

@@ -1,8 +1,9 @@
 """Scenarios: what may have happened, each with its weight, its object, and where and when it went adrift.
 
-Records in SI, radians and UTC. Three kinds of prior: around a reported position, inside an area, along a trackline. Each
-answers the same questions: `reported`, its position [deg] where it is the report of one; `moving`, whether where it went
-adrift depends on when; `extent`, how far it goes. They are drawn in drift.motion.prior and drift.spill.releases.
+Records are in SI, radians and UTC. There are three kinds of prior: around a reported position, inside an area, along a
+trackline. Each answers the same questions. `reported`: its position [deg], where it is the report of one; `moving`:
+whether the place where the object went adrift depends on the time; `extent`: how far the prior reaches. Priors are
+drawn in drift.motion.prior and drift.spill.releases.
 """
 
 import math
@@ -24,7 +25,7 @@ class Survival:
 
     median: float  # [s]
     spread: float  # factor of one standard deviation, > 1
-    basis: str = "as the case says"  # where the median is from
+    basis: str = "as the case says"  # source of the median
 
     def alive(self, age: Array) -> Array:
         """Return the chance of being alive at an age [s]."""
@@ -47,7 +48,10 @@ class Displacement:
 
 @dataclass(frozen=True)
 class PositionPrior:
-    """Normal in the tangent plane of a position, wrapped onto the sphere; released at a time uniform in a window."""
+    """Normal in the tangent plane of a position, wrapped onto the sphere.
+
+    The time of release is uniform in a window.
+    """
 
     moving: ClassVar = False
 
@@ -66,7 +70,10 @@ class PositionPrior:
         return float(np.degrees(self.lon)), float(np.degrees(self.lat))
 
     def extent(self, spreads: float) -> tuple[Array, Array, float]:
-        """Return places (lon, lat) [rad] without jumps, and how far about them [m] it goes in so many standard deviations."""
+        """Return places (lon, lat) [rad] without jumps, and how far about them [m] the prior reaches.
+
+        spreads: how many standard deviations count.
+        """
         far = self.displacement.distance[1] if self.displacement else 0.0
         return np.array([self.lon]), np.array([self.lat]), spreads * self.major + far
 
@@ -90,9 +97,10 @@ class AreaPrior:
 
 @dataclass(frozen=True)
 class TracklinePrior:
-    """Along great-circle legs at constant speed, with cross-track error; distress at an unknown share of the voyage.
+    """Along great-circle legs at constant speed, with cross-track error.
 
-    The share is uniform in [low, high], or triangular there with its top at `mode`.
+    The object goes adrift at an unknown share of the voyage. The share is uniform in [low, high], or triangular there
+    with its top at `mode`.
     """
 
     reported: ClassVar[tuple[float, float] | None] = None
@@ -131,6 +139,6 @@ class Scenario:
     currents: tuple[str, ...]
     winds: tuple[str, ...]
     stokes: tuple[str, ...]
-    search_object: str | None = None  # as in the sweep width tables
-    model: str = "drift"  # of motion: drift.motion.models
+    search_object: str | None = None  # the object's name in the sweep width tables
+    model: str = "drift"  # model of motion: drift.motion.models
     survival: Survival | None = None

@@ -1,4 +1,7 @@
-"""The scene of a run, which does not change while it lasts: forcing, how each scenario's objects move, and the place."""
+"""The scene of a run, which does not change while it lasts.
+
+It is the forcing, how each scenario's objects move, and the surroundings.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -38,7 +41,7 @@ class Scene:
                 model.mover(ensemble, slots, Waters(self.forcing.tiles, ranges, self.place), terms, direction)
                 for slots, ranges, (model, terms) in each
             )
-            self.forcing.movers[key] = (self, ensemble), movers  # both kept alive: id() of what is gone is given again
+            self.forcing.movers[key] = (self, ensemble), movers  # both are kept alive, for an id() may be given again
         moves: tuple[kernel.Move, ...] = self.forcing.movers[key][1]
         return moves
 

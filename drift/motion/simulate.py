@@ -1,7 +1,7 @@
-"""A run: moves an ensemble through its scene, step by step on the clock's lattice, from one output to the next.
+"""A run: moves an ensemble through its scene, step by step, from one output to the next.
 
-Releases and outputs fall where they may: a particle moves from its release on, an output inside a step is interpolated
-along it.
+Steps are those of the clock's lattice. Releases and outputs fall where they may: a particle moves from its release on,
+an output inside a step is interpolated along it.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,7 +27,7 @@ Watch = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Moment:
-    """The ensemble as it is at one time, on the host."""
+    """The state of the ensemble at one time, on the host."""
 
     elapsed: int  # [s] since the run's start
     lon: Array  # int32 binary angle (n,)
@@ -37,13 +37,14 @@ class Moment:
     ancestors: Array | None = None  # int64 (n,): of the moment before, where particles have been drawn anew since
 
 
-# Where the particles of an ensemble, which moves in a scene, were at a time [s after start]: lon, lat [binary angle]. The
-# third is where they began the step in which it falls; None: that of the run's own ensemble, which is known.
+# Returns where the particles of an ensemble were at a time [s after start], as lon, lat [binary angle]. Its arguments
+# are the ensemble, the scene in which it moves, where its particles began the step that holds the time, and the time.
+# The third is None for the run's own ensemble, of which it is known.
 PositionsAt = Callable[[Ensemble, Scene, tuple[Array, Array] | None, int], tuple[Array, Array]]
 
 
 class Filter(Protocol):
-    """What looks at an ensemble while it moves, and changes weights: see drift.search.filter.Search."""
+    """An observer that changes the weights of an ensemble while it moves: see drift.search.filter.Search."""
 
     def stops(self, after: int, until: int) -> list[int]:
         """Return the times in (after, until] at which something takes effect [s after start]."""
@@ -77,11 +78,11 @@ class _Within:
     A place that evidence has asked for is kept: from there a particle's bridge leads on to the end of the step.
     """
 
-    own: Ensemble  # of the run
+    own: Ensemble  # the run's own ensemble
     clock: Clock
     step: kernel.Step
-    before: tuple[Array, Array] | None  # where its particles began the step, if that is needed
-    kept: dict[int, tuple[tuple[Array, Array], int]] = field(default_factory=dict)  # by ensemble: places, and when
+    before: tuple[Array, Array] | None  # where the run's particles began the step, if that is needed
+    kept: dict[int, tuple[tuple[Array, Array], int]] = field(default_factory=dict)  # by ensemble's id: places, when
 
     @property
     def end(self) -> int:
@@ -119,8 +120,8 @@ def run(
 ) -> Iterator[Moment]:
     """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
 
-    progress is told the share of the run that is done, after every step; watch when the step began [s since start];
-    search looks on and changes weights.
+    progress: takes the share of the run that is done, after every step; watch: takes when the step began [s since
+    start]; search: looks on and changes weights.
     """
     due = [int(t) for t in outputs]
     if search:
@@ -163,7 +164,7 @@ def _inside(
     time: int,
     since: int,
 ) -> tuple[Array, Array]:
-    """Return positions at a time inside a step that has just been made: on each particle's bridge between its ends.
+    """Return positions at a time inside the step just made, on each particle's bridge between its ends.
 
     before: where they were at `since`, the step's begin or a time in it. Debris, which has the object's seed, has noise
     of its own.
@@ -180,6 +181,6 @@ def _inside(
 
 
 def _moment(ensemble: Ensemble, places: tuple[Array, Array], time: int, search: Filter | None) -> Moment:
-    """Return positions with the status that each particle had at that time, and its weight as far as it was known."""
+    """Return positions, with each particle's status and weight as they were known at that time."""
     weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)
     return Moment(time, *places, life.read(ensemble).at(time), weight, ancestors)

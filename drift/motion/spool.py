@@ -1,4 +1,7 @@
-"""The particles at all output times, kept in a temporary file: memory holds one time, however many there are."""
+"""The particles at all output times, kept in a temporary file.
+
+Memory holds one time, however many there are.
+"""
 
 import os
 import shutil
@@ -34,8 +37,8 @@ def _check_room(need: int) -> None:
 def _refusal(reason: str) -> UserError:
     folder = tempfile.tempdir or os.environ.get("TMPDIR", "")
     return UserError(
-        f"temporary folder {folder}: {reason}; make room, name another folder in the environment variable TMPDIR, or ask "
-        "for fewer particles or output times"
+        f"temporary folder {folder}: {reason}; make room, name another folder in the environment variable TMPDIR, or "
+        "ask for fewer particles or output times"
     )
 
 
@@ -61,8 +64,9 @@ class Spool(Sequence[Snapshot]):
             raise _refusal(error.strerror or str(error)) from error
         self._times = []
         self._weighted: list[bool] = []
-        self.ancestors: list[Array | None] = []  # by time: whose offspring the particles are, of the time before
-        self._families: list[Array | None] = []  # by time: whose offspring they are, of the beginning
+        # By time: whose offspring the particles are, among those of the time before and of the beginning.
+        self.ancestors: list[Array | None] = []
+        self._families: list[Array | None] = []
         for moment in moments:
             weight = np.zeros(ensemble.n, np.float32) if moment.log_weight is None else moment.log_weight
             for column, kind in (
@@ -132,7 +136,7 @@ class Spool(Sequence[Snapshot]):
 
 
 def _descent(family: Array | None, ancestors: Array | None) -> Array | None:
-    """Return from which particle of the beginning each descends; None: they are these themselves.
+    """Return from which particle of the beginning each descends; None: each descends from itself.
 
     family: the same at the time before; ancestors: at that time, of each.
     """

@@ -19,10 +19,10 @@ from geo.forcing.sources import Source
 from kernels import advance as kernel
 
 LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
-RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # of the ladder that are tried together: often the first one will do
-FEWEST = 100  # particles on which a percentile is worth something
+RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # rungs of the ladder that are tried together: often the first one will do
+FEWEST = 100  # least particles from which a percentile is taken
 TRIAL_SIZE = 1000  # particles whose error decides on the step: the rank of their percentile errs by 0.7 %
-TRIAL_SPAN = 86_400  # [s] over which it is measured
+TRIAL_SPAN = 86_400  # [s] over which the error is measured
 DAY = 86_400
 
 
@@ -55,8 +55,8 @@ def clock_of(
         return Clock(start, duration, direction, trial.step, origin % trial.step), trial
     if spec.step > longest:
         raise UserError(
-            f"clock.step: {spec.step} s is longer than {reason}, {longest:.0f} s: the result would depend on it; give at "
-            'most that, or "auto"'
+            f"clock.step: {spec.step} s is longer than {reason}, {longest:.0f} s: the result would depend on it; "
+            'give at most that, or "auto"'
         )
     return Clock(start, duration, direction, spec.step, origin % spec.step), None
 

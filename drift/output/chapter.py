@@ -1,4 +1,6 @@
-"""A chapter: what a topic hands out. Each room has one; drift.flow joins those of a run, drift.output.writer writes.
+"""A chapter: what a topic hands out.
+
+Each room has one; drift.flow joins those of a run, drift.output.writer writes them.
 
 A room keeps its files and its pictures as tables: the name of each, and the function that makes it from what the topic
 has found. A new file is a new row.

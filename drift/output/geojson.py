@@ -12,7 +12,10 @@ DIGITS = 7  # decimals of a degree: 1 cm
 
 
 def polygons(shape: shapely.MultiPolygon) -> dict[str, Any]:
-    """Return polygons as a MultiPolygon, outer rings anticlockwise; without coordinates if there is nothing left."""
+    """Return polygons as a MultiPolygon, outer rings anticlockwise.
+
+    It has no coordinates if nothing is left.
+    """
     coordinates = [
         [_rounded(ring) for ring in (part.exterior, *part.interiors)] for part in antimeridian.cut(shape).geoms
     ]

@@ -23,7 +23,7 @@ except ImportError:  # Windows: the owner is known by name alone
 
 PREFIX = ".drift-partial-"
 LOCK = "lock"
-STALE = 86_400  # [s]; a folder whose owner cannot be asked is nobody's after so long without a change
+STALE = 86_400  # [s]; a folder whose owner cannot be asked counts as abandoned after so long without a change
 ATTEMPTS = 10
 
 
@@ -79,7 +79,7 @@ def _dead(folder: Path, locked: bool | None) -> bool:
     host, kernel, space, process = _self()
     owner = folder.name[len(PREFIX) :].split("-")
     if locked and (owner[:1] == [host] or owner[1:2] == [kernel]):
-        return True  # this machine's kernel gave the lock
+        return True  # the lock was given by this machine's kernel
     if os.name == "posix" and owner[:3] == [host, kernel, space] and len(owner) > 3 and owner[3].isdecimal():
         return owner[3] != process and not _runs(int(owner[3]))
     return not _changed(folder)

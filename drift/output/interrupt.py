@@ -61,7 +61,10 @@ def _on(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator
 
 @contextlib.contextmanager
 def leaving_at_once() -> Iterator[None]:
-    """Leave at the first Ctrl-C, for libraries swallow KeyboardInterrupt while they are imported; no file is open."""
+    """Leave at the first Ctrl-C: libraries swallow KeyboardInterrupt while they are imported.
+
+    No file is open then.
+    """
 
     def leave(number: int, frame: object) -> None:
         asked = number == signal.SIGTERM

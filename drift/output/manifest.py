@@ -1,4 +1,6 @@
-"""What a finished run's folder holds: manifest.json names each file with its size and digest, and is written last.
+"""What a finished run's folder holds: manifest.json names each file with its size and digest.
+
+It is written last.
 
 A folder whose files are as its manifest says is the whole result of one run. Nothing else is: a folder without a
 manifest, or with one that some other program wrote, holds no result of ours.
@@ -44,7 +46,7 @@ def of(run_id: str, paths: Iterable[Path]) -> Manifest:
 
 
 def text(manifest: Manifest) -> str:
-    """Return a manifest as it stands in its file."""
+    """Return a manifest as it is written to its file."""
     return json.dumps(asdict(manifest), indent=1) + "\n"
 
 

@@ -103,7 +103,7 @@ def staged(target: Path) -> Iterator[Stage]:
     finally:
         with undisturbed():
             try:
-                if not (folder / JOURNAL).exists():  # else the old result is in it, and could not be put back
+                if not (folder / JOURNAL).exists():  # with a journal, the old result is in it and could not be put back
                     hidden.remove(folder)
                 with contextlib.suppress(OSError):  # the results are in them, or they were there before
                     for path in created:
@@ -121,7 +121,9 @@ def _clean(ground: Path) -> None:
 
 
 def publish(stage: Stage, run_id: str, overwrite: bool = False) -> list[Path]:
-    """Move all that was staged into the target, complete or not at all, with its manifest; return the files' paths.
+    """Move all that was staged into the target, complete or not at all; return the files' paths.
+
+    The manifest is moved with it.
 
     With `overwrite` what an earlier run wrote into the target, and this one does not, is taken away. Where another run
     has published there since the stage was made, that one stands and this one is refused.

@@ -1,4 +1,6 @@
-"""How what a run hands out is written: one folder, complete or not there at all (see drift.output.publication).
+"""How what a run hands out is written: one folder, complete or not there at all.
+
+See drift.output.publication.
 
 It knows no topic: files, pictures and numbers come in chapters. summary.json holds their numbers, manifest.json lists
 all files. Data depend on the chapters alone; the date of creation stands in attributes only.
@@ -23,7 +25,9 @@ SUMMARY = "summary.json"
 
 
 def check_folder(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> None:
-    """Raise UserError unless results may be written to the folder; made before the work starts. Creates nothing.
+    """Raise UserError unless results may be written to the folder.
+
+    This is asked before the work starts, and creates nothing.
 
     names: of files that will be written, besides those that every run writes.
     """
@@ -31,7 +35,9 @@ def check_folder(folder: Path, overwrite: bool = False, names: Iterable[str] = (
 
 
 def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False) -> list[Path]:
-    """Write all that the chapters of a run hand out into a folder, complete or not at all; return the files' paths.
+    """Write all that the chapters of a run hand out into a folder; return the files' paths.
+
+    The folder is written complete or not at all.
 
     Their numbers become the summary. To their facts, which every file carries (title, case, seed, versions, forcing),
     `run_id`, `history` and `date_created` are added. With `overwrite` what an earlier run wrote into the folder and
@@ -92,7 +98,7 @@ def _netcdf(data: xr.Dataset, path: Path) -> None:
     try:
         with undisturbed():  # an exception in the middle of it leaves HDF5's lock taken: closing waits for ever
             data.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
-    except RuntimeError as error:  # what netCDF4 raises where HDF5 cannot write
+    except RuntimeError as error:  # netCDF4 raises this where HDF5 cannot write
         raise OSError(f"{path.name}: {error}") from error
 
 

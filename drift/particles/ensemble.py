@@ -53,7 +53,7 @@ class Slots(NamedTuple):
 
     first: int
     last: int  # the one after it
-    number: int  # of the first in the whole run, by which noise goes
+    number: int  # number of the first slot in the whole run, the key of its noise
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Ensemble:
 
     seed: int
     bounds: tuple[int, ...]  # the first slot of each scenario and, last, n
-    numbers: tuple[int, ...]  # of each scenario's first slot in the whole run
+    numbers: tuple[int, ...]  # number of each scenario's first slot in the whole run
     block: tuple[int, ...]  # slots of each scenario that make a block: drift.particles.partials
     lon: Device
     lat: Device
@@ -104,7 +104,7 @@ class Ensemble:
     @property
     def columns(self) -> dict[str, Device]:
         """All columns by name."""
-        return {**{one.name: getattr(self, one.name) for one in CORE}, **self.own}
+        return {**{column.name: getattr(self, column.name) for column in CORE}, **self.own}
 
 
 def empty(
@@ -122,7 +122,7 @@ def empty(
     """
 
     def filled(columns: Sequence[Column]) -> dict[str, Device]:
-        return {one.name: runtime.upload(np.full(bounds[-1], one.first, one.dtype)) for one in columns}
+        return {column.name: runtime.upload(np.full(bounds[-1], column.first, column.dtype)) for column in columns}
 
     numbers, block = numbers or bounds[:-1], block or (partials.BLOCK,) * (len(bounds) - 1)
     return Ensemble(seed, bounds, numbers, block, own=filled(own), **filled(CORE))
@@ -146,7 +146,7 @@ def probability(ensemble: Ensemble) -> Array:
 
 @dataclass(frozen=True)
 class Account:
-    """Where the probability is: by status and scenario, and how many particles it is worth."""
+    """Where the probability is, by status and scenario, and how many particles count for it."""
 
     by_status: Array  # (scenario, status), sum 1
     ess: float  # effective sample size, 1 / sum of squared weights (Kong 1992)
@@ -165,6 +165,6 @@ def account(ensemble: Ensemble, status: Array | None = None) -> Account:
 def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
     """Return a copy of chosen slots (sorted), for trials that must not touch the run."""
     copied = {name: runtime.upload(column.to_numpy()[slots]) for name, column in ensemble.columns.items()}
-    core = {one.name: copied.pop(one.name) for one in CORE}
+    core = {column.name: copied.pop(column.name) for column in CORE}
     bounds = tuple(int(x) for x in np.searchsorted(slots, ensemble.bounds))
     return replace(ensemble, bounds=bounds, numbers=bounds[:-1], own=copied, **core)

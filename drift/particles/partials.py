@@ -1,4 +1,6 @@
-"""Sums over the particles of a run, made block by block: the same bits however particles are dealt out to shards.
+"""Sums over the particles of a run, made block by block.
+
+They have the same bits however particles are dealt out to shards.
 
 A block is so many slots of one scenario that come one after the other. Each block is summed by itself, and the sums of
 blocks are added in the order of their slots. So a shard, which holds whole blocks, makes a `Partial`; partials of all
@@ -96,7 +98,7 @@ def over_worlds(values: Array) -> Array:
 
 
 def whole(n: int) -> Blocks:
-    """Return the blocks of n particles of which nothing more is known."""
+    """Return the blocks of n particles without scenarios."""
     return cut((0, n), (0,), (BLOCK,))
 
 

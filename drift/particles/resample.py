@@ -25,9 +25,9 @@ def capacity(number: int) -> int:
 
 
 def systematic(weight: Array, number: int, uniform: float) -> Array:
-    """Return the ancestors of `number` offspring, ascending, int64; weight: (n,), float64, at least one above 0.
+    """Return the ancestors of `number` offspring, ascending, int64.
 
-    uniform: a random number in [0, 1).
+    weight: (n,), float64, at least one above 0; uniform: a random number in [0, 1).
     """
     total = np.cumsum(weight)
     points = (np.arange(number) + uniform) * (total[-1] / number)
@@ -36,7 +36,10 @@ def systematic(weight: Array, number: int, uniform: float) -> Array:
 
 
 def kahn(weight: Array, number: int, uniform: Array) -> Array:
-    """Return the ancestors of about `number` offspring, ascending, int64; weight as above, uniform: (n,) in [0, 1)."""
+    """Return the ancestors of about `number` offspring, ascending, int64.
+
+    weight: as above; uniform: (n,) in [0, 1).
+    """
     expected = weight * (number / weight.sum())
     whole = np.floor(expected)
     offspring = whole + (uniform < expected - whole)
@@ -71,10 +74,10 @@ METHODS = {
 def offspring(
     log_weight: Array, scenarios: list[tuple[int, int]], target: list[int], method: str, seeds: tuple[int, int]
 ) -> tuple[Array, Array, Array]:
-    """Return each slot's ancestor, its log weight (-inf: nobody), and which slots are left over; each of shape (n,).
+    """Return each slot's ancestor, its log weight, and which slots are left over, each (n,).
 
-    scenarios: first and last slot of each; target: how many particles each aims at; seeds: of the run, and number of
-    the event.
+    A log weight of -inf means that nobody is there. scenarios: first and last slot of each; target: how many particles
+    each aims at; seeds: of the run, and number of the event.
     """
     weight, scale = weights.relative(log_weight), float(log_weight.max())
     ancestors, spare = np.arange(len(log_weight)), np.zeros(len(log_weight), bool)
@@ -93,6 +96,9 @@ def offspring(
 
 
 def generator(seed: int, event: int, scenario: int) -> np.random.Generator:
-    """Return the random numbers of one resampling: a function of the run's seed, the event and the scenario alone."""
+    """Return the random numbers of one resampling.
+
+    They depend on the run's seed, the event and the scenario alone.
+    """
     numbers: np.random.Generator = noise.generator(seed, Purpose.RESAMPLING, event=(event, scenario))
     return numbers

@@ -25,7 +25,7 @@ class Snapshot:
     scenario: npt.NDArray[np.int32]
     family: Array | None = None  # int: the particle of the beginning from which it descends; None: itself
     world: Array | None = None  # int: the world whose unknowns it shares; None: there are none
-    cut: Blocks | None = None  # by which sums are made; None: by slots alone
+    cut: Blocks | None = None  # blocks by which sums are made; None: by slots alone
 
     @property
     def blocks(self) -> Blocks:
@@ -33,9 +33,12 @@ class Snapshot:
         return self.cut or partials.whole(len(self.lon))
 
 
-def mapped(one: Snapshot) -> Array:
-    """Return which particles are on the map, bool (n,): adrift or ashore, with a probability that cells can hold."""
-    return np.asarray((one.status <= Status.ASHORE) & (one.probability > 0.5 / ONE))
+def mapped(snapshot: Snapshot) -> Array:
+    """Return which particles are on the map, bool (n,).
+
+    They are adrift or ashore, with a probability that cells can hold.
+    """
+    return np.asarray((snapshot.status <= Status.ASHORE) & (snapshot.probability > 0.5 / ONE))
 
 
 @dataclass(frozen=True)
@@ -47,13 +50,17 @@ class Means:
     scenario: Array  # (scenarios, 2), adrift and ashore
 
 
-def means(one: Snapshot, scenarios: int) -> Means:
+def means(snapshot: Snapshot, scenarios: int) -> Means:
     """Return the mean positions of a snapshot."""
-    lon, lat, weight = one.lon * sphere.UNIT, one.lat * sphere.UNIT, np.where(mapped(one), one.probability, 0.0)
+    lon, lat, weight = (
+        snapshot.lon * sphere.UNIT,
+        snapshot.lat * sphere.UNIT,
+        np.where(mapped(snapshot), snapshot.probability, 0.0),
+    )
     flat = weight * np.cos(lat)
-    code = one.scenario.astype(np.int64) * 2 + (one.status == Status.ASHORE)
+    code = snapshot.scenario.astype(np.int64) * 2 + (snapshot.status == Status.ASHORE)
     vector = flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat)
-    sums = one.blocks.table(code, 2 * scenarios, *vector).reshape(3, scenarios, 2)
+    sums = snapshot.blocks.table(code, 2 * scenarios, *vector).reshape(3, scenarios, 2)
     return Means(
         _position(sums.sum(axis=(1, 2))),
         _position(sums[:, :, 0].sum(axis=1)),

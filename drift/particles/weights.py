@@ -1,4 +1,7 @@
-"""Weights and their logarithms on the host, in float64: what evidence, shares and effective sizes are made from."""
+"""Weights and their logarithms on the host, in float64.
+
+Evidence, shares and effective sizes are made from them.
+"""
 
 from __future__ import annotations
 
@@ -51,8 +54,8 @@ class Weighed:
         top = np.full(self.part.scenarios, -np.inf)
         np.maximum.at(top, self.part.scenario, self.top)
         with np.errstate(divide="ignore"):
-            found = np.log(self._scaled(top[self.part.scenario]).by_scenario[:, 0, 0])
-        return np.where(np.isfinite(top), top + found, -np.inf)
+            sums = np.log(self._scaled(top[self.part.scenario]).by_scenario[:, 0, 0])
+        return np.where(np.isfinite(top), top + sums, -np.inf)
 
     @property
     def log_sum(self) -> float:

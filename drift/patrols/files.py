@@ -57,8 +57,8 @@ def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bo
 
 def worth(plan: PatrolPlan) -> str:
     """Return in a line what a plan is expected to find, and what none could exceed."""
-    found = f"{plan.found:.3g} +- {plan.error:.2g} objects"
-    return f"{found}; no plan of these teams finds more than {_up(plan.bound)} on average"
+    expected = f"{plan.found:.3g} +- {plan.error:.2g} objects"
+    return f"{expected}; no plan of these teams finds more than {_up(plan.bound)} on average"
 
 
 def _up(value: float) -> str:

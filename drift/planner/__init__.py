@@ -1,1 +1,1 @@
-"""What to search next: units, rectangles, the optimiser, its estimated bound, and the plan as crews read it."""
+"""What to search next: units, rectangles, the optimiser and its bound, and the plan as crews read it."""

@@ -87,8 +87,8 @@ def most(used: Sequence[Law], coverage: Array) -> Array:
     h = ROOTS**2
     g = np.max([laws.of(law).cap(law, h) for law in used], axis=0)
     share = np.exp(-h) * 2 * ROOTS
-    found = np.array([np.trapezoid(share * np.minimum(h, c * g), ROOTS) for c in coverage])
-    return np.minimum((1 + SHORT) * found, 1.0)
+    detected = np.array([np.trapezoid(share * np.minimum(h, c * g), ROOTS) for c in coverage])
+    return np.minimum((1 + SHORT) * detected, 1.0)
 
 
 def _envelope(c: Array, b: Array) -> Array:

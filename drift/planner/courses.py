@@ -318,10 +318,10 @@ def _size(piece: Array) -> float:
 
 
 def _between(sea: Sea, several: Sequence[Sequence[tuple[int, Array]]], speeds: float) -> list[list[tuple[int, Array]]]:
-    """Return for each search the numbers of the pieces reached after its first, and the ways (k, 2) [m] to them.
+    """Return for each search the numbers of the pieces after its first, and the ways to them.
 
-    several: of each search, the number of the leg and the ends (2, 2) [m] of each piece; speeds: speed of transit over
-    that of search.
+    The ways are (k, 2) [m]. several: of each search, the number of the leg and the ends (2, 2) [m] of each piece;
+    speeds: speed of transit over that of search.
     """
     pieces = [piece for parts in several for _, piece in parts]
     search = [n for n, parts in enumerate(several) for _ in parts]

@@ -55,18 +55,18 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
     on = sheet.begin(SHEET)
     count = effective.at(forecast.data, i, setting.particles)
     least = count if count.few else min(_stood_on(plan, count), key=lambda count: count.number)
-    here, high, out = _framed(forecast, plan, i, setting.marks, MAP[3] - ROW * least.few)
+    frame, high, out = _framed(forecast, plan, i, setting.marks, MAP[3] - ROW * least.few)
     ax = on.figure.add_axes((*MAP[:3], high))
-    chart.prepare(ax, here)
+    chart.prepare(ax, frame)
     shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
-    mesh = layers.shade(ax, here, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
-    land = chart.land_path(here, setting.polygons, 1000)
+    mesh = layers.shade(ax, frame, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
+    land = chart.land_path(frame, setting.polygons, 1000)
     chart.draw_land(ax, land)
-    chart.graticule(ax, here)
+    chart.graticule(ax, frame)
     outlines = layers.areas_of(forecast, at["time"].values[()], forecast.ends)
-    _areas(ax, here, forecast, outlines, count.few)
-    ashore = layers.ashore_marks(ax, here, forecast, i)
-    _plan(ax, on.canvas, here, forecast, plan, i, setting.marks)
+    _areas(ax, frame, forecast, outlines, count.few)
+    ashore = layers.ashore_marks(ax, frame, forecast, i)
+    _plan(ax, on.canvas, frame, forecast, plan, i, setting.marks)
     _words(on, plan, notation.group(at["time"].values[()]), setting)
     if least.few:
         sheet.rough(on, effective.banner(least, "areas and POS are rough"))
@@ -82,23 +82,23 @@ def _framed(
     forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float
 ) -> tuple[Frame, float, list[str]]:
     """Return the map's frame, its height [of the page], and lines over it that say what the frame leaves out."""
-    here = _extent(forecast, plan, i, marks, high)
+    frame = _extent(forecast, plan, i, marks, high)
     at = forecast.data.isel(time=i)
-    out = textwrap.wrap(beyond.left_out(here, at), 110)
+    out = textwrap.wrap(beyond.left_out(frame, at), 110)
     if out:
         high -= ROW * len(out)
-        here = _extent(forecast, plan, i, marks, high)
-        out = textwrap.wrap(beyond.left_out(here, at), 110)
-    return here, high, out
+        frame = _extent(forecast, plan, i, marks, high)
+        out = textwrap.wrap(beyond.left_out(frame, at), 110)
+    return frame, high, out
 
 
-def _areas(ax: Axes, here: Frame, forecast: Forecast, outlines: Sequence[Any], few: bool) -> None:
+def _areas(ax: Axes, frame: Frame, forecast: Forecast, outlines: Sequence[Any], few: bool) -> None:
     """Draw the outlines of the areas by share, thin; few: too few particles count for certain ones."""
     if few:
-        layers.rough(ax, here, layers.widest(outlines))
+        layers.rough(ax, frame, layers.widest(outlines))
     for outline in outlines:
         style = layers.line(outline.share, forecast, few)
-        layers.rings(ax, here, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
+        layers.rings(ax, frame, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
 
 
 def _words(on: Page, plan: Plan, time: str, setting: Setting) -> None:
@@ -143,10 +143,10 @@ def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high:
     lines = [Line(around[:, 0].tolist(), around[:, 1].tolist(), "") for around in rings]
     now = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
     times, aspect = [now.data["time"].values[0]], MAP[2] * SHEET.width / (high * SHEET.height)
-    here = layers.extent(now, times, marks, lines, aspect)
+    frame = layers.extent(now, times, marks, lines, aspect)
     bases = [Mark(*place) for t in plan.taskings for place in (t.unit.base, t.unit.return_to)]
     whole = layers.extent(now, times, [*marks, *bases], lines, aspect)
-    return whole if layers.little(here, whole) else here
+    return whole if layers.little(frame, whole) else frame
 
 
 def ring(tasking: Tasking) -> Array:
@@ -156,24 +156,24 @@ def ring(tasking: Tasking) -> Array:
 
 
 def _plan(
-    ax: Axes, canvas: FigureCanvasAgg, here: Frame, forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark]
+    ax: Axes, canvas: FigureCanvasAgg, frame: Frame, forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark]
 ) -> None:
     """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar."""
     texts: list[labels.Point] = []
-    busy = list(layers.occupied(here, forecast, [forecast.data["time"].values[i]]))
+    busy = list(layers.occupied(frame, forecast, [forecast.data["time"].values[i]]))
     for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
         for points in subareas.transits(tasking):
-            line(ax, here, points, {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}, 7)
+            line(ax, frame, points, {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}, 7)
         for searching, points in search_shapes.flown(tasking.sortie):
-            line(ax, here, points, search_layers.LEGS if searching else search_layers.TRANSIT, 8)
+            line(ax, frame, points, search_layers.LEGS if searching else search_layers.TRANSIT, 8)
         around = ring(tasking)
         style = {**search_layers.AREA, "linewidth": 2.0, "linestyle": "-" if tasking.round == 1 else LATER}
-        line(ax, here, around, style, 8.5)
-        x, y = here.project(around[:, 0], around[:, 1])
+        line(ax, frame, around, style, 8.5)
+        x, y = frame.project(around[:, 0], around[:, 1])
         busy = [np.append(busy[0], x), np.append(busy[1], y)]
         if tasking.sortie.legs is not None:
-            creep(ax, here, tasking)
-        x, y = here.project(*subareas.begin(tasking))
+            creep(ax, frame, tasking)
+        x, y = frame.project(*subareas.begin(tasking))
         ax.plot(x, y, markersize=7.5, markeredgewidth=1.8, zorder=12, **POINT)
         bold = {"fontsize": 9.5, "weight": "bold", "color": "#000000"}
         # Areas may overlap where they are searched at other times, so the label says when.
@@ -181,25 +181,25 @@ def _plan(
         texts.append((float(x), float(y), label, bold))
     must = len(texts)
     for mark in marks:
-        layers.mark_point(ax, here, mark, 8)
-        x, y = here.project(mark.lon, mark.lat)
+        layers.mark_point(ax, frame, mark, 8)
+        x, y = frame.project(mark.lon, mark.lat)
         texts.append((float(x), float(y), mark.label, {"fontsize": 8.5, "color": layers.LAST_KNOWN, "weight": "bold"}))
     units = [tasking.unit for tasking in plan.taskings]
     for place in sorted({place for unit in units for place in (unit.base, unit.return_to)}):
-        x, y = here.project(*place)
-        if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
+        x, y = frame.project(*place)
+        if frame.x[0] < x < frame.x[1] and frame.y[0] < y < frame.y[1]:
             ax.plot(x, y, markersize=8, markeredgewidth=1.0, zorder=12, **BASE)
             who = [unit.name for unit in units if place in (unit.base, unit.return_to)]
             texts.append((float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK}))
-    texts += _beyond(here, plan)
-    bar = chart.scale_bar(ax, here, chart.free_corner(here, *busy))
+    texts += _beyond(frame, plan)
+    bar = chart.scale_bar(ax, frame, chart.free_corner(frame, *busy))
     labels.place(ax, canvas, texts, [bar], must=set(range(must)))
 
 
-def line(ax: Axes, here: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:
+def line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:
     """Draw a line through positions [deg], with a halo if it is not thin."""
     halo = [patheffects.withStroke(linewidth=style["linewidth"] + 1.8, foreground="white", alpha=0.8)]
-    x, y = here.project(points[:, 0], points[:, 1])
+    x, y = frame.project(points[:, 0], points[:, 1])
     ax.plot(
         x,
         y,
@@ -211,7 +211,7 @@ def line(ax: Axes, here: Frame, points: Array, style: dict[str, Any], zorder: fl
     )
 
 
-def creep(ax: Axes, here: Frame, tasking: Tasking) -> None:
+def creep(ax: Axes, frame: Frame, tasking: Tasking) -> None:
     """Draw an arrow in the direction of creep in the middle of a sub-area."""
     reach = 0.22 * tasking.width
     ends = []
@@ -219,25 +219,25 @@ def creep(ax: Axes, here: Frame, tasking: Tasking) -> None:
         east, north = sign * reach * np.sin(tasking.creep), sign * reach * np.cos(tasking.creep)
         lon, lat = sphere.destination(math.radians(tasking.centre[0]), math.radians(tasking.centre[1]), east, north)
         ends.append((np.degrees(lon), np.degrees(lat)))
-    (x0, y0), (x1, y1) = (here.project(*end) for end in ends)
+    (x0, y0), (x1, y1) = (frame.project(*end) for end in ends)
     arrow = {"arrowstyle": "-|>,head_width=0.28,head_length=0.5", "color": "#000000", "linewidth": 1.5}
     arrow |= {"shrinkA": 0, "shrinkB": 0, "path_effects": [patheffects.withStroke(linewidth=3.5, foreground="white")]}
     ax.annotate("", (float(x1), float(y1)), (float(x0), float(y0)), arrowprops=arrow, zorder=11)
 
 
-def _beyond(here: Frame, plan: Plan) -> list[labels.Point]:
+def _beyond(frame: Frame, plan: Plan) -> list[labels.Point]:
     """Return labels at the chart's edge: how far it is to each base beyond it, and in which direction."""
     texts: list[labels.Point] = []
     for place in sorted({tasking.unit.base for tasking in plan.taskings}):
-        x, y = (float(v) for v in here.project(*place))
-        if here.x[0] < x < here.x[1] and here.y[0] < y < here.y[1]:
+        x, y = (float(v) for v in frame.project(*place))
+        if frame.x[0] < x < frame.x[1] and frame.y[0] < y < frame.y[1]:
             continue
         based = [tasking for tasking in plan.taskings if tasking.unit.base == place]
         begin = subareas.begin(based[0])
-        px, py = (float(v) for v in here.project(*begin))
+        px, py = (float(v) for v in frame.project(*begin))
         shares = [
             (edge - start) / (end - start)
-            for start, end, edges in ((px, x, here.x), (py, y, here.y))
+            for start, end, edges in ((px, x, frame.x), (py, y, frame.y))
             for edge in edges
             if abs(end - start) > 1e-6 and (edge - start) / (end - start) > 0
         ]

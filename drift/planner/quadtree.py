@@ -37,7 +37,7 @@ class Boxes:
 
 
 def fit(x: Array, y: Array, weight: Array, most: float, fewest: float, least: float) -> Boxes:
-    """Return boxes of at most `most` effective particles, with the greatest likelihood of several kinds of boxes.
+    """Return boxes of at most `most` effective particles, of the likeliest of several kinds.
 
     Boxes are squares north and south; or they follow the whole cloud in direction, proportions and curvature; or each
     of some patches of it. A cloud along a track or a shore is so narrow that squares would include the sea beside it.

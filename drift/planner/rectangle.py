@@ -152,19 +152,21 @@ def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
             return
         sailed = cut(crew, [laid(crew, rows[k], whole, k) for k in which])
         again = []
-        for k, one in zip(which, sailed, strict=True):
-            if one is None or math.isinf(one.home):
+        for k, sailing in zip(which, sailed, strict=True):
+            if sailing is None or math.isinf(sailing.home):
                 continue
-            there = crew.available.leaves + one.out / crew.unit.transit_speed
+            there = crew.available.leaves + sailing.out / crew.unit.transit_speed
             start, room = (float(v) for v in crew.available.slot(there + rows[k, WAIT]))
-            took = float(one.elapsed[-1])
-            sought = float(np.diff(one.elapsed)[one.searching].sum())
+            took = float(sailing.elapsed[-1])
+            sought = float(np.diff(sailing.elapsed)[sailing.searching].sum())
             if took <= room and sought > most[k]:
                 most[k] = sought
                 flown.length[k], flown.start[k], flown.duration[k] = whole.length[k], start - crew.zero, took
                 flown.possible[k] = True
-                x, y = crew.plane.flat(np.radians(one.lon), np.radians(one.lat))
-                flown.sailed[k] = np.column_stack([flown.start[k] + one.elapsed, x, y, np.append(one.searching, False)])
+                x, y = crew.plane.flat(np.radians(sailing.lon), np.radians(sailing.lat))
+                flown.sailed[k] = np.column_stack(
+                    [flown.start[k] + sailing.elapsed, x, y, np.append(sailing.searching, False)]
+                )
             if not FULL * room <= took <= room:
                 whole.length[k] *= 0.995 * room / took
                 again.append(k)
@@ -194,7 +196,7 @@ def laid(crew: Crew, row: Array, flown: Sweeps, k: int) -> Laid:
 def cut(crew: Crew, whole: Sequence[Laid]) -> list[Sailed | None]:
     """Return a boat's legs of several rectangles cut at the coast; None where it can sail none."""
     assert crew.course is not None
-    legs = [(np.array(one.pattern.legs.lon), np.array(one.pattern.legs.lat)) for one in whole]
+    legs = [(np.array(rectangle.pattern.legs.lon), np.array(rectangle.pattern.legs.lat)) for rectangle in whole]
     return courses.sail(crew.course, legs, crew.unit.search_speed, crew.unit.transit_speed)
 
 

@@ -233,8 +233,8 @@ def _graph(
     for east, north in ARCS:
         from_ = (slice(max(-north, 0), ny - max(north, 0)), slice(0, nx - east))
         to = (slice(max(north, 0), ny - max(-north, 0)), slice(east, nx))
-        both = open_water[from_] & open_water[to]
-        a, b = number[from_][both], number[to][both]
+        joined = open_water[from_] & open_water[to]
+        a, b = number[from_][joined], number[to][joined]
         free = np.isinf(crossing.meets(device, lon[a], lat[a], lon[b] - lon[a], lat[b] - lat[a]))
         rows.append(a[free])
         columns.append(b[free])

@@ -19,7 +19,7 @@ from geo.notation import KNOT, NMI
 WIDE = 78
 FOOT = 0.3048  # [m]
 LABEL = 18
-LONG_WAIT = 0.5  # [h]; of a longer wait the crew is told the reason
+LONG_WAIT = 0.5  # [h]; of a longer wait the crew reads the reason
 OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
 OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
 PATTERN = "parallel sweep (PS)"

@@ -110,19 +110,19 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Seque
     inner = [point for point in way if point.what in ("csp", "leg", "turn", "off")]
     lon = np.concatenate([ring[:, 0], [_by(point.lon, ring[0, 0]) for point in inner]])
     lat = np.concatenate([ring[:, 1], [point.lat for point in inner]])
-    here = chart.frame(lon, lat, MAP[2] * SHEET.width / (MAP[3] * SHEET.height), margin=0.05)
+    frame = chart.frame(lon, lat, MAP[2] * SHEET.width / (MAP[3] * SHEET.height), margin=0.05)
     ax = figure.add_axes(MAP)
-    chart.prepare(ax, here)
-    chart.draw_land(ax, chart.land_path(here, land, 1500))
-    chart.graticule(ax, here)
-    _ways(ax, here, tasking)
+    chart.prepare(ax, frame)
+    chart.draw_land(ax, chart.land_path(frame, land, 1500))
+    chart.graticule(ax, frame)
+    _ways(ax, frame, tasking)
     for searching, points in search_shapes.flown(tasking.sortie):
         style = {**search_layers.LEGS, "linewidth": 1.0} if searching else {**search_layers.TRANSIT, "linewidth": 1.1}
-        plan_map.line(ax, here, points, style, 8)
-    plan_map.line(ax, here, ring, {**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}, 7.5)
+        plan_map.line(ax, frame, points, style, 8)
+    plan_map.line(ax, frame, ring, {**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}, 7.5)
     if tasking.sortie.legs is not None:
-        plan_map.creep(ax, here, tasking)
-    x, y = here.project([point.lon for point in inner], [point.lat for point in inner])
+        plan_map.creep(ax, frame, tasking)
+    x, y = frame.project([point.lon for point in inner], [point.lat for point in inner])
     ax.plot(x[1:], y[1:], "o", markersize=2.2, color=INK, zorder=11)
     ax.plot(x[0], y[0], markersize=8, markeredgewidth=1.8, zorder=12, **POINT)
     texts: list[labels.Point] = []
@@ -130,7 +130,7 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Seque
         ends = point.what in ("csp", "off")
         style = {"fontsize": 9 if ends else 6.2, "color": "#000000", "weight": "bold" if ends else "normal"}
         texts.append((float(x[k]), float(y[k]), _short(point), style))
-    bar = chart.scale_bar(ax, here, chart.free_corner(here, x, y))
+    bar = chart.scale_bar(ax, frame, chart.free_corner(frame, x, y))
     labels.place(ax, canvas, texts, [bar], must={0, len(texts) - 1})
     handles = [
         (Line2D([], [], **{**search_layers.LEGS, "linewidth": 1.0}), "Leg of search"),
@@ -145,9 +145,9 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Seque
     )  # fmt: skip
 
 
-def _ways(ax: Axes, here: Frame, tasking: Tasking) -> None:
+def _ways(ax: Axes, frame: Frame, tasking: Tasking) -> None:
     for points in subareas.transits(tasking):
-        plan_map.line(ax, here, points, WAY, 7)
+        plan_map.line(ax, frame, points, WAY, 7)
 
 
 def _inset(figure: Figure, tasking: Tasking, land: Array) -> None:
@@ -156,16 +156,16 @@ def _inset(figure: Figure, tasking: Tasking, land: Array) -> None:
     ways = subareas.transits(tasking)
     places = np.concatenate([ring, *ways, [tasking.unit.base, tasking.unit.return_to]])
     lon = np.array([_by(v, ring[0, 0]) for v in places[:, 0]])
-    here = chart.frame(lon, places[:, 1], INSET[2] * SHEET.width / (INSET[3] * SHEET.height), margin=0.1)
+    frame = chart.frame(lon, places[:, 1], INSET[2] * SHEET.width / (INSET[3] * SHEET.height), margin=0.1)
     ax = figure.add_axes(INSET)
-    chart.prepare(ax, here)
-    chart.draw_land(ax, chart.land_path(here, land, 600))
-    chart.graticule(ax, here, lines=2, size=6.5)
-    _ways(ax, here, tasking)
-    plan_map.line(ax, here, ring, {**search_layers.AREA, "linewidth": 1.2}, 8)
-    x, y = here.project(*zip(tasking.unit.base, tasking.unit.return_to, strict=True))
+    chart.prepare(ax, frame)
+    chart.draw_land(ax, chart.land_path(frame, land, 600))
+    chart.graticule(ax, frame, lines=2, size=6.5)
+    _ways(ax, frame, tasking)
+    plan_map.line(ax, frame, ring, {**search_layers.AREA, "linewidth": 1.2}, 8)
+    x, y = frame.project(*zip(tasking.unit.base, tasking.unit.return_to, strict=True))
     ax.plot(x, y, markersize=6, markeredgewidth=0.8, zorder=12, **BASE)
-    chart.scale_bar(ax, here, chart.free_corner(here, x, y), small=True)
+    chart.scale_bar(ax, frame, chart.free_corner(frame, x, y), small=True)
 
 
 def _facts(figure: Figure, plan: Plan, name: str, tasking: Tasking) -> None:

@@ -1,4 +1,7 @@
-"""What a search hands out: what each sortie and contact has done, as a table, as shapes for a GIS, and in pictures."""
+"""What a search hands out: what each sortie and contact has done.
+
+It comes as a table, as shapes for a GIS, and in pictures.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

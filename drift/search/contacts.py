@@ -1,6 +1,9 @@
-"""How well a contact fits each place: logs of the probability density of what was seen, given where the object was.
+"""How well a contact fits each place.
 
-Gaussian fixes, bearings, ranges and areas, each with the sensor's chance of detection by range (SEARCH.md, "Contacts").
+The fit is the logarithm of the probability density of what was seen, given where the object was.
+
+Contacts are Gaussian fixes, bearings, ranges and areas, each with the sensor's chance of detection by range
+(docs/search.md, "Contacts").
 """
 
 import math
@@ -18,7 +21,9 @@ BEYOND = 6.0  # standard deviations; a normal has 2e-9 of its probability beyond
 
 
 def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
-    """Return the log likelihood of a contact at binary angles lon, lat, float64 (n,); -inf where it is impossible.
+    """Return the log likelihood of a contact at binary angles lon, lat, float64 (n,).
+
+    It is -inf where the contact is impossible.
 
     It is a density: per m2 for positions and areas, per radian for bearings, per metre for ranges. Belief and false
     contacts are left out. Beyond 6 standard deviations, where no error is normal, it is -inf: a wrong digit must not

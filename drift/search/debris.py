@@ -1,6 +1,7 @@
-"""Debris that contacts tell of: particles of its own class that share releases and errors of the forcing with the object's.
+"""Debris that contacts tell of: particles of a class of its own.
 
-They drift beside the object's, slot by slot, until they are last asked for; where they are reweights the object's.
+They share releases and errors of the forcing with the object's particles, and drift beside them, slot by slot, until
+they are last asked for. Where they are reweights the object's particles.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +19,10 @@ from kernels.noise import Purpose
 
 @dataclass
 class Debris:
-    """Debris of one class: an ensemble that shares releases and errors of the forcing with the object's, slot by slot."""
+    """Debris of one class: an ensemble that drifts beside the object's, slot by slot.
+
+    It shares releases and errors of the forcing with the object's ensemble.
+    """
 
     ensemble: Ensemble
     scene: Scene

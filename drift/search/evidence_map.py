@@ -1,4 +1,4 @@
-"""The picture of what a search has shown: how likely each scenario is after each update, and its POS so far.
+"""The picture of what a search has shown: each scenario's probability and POS after each update.
 
 On the left, downward in time, stands each update with the probability of each scenario after it, and with the Bayes
 factor of the scenario that it moved most. On the right stands the cumulative POS by scenario, on which a decision to
@@ -30,12 +30,10 @@ from geo import notation
 from geo.array import Array
 
 A_LINE = 4  # scenarios on a line of the legend
-HUGE = 1e6  # Bayes factor beyond which its figure says no more
+HUGE = 1e6  # Bayes factor beyond which its exact value adds nothing
 MOST = 22  # rows; of more updates the last are shown
-DIGIT, OVERHANG = (
-    0.072,
-    0.12,
-)  # [in], width of a small digit; how far numbers over a chart may reach beyond its right edge
+DIGIT = 0.072  # [in] width of a small digit
+OVERHANG = 0.12  # [in] how far numbers over a chart may reach beyond its right edge
 # Neighbours differ by lightness or hatch, in grey print too.
 FILLS: tuple[dict[str, Any], ...] = (
     {"facecolor": "#cfe0ee", "hatch": ""},
@@ -67,7 +65,7 @@ def draw(updates: Updates, path: Path, setting: Setting) -> None:
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
-    lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # in the legend
+    lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # lines of the legend
     least = particles_left.lowest(updates, setting.particles)
     below = 0.32 * least.few  # [in] that a warning takes
     over = 1.45 + 0.24 * lines + below
@@ -218,7 +216,10 @@ def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, fl
 def _rows(
     figure: Figure, room: tuple[float, float], shown: Shown, begin: str, said: Said, heads: tuple[str, str]
 ) -> Axes:
-    """Return axes for a bar in each row, from 0 to 1, with its update's name on the left and two lines on the right."""
+    """Return axes for a bar in each row, from 0 to 1.
+
+    A row has its update's name on the left and two lines on the right.
+    """
     ax = figure.add_axes((0.185, room[0], 0.21, room[1] - room[0]))
     ax.set_xlim(0, 1)
     ax.set_ylim(len(shown) + 0.5, -0.5 if begin else 0.5)

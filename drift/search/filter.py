@@ -1,4 +1,6 @@
-"""The filter: what sorties that found nothing, and contacts, do to the weights of an ensemble while it moves.
+"""The filter: what sorties that found nothing, and contacts, do to the weights of an ensemble.
+
+It works while the ensemble moves.
 
 The clock of the forecast tells it of every step. A sortie's exposure grows as it is flown and changes weights when it
 ends; an output in between sees what it has done so far. Evidence is the mean weight after over that before. A sortie
@@ -32,7 +34,7 @@ from kernels.advance import Step
 
 Device = Any
 
-FARTHEST = 20.0  # that the log of the sum of weights may be off before they are brought back
+FARTHEST = 20.0  # most that the log of the sum of weights may be off before weights are brought back
 
 
 class Search:
@@ -60,9 +62,8 @@ class Search:
         self._updates: list[Update] = []
         first = self.ensemble.log_weight.to_numpy()
         self._prior = self._weighed(first).scenarios
-        self.unsearched = first.astype(
-            np.float64
-        )  # log weights (n,) by all that was seen, as if no sortie had been flown
+        # Log weights (n,) by all that was seen, as if no sortie had been flown.
+        self.unsearched = first.astype(np.float64)
         self._missed = np.ones(len(spec.scenarios) + 1)  # product of 1 - POS so far
         self._lineage = np.arange(ensemble.n, dtype=np.int32)
         self._ancestors: Array | None = None
@@ -73,10 +74,13 @@ class Search:
 
     @property
     def updates(self) -> Updates:
-        """What has happened so far; sorties as they were flown, drifting with their markers in the likeliest scenario."""
+        """What has happened so far, with sorties as they were flown.
+
+        They drift with their markers in the likeliest scenario.
+        """
         last = self._updates[-1].posterior if self._updates else self._prior
         likeliest = int(np.argmax(last))
-        flown = tuple(one.as_flown(likeliest, self._start) for one in self._all)
+        flown = tuple(sortie.as_flown(likeliest, self._start) for sortie in self._all)
         return Updates(tuple(s.name for s in self._spec.scenarios), self._prior, tuple(self._updates), flown)
 
     def stops(self, after: int, until: int) -> list[int]:
@@ -94,10 +98,10 @@ class Search:
 
     def advance(self, low: int, high: int, step: Step) -> None:
         """Move debris over a step."""
-        for one in self._debris.values():
-            if one.last > step.elapsed:
-                one.before = one.ensemble.lon.to_numpy(), one.ensemble.lat.to_numpy()
-                one.scene.advance(one.ensemble, low, high, step)
+        for beside in self._debris.values():
+            if beside.last > step.elapsed:
+                beside.before = beside.ensemble.lon.to_numpy(), beside.ensemble.lat.to_numpy()
+                beside.scene.advance(beside.ensemble, low, high, step)
 
     def _flown(self, until: int) -> list[SortieExposure]:
         """Return the sorties that have begun before a time and are not over."""
@@ -108,7 +112,10 @@ class Search:
         return flown.expose(self.ensemble, self._before, self._step, until, keep)
 
     def take_effect(self, time: int, place: PositionsAt) -> None:
-        """Change weights by all that ends or is seen at a time; place: gives where an ensemble's particles were then."""
+        """Change weights by all that ends or is seen at a time.
+
+        place: gives where an ensemble's particles were then.
+        """
         for flown in [f for f in self._waiting if f.end == time]:
             self._fail(flown)
             self._waiting.remove(flown)
@@ -120,7 +127,7 @@ class Search:
             self._see(contact, time, place)
 
     def _fail(self, flown: SortieExposure) -> None:
-        """Take in that a sortie found nothing."""
+        """Change weights because a sortie found nothing."""
         sortie, columns = flown.sortie, self._exposed(flown, flown.end, keep=True)
         before = self.ensemble.log_weight.to_numpy()
         flown.fail(self.ensemble, columns, self._group(flown, self._shared), self.ensemble.log_weight)
@@ -138,14 +145,14 @@ class Search:
         self._note(
             Update(
                 sortie.name, "sortie", sortie.end, evidence, now.scenarios, then.ess, now.ess,
-                poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive, cumulative=1 - self._missed,
-                standing=self._standing(sortie.end, after, now.ess),
+                poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive,
+                cumulative=1 - self._missed, standing=self._standing(sortie.end, after, now.ess),
             )
         )  # fmt: skip
         self._settle(after.astype(np.float64))
 
     def _see(self, contact: Contact, time: int, place: PositionsAt) -> None:
-        """Take in a contact."""
+        """Change weights by a contact."""
         who, its, begin = self.ensemble, self._scene, None
         if contact.drifter is not None:
             seen = self._debris[contact.drifter]
@@ -159,7 +166,7 @@ class Search:
         mean = self._weighed(current + likelihood).log_sum - self._weighed(current).log_sum
         if contact.false_density > 0:
             likelihood = np.logaddexp(likelihood, np.log(contact.false_density))
-        elif contact.belief < 1:  # in units of the mean, so that the evidence stays a density
+        elif contact.belief < 1:  # doubt is in units of the mean, so that the evidence stays a density
             if mean == -np.inf:
                 likelihood = np.zeros_like(likelihood)
             else:
@@ -185,7 +192,10 @@ class Search:
         self._settle(after, changed=True)
 
     def _settle(self, log_weight: Array, changed: bool = False) -> None:
-        """Bring the sum of weights back to 1 once it is far off, where float32 would lose digits of small differences."""
+        """Bring the sum of weights back to 1 once it is far off.
+
+        Otherwise float32 would lose digits of small differences.
+        """
         total = self._weighed(log_weight).log_sum
         if abs(total) > FARTHEST:
             self.ensemble.log_weight.from_numpy((log_weight - total).astype(np.float32))
@@ -193,7 +203,10 @@ class Search:
             self.ensemble.log_weight.from_numpy(log_weight.astype(np.float32))
 
     def log_weight(self, time: int) -> Array:
-        """Return the weights as they stand at a time, with what sorties under way have missed until then; float32 (n,)."""
+        """Return the weights as they stand at a time, float32 (n,).
+
+        They include what sorties under way have missed until then.
+        """
         under_way = self._flown(time)
         if not under_way:
             return np.asarray(self.ensemble.log_weight.to_numpy())
@@ -236,8 +249,8 @@ class Search:
             own = self.unsearched[ancestors] - before[ancestors] + log_weight
         self.unsearched = np.where(log_weight > -np.inf, own, -np.inf)
         columns = [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
-        for one in self._debris.values():
-            record.inherit(one.ensemble, ancestors)
+        for beside in self._debris.values():
+            record.inherit(beside.ensemble, ancestors)
         if self._never is not None:
             self._never = self._never[ancestors]
         record.inherit(e, ancestors)
@@ -253,14 +266,17 @@ class Search:
         return ancestors
 
     def ancestors(self) -> Array | None:
-        """Return whose offspring the particles are, int64 (n,), since it was last asked; None if they are themselves."""
+        """Return whose offspring the particles are, int64 (n,), since it was last asked.
+
+        Return None if they are themselves.
+        """
         ancestors, self._ancestors = self._ancestors, None
         return ancestors
 
     def _group(self, flown: SortieExposure, columns: dict[tuple[str, float], Device]) -> Device:
         """Return the columns of the misses that share a sortie's unknown factor of sweep width."""
         if len(flown.factors) == 1:
-            return self.ensemble.log_weight  # the kernel reads no group here: any column will do
+            return self.ensemble.log_weight  # the kernel reads no group then, so any column will do
         key = (flown.sortie.group, flown.sortie.shape)
         if key not in columns:
             columns[key] = runtime.empty(self.ensemble.n * len(flown.factors))
@@ -274,8 +290,9 @@ class Search:
         if not np.isfinite(whole):
             names = ", ".join(f'"{s.name}"' for s in self._spec.scenarios)
             raise UserError(
-                f"{what} contradicts every scenario ({names}): after it no particle has any weight, and nothing can be said. Check its "
-                "place, time and error, or allow for doubt: a POD below 1, a belief below 1, or a wider prior"
+                f"{what} contradicts every scenario ({names}): after it no particle has any weight, and nothing can be "
+                "said. Check its place, time and error, or allow for doubt: a POD below 1, a belief below 1, or a "
+                "wider prior"
             )
         return np.array([*sums, whole])
 
@@ -290,7 +307,7 @@ class Search:
         return np.asarray(np.divide(over, under, out=np.zeros(len(under)), where=under > 0))
 
     def _alive(self, time: float) -> Array:
-        """Return each particle's chance of being alive at a time [s after start]; 1 where no survival is told."""
+        """Return each particle's chance of being alive at a time [s after start]; 1 without survival times."""
         release = self.ensemble.release.to_numpy()
         alive = np.ones(self.ensemble.n)
         for scenario, (a, b) in zip(self._spec.scenarios, self.ensemble.scenarios, strict=True):

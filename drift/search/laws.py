@@ -38,7 +38,7 @@ class Formulas:
     # How it detects: at a rate anywhere in its area; at a rate all along its legs; once, abeam of a leg.
     detects: Literal["anywhere", "along", "abeam"]
     pod: Callable[[Law, Array], Array]  # b(C)
-    # g(h): the integral across a leg of its hazard, cut off at h, over its sweep width
+    # g(h) is the integral across a leg of its hazard, cut off at h, over its sweep width.
     cap: Callable[[Law, Array], Array]
     coverage: Callable[[Law, float], float] | None = None  # C of a POD; None: by a root finder
     # The lateral range curve as `table` returns it; each law that detects abeam has one.

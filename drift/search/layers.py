@@ -43,7 +43,7 @@ def reminder(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any) 
 
 
 def sortie(ax: Axes, frame: Frame, flown: Sortie, time: Any, *, light: bool = False) -> None:
-    """Draw a sortie as it is at a time: its area, and its legs so far; after its end, the whole of it.
+    """Draw a sortie at a time: its area, and its legs so far; after its end, the whole of it.
 
     light: thin, as a reminder on a map of something else.
     """

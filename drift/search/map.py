@@ -196,7 +196,10 @@ def _worth(update: Update) -> str:
 
 
 def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None) -> None:
-    """Write over a map its time, by how much that is off where no output is at the time, and what the stage says."""
+    """Write over a map its time and what the stage says.
+
+    If no output is at that time, say by how much the map's time is off.
+    """
     apart = (time - wanted) / np.timedelta64(1, "m")
     off = f" ({apart:+.0f} min)" if abs(apart) >= 1 else ""
     text = f"{STAGES[column]} {notation.day_time(time)}{off}"

@@ -20,12 +20,12 @@ def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
 
 
 def first_low(updates: Updates) -> Update | None:
-    """Return the first sortie or contact after which few particles count; all later ones stand on these."""
+    """Return the first sortie or contact after which few particles count; all later ones depend on these."""
     return next((update for update in updates.all if Count(update.ess_after).few), None)
 
 
 def lowest(updates: Updates, particles: int | None = None) -> Count:
-    """Return how many particles the evidence stands on: the fewest after any update, for copies add nothing."""
+    """Return how many particles count for the evidence: the fewest after any update, for copies add nothing."""
     return Count(min((update.ess_after for update in updates.all), default=0.0), particles)
 
 

@@ -1,4 +1,6 @@
-"""Search patterns: the legs that a unit flies and the area that they cover (IAMSAR Manual, Vol. II, chapter 5).
+"""Search patterns: the legs that a unit flies and the area that they cover.
+
+They follow the IAMSAR Manual, Vol. II, chapter 5.
 
 Points are laid out in the tangent plane of the pattern's centre or datum and wrapped onto the sphere along great
 circles; legs between them are great circles. Legs have constant speed; turns take no time.
@@ -27,7 +29,10 @@ class Pattern:
 
 
 def at(centre: LonLat, orientation: float, along: npt.ArrayLike, across: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return (lon, lat) [deg] of points [m] along an orientation [rad] and across it, to its right; lon runs on."""
+    """Return (lon, lat) [deg] of points [m] along an orientation [rad] and across it, to its right.
+
+    Longitudes run on without a jump.
+    """
     along, across = np.asarray(along, np.float64), np.asarray(across, np.float64)
     sin, cos = math.sin(orientation), math.cos(orientation)
     x, y = np.radians(centre)
@@ -108,7 +113,10 @@ def leg_count(width: float, spacing: float) -> int:
 
 
 def square(datum: LonLat, spacing: float, orientation: float, legs: int, start: float, speed: float) -> Pattern:
-    """Return an expanding square search (SS): S, S, 2 S, 2 S, 3 S, ... from the datum, turns 90 deg to starboard."""
+    """Return an expanding square search (SS) from the datum.
+
+    Its legs are S, S, 2 S, 2 S, 3 S, ... long, with turns of 90 deg to starboard.
+    """
     import shapely
 
     reach = (np.arange(legs) // 2 + 1) * spacing
@@ -170,7 +178,7 @@ def _beside(route: list[LonLat], offset: float) -> tuple[Array, Array]:
     if offset == 0:
         return np.degrees(lon), np.degrees(lat)
     out = np.arctan2(*sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:]))  # course at the beginning of each leg
-    into = np.arctan2(*sphere.offset(lon[1:], lat[1:], lon[:-1], lat[:-1])) + math.pi  # and at its end
+    into = np.arctan2(*sphere.offset(lon[1:], lat[1:], lon[:-1], lat[:-1])) + math.pi  # course at the end of each leg
     courses, reach, which = [out[0]], [offset], [0]
     for k in range(1, lon.size - 1):
         turn = float(sphere.wrap(out[k] - into[k - 1]))

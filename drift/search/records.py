@@ -16,11 +16,11 @@ from geo.polyline import Area, Legs
 
 @dataclass(frozen=True)
 class Law:
-    """How likely a sweep detects what it passes (Koopman 1980, Search and Screening; SEARCH.md)."""
+    """How likely a sweep detects what it passes (Koopman 1980, Search and Screening; docs/search.md)."""
 
     kind: str = "inverse_cube"  # an entry of drift.search.laws.LAWS
     beta: float = 1.0  # m_beta: chance of detection within M = W / (2 beta)
-    ranges: tuple[float, ...] = ()  # of a curve: lateral ranges [m], ascending from 0
+    ranges: tuple[float, ...] = ()  # lateral ranges of a curve [m], ascending from 0
     chances: tuple[float, ...] = ()  # chances of detection there; straight in between, none beyond
 
 
@@ -46,9 +46,9 @@ class Sortie:
     end: np.datetime64
     law: Law
     sweep_width: tuple[float, ...]  # [m], one per scenario; 0: its object is not seen
-    shape: float = math.inf  # of the gamma distribution (mean 1) of the unknown factor of W; inf: W is known
+    shape: float = math.inf  # shape of the gamma distribution (mean 1) of the unknown factor of W; inf: W is known
     group: str = ""  # sorties of one group share that factor
-    area: Area | None = None  # without legs, where it searched; with legs, what counts as searched
+    area: Area | None = None  # the area that it searched; with legs, the area that counts as searched
     coverage: tuple[float, ...] = ()  # C = W v t / A, one per scenario; of an area without legs
     legs: Legs | None = None  # tracks made good; of a watch, where its sensor was
     watch: Watch | None = None
@@ -68,19 +68,22 @@ class Fix:
 
     lon: float  # [deg]
     lat: float
-    share: float = 1.0  # of the contact's probability, for positions A and B of a beacon
+    share: float = 1.0  # share of the contact's probability, for positions A and B of a beacon
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Something seen, which gives a likelihood of where the object was: by fixes, a bearing, a range or an area."""
+    """Something seen, which gives a likelihood of where the object was.
+
+    It is by fixes, a bearing, a range or an area.
+    """
 
     name: str
     time: np.datetime64
     kind: str  # an entry of drift.search.contacts.LIKELIHOODS
     # With N the density of what was seen, the likelihood is belief N / E[N] + 1 - belief, or N + false_density.
     belief: float = 1.0  # probability that it is of the object
-    false_density: float = 0.0  # of false contacts [1/m2] (range: [1/m], bearing: [1/rad]); belief is 1 then
+    false_density: float = 0.0  # density of false contacts [1/m2] (range: [1/m], bearing: [1/rad]); belief is then 1
     fixes: tuple[Fix, ...] = ()
     major: float = 0.0  # [m] standard deviation along the major axis
     minor: float = 0.0
@@ -94,7 +97,7 @@ class Contact:
     far: float = math.inf
     zones: Watch | None = None  # chance of detection by range; None: the same at all ranges
     area: Area | None = None
-    drifter: Drifter | None = None  # of debris, how it drifts; None: it is the object itself
+    drifter: Drifter | None = None  # how it drifts, if it is debris; None: it is the object itself
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,7 @@ class PlanSpec:
     objective: Literal["pos", "alive"] = "pos"
     separation: float = 0.0  # [m] between areas that are searched at the same time
     rounds: int = 1  # sorties of each unit, each planned on the failure of those before
-    particles: int = 40_000  # on which the plan is made; it is scored on those of the case
+    particles: int = 40_000  # particles on which the plan is made; it is scored on those of the case
 
 
 @dataclass(frozen=True)

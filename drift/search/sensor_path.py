@@ -1,4 +1,6 @@
-"""Where a sensor is, at any time: the legs of a sortie, cut where a great circle is no longer straight enough.
+"""Where a sensor is, at any time: the legs of a sortie.
+
+They are cut where a great circle is no longer straight enough.
 
 What a kernel needs of them for one stretch of a step is a `kernels.sweep.Track`.
 """
@@ -14,9 +16,8 @@ from geo.array import Array
 from geo.polyline import Area, Legs
 from kernels.sweep import Track
 
-Moved = Callable[
-    [Array], tuple[Array, Array]
-]  # times [s after the run's start] -> where a marker is, lon and lat [rad]
+# From times [s after the run's start] to where a marker is then, lon and lat [rad].
+Moved = Callable[[Array], tuple[Array, Array]]
 
 # [m], longest piece of a leg up to 62 degrees N; beyond, pieces are shorter as the tangent of the latitude grows.
 # Past a particle within half a piece its great circle is straight to 0.3 m; while the particle drifts by 1 km, to 2 m.
@@ -37,7 +38,9 @@ class Path:
     def between(
         self, begin: float, end: float, elapsed: int, moved: Moved | None, datum: tuple[float, float]
     ) -> Track | None:
-        """Return the way from begin to end [s after the run's start], within the step from `elapsed` on; None for none.
+        """Return the way from begin to end [s after the run's start], or None if there is none.
+
+        It lies within the step from `elapsed` on.
 
         moved: where the marker is that takes it along. The way then lies from the marker as it was laid out from the
         datum (lon, lat) [deg].
@@ -124,7 +127,9 @@ def chart(at_lon: float, at_lat: float, lon: Array, lat: Array) -> tuple[Array, 
 
 
 def ring(area: Area) -> tuple[float, float, Array]:
-    """Return a place (lon, lat) [deg] amid an area, and its outline round it as `kernels.sweep.expose` takes it.
+    """Return a place (lon, lat) [deg] amid an area, and the area's outline about it.
+
+    The outline is as `kernels.sweep.expose` takes it.
 
     The outline, (x, y, x, y, ...) [m], runs counterclockwise; edges are great circles, cut up where they bulge.
     """

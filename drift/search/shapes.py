@@ -1,4 +1,4 @@
-"""Where a search went, as shapes over the ground: outlines of areas, legs as flown, and where a contact may have been.
+"""Where a search went, as shapes over the ground: areas, legs as flown, and where a contact may have been.
 
 Shapes are arrays (n, 2) of lon, lat [deg], longitudes running on without a jump; edges follow great circles. What
 drifts with a marker is moved with it, where the marker's track is known. No area may hold a pole.
@@ -17,7 +17,7 @@ from geo import polyline, sphere
 from geo.array import Array
 from geo.polyline import Area, Legs
 
-Shape = tuple[str, Array]  # what it is, and its points
+Shape = tuple[str, Array]  # name and points
 
 LONGEST = 20_000.0  # [m] between points of an edge: at 60 degrees of latitude a chord is 14 m off the great circle
 NEAR_ALL = 0.95  # share of a contact's error that its shape holds
@@ -55,7 +55,10 @@ def _about(lon: float, lat: float, east: Array, north: Array) -> Array:
 
 
 def searched(sortie: Sortie, time: np.datetime64 | None = None) -> Array | None:
-    """Return the closed outline of a sortie's area at a time, by default its start, (n, 2); None if it has none."""
+    """Return the closed outline of a sortie's area at a time, (n, 2); None if it has none.
+
+    The time is by default its start.
+    """
     if sortie.area is None:
         return None
     if not _drifts(sortie):
@@ -181,7 +184,10 @@ def _drifts(sortie: Sortie) -> bool:
 
 
 def _over_ground(sortie: Sortie) -> Legs:
-    """Return a sortie's legs over the ground; those flown in the frame of a marker move with it between its fixes."""
+    """Return a sortie's legs over the ground.
+
+    Legs flown in the frame of a marker move with it between its fixes.
+    """
     assert sortie.legs is not None
     if not _drifts(sortie):
         return sortie.legs

@@ -1,6 +1,7 @@
-"""How a search stands after an update: when the object went adrift, as the weights tell it, and what was never searched.
+"""How a search stands after an update: when the object went adrift, and what was never searched.
 
-What it takes to say how likely somebody is alive at any time, of millions of particles, in a few numbers.
+The weights say when the object went adrift. A few numbers, made from millions of particles, are enough to say how
+likely somebody is alive at any time.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from drift.particles import weights
 from drift.particles.ensemble import Ensemble
 from geo.array import Array
 
-BINS = 400  # of release times: a thousandth of a window of 40 h is 6 minutes, and each has its own mean
+BINS = 400  # bins of release times: of a window of 40 h each has 6 minutes, and its own mean
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Standing:
     release: Array  # [s after start] mean of each bin, (S, B)
     mass: Array  # probability, (S, B); adds up to 1
     never: Array  # probability of having been where no sortie searched, given each scenario, then of all; (S + 1,)
-    effective: float  # particles that all this stands on
+    effective: float  # number of particles that count for all this
 
 
 def standing(

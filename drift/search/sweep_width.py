@@ -1,4 +1,6 @@
-"""Visual sweep widths from the published tables, by unit, height, visibility and object, with their corrections.
+"""Visual sweep widths from the published tables, with their corrections.
+
+They go by unit, height, visibility and object.
 
 Works from the project's own copies, data/sweep_width.csv and data/sweep_width_corrections.csv. Everything taken and
 returned is SI. Rules where the tables leave them open:
@@ -50,7 +52,10 @@ class Conditions:
 
 
 def lookup(name: str, kind: str, altitude: float, visibility: float) -> float:
-    """Return the uncorrected sweep width [m] of an object for a kind of unit, a height [m] and a visibility [m]."""
+    """Return the uncorrected sweep width [m] of an object for a kind of unit.
+
+    altitude [m]: height of the unit or its eye; visibility [m].
+    """
     rows = _table()[find(name), find_kind(kind)]
     if visibility < NMI * (1 - 1e-9):
         raise UserError(
@@ -165,7 +170,7 @@ def _corrections() -> dict[str, _Correction]:
         for kind, factors in entry.speeds.items():
             given = dict(factors)
             factor, filled = 1.0, []
-            for speed in SPEEDS[kind]:  # one that is left out has the factor of the one before
+            for speed in SPEEDS[kind]:  # a speed that is left out has the factor of the one before
                 factor = given.get(speed, factor)
                 filled.append((float(speed), factor))
             entry.speeds[kind] = filled

@@ -1,4 +1,7 @@
-"""What each sortie and contact did to the probability, as text: a table, shapes as GeoJSON, the summary's numbers."""
+"""What each sortie and contact did to the probability, as text.
+
+It comes as a table, as shapes in GeoJSON, and as the summary's numbers.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -41,7 +44,9 @@ HEADER = [
 
 
 def csv(updates: Updates, run: str) -> str:
-    """Return a row for each update and scenario, and one for all together, as CSV; run: the run_id for the last column.
+    """Return a row for each update and scenario, and one for all together, as CSV.
+
+    run: the run_id for the last column.
 
     prior and posterior are a scenario's probability before and after the update, bayes_factor its odds after over its
     odds before. A contact has no POD, POC and POS; empty: does not apply, or nothing known.
@@ -82,7 +87,9 @@ def steps(updates: Updates) -> list[tuple[Update, Array]]:
 
 
 def bayes_factors(update: Update, before: Array) -> Array:
-    """Return the factors by which an update multiplied each scenario's odds against all others together, (scenarios,).
+    """Return the factors by which an update multiplied each scenario's odds, (scenarios,).
+
+    The odds are those against all others together.
 
     It is P(seen | scenario) / P(seen | another), the others in proportion to `before`; NaN where there are no others.
     """
@@ -100,7 +107,10 @@ def bayes_factors(update: Update, before: Array) -> Array:
 
 
 def numbers(updates: Updates) -> dict[str, Any]:
-    """Return the numbers of the search for the summary: each update, and how the search stands after all of them."""
+    """Return the numbers of the search for the summary.
+
+    They are each update, and how the search stands after all of them.
+    """
     names = updates.scenarios
     done = [update for update in updates.all if update.cumulative is not None]
     last = updates.all[-1].posterior if updates.all else updates.prior
@@ -155,7 +165,9 @@ def _by_scenario(names: Sequence[str], values: Array | None) -> dict[str, Any] |
 def shapes(
     sorties: Sequence[Sortie], contacts: Sequence[Contact], updates: Updates, attributes: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return areas, legs as flown and contacts as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian.
+    """Return areas, legs as flown and contacts as a GeoJSON FeatureCollection (RFC 7946).
+
+    Shapes are cut at the antimeridian.
 
     A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its end), or of a
     contact point, region or line. What drifts with a marker is where it was over the ground if the marker's track is

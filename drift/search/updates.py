@@ -24,9 +24,9 @@ class Update:
     posterior: Array  # (scenarios,) probability of each scenario afterwards
     ess_before: float
     ess_after: float
-    poc: Array | None = None  # of a sortie: probability that the object was where it searched
+    poc: Array | None = None  # probability that the object was where the sortie searched
     pos: Array | None = None  # 1 - exp(log_evidence): probability that it would have found the object
-    alive: Array | None = None  # with survival times: probability that it would have found the object alive
+    alive: Array | None = None  # probability that it would have found the object alive; only with survival times
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
     ess_resampled: float | None = None  # after particles were drawn anew, if they were
     standing: Standing | None = None  # how the search stands then
@@ -52,7 +52,7 @@ class Updates:
     scenarios: tuple[str, ...]
     prior: Array  # (scenarios,) probability of each scenario before the first
     all: tuple[Update, ...]
-    sorties: tuple[Sortie, ...] = ()  # as they were flown
+    sorties: tuple[Sortie, ...] = ()  # the sorties as they were flown
 
     @property
     def log_evidence(self) -> float:

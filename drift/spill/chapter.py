@@ -1,4 +1,7 @@
-"""What a spill hands out besides its forecast: the washup by stretch of coast, the account, and its unknowns."""
+"""What a spill hands out besides its forecast.
+
+That is the washup by stretch of coast, the account, and its unknowns.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass

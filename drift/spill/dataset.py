@@ -1,4 +1,7 @@
-"""The contents of washup.nc: CF-1.11 variables by stretch of coast and output time, and the account of all objects."""
+"""The contents of washup.nc: CF-1.11 variables by stretch of coast and output time.
+
+It also holds the account of all objects.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,7 +24,7 @@ FATES_MEAN = (
 
 BY_TIME = ("time", "segment")
 GIVEN = "over the simulated spills in which any object arrives there within the run"
-# name: dimensions, unit, meaning; each has its standard error in name + "_se"
+# By name: dimensions, unit, meaning. Each figure has its standard error under name + "_se".
 FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "expected": (BY_TIME, "1", "expected number of objects that lie on the stretch"),
     "probability": (BY_TIME, "1", "probability that at least one object lies on the stretch"),
@@ -105,7 +108,10 @@ def build(
 
 
 def _variables(figures: Mapping[str, Array], sizes: Mapping[str, int], begin: float) -> dict[str, tuple[Any, ...]]:
-    """Return FIGURES and their errors as variables, zero where they are missing; begin: of the run [s since 1970]."""
+    """Return FIGURES and their errors as variables, zero where they are missing.
+
+    begin: of the run [s since 1970].
+    """
     data: dict[str, tuple[Any, ...]] = {}
     for name, (dims, unit, words) in FIGURES.items():
         blank = np.zeros([sizes[dim] for dim in dims])

@@ -1,8 +1,8 @@
-"""Figures over weighted worlds and what is uncertain about them: means and quantiles of groups, with standard errors.
+"""Figures over weighted worlds: means and quantiles of groups, with standard errors.
 
 Worlds are the independent units: several realisations of a world are averaged before they come here as its one value.
 Weights add up to 1 over all worlds. A standard error holds what the worlds and the particles in them leave open; it is
-NaN where too few worlds speak to tell.
+NaN where too few worlds count.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from geo.array import Array
 
 UNSEEN = 4.0  # worlds that may have been missed: the square of the two standard errors that are to hold
 ALIKE = 25.0  # worlds on either side, in order of how often a group is hit, that tell how much one of them brings
-SLACK = 1e-9  # of a share: a cumulative sum that misses it by rounding reaches it
+SLACK = 1e-9  # by which a cumulative sum may miss a share through rounding
 ONE = 2**52  # share 1 in fixed point: sums are exact, and differences too where they wrap
 
 
@@ -26,17 +26,19 @@ def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Arr
     """
     count = np.diff(np.append(start, len(weight)))
     w = weight[:, None]
-    found = np.add.reduceat(w * value, start)
-    spread = np.add.reduceat((w * (value - np.repeat(found, count, axis=0))) ** 2, start)
+    average = np.add.reduceat(w * value, start)
+    spread = np.add.reduceat((w * (value - np.repeat(average, count, axis=0))) ** 2, start)
     absent = np.maximum(squares - np.add.reduceat(weight**2, start), 0.0)
-    spread += found**2 * absent[:, None]
+    spread += average**2 * absent[:, None]
     many = 1 / squares
     factor = many / (many - 1) if many > 1 + SLACK else np.nan
-    return found, np.sqrt(spread * factor)
+    return average, np.sqrt(spread * factor)
 
 
 def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
-    """Return what worlds that were not seen leave open of a mean, a standard error to add in squares, (groups, k).
+    """Return what worlds that were not seen leave open of a mean, (groups, k).
+
+    It is a standard error, to be added in squares.
 
     hits, count: weight and number of the worlds that are not 0, (groups, k). square: sum over them of w (w x)^2, w
     their weights and x their values. many: effective worlds.
@@ -46,21 +48,21 @@ def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
     mean at least 95 % of the time, whatever it is, two of a normal number 95.4 % (at k = 0 they are the upper bound of
     Wilson's score interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is
     taken as the root mean square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on
-    either side where there are so many: groups that are rare for like reasons are taken as alike.
+    either side where there are so many: groups that are rare for similar reasons are taken as similar.
     """
     order = np.argsort(hits, axis=0, kind="stable")
     parts = [np.take_along_axis(x, order, 0) for x in (count, hits, square)]
     reached, mass, moment = (np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)]) for x in parts)
     middle = (reached[1:] + reached[:-1]) / 2
-    found = np.empty_like(square)
-    for j in range(found.shape[1]):
+    error = np.empty_like(square)
+    for j in range(error.shape[1]):
         low = np.searchsorted(reached[:, j], middle[:, j] - ALIKE, side="right") - 1
-        high = np.searchsorted(reached[:, j], middle[:, j] + ALIKE).clip(max=len(found))
+        high = np.searchsorted(reached[:, j], middle[:, j] + ALIKE).clip(max=len(error))
         low = low.clip(0)
         weight = mass[high, j] - mass[low, j]
-        size = np.divide(moment[high, j] - moment[low, j], weight, out=np.zeros(len(found)), where=weight > 0)
-        found[order[:, j], j] = np.sqrt(UNSEEN * size.clip(0)) * (many / (many + UNSEEN))
-    return found
+        size = np.divide(moment[high, j] - moment[low, j], weight, out=np.zeros(len(error)), where=weight > 0)
+        error[order[:, j], j] = np.sqrt(UNSEEN * size.clip(0)) * (many / (many + UNSEEN))
+    return error
 
 
 def quantiles(
@@ -87,15 +89,15 @@ def quantiles(
         return np.asarray(value[start + np.minimum(short, count - 1)])
 
     many = np.broadcast_to(np.asarray(many, float), start.shape)
-    found, errors = [], []
+    values, errors = [], []
     for share in shares:
         error = np.sqrt(share * (1 - share) / many)
         low, high = share - error, share + error
-        known = (low >= -SLACK) & (high <= 1 + SLACK) & (many >= 2 - SLACK)
-        found.append(at(np.full(start.shape, share)))
+        inside = (low >= -SLACK) & (high <= 1 + SLACK) & (many >= 2 - SLACK)
+        values.append(at(np.full(start.shape, share)))
         width = at(np.clip(high, 0, 1)).astype(float) - at(np.clip(low, 0, 1))
-        errors.append(np.where(known, width / 2, np.nan))
-    return np.array(found), np.array(errors)
+        errors.append(np.where(inside, width / 2, np.nan))
+    return np.array(values), np.array(errors)
 
 
 def least_error(share: Array, many: float) -> Array:
@@ -104,5 +106,5 @@ def least_error(share: Array, many: float) -> Array:
     A share of 0 or 1 is not certain: UNSEEN worlds of each kind are added, twice as many as by Agresti and Coull (1998,
     doi:10.1080/00031305.1998.10480550), who move the share itself too: two errors then hold as they say of rare ones.
     """
-    known = (np.asarray(share) * many + UNSEEN) / (many + 2 * UNSEEN)
-    return np.asarray(np.sqrt(known * (1 - known) / (many + 2 * UNSEEN)))
+    moved = (np.asarray(share) * many + UNSEEN) / (many + 2 * UNSEEN)
+    return np.asarray(np.sqrt(moved * (1 - moved) / (many + 2 * UNSEEN)))

@@ -1,4 +1,7 @@
-"""Finds and patrols of a case, put on the stretches of a coast: what the likelihood is made of. Refuses what can't be."""
+"""Finds and patrols of a case, put on the stretches of a coast: what the likelihood is made of.
+
+Raises UserError for what cannot be.
+"""
 
 import math
 from collections.abc import Sequence
@@ -19,19 +22,19 @@ from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 from geo.errors import UserError
 
-NUMBERS = 25  # values at most that an uncertain number of objects is summed over
+NUMBERS = 25  # most values over which an uncertain number of objects is summed
 FARTHEST = 3000.0  # [m] off the shoreline that a find may be stated to lie
-SHARES = 41  # values of the share destroyed that are summed over
+SHARES = 41  # values of the share destroyed over which is summed
 ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a stretch's middle may lie
 
 
 def cut(spill: Spill, coast: Coast) -> Segments:
-    """Return the stretches of coast that a spill is told by: the user's, or equal ones."""
+    """Return the stretches of coast by which a spill is reported: the user's, or equal ones."""
     if spill.stretches is not None:
-        found = stretches.named(coast, spill.stretches, spill.stretch)
+        segments = stretches.named(coast, spill.stretches, spill.stretch)
     else:
-        found = stretches.cut(coast, spill.stretch)
-    return replace(found, access=tuple(kind or spill.reporting.coast for kind in found.access))
+        segments = stretches.cut(coast, spill.stretch)
+    return replace(segments, access=tuple(kind or spill.reporting.coast for kind in segments.access))
 
 
 def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
@@ -45,23 +48,23 @@ def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds
         for walk, patrol in zip(walks, spill.patrols, strict=True)
     )
     kinds, names = [kind.name for kind in spill.kinds], [patrol.name for patrol in spill.patrols]
-    found = [
+    detections = [
         finds.Detection(
-            one.name,
-            kinds.index(one.kind) if one.kind is not None else None,
-            finds.AtSea(one.lon, one.lat, one.radius, 1.0) if where < 0 else where,
-            period.elapsed(one.time),
-            one.latest,
-            names.index(one.by) if one.by is not None else None,
-            one.false,
+            find.name,
+            kinds.index(find.kind) if find.kind is not None else None,
+            finds.AtSea(find.lon, find.lat, find.radius, 1.0) if where < 0 else where,
+            period.elapsed(find.time),
+            find.latest,
+            names.index(find.by) if find.by is not None else None,
+            find.false,
         )
-        for one, where in zip(spill.finds, places, strict=True)
+        for find, where in zip(spill.finds, places, strict=True)
     ]
-    last = max([find.time for find in found] + [patrol.time for patrol in patrols], default=0)
+    last = max([find.time for find in detections] + [patrol.time for patrol in patrols], default=0)
     until = spill.reporting.until
     return finds.Known(
         _numbers(spill),
-        tuple(found),
+        tuple(detections),
         patrols,
         exposure.Reporting(rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting),
         segments.length,
@@ -78,7 +81,8 @@ def _placed(spill: Spill, segments: Segments, coast: Coast) -> tuple[list[tuple[
     for find, where in zip(spill.finds, places, strict=True):
         if find.by is not None and where not in walks[names.index(find.by)]:
             raise UserError(
-                f'{find.name}: found by patrol "{find.by}" on stretch "{segments.name[where]}", where that patrol did not go'
+                f'{find.name}: found by patrol "{find.by}" on stretch "{segments.name[where]}", '
+                "where that patrol did not go"
             )
     return walks, places
 
@@ -103,9 +107,10 @@ def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
     kinds = [kind or reporting.coast for kind in segments.access]
     for kind, name in zip(kinds, segments.name, strict=True):
         if kind not in reporting.rate:
-            known = ", ".join(reporting.rate)
+            rated = ", ".join(reporting.rate)
             raise UserError(
-                f'stretch "{name}": its kind of shore "{kind}" has no reporting rate; [spill.reporting] rate knows {known}'
+                f'stretch "{name}": its kind of shore "{kind}" has no reporting rate; '
+                f"[spill.reporting] rate knows {rated}"
             )
     return np.array([reporting.rate[kind] for kind in kinds])
 
@@ -122,21 +127,23 @@ def place(find: Find, segments: Segments, coast: Coast) -> int:
     if find.at_sea:
         if land:
             raise UserError(
-                f"{find.name}: {notation.position(find.lon, find.lat)} is not at sea but on land; leave out at_sea, or move it"
+                f"{find.name}: {notation.position(find.lon, find.lat)} is not at sea but on land; "
+                "leave out at_sea, or move it"
             )
         return -1
     near = shoreline.nearest_coast(coast, find.lon, find.lat)
     if near is None:
         raise UserError(
-            f"{find.name}: {notation.position(find.lon, find.lat)} lies far from any coast of the domain; move it, or widen "
-            "[domain]"
+            f"{find.name}: {notation.position(find.lon, find.lat)} lies far from any coast of the domain; move it, or "
+            "widen [domain]"
         )
     if near[2] > FARTHEST:
         where = "inland" if land else "off the coast"
         cure = "move it" if land else "move it, or say at_sea = true"
         raise UserError(
-            f"{find.name}: {notation.position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest coast is "
-            f"at {notation.position(near[0], near[1])}, and a find ashore lies within {FARTHEST / 1000:.0f} km of it; {cure}"
+            f"{find.name}: {notation.position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest "
+            f"coast is at {notation.position(near[0], near[1])}, and a find ashore lies within "
+            f"{FARTHEST / 1000:.0f} km of it; {cure}"
         )
     return stretches.nearest(segments, coast, find.lon, find.lat)[0]
 
@@ -149,25 +156,28 @@ def named(name: str, place: str, segments: Segments) -> int:
         return segments.name.index(name)
     number = name.removeprefix("stretch ")
     if number.isdecimal() and int(number) < len(segments.name):
-        return int(number)  # as the picture and the tables number them
+        return int(number)  # the picture and the tables number stretches so
     near = difflib.get_close_matches(name, segments.name, n=1, cutoff=0.5)
     hint = f'; nearest is "{near[0]}"' if near else ""
     raise UserError(f'{place}: no stretch "{name}"{hint}; a run without it lists those touched in washup.csv')
 
 
 def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
-    """Return the stretches that a patrol searched: those named, or those beside the straight line between its ends."""
+    """Return the stretches that a patrol searched.
+
+    They are those named, or those beside the straight line between its ends.
+    """
     if patrol.ends is None:
         return [named(name, f'patrol "{patrol.name}"', segments) for name in patrol.stretches]
     (lon, lat), end = patrol.ends
-    here = math.radians(lon), math.radians(lat)
-    x, y = sphere.offset(*here, np.radians(segments.lon), np.radians(segments.lat))
+    start = math.radians(lon), math.radians(lat)
+    x, y = sphere.offset(*start, np.radians(segments.lon), np.radians(segments.lat))
     to = math.radians(end[0]), math.radians(end[1])
-    line = shapely.LineString([(0, 0), sphere.offset(*here, *to)])
+    line = shapely.LineString([(0, 0), sphere.offset(*start, *to)])
     chosen = np.flatnonzero(shapely.distance(line, shapely.points(x, y)) < ABREAST)
     if not chosen.size:
         raise UserError(
-            f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of the line between its ends '
-            f"at {notation.group(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
+            f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of the line between its '
+            f"ends at {notation.group(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
         )
     return [int(k) for k in chosen]

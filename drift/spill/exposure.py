@@ -13,9 +13,8 @@ import numpy.typing as npt
 from drift.spill.fates import FOREVER, Fates
 from geo.array import Array, Real
 
-LEAST = (
-    -700.0
-)  # log of the chance that a sure detection misses: e^-700 is nothing in any sum, yet differences stay finite
+# Log of the chance that a sure detection misses: e^-700 adds nothing to any sum, yet differences stay finite.
+LEAST = -700.0
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,10 @@ class Reporting:
 
 @dataclass(frozen=True)
 class Walk:
-    """A patrol on stretches by number: at a time [s after start] it finds each object lying there with a probability."""
+    """A patrol on stretches by number.
+
+    At a time [s after start] it finds each object lying there with a probability.
+    """
 
     segments: tuple[int, ...]
     time: int
@@ -67,51 +69,54 @@ def expose(fates: Fates, reporting: Reporting, patrols: tuple[Walk, ...]) -> Exp
     for k in by_time:
         for s in dict.fromkeys(patrols[k].segments):
             visits[s].append(k)
-    here = Exposure(
+    exposed = Exposure(
         fates, patrols, slot, arrival, leave, report, loss, np.zeros(slot.size),
         np.searchsorted(segment, np.arange(segments + 1)), tuple(map(tuple, visits)),
     )  # fmt: skip
     gone = np.flatnonzero(np.isfinite(leave))
-    if gone.size:  # some refloat: the chance that earlier stays have left them
+    if gone.size:  # some refloat: `before` is the chance that earlier stays have left them
         through = np.zeros(slot.size)
         for s in np.unique(segment[gone]):
-            rows = _rows(here, int(s))
+            rows = _rows(exposed, int(s))
             rows = rows.start + np.flatnonzero(np.isfinite(leave[rows]))
-            through[rows] = _alive(here, int(s), rows, leave[rows])
+            through[rows] = _alive(exposed, int(s), rows, leave[rows])
         time_order = np.empty(slot.size)
-        time_order[order] = through  # in the order of the stays: by slot and arrival
+        time_order[order] = through  # the order of the stays is by slot and arrival
         first = np.flatnonzero(np.diff(stays.slot, prepend=-1))
         ahead = np.cumsum(time_order) - time_order
         ahead -= np.repeat(ahead[first], np.diff(np.append(first, slot.size)))
-        here.before[:] = np.minimum(ahead[order], 0.0)
-    return here
+        exposed.before[:] = np.minimum(ahead[order], 0.0)
+    return exposed
 
 
-def _rows(here: Exposure, segment: int) -> slice:
-    return slice(int(here.bounds[segment]), int(here.bounds[segment + 1]))
+def _rows(exposed: Exposure, segment: int) -> slice:
+    return slice(int(exposed.bounds[segment]), int(exposed.bounds[segment + 1]))
 
 
-def _missed(here: Exposure, segment: int) -> tuple[Real, Real]:
+def _missed(exposed: Exposure, segment: int) -> tuple[Real, Real]:
     """Return the times of a stretch's P patrols and the log chances (P + 1,) that the first 0 to P all missed."""
-    patrols = [here.patrols[k] for k in here.visits[segment]]
+    patrols = [exposed.patrols[k] for k in exposed.visits[segment]]
     miss = [max(np.log1p(-p.detection), LEAST) if p.detection < 1 else LEAST for p in patrols]
     return np.array([p.time for p in patrols], float), np.concatenate([[0.0], np.cumsum(miss)])
 
 
-def _alive(here: Exposure, segment: int, rows: slice | Array, until: Real | float) -> Real:
+def _alive(exposed: Exposure, segment: int, rows: slice | Array, until: Real | float) -> Real:
     """Return the log chance of lying there unfound from arrival until just before a time."""
-    times, miss = _missed(here, segment)
-    arrival = here.arrival[rows]
+    times, miss = _missed(exposed, segment)
+    arrival = exposed.arrival[rows]
     passed = miss[np.searchsorted(times, until)] - miss[np.searchsorted(times, arrival)]
-    return np.asarray(-here.loss[rows] * (until - arrival) + passed)
+    return np.asarray(-exposed.loss[rows] * (until - arrival) + passed)
 
 
-def reported(here: Exposure, segment: int, until: float) -> tuple[slice, Real]:
-    """Return the rows of a stretch, and each stay's chance (rows,) that the public has reported it by a time [s]."""
-    rows = _rows(here, segment)
-    times, miss = _missed(here, segment)
-    arrival, loss, end = here.arrival[rows], here.loss[rows], np.minimum(here.leave[rows], until)
-    base = here.before[rows] - miss[np.searchsorted(times, arrival)]
+def reported(exposed: Exposure, segment: int, until: float) -> tuple[slice, Real]:
+    """Return the rows of a stretch, and for each stay the chance (rows,) that the public has reported it.
+
+    until: by this time [s].
+    """
+    rows = _rows(exposed, segment)
+    times, miss = _missed(exposed, segment)
+    arrival, loss, end = exposed.arrival[rows], exposed.loss[rows], np.minimum(exposed.leave[rows], until)
+    base = exposed.before[rows] - miss[np.searchsorted(times, arrival)]
     edges = np.concatenate([[-np.inf], times[times < until], [np.inf]])
     total = np.zeros(arrival.size)
     for k in range(edges.size - 1):  # between two patrols
@@ -119,47 +124,50 @@ def reported(here: Exposure, segment: int, until: float) -> tuple[slice, Real]:
         lasting = np.maximum(np.minimum(end, edges[k + 1]) - begin, 0.0)
         alive = np.exp(np.minimum(base + miss[k] - loss * (begin - arrival), 0.0))
         total += alive * -np.expm1(-loss * lasting)
-    return rows, total * here.report[rows] / np.where(loss > 0, loss, 1.0)
+    return rows, total * exposed.report[rows] / np.where(loss > 0, loss, 1.0)
 
 
-def public(here: Exposure, segment: int, time: float) -> tuple[slice, Real]:
+def public(exposed: Exposure, segment: int, time: float) -> tuple[slice, Real]:
     """Return the rows of a stretch and the density [1/s] of each stay of being reported at a time."""
-    rows = _rows(here, segment)
-    there = (here.arrival[rows] <= time) & (time < here.leave[rows])
-    at = np.where(there, time, here.arrival[rows])
-    return rows, there * here.report[rows] * np.exp(here.before[rows] + _alive(here, segment, rows, at))
+    rows = _rows(exposed, segment)
+    there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
+    at = np.where(there, time, exposed.arrival[rows])
+    return rows, there * exposed.report[rows] * np.exp(exposed.before[rows] + _alive(exposed, segment, rows, at))
 
 
-def lying(here: Exposure, segment: int, time: float) -> Real:
-    """Return each stay's chance (rows,) of lying unfound on a stretch at a time, before the patrols of that time."""
-    rows = _rows(here, segment)
-    there = (here.arrival[rows] <= time) & (time < here.leave[rows])
-    at = np.where(there, time, here.arrival[rows])
-    return np.asarray(there * np.exp(np.minimum(here.before[rows] + _alive(here, segment, rows, at), 0.0)))
+def lying(exposed: Exposure, segment: int, time: float) -> Real:
+    """Return for each stay the chance (rows,) that it lies unfound on a stretch at a time.
+
+    Patrols of that time come after it.
+    """
+    rows = _rows(exposed, segment)
+    there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
+    at = np.where(there, time, exposed.arrival[rows])
+    return np.asarray(there * np.exp(np.minimum(exposed.before[rows] + _alive(exposed, segment, rows, at), 0.0)))
 
 
-def searched(here: Exposure, segment: int, patrol: int) -> tuple[slice, Real]:
+def searched(exposed: Exposure, segment: int, patrol: int) -> tuple[slice, Real]:
     """Return the rows of a stretch and the chance of each stay of being found by a patrol of it."""
-    rows = _rows(here, segment)
-    time, number = float(here.patrols[patrol].time), here.visits[segment].index(patrol)
-    times, miss = _missed(here, segment)
-    there = (here.arrival[rows] <= time) & (time < here.leave[rows])
-    passed = miss[number] - miss[np.searchsorted(times, here.arrival[rows])]
-    alive = here.before[rows] - here.loss[rows] * (time - here.arrival[rows]) + passed
-    return rows, there * np.exp(np.minimum(alive, 0.0)) * here.patrols[patrol].detection
+    rows = _rows(exposed, segment)
+    time, number = float(exposed.patrols[patrol].time), exposed.visits[segment].index(patrol)
+    times, miss = _missed(exposed, segment)
+    there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
+    passed = miss[number] - miss[np.searchsorted(times, exposed.arrival[rows])]
+    alive = exposed.before[rows] - exposed.loss[rows] * (time - exposed.arrival[rows]) + passed
+    return rows, there * np.exp(np.minimum(alive, 0.0)) * exposed.patrols[patrol].detection
 
 
-def found(here: Exposure, now: float, before: bool = False) -> Real:
+def found(exposed: Exposure, now: float, before: bool = False) -> Real:
     """Return the probability (n,) of every particle that it has been found by a time, by any means.
 
     before: leave out the patrols at that very time.
     """
-    chance = np.zeros(here.slot.size)
-    for s in range(len(here.visits)):
-        rows, total = reported(here, s, now)
-        for k in here.visits[s]:
-            time = here.patrols[k].time
+    chance = np.zeros(exposed.slot.size)
+    for s in range(len(exposed.visits)):
+        rows, total = reported(exposed, s, now)
+        for k in exposed.visits[s]:
+            time = exposed.patrols[k].time
             if time < now or (time == now and not before):
-                total = total + searched(here, s, k)[1]
+                total = total + searched(exposed, s, k)[1]
         chance[rows] = total
-    return np.minimum(np.bincount(here.slot, chance, here.fates.world.size), 1.0)
+    return np.minimum(np.bincount(exposed.slot, chance, exposed.fates.world.size), 1.0)

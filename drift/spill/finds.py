@@ -1,16 +1,17 @@
-"""What finds and patrols say about a spill: a likelihood for every world, and what follows for its unknowns.
+"""What finds and patrols say about a spill: a likelihood for every world, and what follows from it.
 
 With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N - F): g is the
 density with which an object that was not destroyed is found there and then, q its probability of having been found by
 now, d the share destroyed at once. L is a product over classes. It is summed over N, over d, over the class of finds
-where that is unknown, and over which finds are none of ours. g and q come from a world's particles and are noisy:
-drift.spill.shrinkage draws them toward those of other worlds.
+where that is unknown, and over which finds are not from this spill. g and q come from a world's particles and are
+noisy: drift.spill.shrinkage draws them toward those of other worlds.
 
-A find at sea enters by g alone, for nobody knows where else at sea was looked.
-A find that is none of ours with probability p has the density p / (1 - p) * B, where B is what true finds have on
-average: before any find, as many as expected, spread over the coast as length times reporting rate and evenly over the
-time since the first release (by a patrol: over its stretches as their length; at sea: over an ellipse as wide as what
-is adrift). Without finds and without patrols L is 1: that nothing was found says nothing either.
+A find at sea enters by g alone, for nobody knows where else at sea people looked.
+
+A find that is not from this spill with probability p has the density p / (1 - p) * B, where B is what true finds have
+on average: before any find, as many as expected, spread over the coast as length times reporting rate and evenly over
+the time since the first release (by a patrol: over its stretches as their length; at sea: over an ellipse as wide as
+what is adrift). Without finds and without patrols L is 1: that nothing was found says nothing either.
 """
 
 from collections.abc import Mapping
@@ -159,11 +160,13 @@ def posterior(fates: Fates, known: Known, latent: Real, log_weight: Real) -> Pos
     latent: (W, k) unknowns of the worlds, any scale. log_weight: (W,) of the worlds before any find.
     Raises UserError when there are more finds than objects.
     """
-    here = exposure.expose(fates, known.reporting, known.patrols)
+    exposed = exposure.expose(fates, known.reporting, known.patrols)
     if not known.finds and not known.patrols:
-        return _weigh(known, here, _evidence(known, here, latent, log_weight), (), np.zeros(fates.world.size))
+        return _weigh(known, exposed, _evidence(known, exposed, latent, log_weight), (), np.zeros(fates.world.size))
     ours = tuple(k for k, find in enumerate(known.finds) if find.false < 1)
-    return _weigh(known, here, _evidence(known, here, latent, log_weight), ours, exposure.found(here, known.now))
+    return _weigh(
+        known, exposed, _evidence(known, exposed, latent, log_weight), ours, exposure.found(exposed, known.now)
+    )
 
 
 def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
@@ -177,7 +180,7 @@ def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0)
 
     if enough(1.0):
         return 1.0
-    low, high = -12.0, 0.0  # of the exponent's decimal logarithm
+    low, high = -12.0, 0.0  # bounds of the exponent's decimal logarithm
     for _ in range(50):
         middle = (low + high) / 2
         low, high = (middle, high) if enough(10**middle) else (low, middle)
@@ -185,15 +188,18 @@ def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0)
 
 
 def surprises(fates: Fates, known: Known, latent: Real, log_weight: Real) -> tuple[Surprise, ...]:
-    """Return for every find, in order of time, how probable its place was given the finds and patrols before it."""
-    here = exposure.expose(fates, known.reporting, known.patrols)
-    evidence = _evidence(known, here, latent, log_weight)
+    """Return for every find, in order of time, how probable its place was before it.
+
+    What is given then are the finds and patrols before it.
+    """
+    exposed = exposure.expose(fates, known.reporting, known.patrols)
+    evidence = _evidence(known, exposed, latent, log_weight)
     surprises_in_order: list[Surprise] = []
     before: tuple[int, ...] = ()
     for number in sorted(range(len(known.finds)), key=lambda k: known.finds[k].time):
         find = known.finds[number]
-        weighed = _weigh(known, here, evidence, before, exposure.found(here, find.time, before=True))
-        surprises_in_order.append(Surprise(find, *_odds(known, here, weighed, number)))
+        weighed = _weigh(known, exposed, evidence, before, exposure.found(exposed, find.time, before=True))
+        surprises_in_order.append(Surprise(find, *_odds(known, exposed, weighed, number)))
         if find.false < 1:
             before = (*before, number)
     return tuple(surprises_in_order)
@@ -220,25 +226,25 @@ def _total(fates: Fates, slot: npt.NDArray[Any], value: Real) -> float:
     return float(partials.over_worlds(np.bincount(fates.world[slot], value, fates.worlds)))
 
 
-def _evidence(known: Known, here: Exposure, latent: Real, log_weight: Real) -> _Evidence:
-    fates, numbers = here.fates, known.numbers
+def _evidence(known: Known, exposed: Exposure, latent: Real, log_weight: Real) -> _Evidence:
+    fates, numbers = exposed.fates, known.numbers
     classes = numbers.shares.size
     n, alike = _per_class(fates, classes), shrinkage.likeness(latent)
     prior = np.log(weights.shares(np.broadcast_to(np.asarray(log_weight, float), fates.worlds)) + 1e-300)
     density = np.full((len(known.finds), classes, fates.worlds), -np.inf)
     alien = np.full(len(known.finds), -np.inf)
     for k, find in enumerate(known.finds):
-        slot, value = _found_there(known, here, k)
+        slot, value = _found_there(known, exposed, k)
         sums = _by_world(fates, slot, value, classes)
         squares = _by_world(fates, slot, value**2, classes)
         for c in range(classes) if find.kind is None else [find.kind]:
             density[k, c] = np.log(shrinkage.rates(sums[c], squares[c], int(n[c]), alike, _full(known, find)))
         if 0 < find.false < 1:
-            alien[k] = special.logit(find.false) + np.log(_alien(known, here, k, prior))
+            alien[k] = special.logit(find.false) + np.log(_alien(known, exposed, k, prior))
     return _Evidence(density, alien, alike, prior)
 
 
-def _found_there(known: Known, here: Exposure, number: int) -> tuple[npt.NDArray[np.int32], Real]:
+def _found_there(known: Known, exposed: Exposure, number: int) -> tuple[npt.NDArray[np.int32], Real]:
     """Return slots and their densities of being found as a find was."""
     find = known.finds[number]
     if isinstance(find.place, AtSea):
@@ -246,12 +252,12 @@ def _found_there(known: Known, here: Exposure, number: int) -> tuple[npt.NDArray
         area = 2 * np.pi * find.place.radius**2
         return slot, find.place.chance / area * np.exp(-0.5 * (distance / find.place.radius) ** 2)
     if find.by is not None:
-        rows, value = exposure.searched(here, find.place, find.by)
+        rows, value = exposure.searched(exposed, find.place, find.by)
     elif find.latest:
-        rows, value = exposure.reported(here, find.place, find.time)
+        rows, value = exposure.reported(exposed, find.place, find.time)
     else:
-        rows, value = exposure.public(here, find.place, find.time)
-    return here.slot[rows], value
+        rows, value = exposure.public(exposed, find.place, find.time)
+    return exposed.slot[rows], value
 
 
 def _full(known: Known, find: Detection) -> float:
@@ -275,9 +281,9 @@ def _around(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
     return slot[kept], distance[kept]
 
 
-def _alien(known: Known, here: Exposure, number: int, prior: Real) -> float:
+def _alien(known: Known, exposed: Exposure, number: int, prior: Real) -> float:
     """Return B: how densely finds of ours lie on average, before any of them."""
-    find, fates, numbers = known.finds[number], here.fates, known.numbers
+    find, fates, numbers = known.finds[number], exposed.fates, known.numbers
     each = _standing(fates, numbers, numbers.objects_prior)
     standing = (each[fates.kind] * np.exp(prior)[fates.world]) * (1 - numbers.destroyed_prior @ numbers.destroyed)
     if isinstance(find.place, AtSea):
@@ -291,27 +297,27 @@ def _alien(known: Known, here: Exposure, number: int, prior: Real) -> float:
         total, squares = _total(fates, at, weight), _total(fates, at, weight**2)
         x, y = (values - _total(fates, at, weight * values) / total for values in (x, y))
         square = [[_total(fates, at, weight * a * b) for a in (x, y)] for b in (x, y)]
-        spread = np.array(square) / (total - squares / total) + find.place.radius**2 * np.eye(2)  # as numpy.cov
-        area = 4 * np.pi * np.sqrt(np.linalg.det(spread))  # of an even ellipse of this covariance
+        spread = np.array(square) / (total - squares / total) + find.place.radius**2 * np.eye(2)  # as numpy.cov has it
+        area = 4 * np.pi * np.sqrt(np.linalg.det(spread))  # area of an even ellipse of this covariance
         return float(max(find.place.chance * total / area, 1e-300))
     if find.by is not None:
         places = known.patrols[find.by].segments
-        finds = [exposure.searched(here, s, find.by) for s in places]
+        finds = [exposure.searched(exposed, s, find.by) for s in places]
         share = known.length[find.place] / known.length[list(places)].sum()
     else:
         places = tuple(range(known.length.size))
-        finds = [exposure.reported(here, s, known.now) for s in places]
+        finds = [exposure.reported(exposed, s, known.now) for s in places]
         drawn = known.length * known.reporting.rate
         begun = float(fates.release.min())
         share = drawn[find.place] / max(drawn.sum(), 1e-300)
         share *= ((find.time - begun) if find.latest else 1.0) / max(known.now - begun, 1.0)
-    expected = sum(_total(fates, slot := here.slot[rows], standing[slot] * chance) for rows, chance in finds)
+    expected = sum(_total(fates, slot := exposed.slot[rows], standing[slot] * chance) for rows, chance in finds)
     return float(max(expected * share, 1e-300))
 
 
-def _weigh(known: Known, here: Exposure, evidence: _Evidence, ours: tuple[int, ...], found: Real) -> Posterior:
+def _weigh(known: Known, exposed: Exposure, evidence: _Evidence, ours: tuple[int, ...], found: Real) -> Posterior:
     """Return the posterior given some of the finds, and every particle's chance of having been found by then."""
-    fates, numbers = here.fates, known.numbers
+    fates, numbers = exposed.fates, known.numbers
     classes, worlds = numbers.shares.size, fates.worlds
     n = _per_class(fates, classes)
     every = np.arange(fates.world.size, dtype=np.int32)
@@ -410,9 +416,9 @@ def remaining(weighed: Posterior) -> Real:
     return left
 
 
-def _odds(known: Known, here: Exposure, weighed: Posterior, number: int) -> tuple[float, float]:
+def _odds(known: Known, exposed: Exposure, weighed: Posterior, number: int) -> tuple[float, float]:
     """Return the probability of a find's place, and that of all places at most as probable."""
-    find, fates, numbers = known.finds[number], here.fates, known.numbers
+    find, fates, numbers = known.finds[number], exposed.fates, known.numbers
     each = _standing(fates, numbers, weighed.objects)
     if find.kind is not None:
         each = np.where(np.arange(each.size) == find.kind, each, 0.0)
@@ -422,10 +428,10 @@ def _odds(known: Known, here: Exposure, weighed: Posterior, number: int) -> tupl
     rate = np.zeros(known.length.size)
     for s in range(rate.size) if find.by is None else known.patrols[find.by].segments:
         if find.by is not None:
-            rows, value = exposure.searched(here, s, find.by)
+            rows, value = exposure.searched(exposed, s, find.by)
         else:
-            rows, value = (exposure.reported if find.latest else exposure.public)(here, s, find.time)
-        slot = here.slot[rows]
+            rows, value = (exposure.reported if find.latest else exposure.public)(exposed, s, find.time)
+        slot = exposed.slot[rows]
         rate[s] = _total(fates, slot, standing[slot] * value)
     if not rate.sum() > 0:
         return 0.0, 0.0

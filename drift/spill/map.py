@@ -1,4 +1,6 @@
-"""The picture of a washup: the coast by expected number and by arrival time, and a table of the ten worst stretches.
+"""The picture of a washup: the coast by expected number and by arrival time, and a table.
+
+The table holds the ten worst stretches.
 
 Colours differ by lightness alone and lines are wider for larger numbers, so that the picture reads in grey print; dark
 is more, and sooner. Land comes from the polygons handed in; nothing is downloaded.
@@ -37,7 +39,7 @@ from geo.coast.segments import Segments
 WORST = 10
 LEAST = 0.01  # least probability of any arrival with which a stretch is drawn; less where hardly any has more
 DECADES = 2.5  # decades of the expected number on the colour scale
-ROW = 0.032  # of the figure, the row of a warning over the maps
+ROW = 0.032  # height of a row of warnings over the maps, as a share of the figure
 SHEET = Sheet(
     13.0, 9.4, 140, left=0.03, title=sheet.heading(0.966, 15, 95), lines=(Row(0.939, 11.5), Row(0.9155, 9)),
     caution=Badge(0.967, 0.917, side="right"), rough=Badge(0.0325, 0.878 - ROW), footer=sheet.small(0.012, 7.5, 190),
@@ -47,7 +49,7 @@ LEFT, RIGHT = 0.03, 0.03 + MAP[0] + 0.02  # where the maps begin
 PATROL, PATROL_INK = "#4fa3d1", "#0b4f8a"
 NOTED = 8  # patrols beside which name, day, time and detection are written
 FIRST: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
-BADGE = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}  # of a rank
+BADGE = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}  # box of a rank
 BULK: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
 WORDS = {
     "ashore": "ashore",
@@ -62,7 +64,10 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Patrolled:
-    """A patrol: its name, its time, the share that it finds of what lies there, and the numbers of its stretches."""
+    """A patrol: its name, its time, its chance of detection, and the numbers of its stretches.
+
+    The chance is the share that it finds of what lies there.
+    """
 
     name: str
     time: np.datetime64
@@ -75,7 +80,7 @@ class Patrols:
     """The patrols that a picture shows beside the coast."""
 
     all: Sequence[Patrolled] = ()
-    called: str = "patrolled"  # in the legend
+    called: str = "patrolled"  # name in the legend
     near: bool = False  # whether the maps show only what lies about the patrols, and the table lists only that
 
 
@@ -195,7 +200,9 @@ def _extent(
     aspect: float,
     near: bool,
 ) -> Frame:
-    """Return the frame of the stretches that are drawn, or of all if none is, of what was patrolled, and of the marks.
+    """Return the frame of the stretches that are drawn, of what was patrolled, and of the marks.
+
+    If no stretch is drawn, all stretches count.
 
     near: the frame of what was patrolled alone.
     """
@@ -226,7 +233,7 @@ def _coast(
     owner = np.repeat(np.arange(len(shown.lines)), [len(parts) for parts in shown.lines])
     style: dict[str, Any] = {"capstyle": "round", "joinstyle": "round"}
     inks = colours(scale(values))[owner] if len(values) else []
-    for i in range(0, len(parts), 64):  # in pieces, so that the casing of worse stretches covers lesser ones
+    for i in range(0, len(parts), 64):  # drawn in pieces, so that the casing of worse stretches covers lesser ones
         some = slice(i, i + 64)
         thick = widths[owner[some]]
         ax.add_collection(LineCollection(parts[some], linewidths=thick + 1.3, colors=INK, zorder=6, **style), False)
@@ -281,7 +288,10 @@ def _patrolled(ax: Axes, frame: Frame, walked: Sequence[list[Array]]) -> None:
 
 
 def _beside(frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array]]) -> list[labels.Point]:
-    """Return labels of the last patrols, with name, day, time and detection, in the middle of their longest stretch."""
+    """Return labels of the last patrols, with name, day, time and detection.
+
+    Each stands in the middle of the patrol's longest stretch.
+    """
     points: list[labels.Point] = []
     for k in sorted(range(len(patrols)), key=lambda k: patrols[k].time)[-NOTED:]:
         longest = max(walked[k], key=lambda part: float(shapely.LineString(part).length))

@@ -18,7 +18,9 @@ Ints = npt.NDArray[np.int64]
 
 
 def realise(fates: Fates, posterior: Posterior, seed: int, count: int) -> list[Realisation]:
-    """Return so many complete spills: in every world N objects, less those destroyed and found, on its particles.
+    """Return so many complete spills.
+
+    In every world they have N objects, less those destroyed and found, on the world's particles.
 
     Each is a fair draw. They use different particles as far as there are enough.
     """
@@ -46,7 +48,10 @@ def realise(fates: Fates, posterior: Posterior, seed: int, count: int) -> list[R
 
 
 def _numbers(rng: np.random.Generator, numbers: Numbers, posterior: Posterior) -> tuple[Ints, Array, Ints]:
-    """Return of every world the objects not found by class (W, classes), its share destroyed, and its finds, drawn."""
+    """Return of every world a draw of its objects not found, its share destroyed, and its finds.
+
+    Objects not found are by class, (W, classes).
+    """
     worlds = posterior.weight.size
     which = (np.cumsum(posterior.chosen, axis=0) < rng.random(worlds) * posterior.chosen.sum(0)).sum(0)
     which = np.minimum(which, len(posterior.counts) - 1)
@@ -66,7 +71,9 @@ def _numbers(rng: np.random.Generator, numbers: Numbers, posterior: Posterior) -
 
 
 def _deal(rng: np.random.Generator, chance: Array, wanted: Ints) -> Array:
-    """Return how many objects each particle stands for, (count, W, n): `wanted` (count, W) of a world's in proportion.
+    """Return how many objects each particle stands for, (count, W, n).
+
+    wanted: objects of each realisation and world, (count, W); particles get them in proportion.
 
     Particles are passed in random order, round after round, and taken with their chance (W, n) relative to the
     likeliest; every realisation goes on where the one before it ended.
@@ -74,7 +81,7 @@ def _deal(rng: np.random.Generator, chance: Array, wanted: Ints) -> Array:
     count, worlds = wanted.shape
     order = np.argsort(rng.random(chance.shape), axis=1)
     top = chance.max(1, keepdims=True)
-    accept = np.where(top > 0, chance / np.where(top > 0, top, 1.0), 1.0)  # all surely found: any will do
+    accept = np.where(top > 0, chance / np.where(top > 0, top, 1.0), 1.0)  # where all are surely found, any will do
     accept = np.take_along_axis(accept, order, axis=1)
     end = np.cumsum(wanted, axis=0)
     stands = np.zeros((count, *chance.shape), np.int32)

@@ -1,4 +1,4 @@
-"""Records of a spill: many objects from one place, of one or several classes, and what nobody knows of them.
+"""Records of a spill: many objects from one place, of one or several classes, and their unknowns.
 
 All is SI and UTC. What all objects of one spill share (release, bias of windage and current, share destroyed, sinking
 rate, readiness to report) is drawn once for each *world*; the objects are drawn within it. The probability model:
@@ -14,7 +14,7 @@ from drift.motion.leeway import Drifter
 from drift.motion.scenario import ReleasePrior
 
 DAY = 86_400.0  # [s]
-FEWEST_PARTICLES = 10  # of a class in a world
+FEWEST_PARTICLES = 10  # least particles of a class in a world
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Kind:
     """One class of the objects spilled."""
 
     name: str
-    share: float  # of the objects; shares of a spill add up to 1
+    share: float  # share of the objects; shares of a spill add up to 1
     object: Drifter
     jibe_rate: float  # [1/s]
     sinking: Sinking | None
@@ -42,7 +42,10 @@ class Kind:
 
 @dataclass(frozen=True)
 class Reporting:
-    """How soon people report an object lying ashore [1/s] by kind of shore, and how soon it is buried or taken away."""
+    """How soon people report an object lying ashore [1/s], by kind of shore.
+
+    It also says how soon an object is buried or taken away.
+    """
 
     rate: dict[str, float]
     removal: float  # [1/s]
@@ -80,15 +83,16 @@ class Patrol:
 
 @dataclass(frozen=True)
 class Team:
-    """People who can patrol a length of shore once a day: when, with what detection, and which stretches they can reach.
+    """People who can patrol a length of shore once a day.
 
-    Those named, or those whose middle is within `reach` of their base, or, without either, all.
+    Its fields say when, with what detection, and which stretches they can reach: those named; or those whose middle is
+    within `reach` of their base; or, without either, all.
     """
 
     name: str
     length: float  # [m] of shore a day
     detection: float
-    times: tuple[np.datetime64, ...]  # of its patrols
+    times: tuple[np.datetime64, ...]  # times of its patrols
     stretches: tuple[str, ...] = ()
     base: tuple[float, float] | None = None  # (lon, lat) [deg]
     reach: float = math.inf  # [m]
@@ -100,7 +104,7 @@ class Spill:
 
     objects: tuple[int, int]  # number, lowest and highest; equally likely between
     kinds: tuple[Kind, ...]
-    prior: ReleasePrior  # of a world's release
+    prior: ReleasePrior  # prior of a world's release
     release_std: float  # [m] standard deviation of an object's release about its world's
     release_duration: float  # [s] over which the objects of a world go adrift
     worlds: int
@@ -115,7 +119,7 @@ class Spill:
     reporting: Reporting
     finds: tuple[Find, ...]
     patrols: tuple[Patrol, ...]
-    teams: tuple[Team, ...] = ()  # that a plan may send
+    teams: tuple[Team, ...] = ()  # teams that a plan may send
 
     @property
     def particles(self) -> int:

@@ -1,4 +1,6 @@
-"""The objects of a spill: each world's particles, drawn about its release, with what that world makes of them.
+"""The objects of a spill: each world's particles, drawn about that world's release.
+
+They move as that world's unknowns say.
 
 Every class of objects has a range of slots, world after world; a slot's world stands in the ensemble's column.
 """
@@ -22,7 +24,10 @@ from kernels.coast import DeviceCoast
 
 
 def per_world(spill: Spill) -> tuple[int, ...]:
-    """Return the particles of each class in a world: in proportion to its share, at least a hundredth and about ten."""
+    """Return the particles of each class in a world.
+
+    They are in proportion to its share, at least a hundredth of all and about ten.
+    """
     share = np.maximum([kind.share for kind in spill.kinds], max(0.01, FEWEST_PARTICLES / spill.per_world))
     ends = np.rint(np.cumsum(share / share.sum()) * spill.per_world).astype(int)
     return tuple(int(n) for n in np.diff(ends, prepend=0))
@@ -49,8 +54,8 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
         failed = int(tries.to_numpy()[1])
         if failed > 0.01 * (slots.last - slots.first):
             raise UserError(
-                f"[spill] release_std: {failed:,} of {slots.last - slots.first:,} objects found no water about their release; "
-                "make it smaller, or check [coast] source"
+                f"[spill] release_std: {failed:,} of {slots.last - slots.first:,} objects found no water about their "
+                "release; make it smaller, or check [coast] source"
             )
         drift.draw_leeway(ensemble, slots, key, kind.object)
         if kind.object.immersion is not None:

@@ -1,4 +1,6 @@
-"""Where and when a world's release is: a function of latents, independent standard normals, for each kind of prior.
+"""Where and when a world's release is, for each kind of prior.
+
+It is a function of latents, which are independent standard normals.
 
 A new kind of prior has its law here. Works on NumPy float64.
 """
@@ -28,7 +30,7 @@ Places = tuple[Real, Real, npt.NDArray[np.bool_]]  # lon, lat [rad] and whether 
 class Law:
     """How latents become releases; only what is uncertain has a latent. time: [s since 1970], (w,) int64."""
 
-    names: tuple[str, ...]  # of the latents
+    names: tuple[str, ...]  # names of the latents
     place: Callable[[Latents], Places]
     time: Callable[[Latents], npt.NDArray[np.int64]]
 

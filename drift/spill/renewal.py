@@ -1,8 +1,8 @@
 """After a spill's drift: its fates, what the finds say about its worlds, and the washup that follows.
 
 Where the finds leave too few worlds that count, worlds are drawn anew about those that do and the drift is run again:
-population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803), the finds tempered while the worlds are chosen,
-never in the result.
+this is population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803). The finds are tempered while worlds are
+chosen, never in the result.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +32,9 @@ from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 
 FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn anew
-NARROWING = 20.0  # a proposal is made when so many times fewer worlds count than are drawn: one renewal narrows by that
+NARROWING = (
+    20.0  # a renewal narrows by this: its proposal is tempered so that so many times fewer worlds count than drawn
+)
 ENOUGH = 10.0  # least effective worlds per latent from which a proposal is made
 WORST = 10  # stretches in the summary
 ODD = 0.02  # tail probability below which a find is called odd
@@ -46,7 +48,7 @@ class Drifted:
     ensemble: Ensemble
     snapshots: Spool
     landings: Landings
-    worlds: Worlds | None = None  # of a spill
+    worlds: Worlds | None = None  # None unless the run is a spill
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Aftermath:
     segments: Segments
     fates: Fates
     worlds: Worlds
-    prior: Worlds  # of the first round
+    prior: Worlds  # worlds of the first round
     posterior: finds.Posterior
     surprises: tuple[finds.Surprise, ...]
     washup: xr.Dataset
@@ -154,7 +156,7 @@ def _reweigh(drifted: Drifted, fates: Fates, posterior: finds.Posterior) -> None
     a class in proportion to each particle's chance of not having been found.
     """
     left = finds.remaining(posterior)
-    if not (left * posterior.weight[:, None]).any():  # all are found: the map shows where they could have been
+    if not (left * posterior.weight[:, None]).any():  # if all are found, the map shows where they could have been
         left = np.ones_like(left)
     cell = fates.world.astype(np.int64) * left.shape[1] + fates.kind
     unfound = 1 - posterior.found
@@ -234,7 +236,7 @@ def _find(after: Aftermath, surprise: finds.Surprise) -> dict[str, Any]:
     number, given = next(pair for pair in enumerate(after.spill.finds, 1) if pair[1].name == find.name)
     segment = None if isinstance(find.place, finds.AtSea) else find.place
     return {
-        "number": number,  # as the case lists them; so do the pictures
+        "number": number,  # finds are numbered in the order of the case, also on pictures
         "name": find.name,
         "time": given.time,
         "not_later_than": find.latest,
@@ -292,8 +294,8 @@ def warnings(after: Aftermath) -> list[str]:
     if count.few:
         when = "after the finds" if after.posterior.known.finds else ""
         texts.append(
-            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.redraws, or check the finds "
-            "that are called odd"
+            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.redraws, or check "
+            "the finds that are called odd"
         )
     return texts
 

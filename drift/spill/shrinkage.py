@@ -1,4 +1,6 @@
-"""Figures of single worlds, with strength borrowed from all worlds: empirical Bayes for means over few particles.
+"""Figures of single worlds, with strength borrowed from all worlds.
+
+This is empirical Bayes for means over few particles.
 
 A world's probability of something is estimated from its few hundred particles, and the likelihood of many finds
 multiplies many such estimates: their noise would then decide between worlds. So each is drawn toward what worlds like
@@ -28,7 +30,10 @@ SQUARED = (1e-4, 0.01, 0.03, 0.1, 0.2, 0.4, 0.8, 1.6, 4.0, 10.0)  # variance of 
 
 @dataclass(frozen=True)
 class Likeness:
-    """How worlds are alike: terms (W, p) of a quadratic in their latents, and the nearest others of each (W, k)."""
+    """How worlds are alike.
+
+    It holds terms (W, p) of a quadratic in their latents, and the nearest others of each (W, k).
+    """
 
     terms: Real
     near: npt.NDArray[np.int64]
@@ -98,7 +103,7 @@ def share(mean: Real, variance: Real, n: int, alike: Likeness) -> Real:
     if not mean.any():
         return mean
     sure = mean * (1 - mean)
-    size = n * max(sure.sum() / max(variance.sum(), 1e-300), 1.0)  # of a sample of zeros and ones that says as much
+    size = n * max(sure.sum() / max(variance.sum(), 1e-300), 1.0)  # a sample of so many zeros and ones says as much
     middle = float(np.clip(mean.mean(), 1e-12, 1 - 1e-12))
     prior = _fit(alike.terms, mean, BINOMIAL, float(special.logit(middle)), size)
     if alike.near.shape[1]:

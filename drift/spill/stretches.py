@@ -22,7 +22,7 @@ MEANS = ("expected", "probability", "arrived")
 def settled(fates: Fates) -> dict[str, Array]:
     """Return release and end of every slot, and arrival and leave of every stay [s], without contradictions.
 
-    "Not yet released" goes before "ended", and "ended" before "ashore": where two hold at a time, the former counts.
+    "Not yet released" goes before "ended", and "ended" before "ashore": where two hold at a time, the first counts.
     """
     stays = fates.stays
     ended = np.maximum(fates.ended, fates.release)
@@ -33,7 +33,10 @@ def settled(fates: Fates) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class Rows:
-    """Stays of drawn objects (m,), sorted into rows, one for each stretch and world; rows (r,) sorted by stretch."""
+    """Stays of drawn objects (m,), sorted into rows, one for each stretch and world.
+
+    Rows (r,) are sorted by stretch.
+    """
 
     slot: Array
     row: Array
@@ -86,7 +89,10 @@ def sorted_rows(fates: Fates, realisations: Sequence[Realisation], weight: Array
 
 
 def runs(rows: Rows) -> Iterator[tuple[int, int]]:
-    """Yield runs of stretches, from the first to before the second, that fit into CELLS; at least one stretch each."""
+    """Yield runs of stretches, from the first to before the second, that fit into CELLS.
+
+    Each holds at least one stretch.
+    """
     if not len(rows.first):
         return
     count = np.diff(np.append(rows.first, len(rows.segment)))
@@ -105,7 +111,7 @@ class _Piece:
     """A run of stretches that is worked on together: its stays (m,), its rows (r,), its stretches (s,)."""
 
     rows: Rows
-    stays: slice  # of the rows' stays
+    stays: slice  # which of the rows' stays
     slot: Array  # (m,)
     row: Array  # (m,) counted from the piece's first
     start: Array  # (s,) first row of each stretch
@@ -126,7 +132,10 @@ class _Piece:
         return np.cumsum(change.reshape(-1, times + 1), axis=1, dtype=np.int32)[:, :-1]
 
     def mean(self, name: str, values: Array) -> dict[str, Array]:
-        """Return the mean over worlds, (T, s), of values by row and time (r, T), its error, and what `unseen` needs."""
+        """Return the mean over worlds, (T, s), its error, and what `unseen` needs.
+
+        values: by row and time, (r, T).
+        """
         middle, error = estimate.mean(values, self.weight, self.start, self.squares)
         if name == "probability":
             error = np.maximum(error, estimate.least_error(middle, 1 / self.squares))

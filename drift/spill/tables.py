@@ -1,4 +1,7 @@
-"""The washup as text: stretches, worst first, as CSV and GeoJSON, over time, and the account. Writes no file."""
+"""The washup as text: stretches, worst first, as CSV and GeoJSON, over time, and the account.
+
+It writes no file.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,7 +19,9 @@ Columns = dict[str, Any]  # arrays or lists of the same length, by the column's 
 
 
 def stretches(data: xr.Dataset, run: str) -> str:
-    """Return the touched stretches at the end of the run, worst first, as CSV; run: its run_id, in the last column.
+    """Return the touched stretches at the end of the run, worst first, as CSV.
+
+    run: its run_id, in the last column.
 
     Arrival times are in UTC and in hours after the run's start; a value that is not known is empty.
     """
@@ -97,7 +102,9 @@ def totals(data: xr.Dataset, run: str) -> str:
 
 
 def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the touched stretches as a GeoJSON FeatureCollection of lines (RFC 7946), worst first, cut at 180 degrees.
+    """Return the touched stretches as a GeoJSON FeatureCollection of lines (RFC 7946).
+
+    They come worst first, and are cut at 180 degrees.
 
     A feature's id is the stretch's number, its properties are the columns of `stretches`; null: unknown.
     """

@@ -1,4 +1,6 @@
-"""Fates of a spill's objects -> what a responder reads: how many come ashore on each stretch of coast, and when.
+"""Fates of a spill's objects -> what a responder reads.
+
+That is how many come ashore on each stretch of coast, and when.
 
 Every world of every realisation is one complete simulated spill: N whole objects. Figures are means and quantiles over
 these, weighted; standard errors are over worlds (see drift.spill.estimate). An object lies on a stretch at a time if a
@@ -45,7 +47,9 @@ def build(
 
 
 def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
-    """Return the indices of the stretches with the largest expected numbers at a time, worst first; at most `count`.
+    """Return the indices of the stretches with the largest expected numbers at a time, worst first.
+
+    There are at most `count` of them.
 
     Where equally many lie there, the one at which more ever arrived comes first.
     """

@@ -1,4 +1,6 @@
-"""The worlds of a spill: what all its objects share and nobody knows, drawn once a world, as independent standard normals.
+"""The worlds of a spill: what all its objects share and nobody knows, drawn once a world.
+
+The unknowns are drawn as independent standard normals.
 
 Each unknown is a function of one or more latent normals, so a prior is a standard normal in every direction, cut to
 what is possible (releases in the stated area, in water); worlds can be drawn anew from any density over the latents and
@@ -34,8 +36,8 @@ class Worlds:
     """What each world is like; arrays of shape (w,), sinking (w, classes)."""
 
     latent: Real  # (w, k) standard normals under the prior
-    names: tuple[str, ...]  # of the latents
-    log_weight: Real  # of the prior over the density that the worlds were drawn from
+    names: tuple[str, ...]  # names of the latents
+    log_weight: Real  # log of the prior over the density that the worlds were drawn from
     lon: npt.NDArray[np.int32]  # of the release [binary angle]
     lat: npt.NDArray[np.int32]
     release: npt.NDArray[np.int64]  # [s since 1970] when it begins
@@ -66,7 +68,10 @@ class Proposal:
         return np.where(rng.random(count)[:, None] < DEFENSIVE, rng.standard_normal(near.shape), near)
 
     def log_density(self, latent: Real) -> Real:
-        """Return the logarithm of the density at latents (n, k), up to the constant that `_log_prior` leaves out too."""
+        """Return the logarithm of the density at latents (n, k).
+
+        A constant is left out, the same one as in `_log_prior`.
+        """
         factor = np.linalg.cholesky(self.covariance)
         scaled = np.linalg.solve(factor, latent.T).T
         centres = np.linalg.solve(factor, self.centre.T).T
@@ -76,7 +81,10 @@ class Proposal:
 
 
 def around(worlds: Worlds, weight: Real) -> Proposal:
-    """Return a density about weighted worlds: a normal at each, as wide as the rule of Silverman (1986, eq. 4.15) has it."""
+    """Return a density about weighted worlds: a normal at each.
+
+    The normals are as wide as the rule of Silverman (1986, eq. 4.15) has it.
+    """
     kept = np.flatnonzero(weight > 0)
     share, centre = weight[kept] / weight[kept].sum(), worlds.latent[kept]
     effective, k = 1 / (share**2).sum(), centre.shape[1]
@@ -84,9 +92,8 @@ def around(worlds: Worlds, weight: Real) -> Proposal:
     spread = (centre - mean).T @ ((centre - mean) * share[:, None])
     width = (4 / ((k + 2) * effective)) ** (1 / (k + 4))
     covariance = width**2 * (spread + 1e-4 * np.eye(k))
-    shrink = math.sqrt(
-        1 - min(width, 0.95) ** 2
-    )  # centres drawn in, so that the mixture is as wide as they were (West 1993)
+    # The centres are drawn in, so that the mixture is as wide as they were (West 1993).
+    shrink = math.sqrt(1 - min(width, 0.95) ** 2)
     return Proposal(mean + shrink * (centre - mean), share, covariance)
 
 
@@ -116,8 +123,8 @@ def draw(
             break
     else:
         raise UserError(
-            f"[spill]: its release lies on land, or in too thin an area: {have} of {TRIES * wanted:,} draws lay in water; "
-            "move or widen it, or check [coast] source"
+            f"[spill]: its release lies on land, or in too thin an area: {have} of {TRIES * wanted:,} draws lay in "
+            "water; move or widen it, or check [coast] source"
         )
     latent = np.concatenate(kept)[:wanted]
     log_weight = np.zeros(wanted) if proposal is None else _log_prior(latent) - proposal.log_density(latent)

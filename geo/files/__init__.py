@@ -1,1 +1,4 @@
-"""Files and addresses: opened, read in processes of their own where bytes may crash a library, and fingerprinted."""
+"""Files and addresses: opening, reading and fingerprinting them.
+
+Where bytes may crash a library, they are read in a process of their own.
+"""

@@ -1,4 +1,6 @@
-"""Datasets at addresses (OPeNDAP), read through a process of their own, so that no server can crash or hang this one.
+"""Datasets at addresses (OPeNDAP), read through a process of their own.
+
+So no server can crash or hang this process.
 
 What comes back is a dataset like that of a file: read on demand, decoded by the same rules. A question asks for the
 header or for a piece of at most 2 MB of values. A server that leaves one unanswered for the time-out (60 s unless the

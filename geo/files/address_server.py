@@ -1,4 +1,4 @@
-"""The other end of `geo.files.address`: a process that opens one address and hands out its header and its values.
+"""The other end of `geo.files.address`: a process that serves the header and the values of one address.
 
 It is another process because the answers of a server can crash or hang the C libraries that read them (see
 `geo.files.child`).

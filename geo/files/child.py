@@ -1,4 +1,6 @@
-"""Child processes for libraries that bytes from outside may crash or hang: the end that asks and the one that answers.
+"""Child processes for libraries that bytes from outside may crash or hang.
+
+This module holds both ends: the one that asks and the one that answers.
 
 Such a process reads questions from its standard input and answers on what was its standard output. Each message is a
 length (8 bytes), a JSON document, and as many bytes as the document says. The process ends when its input does, even in

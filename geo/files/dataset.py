@@ -87,7 +87,7 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
                 _refuse_truncated(path)
             data = xr.open_dataset(
                 path,
-                # without a name, xarray offers an unknown file to every backend that happens to be installed
+                # Without a name, xarray offers an unknown file to every backend that happens to be installed
                 engine="zarr" if is_zarr else "netcdf4",
                 decode_times=False,
                 decode_coords=False,

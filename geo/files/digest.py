@@ -27,7 +27,7 @@ def start(paths: Iterable[str]) -> None:
             if key is not None and key not in _digests:
                 _digests[key] = Future()
                 new.append((path, _digests[key]))
-    if new:  # a daemon, so that nobody waits for it at the end of the process
+    if new:  # a daemon, so that the end of the process does not wait for it
         threading.Thread(target=_fulfil, args=(new,), name="digest", daemon=True).start()
 
 

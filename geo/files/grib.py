@@ -24,7 +24,7 @@ from geo.errors import UserError
 from geo.files import decoder, messages
 from geo.files.messages import Message
 
-# which component a field is: (quantity, side) by short name, and by number where eccodes knows no name
+# Which component a field is: (quantity, side), by short name, and by number where eccodes has no name.
 NAMED = {
     **{f"{height}{'uv'[k]}": ("wind", k) for k in (0, 1) for height in ("", "10", "100", "200")},
     "u10n": ("wind", 0), "v10n": ("wind", 1),
@@ -112,7 +112,7 @@ def open_file(path: str) -> xr.Dataset:
             f'"{path}" holds {drifting[0].name} on a grid of type "{drifting[0].grid}", which has no rows and columns: '
             f"convert it to a regular one (cdo remapbil, or grid = 0.25/0.25 where it was retrieved)"
         )
-    orders: dict[bytes, Points] = {}  # by the bytes that define a grid
+    orders: dict[bytes, Points] = {}  # points by the bytes that define a grid
     grids: list[Points] = []
     grid_of: dict[bytes, int] = {}  # number of the grid by these bytes, which differ between the two editions
     for field in placed:
@@ -270,7 +270,10 @@ def _damaged(message: Message, why: object) -> UserError:
 
 
 def _points(message: Message) -> Points:
-    """Return the points of a message's grid: axes, a projection's plane, or longitudes and latitudes point by point."""
+    """Return the points of a message's grid.
+
+    They are axes, a projection's plane, or longitudes and latitudes point by point.
+    """
     try:
         keys, lat, lon = decoder.points(messages.whole(message))
     except decoder.DecodeError as error:
@@ -296,8 +299,8 @@ def _points(message: Message) -> Points:
         return Points(("latitude", "longitude"), coordinates, None, (ny, nx), (), ordered.flags)
     plane = _plane(keys, lon, lat)
     if plane is None:
-        both = {"latitude": (("y", "x"), lat, north), "longitude": (("y", "x"), lon, east)}
-        return Points(("y", "x"), both, None, (ny, nx), (), ordered.flags)
+        points = {"latitude": (("y", "x"), lat, north), "longitude": (("y", "x"), lon, east)}
+        return Points(("y", "x"), points, None, (ny, nx), (), ordered.flags)
     mapping, x, y = plane
     rotated = mapping["grid_mapping_name"] == "rotated_latitude_longitude"
     named = ("grid_longitude", "grid_latitude") if rotated else ("projection_x_coordinate", "projection_y_coordinate")
@@ -373,7 +376,10 @@ def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
 def _reduced(
     message: Message, rows: tuple[int, ...], lon: Real, lat: Real, east: dict[str, str], north: dict[str, str]
 ) -> Points:
-    """Return the points of a reduced grid filled up: every row starts at longitude 0 and is as long as the longest."""
+    """Return the points of a reduced grid filled up to a rectangle.
+
+    Every row then starts at longitude 0 and is as long as the longest.
+    """
     starts = np.concatenate(([0], np.cumsum(rows)))
     complete = min(rows, default=0) > 1 and starts[-1] == lat.size
     for row in range(len(rows) if complete else 0):
@@ -402,7 +408,7 @@ def _arranged(values: Real, grid: Points) -> Real:
             position = np.arange(nx) * (count / nx)
             ordered, i = values[start : start + count], np.floor(position + 1e-9).astype(int)
             share = np.clip(position - i, 0.0, 1.0)
-            # a missing neighbour whose weight is 0 must not make the value missing
+            # A missing neighbour whose weight is 0 must not make the value missing
             right = np.where(share > 0, ordered[(i + 1) % count], 0.0)
             result[row] = ordered[i % count] * (1 - share) + right * share
             start += count
@@ -491,7 +497,10 @@ def _time(seconds: int) -> str:
 
 
 def _blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dict[str, Block]:
-    """Return the blocks, without gaps, into which fields of one name, type of level and grid divide, by own name."""
+    """Return the blocks into which fields of one name, type of level and grid divide, by own name.
+
+    A block has no gaps.
+    """
     places_of: dict[float, set[tuple[int, int]]] = {}  # (member, time) by level
     for member, level, time in fields_at:
         places_of.setdefault(level, set()).add((member, time))

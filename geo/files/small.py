@@ -1,4 +1,7 @@
-"""Reading small files that users write (cases, tracks, shorelines) whole, once it is sure that reading will end."""
+"""Reading small files that users write (cases, tracks, shorelines) whole.
+
+A file is read only once it is sure that reading will end.
+"""
 
 import errno
 import os

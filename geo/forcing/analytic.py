@@ -1,4 +1,4 @@
-"""Built-in flows in closed form: synthetic, for the shipped case, for tests, for a first try without a file.
+"""Built-in synthetic flows in closed form: for the shipped case, for tests, for a first try without a file.
 
 A flow is placed at points, flow(lon, lat) [deg], and then tells its velocity at any time there:
 velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s]. Its clock is absolute, so that a flow is the same
@@ -74,7 +74,10 @@ def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
 
 
 def inertial(box: Box, speed: float = 0.3, mean_east: float = 0.05, mean_north: float = 0.0, lat: float = 45.0) -> Flow:
-    """An inertial oscillation [m/s] on a uniform mean flow, clockwise in the north, of the period at `lat` [deg]."""
+    """Return an inertial oscillation [m/s] on a uniform mean flow.
+
+    It turns clockwise in the north, with the inertial period at `lat` [deg].
+    """
     f = 2 * ROTATION * np.sin(np.radians(lat))
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
@@ -120,7 +123,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     streamfunction goes to zero over the shelf. An invention that looks like the Gulf; it forecasts nothing. Other
     waters have only its tide.
     """
-    squeeze = np.cos(np.radians(26.0))  # all is reckoned in a plane about 26 N: x = lon * squeeze * METRES
+    squeeze = np.cos(np.radians(26.0))  # all is computed in a plane about 26 N: x = lon * squeeze * METRES
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
         x, y = np.broadcast_arrays(-88.0 + _east_of(lon, -88.0), np.asarray(lat, float))
@@ -148,7 +151,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
                 c_lon = e_lon - west * 5e3 * np.sin(phase) / (METRES * narrow)
                 c_lat = e_lat + north * 5e3 * np.cos(phase) / METRES
                 dx, dy = (x - c_lon) * METRES * narrow, (y - c_lat) * METRES
-                r = radius * 1e3  # where the swirl is fastest
+                r = radius * 1e3  # [m] radius at which the swirl is fastest
                 eddy = swirl * r * np.exp(0.5 - (dx * dx + dy * dy) / (2 * r * r))
                 psi = psi - eddy
                 psi_x = psi_x + eddy * dx / (r * r) * (narrow / squeeze)

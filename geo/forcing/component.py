@@ -30,7 +30,7 @@ class Wanted:
     side: int  # 0 for the first component, 1 for the second, which matters where one variable holds both
     quantity: str
     chosen: Mapping[str, Any]  # the case's variables
-    units: str | None  # that the case states
+    units: str | None  # units that the case states
     depth: float | None  # [m]
     needs_times: bool  # the file's times must be understood
 
@@ -176,7 +176,7 @@ def _sort_dims(
 ) -> tuple[tuple[str, ...], dict[str, int]]:
     """Return a variable's horizontal dimensions, and one index along each other but that of time.
 
-    notes: what is to be said of it is added here.
+    notes: remarks on it are appended to this list.
     """
     name, quantity, chosen, (path, data) = wanted.name, wanted.quantity, wanted.chosen, file
     rest = [str(d) for d in data[name].dims if str(d) != time_dim]

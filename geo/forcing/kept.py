@@ -21,7 +21,7 @@ class Kept:
 
     def __init__(self, index: tuple[Index, ...]) -> None:
         self.index = index
-        self._places = [_places(one) for one in index]
+        self._places = [_places(along) for along in index]
         self._slices: dict[int, tuple[Array, int]] = {}
         self._guard = threading.Lock()
 
@@ -64,7 +64,7 @@ class Finished:
             return values
 
     def keep(self, key: Hashable, values: Array) -> None:
-        """Keep a slice, which nobody changes from now on."""
+        """Keep a slice, which must not be changed from now on."""
         with self._guard:
             self._size += values.nbytes - getattr(self._slices.pop(key, None), "nbytes", 0)
             self._slices[key] = values

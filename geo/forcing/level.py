@@ -19,8 +19,8 @@ from geo.forcing.quantity import QUANTITIES
 
 NAMES = re.compile(
     r"^(depth.*|deptht|depthu|depthv|lev|level|levels|z|z_.*|zc|s_rho|s_w|siglay|siglev|sigma|layer|layers|height.*"
-    r"|nschism_vgrid_layers|altitude|elevation|vertical|k|isobaric.*|plev|pressure|pressure_level|pres|model_level|hybrid"
-    r"|oceanmodel.*|bottom_top)$",
+    r"|nschism_vgrid_layers|altitude|elevation|vertical|k|isobaric.*|plev|pressure|pressure_level|pres|model_level"
+    r"|hybrid|oceanmodel.*|bottom_top)$",
     re.IGNORECASE,
 )
 DEPTHS = re.compile(r"^depth", re.IGNORECASE)
@@ -30,7 +30,8 @@ SIGMAS = re.compile(r"^(siglay|siglev|sigma.*|s_rho|s_w)$", re.IGNORECASE)
 FROM_BOTTOM = re.compile(r"^(s_rho|s_w|nschism_vgrid_layers)$", re.IGNORECASE)  # ROMS and SCHISM count upwards
 FROM_TOP = re.compile(r"^(depth.*|siglay|siglev)$", re.IGNORECASE)
 
-METRES = {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "km": 1e3, "cm": 0.01, "dm": 0.1, "mm": 1e-3,
+METRES = {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0,
+          "km": 1e3, "cm": 0.01, "dm": 0.1, "mm": 1e-3,
           "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "fathom": 1.8288, "fathoms": 1.8288}  # fmt: skip
 PASCALS = {"pa": 1.0, "hpa": 100.0, "mb": 100.0, "mbar": 100.0, "millibar": 100.0, "millibars": 100.0, "kpa": 1e3,
            "bar": 1e5, "dbar": 1e4, "decibar": 1e4, "decibars": 1e4, "pascal": 1.0, "pascals": 1.0}  # fmt: skip
@@ -147,7 +148,10 @@ def _listed(variable: xr.DataArray) -> set[str]:
 
 
 def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
-    """Return the levels along a dimension: its own coordinate's, or those of the one vertical variable along it."""
+    """Return the levels along a dimension.
+
+    They come from its own coordinate, or from the one vertical variable along it.
+    """
     named = dim
     if dim not in data.variables:
         fitting = [n for n, v in data.variables.items() if v.dims == (dim,) and is_vertical(data, str(n))]

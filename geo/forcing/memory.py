@@ -43,7 +43,10 @@ class Held:
 
 
 def hold(datasets: Any) -> dict[str, Held]:
-    """Return datasets by name as forcing; None gives none. Raises UserError for what is no dataset."""
+    """Return datasets by name as forcing; None gives an empty result.
+
+    Raises UserError for what is not a dataset.
+    """
     if isinstance(datasets, xr.Dataset) or not isinstance(datasets, Mapping | None):
         raise UserError(f'datasets: a {type(datasets).__name__} is given; must be {{"name": an xarray.Dataset}}')
     for name, data in (datasets or {}).items():
@@ -55,10 +58,13 @@ def hold(datasets: Any) -> dict[str, Held]:
 
 
 def as_stored(held: Held) -> xr.Dataset:
-    """Return a dataset as `dataset.open_one` would from a file: packing resolved, times as numbers since a date."""
+    """Return a dataset as `dataset.open_one` would return it from a file.
+
+    Packing is resolved, and times are numbers since a date.
+    """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of several fill values, all of which are treated as missing
+            warnings.simplefilter("ignore")  # warnings of several fill values, which all count as missing
             return xr.decode_cf(
                 _encoded(held.data),
                 concat_characters=False,

@@ -1,4 +1,4 @@
-"""What forcing is: currents, winds and Stokes drift, each one entry with what is true of it in any file."""
+"""The quantities of forcing: currents, winds and Stokes drift, each with what holds for it in any file."""
 
 from dataclasses import dataclass
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 class Quantity:
     """One quantity of forcing."""
 
-    spoken: str  # in messages
+    spoken: str  # its name in messages
     fastest: float  # [m/s] that a speed is believed to
     impossible: float  # [m/s] of a component, beyond which a value is a fill value
     sigma: float  # share of the column from the surface within which a level passes for it
     wanted: str  # level, in messages
-    in_air: bool = False  # its levels are heights; it is named by where it comes from, and blows over land too
+    in_air: bool = False  # levels are heights, the direction is where it comes from, and it blows over land too
 
 
 # The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the strongest sustained wind

@@ -52,7 +52,7 @@ class Request:
     depth: float | None
     lenient: bool  # a single slice is accepted, which is enough to describe a file, but not for a run
     plausible: bool  # the user vouches for speeds that no such quantity has
-    timeout: float  # of an address [s]
+    timeout: float  # [s] time-out of an address
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,10 @@ def _digest(
 
 
 def _needed(box: Box | None) -> Box | None:
-    """Return a box with all from which a node inside it may be filled, so that a crop is filled as the whole is."""
+    """Return a box that holds all nodes from which a node inside `box` may be filled.
+
+    So a crop is filled as the whole is.
+    """
     if box is None:
         return None
     margin = float(np.degrees(fill.REACH / sphere.RADIUS))

@@ -63,7 +63,7 @@ def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
     try:
         with np.errstate(all="ignore"):  # damaged values may overflow; they become missing
             yield data[component.name].isel(fixed)
-    except UserError as error:  # from a library that runs in a process of its own
+    except UserError as error:  # raised by a library that runs in a process of its own
         raise UserError(f"{error}; set {dataset.key(path, component.quantity)}") from error
     except Exception as error:  # HDF5 raises OSError and RuntimeError, zlib its own
         raise UserError(

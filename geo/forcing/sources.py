@@ -1,4 +1,6 @@
-"""Currents, winds and Stokes drift as the engine sees them: a regular grid, times, and slices read on demand.
+"""Currents, winds and Stokes drift as the engine sees them.
+
+Each is a regular grid, times, and slices read on demand.
 
 Whatever the files hold (projected, curved, staggered or triangular grids, packed numbers, other units and
 calendars), a `Source` gives true east and north in m/s on a regular longitude-latitude grid, NaN where missing.
@@ -23,7 +25,7 @@ from geo.forcing.quantity import QUANTITIES
 from geo.grids.grid import Grid
 
 EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for fields that are the same everywhere
-MOST_NODES = 1_000_000  # of a built-in flow's tile
+MOST_NODES = 1_000_000  # most nodes of a built-in flow's tile
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,12 @@ LOOKED_AT = 8  # slices at most: the first, the last and some between
 DRY = 0.005  # share of exact zeros from which they are land
 RECURS = 3  # times that an extreme value must occur at least to be a fill value
 VARIED = 10  # different values that the rest must hold before one can stand apart from it
-GAP = 0.25  # of the range of all other values, from which a number of nines stands apart from them
+GAP = 0.25  # share of the range of all other values by which a number of nines stands apart from them
 SLOW_WIND = 2.0  # [m/s]
 
 # [m/s] A current's mean over all places and times of a file is less: western boundary currents fill no file.
 STRONG_MEAN = 2.5
-PERCENTILE = 99.9  # of a current's speeds that must stay under the fastest: a few points of a race may exceed it
+PERCENTILE = 99.9  # percentile of a current's speeds that must stay under the fastest: points of a race may exceed it
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,10 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
 
 
 def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
-    """Return strided values in the file's own units, shape (slices, ...), NaN where missing, infinite or masked."""
+    """Return strided values in the file's own units, shape (slices, ...).
+
+    Missing, infinite or masked values are NaN.
+    """
     data, path, _, _ = component.segments[0]
     sizes = [int(data.sizes[dim]) for dim in component.dims]
     itemsize = np.dtype(data[component.name].encoding.get("dtype") or data[component.name].dtype).itemsize
@@ -134,7 +137,7 @@ def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float,
             gap = extreme - high if largest else low - extreme
             fast = abs(extreme) * factor > fastest
             usual = bool(np.isclose(abs(extreme), quantities.NINES, rtol=1e-6).any()) and fast
-            usual |= any(np.isclose(extreme, one, rtol=1e-5) for one in packed)
+            usual |= any(np.isclose(extreme, value, rtol=1e-5) for value in packed)
             if gap > (GAP if usual else 1.0) * (high - low) and (usual or fast):
                 fills.append(extreme)
                 finite = rest
@@ -167,7 +170,7 @@ def _still(
     """Return the shares of the present points of each component that are exactly zero in all slices."""
     zero = []
     for component, values in zip(components, samples, strict=True):
-        still = np.stack([slices.still(one, component, i) for one, i in zip(values, looked_at, strict=True)])
+        still = np.stack([slices.still(slab, component, i) for slab, i in zip(values, looked_at, strict=True)])
         zero.append(np.all(still | np.isnan(values), axis=0) & np.any(still, axis=0))
     if samples[0].shape == samples[1].shape:
         zero = [zero[0] & zero[1]] * 2  # both must be zero, because a packed component is often zero by itself

@@ -1,4 +1,6 @@
-"""Points of a grid whose coordinates a file does not give: fill values, and blocks of land that a model leaves out.
+"""Points of a grid whose coordinates a file does not give.
+
+They are fill values, or blocks of land that a model leaves out.
 
 NEMO writes lon = lat = 0 (or -1) where it runs no process because all is land; other files leave coordinates out
 wherever there is land. Such points have no position: no cell has them as a corner, and no extent includes them.

@@ -1,4 +1,6 @@
-"""Weights of nodes in the cells of a curved grid or a mesh, found by running over cells, not by searching for nodes.
+"""Weights of nodes in the cells of a curved grid or a mesh.
+
+They are found by running over cells, not by searching for nodes.
 
 A tile is finer than its source, so every cell holds a few of the tile's nodes: those in the cell's own box are tried.
 """
@@ -16,8 +18,8 @@ from geo.grids.layout import Curved, Index, Triangles
 
 CHUNK = 2_000_000  # candidate pairs of cell and node handled at a time
 NEAR = 0.5  # cosine of the largest angle, 60 degrees, from a cell's middle to its corners; wider cells are left out
-RIM = 0.01  # of a cell: a node at most so far outside a grid counts as on its rim; edges along parallels bulge less
-SLACK = 1e-6  # of a cell: error of rounding
+RIM = 0.01  # share of a cell: a node so little outside a grid counts as on its rim; parallels bulge less
+SLACK = 1e-6  # share of a cell: error of rounding
 
 Part = tuple[Index, Index, Array, Array]  # (node, points, weights of points, how far outside the cell the node is)
 

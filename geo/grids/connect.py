@@ -1,4 +1,7 @@
-"""Triangles of unstructured grids: which nodes are connected, by the conventions of FVCOM, SCHISM and UGRID."""
+"""Triangles of unstructured grids: which nodes are connected.
+
+Follows the conventions of FVCOM, SCHISM and UGRID.
+"""
 
 import numpy as np
 import xarray as xr
@@ -103,7 +106,10 @@ def _split(cells: Index) -> Index:
 
 
 def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Array | None]:
-    """Return longitudes and latitudes of nodes: at least as many as the connectivity names, not one for each cell."""
+    """Return longitudes and latitudes of nodes.
+
+    There are at least as many as the connectivity names, and not one for each cell.
+    """
     coordinates: list[Array | None] = []
     for pattern, standard, most in ((naming.LON, "longitude", 720.0), (naming.LAT, "latitude", 90.0)):
         values = None
@@ -121,7 +127,10 @@ def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Arra
 
 
 def _delaunay(lon: Array, lat: Array) -> Index:
-    """Return a triangulation in a plane, without triangles that have an edge far longer than others at its points."""
+    """Return a triangulation in a plane, without overlong triangles.
+
+    A triangle is left out if one of its edges is far longer than others at its points.
+    """
     from scipy.spatial import Delaunay, QhullError  # imported here because it takes 0.25 s and few files need it
 
     present = np.flatnonzero(np.isfinite(lon) & np.isfinite(lat))

@@ -1,4 +1,6 @@
-"""How much accuracy it costs to carry a field to a regular grid, measured by sampling the result as particles will.
+"""How much accuracy it costs to carry a field to a regular grid.
+
+The result is sampled as particles will sample it.
 
 There are two errors: at the source's points, where interpolating twice is worst, and at one scattered place in every
 cell, where the source's own interpolation is the truth, which is what a particle meets on average.
@@ -30,7 +32,7 @@ def of(grid: Grid, layouts: tuple[Layout, Layout], carried: tuple[Array, Array],
 
 
 def _off_the_fold(item: Layout, values: Array) -> Array:
-    """Return values without those at the fold of a tripolar grid, where the axes along which they count reverse."""
+    """Return values without those at the fold of a tripolar grid, where the axes that they refer to reverse."""
     if not isinstance(item, Curved) or item.mirror is None:
         return values
     return np.where(np.arange(len(values))[:, None] < len(values) - 2, values, np.nan)
@@ -69,7 +71,10 @@ def _corners(values: Array) -> list[Array]:
 
 
 def _scatter(count: int, axis: int) -> Array:
-    """Return one coordinate of Roberts's (2018) R2 sequence, which covers the unit square evenly without a seed."""
+    """Return one coordinate of Roberts's (2018) R2 sequence.
+
+    The sequence covers the unit square evenly without a seed.
+    """
     return np.asarray((0.5 + np.arange(1, count + 1) * (0.7548776662466927, 0.5698402909980532)[axis]) % 1.0)
 
 

@@ -100,7 +100,7 @@ def _rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
 def _nearest(
     bits: bytes, shape: tuple[int, int], seamless: bool, reach: float, bands: Bands, allowed: bytes | None
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return (node, source): the flat indices of missing nodes within reach, and of the wet node nearest to each."""
+    """Return (node, source), flat indices: missing nodes within reach, and the wet node nearest to each."""
     wet = _mask(bits, shape)
     fillable = np.ones(shape, bool) if allowed is None else _mask(allowed, shape)
     nodes, sources = [], []
@@ -118,7 +118,10 @@ def _nearest(
 def _distances(
     wet: Mask, seamless: bool, reach: float, spacing: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
-    """Return each node's distance from the nearest wet one, inf where there is none, and that one's row and column."""
+    """Return each node's distance from the nearest wet node, and that node's row and column.
+
+    The distance is inf where there is no wet node.
+    """
     if not wet.any():
         return np.full(wet.shape, np.inf), np.zeros(wet.shape, np.int32), np.zeros(wet.shape, np.int64)
     own = wet.shape[1] - seamless

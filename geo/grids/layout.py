@@ -1,5 +1,7 @@
-"""Where the points of a variable lie: on longitude and latitude axes, in a projection's plane, on a curved grid, or on
-triangles. These are records and their geometry; `locate.py` finds them in a file and `regrid.py` makes weights of them.
+"""Where the points of a variable lie: records of layouts, and their geometry.
+
+Points lie on longitude and latitude axes, in a projection's plane, on a curved grid, or on triangles. `locate.py` finds
+these layouts in a file and `regrid.py` makes weights of them.
 
 Angles are degrees. Longitudes are unwrapped where neighbours matter, so they may leave [-180, 180).
 """
@@ -35,10 +37,10 @@ class Axes:
 
 @dataclass(frozen=True)
 class Plane:
-    """A projection's plane: x (nx,), y (ny,) in the projection's unit (m or deg), monotonic, in the file's order.
+    """A projection's plane.
 
-    columns, rows: their indices in the file; turn: period of x (360 for a rotated pole, whose x is an angle), 0 for
-    none.
+    x (nx,), y (ny,): in the projection's unit (m or deg), monotonic, in the file's order; columns, rows: their indices
+    in the file; turn: period of x (360 for a rotated pole, whose x is an angle), 0 for none.
     """
 
     x: Array
@@ -100,7 +102,7 @@ Layout = Axes | Plane | Curved | Triangles
 
 FEW = 16  # columns; shorter gaps between needed columns are read as well
 WIDE = 20.0  # [deg of longitude] the extents of wider cells are computed in full
-UNIFORM = 0.01  # of a cell: an axis whose coordinates jitter by no more than this counts as uniform
+UNIFORM = 0.01  # share of a cell: an axis whose coordinates jitter by no more counts as uniform
 
 
 def uniform(values: Array) -> bool:
@@ -180,7 +182,9 @@ def across(curved: Curved) -> Index:
 
 
 def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
-    """Return (west, width, south, north) [deg] of cells whose edges are great circles, NaN where a corner is missing.
+    """Return (west, width, south, north) [deg] of cells whose edges are great circles.
+
+    Cells of which a corner is missing get NaN.
 
     lon, lat: corners in turn (m, k) [deg]. A cell that holds a pole is 360 wide. Edges bulge poleward, and at most as
     much as an edge at the cell's highest latitude that is as wide as the cell.
@@ -272,10 +276,8 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
     grown = box.grown(margin / np.cos(np.radians(min(89.0, max(abs(box.south), abs(box.north)) + margin))), margin)
     ny, nx = curved.lon.shape
     lowest, highest = np.fmin.reduce(curved.lat, axis=1), np.fmax.reduce(curved.lat, axis=1)
-    lowest, highest = (
-        np.where(lowest < -75.0, -90.0, lowest),
-        np.where(highest > 75.0, 90.0, highest),
-    )  # edges bulge much there
+    # Near the poles edges bulge far poleward.
+    lowest, highest = np.where(lowest < -75.0, -90.0, lowest), np.where(highest > 75.0, 90.0, highest)
     with np.errstate(invalid="ignore"):
         near_rows = (np.fmin(lowest[:-1], lowest[1:]) <= grown.north) & (
             np.fmax(highest[:-1], highest[1:]) >= grown.south

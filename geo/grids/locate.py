@@ -186,7 +186,10 @@ def _averaged(values: Array, wanted: tuple[int, ...]) -> Array:
 
 
 def _at_points(component: Component, lon_name: str, lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
-    """Return (lon, lat) [deg] of a component's own points, (ny, nx), given those of points that may lie beside them."""
+    """Return (lon, lat) [deg] of a component's own points, (ny, nx).
+
+    The given coordinates may be those of points beside them.
+    """
     data, name, dims, side, chosen = component.data, component.name, component.dims, component.side, component.chosen
     wanted = tuple(int(data.sizes[d]) for d in dims)
     own = tuple(map(str, data[lon_name].dims))[-2:]
@@ -244,9 +247,8 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
     ordered = turned[columns]
     step = float(np.median(np.diff(ordered)))
     kept = np.concatenate(([True], np.diff(ordered) > 0.01 * step))
-    kept[-1] &= bool(
-        ordered[0] + 360.0 - ordered[-1] > 0.01 * step
-    )  # an axis 0..360 may hold both ends, in single precision
+    # An axis 0..360 may hold both ends, in single precision.
+    kept[-1] &= bool(ordered[0] + 360.0 - ordered[-1] > 0.01 * step)
     columns, ordered = columns[kept], ordered[kept]
     if len(ordered) < 2:
         raise UserError(f'"{lon_name}" holds one longitude only')

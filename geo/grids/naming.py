@@ -20,13 +20,15 @@ NORTH_UNITS = re.compile(r"^degrees?_?(n|north)$", re.I)
 CONNECTIVITY = re.compile(
     r"^(nv|ele(ment)?s?|tri(angles)?|schism_hgrid_face_nodes|.*face_nodes?|face_node_connectivity|elem)$", re.I
 )
-GRID = re.compile(
-    r"^(angle|mask_[a-z]+|[utv]mask|x|y|x_rho|y_rho|crs|projection.*)$", re.I
-)  # other variables for which a grid file is read
+# Other variables for which a grid file is read.
+GRID = re.compile(r"^(angle|mask_[a-z]+|[utv]mask|x|y|x_rho|y_rho|crs|projection.*)$", re.I)
 
 
 def of_grid(name: str, attributes: Mapping[str, Any] | None = None) -> bool:
-    """Whether a variable of this name or with these attributes describes a grid, so that another file may use it."""
+    """Return whether a variable of this name or with these attributes describes a grid.
+
+    Another file may then use it.
+    """
     stated = attributes or {}
     if "cf_role" in stated or str(stated.get("standard_name", "")) in ("longitude", "latitude"):
         return True

@@ -1,4 +1,4 @@
-"""Directions of a grid's own axes on the Earth, and the turning of vectors from them to true east and north."""
+"""Directions of a grid's own axes on the Earth, and vectors turned from them to true east and north."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -64,11 +64,12 @@ def undone(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32
 
 
 def plane_axes(plane: Plane, lon: Array, lat: Array) -> NDArray[np.float32]:
-    """Return the unit vectors of a projection's axes at points [deg]: (x's east, x's north, y's east, y's north).
+    """Return the unit vectors of a projection's axes at points [deg], shape (..., 4).
+
+    The four numbers are (x's east, x's north, y's east, y's north), NaN where the projection has no image.
 
     They are found by steps on the Earth, where a metre east and a metre north are equal everywhere: the inverse of the
-    2 x 2 matrix that maps a step to the plane needs no convention about the convergence of meridians. Shape (..., 4),
-    NaN where the projection has no image.
+    2 x 2 matrix that maps a step to the plane needs no convention about the convergence of meridians.
     """
     phi, lam = np.radians(lat), np.radians(lon)
     columns = []

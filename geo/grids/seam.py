@@ -1,4 +1,4 @@
-"""Curved grids that go round the Earth: columns and rows stored twice, the seam, the fold of a tripolar grid.
+"""Curved grids that go round the Earth: repeated columns and rows, the seam, the fold of a tripolar grid.
 
 Models store halos: the first columns again after the last ones, and beyond the fold of a tripolar grid (a line between
 its two northern poles, on land) rows that lie on others in reverse. Both are left out, and the grid is joined with
@@ -13,7 +13,7 @@ from geo.array import Array
 from geo.grids.layout import Curved, Index
 
 HALO = 6  # most columns or rows that a file stores twice
-SAME = 0.02  # of the step between points: points at most so far apart are the same point
+SAME = 0.02  # share of the step between points: points at most so far apart are the same point
 NEXT = 1.5  # steps: the last column is a neighbour of the first up to this distance
 FEWEST = 16  # fewest columns of a grid that goes round the Earth
 

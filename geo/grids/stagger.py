@@ -1,4 +1,6 @@
-"""Where u and v stand on a staggered (Arakawa C) grid whose file gives only the positions of the points between them.
+"""Where u and v stand on a staggered (Arakawa C) grid.
+
+The file gives only the positions of the points between them.
 
 u stands midway between two neighbouring rho (or T) points of a row, v between two of a column, on the great circle
 through them. Which two they are follows from the sizes where they differ (ROMS, WRF), otherwise from the model's
@@ -143,7 +145,10 @@ def moved(
 
 
 def moved_line(values: Array, wanted: int, offset: float | None) -> Array:
-    """Return coordinates midway along one axis of a rectilinear grid [deg, unwrapped], whose rows are parallels."""
+    """Return coordinates midway along one axis of a rectilinear grid [deg, unwrapped].
+
+    The grid's rows are parallels.
+    """
     if offset == 0.0:
         return values
     middle = (values[:-1] + values[1:]) / 2

@@ -12,7 +12,7 @@ from geo.grids.grid import Grid
 from geo.grids.layout import Axes, Curved, Layout, Triangles, uniform
 
 FINER = 2.0  # times the source's resolution (NorKyst-800: rms error of a component 0.7 %, at its own resolution 1.9 %)
-MOST_NODES = 4_000_000  # of a tile, which is 32 MB a slice
+MOST_NODES = 4_000_000  # most nodes of a tile, which is 32 MB a slice
 POLAR = 75.0  # [deg] beyond this latitude cells may hold a pole
 POLEWARD = 89.0  # [deg] beyond this latitude east and north lose their meaning
 

@@ -1,4 +1,4 @@
-"""What a UGRID mesh says of itself: where a variable stands on it, and which variables hold its coordinates.
+"""What a UGRID mesh says of itself: where a variable stands on it, and which variables are its coordinates.
 
 A variable's attribute `mesh` names its topology; without it, the topology that has the variable's dimension counts.
 Only attributes of the UGRID conventions 1.0 count; names count only where coordinates have neither standard name nor
@@ -54,7 +54,10 @@ def mesh_of(data: xr.Dataset, name: str, dim: str) -> Mesh | None:
 
 
 def _dimension(data: xr.Dataset, attributes: dict[str, str], place: str) -> str | None:
-    """Return the dimension of a mesh's nodes, faces or edges, as stated or as coordinates or connectivity have it."""
+    """Return the dimension of a mesh's nodes, faces or edges.
+
+    It is stated, or follows from coordinates or connectivity.
+    """
     if f"{place}_dimension" in attributes:
         return attributes[f"{place}_dimension"]
     for other in attributes.get(f"{place}_coordinates", "").split():

@@ -325,7 +325,7 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
         made_good = np.radians([(lon[k] - lon[k - 1]) * np.cos(middle), lat[k] - lat[k - 1]]) * RADIUS
         # the tangent plane of the fix before turns by half the convergence of meridians
         turn = np.radians(lon[k] - lon[k - 1]) / 2 * np.sin(middle)
-        assert way.made[k] == pytest.approx(made_good, abs=1.1 * abs(turn) * np.hypot(*made_good) + 0.05)
+        assert way.observed[k] == pytest.approx(made_good, abs=1.1 * abs(turn) * np.hypot(*made_good) + 0.05)
 
 
 def test_a_wind_that_is_always_the_same_tells_no_windage():
