@@ -34,6 +34,7 @@ from kernels.features import (
     WIND,
 )  # fmt: skip
 from kernels.life import ADRIFT, ASHORE, LEFT, OUTSIDE, SUNK
+from kernels.noise import Purpose
 from kernels.sample import Sea, Tiles
 from kernels.velocity import Drifter, drift
 
@@ -80,6 +81,8 @@ Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
     seed0=ti.u32,
     seed1=ti.u32,
+    coast0=ti.u32,  # of what happens at the coast: debris has a key of its own there
+    coast1=ti.u32,
     shift=ti.i32,  # from a slot to its number in the whole run, which is the key of its noise
     stay=ti.f32,  # see Beach
     offing=ti.f32,
@@ -123,7 +126,7 @@ def _advance(
         state, due, sinking = core.status[i], life.NEVER, life.NEVER
         if ti.static(features & REFLOAT):
             if state == ASHORE:
-                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_REFLOAT, slot, core.status_since[i])
+                w = noise.words(terms.coast0, terms.coast1, noise.STREAM_REFLOAT, slot, core.status_since[i])
                 due = life.refloats(core.status_since[i], noise.uniform(w[0]), terms.stay)
         if ti.static(features & SINK):
             sinking = core.sink_time[i]
@@ -172,7 +175,7 @@ def _advance(
                     met, x_end, y_end, part, number = shore.meet(
                         ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
                         x, y, move_lon, move_lat, c0,
-                        2.0 * physics.diffusivity * dt, terms.seed0, terms.seed1, slot, step, coast,
+                        2.0 * physics.diffusivity * dt, terms.coast0, terms.coast1, slot, step, coast,
                     )  # fmt: skip
                     if ti.static(features & SLIDE):
                         if x_end != x + move_lon or y_end != y + move_lat:
@@ -298,6 +301,8 @@ def mover(
     outside the forcing or the domain.
     """
     seed0, seed1 = noise.key(ensemble.seed)
+    coastal = Purpose.DEBRIS_COAST if place.debris else Purpose.RUN
+    coast0, coast1 = noise.key(ensemble.seed, coastal, place.debris)
     first, last, number = slots
     args = (
         features(ranges, physics, place),
@@ -313,6 +318,8 @@ def mover(
             "direction": direction,
             "seed0": seed0,
             "seed1": seed1,
+            "coast0": coast0,
+            "coast1": coast1,
             "shift": number - first,
             "stay": place.beach.stay,
             "offing": place.beach.offing,

@@ -92,6 +92,7 @@ class Purpose(enum.IntEnum):
     BACKWARD_PLACES = 11  # where and when they begin
     BACKWARD_WORLDS = 12
     BACKWARD_PRIOR = 13  # releases from which the prior's map is made
+    DEBRIS_COAST = 14  # of a class of debris at the coast: walks near it, landings, waits; number: of the class, from 1
 
 
 def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:
@@ -101,6 +102,8 @@ def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:
     (0 <= number < 2**32), so that no two of them draw the same numbers, whatever seeds users choose: two equal hashes
     are as likely as two equal random numbers of 64 bits.
     """
+    if not 0 <= number < 2**32:
+        raise ValueError(f"number of a purpose: {number}; from 0 to 2**32 - 1")
     if purpose == Purpose.RUN:
         return seed
     return _mixed(_mixed(seed) ^ (int(purpose) << 32 | number))

@@ -299,6 +299,7 @@ def draw_objects(
     first: ti.i32,
     last: ti.i32,
     number: ti.i32,
+    base: ti.i32,
     per_world: ti.i32,
     lon: Ints,
     lat: Ints,
@@ -316,13 +317,13 @@ def draw_objects(
 ):
     """Draw the objects of worlds, per_world slots each, about the world's release [binary angle].
 
-    They are released from the time of the world's release on.
+    They are released from the time of the world's release on. base: number of the class's first slot in the whole run.
 
     scatter [m]: standard deviation of a component; lasting [s]: over which releases are uniform. tries[0] += candidates
     drawn, tries[1] += slots that found no water and lie at their world's release itself.
     """
     for i in range(first, last):
-        k = (i - first) // per_world
+        k = (number - base + i - first) // per_world
         world[i] = k
         found = 0
         tried = 0

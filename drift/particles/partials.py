@@ -65,15 +65,18 @@ class Blocks:
         """
         if not self.n:
             return np.empty(0)
-        begin = np.union1d(self.first, np.flatnonzero(np.diff(group)) + 1)
-        return np.bincount(group[begin], np.add.reduceat(values, begin))
+        heads = np.ones(self.n, bool)
+        heads[1:] = group[1:] != group[:-1]
+        heads[self.first] = True
+        begin = np.flatnonzero(heads)
+        return np.bincount(group[begin], np.add.reduceat(np.asarray(values, np.float64), begin))
 
     def running(self, values: Array) -> Array:
         """Return the sum of values (n,), none of them negative, up to and with each particle; it never falls."""
         begun = np.concatenate([[0.0], np.cumsum(self.partial(values).sums[:, 0, 0])])
         running = np.empty(self.n)
         for block, (a, b) in enumerate(zip(self.first, [*self.first[1:], self.n], strict=True)):
-            np.cumsum(values[a:b], out=running[a:b])
+            np.cumsum(values[a:b], out=running[a:b], dtype=np.float64)
             running[a:b] = np.minimum(running[a:b] + begun[block], begun[block + 1])
         return running
 

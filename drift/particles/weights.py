@@ -55,13 +55,13 @@ class Weighed:
         np.maximum.at(top, self.part.scenario, self.top)
         with np.errstate(divide="ignore"):
             sums = np.log(self._scaled(top[self.part.scenario]).by_scenario[:, 0, 0])
-        return np.where(np.isfinite(top), top + sums, -np.inf)
+        return np.where(np.isfinite(top), top + sums, top)
 
     @property
     def log_sum(self) -> float:
         """Log of the sum of all weights; -inf where there is none."""
         top = self.top.max(initial=-np.inf)
-        return float(top + np.log(self._scaled(top).total[0, 0])) if np.isfinite(top) else -np.inf
+        return float(top + np.log(self._scaled(top).total[0, 0])) if np.isfinite(top) else float(top)
 
     @property
     def scenarios(self) -> Array:

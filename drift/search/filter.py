@@ -251,6 +251,7 @@ class Search:
         columns = [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
         for beside in self._debris.values():
             record.inherit(beside.ensemble, ancestors)
+            self._wait_anew(beside.ensemble, until)
         if self._never is not None:
             self._never = self._never[ancestors]
         record.inherit(e, ancestors)
@@ -258,12 +259,19 @@ class Search:
             values = column.to_numpy().reshape(-1, e.n)
             column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
         e.log_weight.from_numpy(log_weight)
-        status, ended = e.status.to_numpy(), e.status_since.to_numpy()
-        e.status.from_numpy(np.where(spare, int(Status.LEFT), status).astype(np.int32))
-        if self._scene.place.beach.stay > 0:
-            # A wait ashore is drawn for slot and landing. It has no memory, so that copies may begin theirs anew.
-            e.status_since.from_numpy(np.where(status == Status.ASHORE, until, ended).astype(np.int32))
+        status = np.where(spare, int(Status.LEFT), e.status.to_numpy())
+        e.status.from_numpy(status.astype(np.int32))
+        self._wait_anew(e, until)
         return ancestors
+
+    def _wait_anew(self, which: Ensemble, time: int) -> None:
+        """Let the waits of particles ashore begin at a time, where they refloat.
+
+        A wait is drawn for slot and landing. It has no memory, so that copies may begin theirs anew.
+        """
+        if self._scene.place.beach.stay > 0:
+            ashore, since = which.status.to_numpy() == Status.ASHORE, which.status_since.to_numpy()
+            which.status_since.from_numpy(np.where(ashore, time, since).astype(np.int32))
 
     def ancestors(self) -> Array | None:
         """Return whose offspring the particles are, int64 (n,), since it was last asked.

@@ -83,8 +83,10 @@ def expose(fates: Fates, reporting: Reporting, patrols: tuple[Walk, ...]) -> Exp
         time_order = np.empty(slot.size)
         time_order[order] = through  # the order of the stays is by slot and arrival
         first = np.flatnonzero(np.diff(stays.slot, prepend=-1))
-        ahead = np.cumsum(time_order) - time_order
-        ahead -= np.repeat(ahead[first], np.diff(np.append(first, slot.size)))
+        count, ahead = np.diff(np.append(first, slot.size)), np.zeros(slot.size)
+        for k in range(1, int(count.max(initial=1))):  # stays of one slot after the other: few have many
+            later = first[count > k] + k
+            ahead[later] = ahead[later - 1] + time_order[later - 1]
         exposed.before[:] = np.minimum(ahead[order], 0.0)
     return exposed
 

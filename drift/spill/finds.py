@@ -23,6 +23,7 @@ import numpy.typing as npt
 from scipy import special
 
 from drift.particles import partials, weights
+from drift.particles.partials import Blocks
 from drift.particles.status import Status
 from drift.spill import exposure, shrinkage
 from drift.spill.exposure import Exposure, Reporting, Walk
@@ -221,9 +222,16 @@ def _by_world(fates: Fates, slot: npt.NDArray[np.int32], value: Real, classes: i
     return np.asarray(sums.reshape(classes, fates.worlds))
 
 
+def _blocks(fates: Fates) -> Blocks:
+    """Return the blocks by which sums over particles are made: whole worlds of a class."""
+    each = np.bincount(fates.kind) // fates.worlds
+    bounds = [0, *(int(n) for n in np.cumsum(each * fates.worlds))]
+    return partials.cut(bounds, bounds[:-1], [max(int(n), 1) * partials.WORLDS for n in each])
+
+
 def _total(fates: Fates, slot: npt.NDArray[Any], value: Real) -> float:
-    """Return the sum of values of some particles, world by world."""
-    return float(partials.over_worlds(np.bincount(fates.world[slot], value, fates.worlds)))
+    """Return the sum of values of some particles."""
+    return _blocks(fates).total(value, slot)
 
 
 def _evidence(known: Known, exposed: Exposure, latent: Real, log_weight: Real) -> _Evidence:
@@ -345,8 +353,10 @@ def _weigh(known: Known, exposed: Exposure, evidence: _Evidence, ours: tuple[int
     weight = weights.shares(log_likelihood + evidence.prior)
     with np.errstate(invalid="ignore"):
         chosen = np.nan_to_num(np.exp(size - log_likelihood), nan=0.0)
-        objects = weight @ np.nan_to_num(np.exp(objects - log_likelihood[:, None]))
-        destroyed = weight @ np.nan_to_num(np.exp(destroyed - log_likelihood[:, None]))
+        objects, destroyed = (
+            partials.over_worlds(weight[:, None] * np.nan_to_num(np.exp(log - log_likelihood[:, None])))
+            for log in (objects, destroyed)
+        )
     return Posterior(
         known,
         log_likelihood,
@@ -424,7 +434,7 @@ def _odds(known: Known, exposed: Exposure, weighed: Posterior, number: int) -> t
         each = np.where(np.arange(each.size) == find.kind, each, 0.0)
     standing = each[fates.kind] * weighed.weight[fates.world]
     if isinstance(find.place, AtSea):
-        return _odds_at_sea(known.adrift[number], find.place, standing)
+        return _odds_at_sea(known.adrift[number], find.place, standing, _blocks(fates))
     rate = np.zeros(known.length.size)
     for s in range(rate.size) if find.by is None else known.patrols[find.by].segments:
         if find.by is not None:
@@ -440,13 +450,12 @@ def _odds(known: Known, exposed: Exposure, weighed: Posterior, number: int) -> t
     return float(mine), float(rate[rate <= mine * (1 + 1e-9)].sum())
 
 
-def _odds_at_sea(adrift: Adrift, place: AtSea, standing: Real) -> tuple[float, float]:
+def _odds_at_sea(adrift: Adrift, place: AtSea, standing: Real, blocks: Blocks) -> tuple[float, float]:
     """Return the probability within a radius of a place, and that of particles where it is at most as dense."""
-    chance = np.where(adrift.status == Status.ADRIFT, standing, 0.0)
-    if not chance.sum() > 0:
+    running = blocks.running(np.where(adrift.status == Status.ADRIFT, standing, 0.0))
+    if not running[-1] > 0:
         return 0.0, 0.0
-    chance = np.cumsum(chance) / chance.sum()
-    some = np.searchsorted(chance, (np.arange(SAMPLE) + 0.5) / SAMPLE)  # an even sample, by weight
+    some = np.searchsorted(running, (np.arange(SAMPLE) + 0.5) / SAMPLE * running[-1])  # an even sample, by weight
     middle = np.radians(place.lon), np.radians(place.lat)
     x, y = sphere.offset(*middle, adrift.lon[some] * sphere.UNIT, adrift.lat[some] * sphere.UNIT)
     radius = 2 * place.radius**2

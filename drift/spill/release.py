@@ -48,7 +48,7 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
     for number, (kind, count, slots) in enumerate(zip(spill.kinds, counts, ensemble.slots, strict=True)):
         tries = runtime.upload(np.zeros(2, np.int64))
         kernel.draw_objects(
-            True, *slots, count, ensemble.lon, ensemble.lat, ensemble.release, ensemble.world, tries, *key,
+            True, *slots, slots.number, count, ensemble.lon, ensemble.lat, ensemble.release, ensemble.world, tries, *key,
             *where, spill.release_std, spill.release_duration, coast.pack,
         )  # fmt: skip
         failed = int(tries.to_numpy()[1])

@@ -222,6 +222,37 @@ def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: 
     assert drifted(0.1)[1] == [1, 1, 1]
 
 
+def test_object_and_debris_land_and_refloat_each_by_its_own_chance() -> None:
+    """From one place by walks of their own: who lands, when, and how long it stays there; noise in common would correlate."""
+    n = 20_000
+    landed, first, waits = [], [], []
+    for debris in (0, 1, 2):
+        beach = kernel.Beach(3600 / np.log(2), 100.0)
+        walk = {"physics": kernel.Physics(diffusivity=60.0), "beach": beach, "debris": debris}
+        one, _ = drift_on(land(jagged(0.004)), (0.0, 0.0), n, (-450 * METRE, 0.1), 1800, 1800, **walk)
+        landed.append(one.status.to_numpy() == Status.ASHORE)
+        first.append(one.status_since.to_numpy())
+
+        def ashore(ensemble: record.Ensemble) -> None:
+            """Let all have landed at the start, on the edge that the first one would meet."""
+            ensemble.status.fill(int(Status.ASHORE))
+            ensemble.edge.fill(int(one.edge.to_numpy()[landed[-1]][0]))  # noqa: B023 - called at once
+            ensemble.lon.from_numpy(np.full(n, one.lon.to_numpy()[landed[-1]][0]))  # noqa: B023
+            ensemble.lat.from_numpy(np.full(n, one.lat.to_numpy()[landed[-1]][0]))  # noqa: B023
+
+        back, _ = drift_on(
+            land(jagged(0.004)), (-0.3, 0.0), n, (0.0, 0.1), 7200, 1800, beach=beach, debris=debris, prepare=ashore
+        )
+        waits.append(back.moving_since.to_numpy().astype(float))
+    assert 0.1 < np.mean(landed) < 0.9
+    assert np.abs(np.corrcoef(landed) - np.eye(3)).max() < 4.5 / np.sqrt(n)
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        both = landed[a] & landed[b]
+        assert abs(np.corrcoef(first[a][both], first[b][both])[0, 1]) < 4.5 / np.sqrt(both.sum())
+    assert 0.7 < np.mean(np.array(waits) > 0) < 0.8  # 2 h at a half-life of 1 h
+    assert np.abs(np.corrcoef(waits) - np.eye(3)).max() < 4.5 / np.sqrt(n)
+
+
 def test_half_of_refloating_under_diffusion_does_not_depend_on_the_step() -> None:
     """An offing of fixed length makes the chance of going ashore again exp(-u d / D), not a matter of the step."""
     found = []

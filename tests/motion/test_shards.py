@@ -1,19 +1,25 @@
 """A part of the particles moves by itself as within the whole: noise goes by the slot's number in the whole run."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import spills
 
 import drift
 from drift import start
 from drift.motion import models, prior, simulate
 from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.leeway import AIR_IN_WATER
 from drift.motion.models import MODELS
 from drift.motion.scenario import Scenario
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble
 from drift.particles.partials import BLOCK
 from drift.particles.status import Status
+from drift.spill import release
 from kernels import noise, runtime
+from kernels import prior as kernel
 
 SHORE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",
 "coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}"""
@@ -129,3 +135,44 @@ def test_a_shard_moves_as_within_the_whole(begun: tuple[start.Start, EnsembleSpe
     merged, all_ = sums[2].merge(sums[0]).merge(sums[1]), record.weighed(begin.ensemble)
     assert np.array_equal(merged.log_sums, all_.log_sums)
     assert (merged.log_sum, merged.ess) == (all_.log_sum, all_.ess)
+
+
+def test_a_shard_of_a_spill_draws_its_slice(tmp_path: Path) -> None:
+    """Whole worlds of each class: places, releases, worlds, windage, immersion, sinking."""
+    more = '[[spill.class]]\nname = "box"\nobject = { immersion = [0.3, 0.7] }\nsinking = { waterlogged = "3 d", spread = 2 }\n'
+    text = spills.CASE.replace('name = "drum"', 'share = 0.4\nname = "drum"').format(
+        more="", duration="1 d", objects=60, worlds=96, per_world=30, seed=9
+    )
+    (tmp_path / "land.geojson").write_text(spills.SHORE)
+    more += '[[wind]]\nconstant = { speed = "9 m/s", from = 250 }\n'
+    (tmp_path / "case.toml").write_text(text + more.replace("name =", "share = 0.6\nname =", 1))
+    case = drift.load(tmp_path / "case.toml")
+    assert case.spill is not None
+    runtime.start()
+    where = start.open_for(case)
+    begin = start.prepare(case, where)
+    begin.scene.forcing.close()
+    whole, worlds, coast = begin.ensemble, begin.worlds, begin.scene.place.coast
+    assert worlds is not None
+    counts = release.per_world(case.spill)
+    assert whole.block == tuple(32 * count for count in counts)
+    key = noise.key(case.seed)
+    places = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - case.period.epoch)]
+    for number, (count, slots) in enumerate(zip(counts, whole.slots, strict=True)):
+        part = [(slots.first + 32 * count, slots.first + 96 * count)]
+        own = record.empty(whole.seed, (0, 64 * count), models.columns(case.scenarios), numbers=(part[0][0],))
+        (here_,) = own.slots
+        tries = runtime.upload(np.zeros(2, np.int64))
+        kernel.draw_objects(
+            True, *here_, slots.number, count, own.lon, own.lat, own.release, own.world, tries, *key, *places,
+            case.spill.release_std, case.spill.release_duration, coast.pack,
+        )  # fmt: skip
+        kind = case.spill.kinds[number]
+        if kind.object.immersion is not None:
+            kernel.draw_immersion(*here_, own.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER)
+            for_slope = own.own["down_slope"].to_numpy() * worlds.windage.astype(np.float32)[own.world.to_numpy()]
+            assert np.array_equal(for_slope, here(whole, part, "down_slope"))
+        time = runtime.upload(worlds.sinking[:, number].astype(np.float32))
+        kernel.draw_sinking(*here_, own.sink_time, own.release, own.world, *key, time, kind.sinking.spread)
+        for name in ("lon", "lat", "release", "world", "sink_time"):
+            assert np.array_equal(own.columns[name].to_numpy(), here(whole, part, name)), name

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import spills
 from scipy import stats
 
 from drift import start
@@ -692,6 +693,31 @@ def test_object_and_debris_part_inside_a_step(tmp_path):
     for bend in bends:
         assert np.var(bend) == pytest.approx(diffusivity * 3600 / 2, rel=4.5 * math.sqrt(2 / n))
     assert np.abs(np.corrcoef(bends) - np.eye(3)).max() < 4.5 / math.sqrt(n)
+
+
+def test_copies_ashore_begin_their_waits_anew_debris_too(tmp_path):
+    """Else a copy, whose wait is drawn for its own slot, may long have waited enough: 82 % left at once instead of 29 %."""
+    (tmp_path / "land.geojson").write_text(spills.SHORE)
+    coast = '[coast]\nsource = "land.geojson"\nbehaviour = "refloat"\nhalf_life = "1 h"\n'
+    text = STILL.replace('[coast]\nsource = "none"\n', coast) + NORMAL.format(d=5).replace(
+        "[-179.99, 30.0]", "[-0.2, 0.1]"
+    )
+    fix = {"kind": "position", "fixes": (Fix(-0.2, 0.1),), "major": 5e3, "minor": 5e3}
+    contact = Contact("oar", hours(2), **fix, drifter=leeway.find("PIW-1"))
+    case = load(tmp_path, text, particles=2000, contacts=(contact,), resampling=Resampling("systematic", 0.5))
+    runtime.start()
+    begin = start.prepare(case, start.open_for(case))
+    search = start.search(case, begin)
+    begin.scene.forcing.close()
+    (beside,) = search._debris.values()
+    for ensemble in (begin.ensemble, beside.ensemble):
+        ensemble.status.from_numpy(np.where(np.arange(2000) % 3 == 0, int(Status.ASHORE), 0).astype(np.int32))
+        ensemble.status_since.fill(17)
+    search._draw("systematic", 7200)
+    for ensemble in (begin.ensemble, beside.ensemble):
+        ashore = ensemble.status.to_numpy() == Status.ASHORE
+        assert 0 < ashore.sum() < 2000
+        assert (ensemble.status_since.to_numpy() == np.where(ashore, 7200, 17)).all()
 
 
 def test_offspring_separate_and_remember(tmp_path):
