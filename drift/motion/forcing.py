@@ -16,32 +16,25 @@ from threading import Event
 from typing import Any
 
 from geo import waiting
-from geo.forcing.quantity import QUANTITIES as KNOWN
+from geo.forcing.quantity import QUANTITIES
 from geo.forcing.sources import Source
 from geo.forcing.stream import Bracket, Key, Slices
 from kernels.sample import Tiles
 
-QUANTITIES = tuple(KNOWN)
-
 
 @dataclass(frozen=True)
 class Sources:
-    """What one scenario drifts in: sources by quantity, in order of priority.
+    """What one scenario drifts in: sources by quantity, in order of priority."""
 
-    Each comes with how deep it is filled [cells].
-    """
-
-    current: tuple[Source, ...] = ()
-    wind: tuple[Source, ...] = ()
-    stokes: tuple[Source, ...] = ()
-    cells: Mapping[tuple[str, str], int] = field(default_factory=dict)  # by quantity and name
+    by_quantity: Mapping[str, tuple[Source, ...]]
+    # How deep each is filled [cells], by quantity and name.
+    cells: Mapping[tuple[str, str], int] = field(default_factory=dict)
     # Quantity and name of sources that are added to the rest, instead of taking part by priority.
     added: frozenset[tuple[str, str]] = frozenset()
 
     def of(self, quantity: str) -> tuple[Source, ...]:
         """Return the sources of a quantity."""
-        sources: tuple[Source, ...] = getattr(self, quantity)
-        return sources
+        return self.by_quantity.get(quantity, ())
 
     def terms(self, quantity: str) -> list[tuple[Source, ...]]:
         """Return the terms of a quantity's sum: the sources by priority together, then each added one by itself."""

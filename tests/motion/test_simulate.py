@@ -41,7 +41,7 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
 
 def world(*currents: Source, direction: int = 1, physics: kernel.Physics = STILL) -> Scene:
     return Scene(
-        Forcing([Sources(current=currents)], direction), (Motion(DRIFT, physics),), kernel.Surroundings(EVERYWHERE)
+        Forcing([Sources({"current": currents})], direction), (Motion(DRIFT, physics),), kernel.Surroundings(EVERYWHERE)
     )
 
 
@@ -132,7 +132,7 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
     other[:6, :, :] = (0.0, 3.0)
     second = replace(first, name="second", read=lambda i: other)
     place = Scene(
-        Forcing([Sources((first, second), cells={("current", "first"): 3, ("current", "second"): 0})], 1),
+        Forcing([Sources({"current": (first, second)}, cells={("current", "first"): 3, ("current", "second"): 0})], 1),
         (Motion(DRIFT, STILL),),
         kernel.Surroundings(EVERYWHERE),
     )
@@ -175,7 +175,7 @@ def test_rival_forcing_is_a_matter_of_the_scenario() -> None:
     ensemble = record.empty(1, (0, 3, 5), COLUMNS)
     place = Scene(
         Forcing(
-            [Sources((sources.constant("current", 1.0, 0.0),)), Sources((sources.constant("current", 0.0, 1.0),))], 1
+            [Sources({"current": (sources.constant("current", *speed),)}) for speed in ((1.0, 0.0), (0.0, 1.0))], 1
         ),
         (Motion(DRIFT, STILL),) * 2,
         kernel.Surroundings(EVERYWHERE),
