@@ -62,3 +62,9 @@ QUANTITIES = {
 def needed() -> tuple[str, ...]:
     """Return the quantities without a value of which nothing is known of the drift."""
     return tuple(name for name, quantity in QUANTITIES.items() if quantity.needed)
+
+
+def any_of(article: str = "") -> str:
+    """Return all quantities in words, each after an article: "a current, a wind or a Stokes drift"."""
+    names = [f"{article}{quantity.spoken}" for quantity in QUANTITIES.values()]
+    return f"{', '.join(names[:-1])} or {names[-1]}"
