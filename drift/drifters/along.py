@@ -192,12 +192,11 @@ def _sampled(
             # A source's first moment can only begin a step, and its last only end one: both are tried.
             for second, fraction in ((moment, 0.0), (moment - 1, 1.0)):
                 forcing.set(int(second), int(second) + 1)
-                for number, quantity in enumerate(QUANTITIES):
-                    if quantity in asked:
-                        first, last = forcing.ranges[0][2 * number : 2 * number + 2]
-                        sample = forcing.tiles.at(first, last, lon[at_moment], lat[at_moment], fraction)
-                        new = np.isnan(sampled[quantity][at_moment, 0]) & (sample[:, 2] > 0)
-                        sampled[quantity][at_moment[new]] = sample[new, :2]
+                for quantity in asked:
+                    tiles = forcing.ranges[0][quantity]
+                    sample = forcing.tiles.at(*tiles, lon[at_moment], lat[at_moment], fraction)
+                    new = np.isnan(sampled[quantity][at_moment, 0]) & (sample[:, 2] > 0)
+                    sampled[quantity][at_moment[new]] = sample[new, :2]
                 if all(np.isfinite(sampled[quantity][at_moment]).all() for quantity in asked):
                     break
     finally:

@@ -103,7 +103,7 @@ def _along(forcing: Forcing, scenario: int, lon: Array, lat: Array, time: float)
 
     Places without a current stay.
     """
-    east, north, valid = forcing.tiles.at(*forcing.ranges[scenario][:2], lon, lat, 0.0).astype(np.float64).T
+    east, north, valid = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0).astype(np.float64).T
     metres = np.where(valid > 0.5, time, 0.0) / (sphere.RADIUS * sphere.UNIT)
     x = lon + np.nan_to_num(east) * metres / np.cos(lat * sphere.UNIT)
     y = lat + np.nan_to_num(north) * metres

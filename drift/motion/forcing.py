@@ -19,7 +19,7 @@ from geo import waiting
 from geo.forcing.quantity import QUANTITIES
 from geo.forcing.sources import Source
 from geo.forcing.stream import Bracket, Key, Slices
-from kernels.sample import Tiles
+from kernels.sample import Ranges, Tiles
 
 
 @dataclass(frozen=True)
@@ -65,27 +65,26 @@ def _heed(closed: Event) -> None:
 class Forcing:
     """Tiles of all scenarios, by quantity.
 
-    `ranges[s]` are the first and last tile of current, wind and Stokes drift of scenario s. terms: of scenario s and a
-    quantity, in the order of their tiles.
+    `ranges[s]` are the first and last tile of each quantity of scenario s. terms: of scenario s and a quantity, in the
+    order of their tiles.
     """
 
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
         self._closed = Event()
         self._pool = ThreadPoolExecutor(1, "read-ahead", waiting.ask, (partial(_heed, self._closed),))
         self._slices: list[Slices] = []
-        self.ranges: list[tuple[int, ...]] = []
+        self.ranges: list[Ranges] = []
         self.terms: list[dict[str, list[Term]]] = []
         self._direction = direction
         by_sources: dict[Any, list[Term]] = {}  # scenarios that see the same sources share tiles
         shared: dict[Any, Slices] = {}
         ends: list[int] = []
         for scenario in scenarios:
-            ranges: list[int] = []
+            ranges: dict[str, tuple[int, int]] = {}
             self.terms.append({})
             for quantity in QUANTITIES:
                 terms = scenario.terms(quantity)
                 name = (quantity, *(tuple(id(s) for s in sources) for sources in terms))
-                begin = len(self._slices)
                 if name not in by_sources:
                     by_sources[name] = []
                     for sources in terms:
@@ -99,9 +98,9 @@ class Forcing:
                         ends += [last] * (last - first)
                         by_sources[name].append(Term(tuple(s.name for s in sources), first, last))
                 tiled = by_sources[name]
-                ranges += (tiled[0].first, tiled[-1].last) if tiled else (begin, begin)
+                ranges[quantity] = (tiled[0].first, tiled[-1].last) if tiled else (0, 0)
                 self.terms[-1][quantity] = tiled
-            self.ranges.append(tuple(ranges))
+            self.ranges.append(ranges)
         self.tiles = Tiles([s.source.grid for s in self._slices], ends)
         self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
         self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see scene.Scene

@@ -137,7 +137,7 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
         kernel.Surroundings(EVERYWHERE),
     )
     place.forcing.set(T0, T0 + 600)
-    first_tile, last_tile = place.forcing.ranges[0][:2]
+    first_tile, last_tile = place.forcing.ranges[0]["current"]
     lon, lat = sphere.to_binary([0.55, 1.25, 1.25, 1.75]), sphere.to_binary([50.25, 50.25, 50.85, 50.85])
     found = place.forcing.tiles.at(first_tile, last_tile, lon, lat, 0.0)
     assert found[:3, :2] == pytest.approx(np.array([[1, 0], [0, 3], [1, 0]]), abs=1e-6)
@@ -160,7 +160,7 @@ def test_what_one_quantity_does_not_know_is_not_zero(silent: str) -> None:
     ensemble = ensemble_at(-29.5, 31.5, [0, 0])
     ensemble.lon.from_numpy(sphere.to_binary([-29.5, -26.5]))
     ensemble.own["down_slope"].fill(0.03)
-    ranges = (0, 1, 2, 3, 1, 2)  # of currents, winds, Stokes drift
+    ranges = {"current": (0, 1), "wind": (2, 3), "stokes": (1, 2)}
     kernel.advance(
         ensemble, (0, 2, 0), tiles, ranges, STILL, kernel.Step(0, 0, 1800, 1), kernel.Surroundings(EVERYWHERE)
     )
