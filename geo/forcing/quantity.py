@@ -1,5 +1,6 @@
 """The quantities of forcing: currents, winds and Stokes drift, each with what holds for it in any file."""
 
+import math
 from dataclasses import dataclass
 
 
@@ -17,6 +18,11 @@ class Quantity:
     # In the air levels are heights, the direction is where it comes from, and it blows over land too. It moves an object
     # by its leeway; what is in the water moves all that drifts alike.
     in_air: bool = False
+    # [m/s] that the mean over all places and times of a file stays under. Where it is known a few points may exceed
+    # `fastest`; otherwise none may.
+    strong_mean: float = math.inf
+    zeros_are_land: bool = False  # even beside missing values: it really is zero hardly anywhere
+    plain: bool = False  # variables "u" and "v" that do not say what they are may be it
     has_errors: bool = False  # whether [uncertainty] states how wrong it may be
     fill: int = 3  # cells that a source is filled from wet neighbours toward the coast, where its table says nothing
     needed: bool = True  # where its sources have no value nothing is known of the drift; else it adds nothing there
@@ -34,6 +40,9 @@ QUANTITIES = {
         utmost=5.0,
         sigma=0.1,
         wanted="the current at most 5 m deep, or within 0.1 of the surface in sigma",
+        strong_mean=2.5,  # western boundary currents fill no file
+        zeros_are_land=True,
+        plain=True,
         has_errors=True,
     ),
     "wind": Quantity(
