@@ -32,10 +32,10 @@ from kernels import advance as kernel
 from kernels import allocate, bridge, rectangles, runtime, sweep, sweeps
 from kernels import coast as device_coast
 from kernels import prior as draws
-from kernels.sample import Tiles
+from kernels.sample import Ranges, Tiles
 
 BOX = Box(-1.5, -1.5, 1.5, 1.5)
-ALL = (0, 1, 1, 2, 2, 3)  # current, wind, Stokes drift
+ALL = {"current": (0, 1), "wind": (1, 2), "stokes": (2, 3)}
 DOMAIN = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 ERRORS = kernel.Physics(0.1, 21_600.0, 1.0, 21_600.0, jibe_rate=1e-5)
 WALK = ERRORS._replace(diffusivity=10.0)
@@ -54,9 +54,7 @@ def ensemble() -> record.Ensemble:
     return record.empty(1, (0, N), COLUMNS)
 
 
-def move(
-    physics: kernel.Physics, coastal: bool, ranges: tuple[int, ...] = ALL, **place: object
-) -> Callable[[], object]:
+def move(physics: kernel.Physics, coastal: bool, ranges: Ranges = ALL, **place: object) -> Callable[[], object]:
     """Return a job that moves particles over one step."""
     tiles = Tiles([Grid(-1, -1, 1, 1, 3, 3)] * 3)
     for tile in range(3):
@@ -144,7 +142,7 @@ def crossing(name: str) -> Callable[[], object]:
 BEACH = kernel.Beach(21_600.0, 50.0)
 SLIDES = kernel.Beach(slides=True)
 VARIANTS: dict[str, Callable[[], Callable[[], object]]] = {
-    "advance, current alone": lambda: move(kernel.Physics(), False, (0, 1, 0, 0, 0, 0)),
+    "advance, current alone": lambda: move(kernel.Physics(), False, {"current": (0, 1)}),
     "advance, open sea": lambda: move(WALK, False, bias=True),
     "advance, backward": lambda: move(WALK, False, bias=True, divergence=True),
     "advance, coast, no noise": lambda: move(kernel.Physics(), True),

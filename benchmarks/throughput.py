@@ -35,7 +35,7 @@ from kernels.sample import Tiles
 BYTES = 4 * (len(record.CORE) + len(COLUMNS))  # a particle on the device
 GRID = Grid(-98.0, 18.0, 0.05, 0.05, 400, 300)
 BOX = Box(-98.0, 18.0, -78.0, 33.0)
-RANGES = (0, 1, 1, 2, 0, 0)
+RANGES = {"current": (0, 1), "wind": (1, 2)}
 ERRORS = kernel.Physics(0.1, 21_600.0, 1.0, 21_600.0)
 FULL = ERRORS._replace(diffusivity=10.0)
 CASES: list[tuple[str, str, kernel.Physics, bool, bool]] = [  # name, scheme, physics, wind, coast
@@ -103,7 +103,7 @@ def measure(most: int) -> list[dict[str, object]]:
     for n in (10**k for k in range(4, 8) if 10**k <= most):
         ensemble = particles(n, coast)
         for row, (_, scheme, physics, wind, coastal) in zip(rows, CASES, strict=True):
-            ranges = RANGES if wind else (0, 1, 0, 0, 0, 0)
+            ranges = RANGES if wind else {"current": (0, 1)}
 
             def job(
                 k: int, ranges=ranges, physics=physics, coastal=coastal, scheme=scheme, n=n, ensemble=ensemble

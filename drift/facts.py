@@ -74,7 +74,7 @@ def with_coast(on: Setting) -> Setting:
 
 def synthetic(case: Case) -> bool:
     """Whether winds or currents are made up."""
-    return any(spec.analytic is not None for spec in (*case.currents, *case.winds, *case.stokes))
+    return any(spec.analytic is not None for spec in case.sources)
 
 
 def caution(case: Case) -> str:
@@ -87,7 +87,7 @@ def caution(case: Case) -> str:
 
 def errors(case: Case) -> str:
     """Return which errors of current and wind a run has, in a line, and who says so."""
-    wind = case.wind_error if case.winds else None
+    wind = case.wind_error if case.forcing["wind"] else None
     return forcing_error.words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
 
 

@@ -104,7 +104,7 @@ def _mapped(brief: Brief, rest: Callable[[], Forecast] | None) -> Brief:
 
 def _named(case: Case, datasets: Mapping[str, Any]) -> dict[str, Any]:
     """Return the datasets that a case names."""
-    names = {spec.dataset for spec in (*case.currents, *case.winds, *case.stokes)}
+    names = {spec.dataset for spec in case.sources}
     return {name: data for name, data in datasets.items() if name in names}
 
 

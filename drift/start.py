@@ -63,7 +63,7 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
 
 def environment_spec(case: Case) -> EnvironmentSpec:
     """Return what is to be opened for a case."""
-    return EnvironmentSpec(case.currents, case.winds, case.stokes, case.coast, case.domain, case.max_lost)
+    return EnvironmentSpec(case.forcing, case.coast, case.domain, case.max_lost)
 
 
 def clock_spec(case: Case) -> ClockSpec:

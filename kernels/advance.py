@@ -20,22 +20,21 @@ from kernels.coast import Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.features import (
     BIAS,
     COAST,
-    CURRENT,
     DEBRIS,
     DIFFUSION,
     DIVERGENCE,
     ERRORS,
+    FORCING,
     JIBE,
     REFLOAT,
     RK4,
     SINK,
     SLIDE,
-    STOKES,
     WIND,
 )  # fmt: skip
 from kernels.life import ADRIFT, ASHORE, LEFT, OUTSIDE, SUNK
 from kernels.noise import Purpose
-from kernels.sample import Sea, Tiles
+from kernels.sample import Ranges, Sea, Tiles
 from kernels.velocity import Drifter, drift
 
 # Longest step accepted [binary angle units], 42 degrees; a longer one, next to a pole, counts as invalid.
@@ -246,14 +245,13 @@ class Surroundings(NamedTuple):
     scheme: str = "rk4"
 
 
-def features(ranges: tuple[int, ...], physics: Physics, place: Surroundings) -> int:
+def features(ranges: Ranges, physics: Physics, place: Surroundings) -> int:
     """Return the compile-time features that a scenario needs."""
-    wind = ranges[3] > ranges[2]
+    forcing = sum(FORCING[quantity] for quantity, (first, last) in ranges.items() if last > first)
+    wind = bool(forcing & WIND)
     coastal = place.coast is not None
     return (
-        CURRENT * (ranges[1] > ranges[0])
-        | WIND * wind
-        | STOKES * (ranges[5] > ranges[4])
+        forcing
         | ERRORS * (physics.current_std > 0 or (wind and physics.wind_std > 0))
         | DIFFUSION * (physics.diffusivity > 0)
         | JIBE * (wind and physics.jibe_rate > 0)
@@ -272,7 +270,7 @@ def advance(
     ensemble: Any,
     slots: tuple[int, int, int],
     tiles: Tiles,
-    ranges: tuple[int, ...],
+    ranges: Ranges,
     physics: Physics,
     step: Step,
     place: Surroundings,
@@ -286,7 +284,7 @@ def mover(
     ensemble: Any,
     slots: tuple[int, int, int],
     tiles: Tiles,
-    ranges: tuple[int, ...],
+    ranges: Ranges,
     physics: Physics,
     place: Surroundings,
     direction: int,
@@ -295,7 +293,7 @@ def mover(
     """Return a function that moves slots of an ensemble over one lattice step, in place.
 
     ensemble: a drift.particles.ensemble.Ensemble. slots: the first, the one after the last, and the number of the first
-    in the whole run, which is the key of its noise. ranges: first and last tile of currents, winds and Stokes drift.
+    in the whole run, which is the key of its noise. ranges: first and last tile by quantity.
     direction: of all its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can
     be measured on an analytic flow. A particle moves only while adrift, from its release on; it ends ashore, sunk,
     outside the forcing or the domain.

@@ -6,3 +6,4 @@ What is not asked for is not compiled.
 CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4, BIAS, SINK, REFLOAT, SLIDE, DIVERGENCE, DEBRIS = (
     1 << k for k in range(14)
 )
+FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}  # terms of kernels.velocity, by quantity

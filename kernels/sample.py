@@ -13,11 +13,14 @@ last one of its group; `scale` (float32) SCALE numbers: nodes per unit east and 
 its change over the step.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 import taichi as ti
 
 from geo import sphere
 from geo.errors import UserError
+from geo.forcing.quantity import QUANTITIES
 from geo.grids.grid import Grid
 from kernels import launch, runtime
 
@@ -25,14 +28,27 @@ WHERE, SCALE = 5, 6
 
 f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
-i32x6 = ti.types.vector(6, ti.i32)
+# First and last tile of each quantity in `Sea.ranges`, in the order of QUANTITIES; see `ordered`.
+ORDER = tuple(QUANTITIES)
+Ranges = Mapping[str, tuple[int, int]]  # first and last tile by quantity; a quantity may be left out
+i32xN = ti.types.vector(2 * len(ORDER), ti.i32)
 Nodes = ti.types.ndarray(dtype=f32x4, ndim=1)
 Sea = ti.types.argpack(
     nodes=Nodes,
     where=ti.types.ndarray(dtype=ti.i32, ndim=1),
     scale=ti.types.ndarray(dtype=ti.f32, ndim=1),
-    ranges=i32x6,  # first and last tile of currents, winds and Stokes drift
+    ranges=i32xN,
 )
+
+
+def position(quantity: str) -> int:
+    """Return where `Sea.ranges` holds the first tile of a quantity; the last one follows."""
+    return 2 * ORDER.index(quantity)
+
+
+def ordered(ranges: Ranges) -> tuple[int, ...]:
+    """Return first and last tile of each quantity as `Sea.ranges` holds them; (0, 0): it has none."""
+    return tuple(number for quantity in ORDER for number in ranges.get(quantity, (0, 0)))
 
 
 @ti.func
@@ -152,11 +168,12 @@ class Tiles:
     def at(self, first: int, last: int, lon: np.ndarray, lat: np.ndarray, fraction: float) -> np.ndarray:
         """Return (east, north, valid) [m/s, m/s, 0 or 1], shape (n, 3), at binary angles: for tests and checks."""
         out = np.zeros(3 * lon.size, np.float32)
-        _sample_all(self.sea((0,) * 6), first, last, fraction, lon, lat, out)
+        _sample_all(self.sea({}), first, last, fraction, lon, lat, out)
         return out.reshape(-1, 3)
 
-    def sea(self, ranges: tuple[int, ...]) -> ti.ArgPack:
-        """Return the tiles as a `Sea` for kernels; ranges: first and last tile of currents, winds and Stokes drift."""
-        if ranges not in self._seas:
-            self._seas[ranges] = launch.pack(Sea, self.nodes, self.where, self.scale, ranges)
-        return self._seas[ranges]
+    def sea(self, ranges: Ranges) -> ti.ArgPack:
+        """Return the tiles as a `Sea` for kernels."""
+        numbers = ordered(ranges)
+        if numbers not in self._seas:
+            self._seas[numbers] = launch.pack(Sea, self.nodes, self.where, self.scale, numbers)
+        return self._seas[numbers]

@@ -3,7 +3,11 @@
 import taichi as ti
 
 from kernels.features import CURRENT, STOKES, WIND
-from kernels.sample import sample
+from kernels.sample import position, sample
+
+# Where `Sea.ranges` holds the first and the last tile of each.
+CURRENT_FROM, WIND_FROM, STOKES_FROM = (position(quantity) for quantity in ("current", "wind", "stokes"))
+CURRENT_TO, WIND_TO, STOKES_TO = CURRENT_FROM + 1, WIND_FROM + 1, STOKES_FROM + 1
 
 f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
@@ -41,13 +45,13 @@ def drift(
     """
     u, v, valid = own.error[0], own.error[1], 1.0
     if ti.static(features & CURRENT):
-        c = sample(sea, sea.ranges[0], sea.ranges[1], lon, lat, fraction)
+        c = sample(sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon, lat, fraction)
         u, v, valid = u + c[0], v + c[1], c[2]
     if ti.static(features & STOKES):
-        s = sample(sea, sea.ranges[4], sea.ranges[5], lon, lat, fraction)
+        s = sample(sea, sea.ranges[STOKES_FROM], sea.ranges[STOKES_TO], lon, lat, fraction)
         u, v, valid = u + s[0], v + s[1], valid * s[2]
     if ti.static(features & WIND):
-        w = sample(sea, sea.ranges[2], sea.ranges[3], lon, lat, fraction)
+        w = sample(sea, sea.ranges[WIND_FROM], sea.ranges[WIND_TO], lon, lat, fraction)
         way = leeway(own.line, w[0] + own.error[2], w[1] + own.error[3])
         u, v, valid = u + way[0], v + way[1], valid * w[2]
     return f32x3(u, v, valid)

@@ -15,18 +15,18 @@ from drift.case.context import Run
 from drift.case.mistakes import Mistakes
 from drift.case.record import Case, Depth
 from drift.case.schema import CaseTable, CoastTable, OutputTable
-from drift.case.sources import Forcing, SourceTable
+from drift.case.sources import SourceTable
 from drift.environment.environment_spec import Coast
-from drift.environment.forcing_spec import ForcingSpec, Quantity
+from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Sortie, Unit
 from drift.spill.records import Spill
 from geo import notation
 from geo.errors import UserError
+from geo.forcing.quantity import QUANTITIES
 
 MOST_OUTPUTS = 1000
-QUANTITIES: tuple[Quantity, ...] = ("current", "wind", "stokes")
 
 
 class _Search(NamedTuple):
@@ -45,8 +45,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
     """Return the record of a case; raise one UserError for all that does not fit together."""
     start, end = table.begin(), table.finish()
     folder, wrong = path.absolute().parent, Mistakes()
-    given = zip(QUANTITIES, (table.current, table.wind, table.stokes), strict=True)
-    forcing = Forcing(*(_sources(quantity, tables, start, folder, wrong) for quantity, tables in given))
+    forcing = {name: _sources(name, getattr(table, name), start, folder, wrong) for name in QUANTITIES}
     spill, scenarios = _subject(table, forcing, folder, wrong)
     search = _search(table, Run(start, end, scenarios, folder), wrong)
     outputs = _outputs(table, spill, search, wrong)
@@ -76,9 +75,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         tolerance=table.clock.tolerance,
         domain=table.domain.box() if table.domain else None,
         coast=coast,
-        currents=forcing.currents,
-        winds=forcing.winds,
-        stokes=forcing.stokes,
+        forcing=forcing,
         current_error=current_error,
         wind_error=wind_error,
         diffusivity=uncertainty.DIFFUSIVITY if diffusivity is None else diffusivity,
@@ -127,11 +124,11 @@ def _errors(
     if not scenarios:  # where they are at fault, nothing says what they drift in
         return current, wind
     with wrong.gathered():
-        reason = uncertainty.silent(forcing.currents, [s.currents for s in scenarios])
+        reason = uncertainty.silent(forcing["current"], [s.sources["current"] for s in scenarios])
         current = uncertainty.error(stated.current, uncertainty.CURRENT, reason, "current")
         if table.spill:
             current = uncertainty.in_spill(current, stated.current, table.spill.current_bias)
-        reason = uncertainty.silent(forcing.winds, [s.winds for s in scenarios])
+        reason = uncertainty.silent(forcing["wind"], [s.sources["wind"] for s in scenarios])
         drifters = [s.object for s in scenarios] + [c.drifter for c in contacts if c.drifter is not None]
         if not any(drifter.uses_wind for drifter in drifters):
             reason = UNFELT
@@ -248,7 +245,7 @@ def _shore(source: str, folder: Path) -> str:
 
 
 def _sources(
-    quantity: Quantity, tables: list[SourceTable], start: np.datetime64, folder: Path, wrong: Mistakes
+    quantity: str, tables: list[SourceTable], start: np.datetime64, folder: Path, wrong: Mistakes
 ) -> tuple[ForcingSpec, ...]:
     """Return the sources of a quantity.
 

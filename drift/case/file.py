@@ -21,9 +21,10 @@ from drift.case.mistakes import Mistakes
 from drift.case.record import Case
 from drift.case.schema import CaseTable
 from drift.case.sources import SourceTable
-from drift.environment.forcing_spec import ForcingSpec, Quantity
+from drift.environment.forcing_spec import ForcingSpec
 from geo.errors import UserError
 from geo.files import small
+from geo.forcing.quantity import QUANTITIES
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -105,7 +106,7 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
 
 
-def source(quantity: Quantity, files: Sequence[str], overrides: Mapping[str, str]) -> ForcingSpec:
+def source(quantity: str, files: Sequence[str], overrides: Mapping[str, str]) -> ForcingSpec:
     """Return files as the source that a case with these keys would make of them.
 
     overrides: {"variables.east": "ue"}.
@@ -156,7 +157,7 @@ def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
     except ValueError:
         return []
     wrong = Mistakes()
-    for quantity in build.QUANTITIES:
+    for quantity in QUANTITIES:
         tables = data.get(quantity)
         for number, written in enumerate(tables if isinstance(tables, list) else (), 1):
             try:

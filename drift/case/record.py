@@ -1,5 +1,6 @@
 """The case as the rest of the program knows it: a frozen record, validated, in SI and UTC."""
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from drift.case.expect import Expect
 from drift.environment.environment_spec import Coast
-from drift.environment.forcing_spec import ForcingSpec
+from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.period import Period
 from drift.motion.scenario import Scenario
@@ -51,9 +52,7 @@ class Case:
     tolerance: float  # [m] a day
     domain: Box | None
     coast: Coast
-    currents: tuple[ForcingSpec, ...]
-    winds: tuple[ForcingSpec, ...]
-    stokes: tuple[ForcingSpec, ...]
+    forcing: Forcing
     current_error: ForcingError
     wind_error: ForcingError
     diffusivity: float  # [m2/s]
@@ -69,6 +68,11 @@ class Case:
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included
+
+    @property
+    def sources(self) -> tuple[ForcingSpec, ...]:
+        """All sources of forcing."""
+        return tuple(itertools.chain.from_iterable(self.forcing.values()))
 
     @property
     def period(self) -> Period:

@@ -12,13 +12,13 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift.case import fields, units
-from drift.environment.forcing_spec import ForcingSpec, Quantity, Report, Slices
+from drift.environment.forcing_spec import ForcingSpec, Report, Slices
 from geo import notation
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
@@ -26,14 +26,6 @@ from geo.forcing.quantity import QUANTITIES
 SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
 
 ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
-
-
-class Forcing(NamedTuple):
-    """The sources of a case by quantity, each in order of priority."""
-
-    currents: tuple[ForcingSpec, ...]
-    winds: tuple[ForcingSpec, ...]
-    stokes: tuple[ForcingSpec, ...]
 
 
 class Vector(fields.Table):
@@ -111,7 +103,7 @@ def _base(value: object) -> float:
 
 
 class SourceTable(fields.Table):
-    """A [[current]], [[wind]] or [[stokes]] table as written."""
+    """A table of a quantity's source as written: [[current]], [[wind]] and so on."""
 
     name: fields.Label | None = None
     files: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(_paths)] | None = None
@@ -125,16 +117,16 @@ class SourceTable(fields.Table):
     depth: fields.Depth | None = None
     steady: bool = False
     times: StatedTimes | None = None
-    fill: fields.Count = 3
+    fill: fields.Count | None = None  # None: as the quantity has it
     plausible: bool = False
     timeout: fields.Timeout = 60.0
     add: bool = False
 
     @field_validator("fill")
     @classmethod
-    def few(cls, value: int) -> int:
+    def few(cls, value: int | None) -> int | None:
         """Refuse a fill that would invent a current far inland."""
-        if not 0 <= value <= 20:
+        if value is not None and not 0 <= value <= 20:
             raise ValueError(f"{value} cells; must be 0 to 20")
         return value
 
@@ -156,16 +148,15 @@ class SourceTable(fields.Table):
             raise ValueError("steady and times exclude each other: a steady field has no times")
         return self
 
-    def spec(self, quantity: Quantity, number: int, start: np.datetime64, folder: Path) -> ForcingSpec:
+    def spec(self, quantity: str, number: int, start: np.datetime64, folder: Path) -> ForcingSpec:
         """Return the source with paths made absolute and times resolved.
 
         number: its place among the sources of its quantity, from 1. folder: what relative paths start from. Raises
         ValueError where a stated speed is more than any such quantity has.
         """
         if QUANTITIES[quantity].in_air and self.depth is not None:
-            raise ValueError(
-                "depth belongs to [[current]] and [[stokes]]; name a wind's level by its index, in variables"
-            )
+            in_water = " and ".join(f"[[{name}]]" for name, other in QUANTITIES.items() if not other.in_air)
+            raise ValueError(f"depth belongs to {in_water}; name a wind's level by its index, in variables")
         ceiling = QUANTITIES[quantity].fastest
         for place, speed in self._speeds():
             if speed > ceiling:
@@ -186,7 +177,7 @@ class SourceTable(fields.Table):
             depth=self.depth,
             steady=self.steady,
             times=self.times.stated(start) if self.times else None,
-            fill=self.fill,
+            fill=QUANTITIES[quantity].fill if self.fill is None else self.fill,
             plausible=self.plausible,
             timeout=self.timeout,
             add=self.add,

@@ -4,6 +4,7 @@ They are built from their tables and checked against the run.
 """
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,14 @@ from drift.case import sources
 from drift.case.mistakes import Mistakes
 from drift.case.scenario import ScenarioTable
 from drift.case.schema import CaseTable
-from drift.case.sources import Forcing
 from drift.case.spill import build as build_spill
-from drift.environment.forcing_spec import ForcingSpec
+from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.leeway import Drifter
 from drift.motion.scenario import Scenario
 from drift.spill.records import Find, Patrol, Spill
 from geo import notation
 from geo.errors import UserError
+from geo.forcing.quantity import QUANTITIES
 
 
 def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Spill:
@@ -76,14 +77,12 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
 
 def classes(spill: Spill, start: np.datetime64, end: np.datetime64, forcing: Forcing) -> tuple[Scenario, ...]:
     """Return a spill's classes of objects as scenarios: what the engine moves."""
-    currents, winds, stokes = (tuple(spec.name for spec in specs) for specs in forcing)
+    named = {quantity: tuple(spec.name for spec in specs) for quantity, specs in forcing.items()}
     records = []
     for kind in spill.kinds:
         _check_release(f'class "{kind.name}"', spill.prior, start, end)
-        _check_sources(f'class "{kind.name}"', kind.object, currents, winds)
-        records.append(
-            Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, currents, winds, stokes)
-        )
+        _check_sources(f'class "{kind.name}"', kind.object, named)
+        records.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, named))
     return tuple(records)
 
 
@@ -129,16 +128,15 @@ def _scenario(
     with wrong.gathered():
         if prior is not None:
             _check_release(place, prior, start, end)
-    chosen: list[tuple[str, ...]] = []
-    asked = (table.currents, table.winds, table.stokes)
-    for key, wanted, specs in zip(("currents", "winds", "stokes"), asked, forcing, strict=True):
+    chosen: dict[str, tuple[str, ...]] = {}
+    for quantity, specs in forcing.items():
+        key = QUANTITIES[quantity].key
         with wrong.gathered():
-            chosen.append(_chosen(wanted, specs, f"{place}.{key}"))
-    if len(chosen) == len(asked):
+            chosen[quantity] = _chosen(getattr(table, key), specs, f"{place}.{key}")
+    if len(chosen) == len(forcing):
         with wrong.gathered():
-            _check_sources(place, drifter, chosen[0], chosen[1])
+            _check_sources(place, drifter, chosen)
     wrong.refuse()
-    currents, winds, stokes = chosen
     alive = table.survival.survival() if table.survival else None
     return Scenario(
         table.name,
@@ -146,9 +144,7 @@ def _scenario(
         drifter,
         table.jibe_rate(drifter),
         prior,
-        currents,
-        winds,
-        stokes,
+        chosen,
         search_object=table.search_object,
         survival=alive,
     )
@@ -163,14 +159,14 @@ def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetim
             )
 
 
-def _check_sources(place: str, drifter: Drifter, currents: tuple[str, ...], winds: tuple[str, ...]) -> None:
+def _check_sources(place: str, drifter: Drifter, named: Mapping[str, tuple[str, ...]]) -> None:
     wrong = Mistakes()
-    if not currents:
+    if not named["current"]:
         wrong.lines.append(
             f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
             "to say that there is none"
         )
-    if drifter.uses_wind and not winds:
+    if drifter.uses_wind and not named["wind"]:
         wrong.lines.append(
             f'{place}: object "{drifter.name}" drifts with the wind and there is none: add [[wind]] with files, or '
             'constant = { speed = "12 kn", from = 240 }'

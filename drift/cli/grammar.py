@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from geo.errors import UserError
+from geo.forcing.quantity import QUANTITIES
 
 BACKENDS = ("cpu", "cuda", "vulkan", "metal")
 EXAMPLES = """examples:
@@ -95,8 +96,8 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
         "--columns",
         default="",
         metavar="KEY=COLUMN,..",
-        help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and wind_, stokes_ "
-        "alike",
+        help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and "
+        f"{', '.join(f'{quantity}_' for quantity in QUANTITIES if quantity != 'current')} alike",
     )
     command.add_argument(
         "--max-gap", default="3 h", metavar="TIME", help="longest time between fixes that is spanned (default: 3 h)"
@@ -136,9 +137,7 @@ def _add_info(commands: Any) -> None:
     info.add_argument(
         "files", nargs="+", metavar="FILE", help="files of one source: joined in time, u and v may be apart"
     )
-    info.add_argument(
-        "--as", choices=("current", "wind", "stokes"), dest="quantity", help="read the files as this quantity"
-    )
+    info.add_argument("--as", choices=tuple(QUANTITIES), dest="quantity", help="read the files as this quantity")
     info.add_argument(
         "--set",
         action="append",

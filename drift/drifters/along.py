@@ -20,11 +20,11 @@ from drift.case.record import Case
 from drift.drifters import error_law
 from drift.drifters.error_law import Tracks
 from drift.drifters.records import Track, breaks
-from drift.environment.forcing_spec import ForcingSpec
-from drift.motion.forcing import QUANTITIES, Forcing
+from drift.motion.forcing import Forcing
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
+from geo.forcing.quantity import QUANTITIES
 
 PIECE = 3600.0  # [s] longest piece of a drifter's way for one quadrature
 GAUSS = 0.5 / np.sqrt(3.0)  # distance of the two points of quadrature from the middle of a piece of length 1
@@ -78,7 +78,7 @@ def compared(
     beyond which two fixes are a leap.
     """
     reported = {quantity for quantity in QUANTITIES if f"{quantity}_east" in columns}
-    asked = [quantity for quantity in QUANTITIES if quantity not in reported and _specs(case, quantity)]
+    asked = [quantity for quantity in QUANTITIES if quantity not in reported and case.forcing.get(quantity)]
     points = [_points(track) for track in tracks]
     sampled = _sampled(case, tracks, points, asked, datasets) if asked else {}
     ways, without_forcing, cut = [], 0, 0
@@ -99,7 +99,8 @@ def compared(
                     axis=1,
                 )
         zero = np.zeros((track.time.size, 2))
-        model = parts.get("current", zero) + parts.get("stokes", zero)
+        parts = {q: part if QUANTITIES[q].needed else np.nan_to_num(part) for q, part in parts.items()}
+        model = sum((part for quantity, part in parts.items() if not QUANTITIES[quantity].in_air), zero)
         present = np.isfinite(model).all(axis=1) & np.isfinite(parts.get("wind", zero)).all(axis=1)
         without_forcing += int((~present & ~fresh).sum())
         fresh = fresh | ~present
@@ -148,10 +149,6 @@ def _since(values: Array, fresh: Array) -> Array:
     return np.asarray(total - total[begin])
 
 
-def _specs(case: Case, quantity: str) -> tuple[ForcingSpec, ...]:
-    return {"current": case.currents, "wind": case.winds, "stokes": case.stokes}[quantity]
-
-
 def _points(track: Track) -> tuple[Array, Array, Array]:
     """Return (times, weights, fixes) of the points of quadrature.
 
@@ -195,12 +192,11 @@ def _sampled(
             # A source's first moment can only begin a step, and its last only end one: both are tried.
             for second, fraction in ((moment, 0.0), (moment - 1, 1.0)):
                 forcing.set(int(second), int(second) + 1)
-                for number, quantity in enumerate(QUANTITIES):
-                    if quantity in asked:
-                        first, last = forcing.ranges[0][2 * number : 2 * number + 2]
-                        sample = forcing.tiles.at(first, last, lon[at_moment], lat[at_moment], fraction)
-                        new = np.isnan(sampled[quantity][at_moment, 0]) & (sample[:, 2] > 0)
-                        sampled[quantity][at_moment[new]] = sample[new, :2]
+                for quantity in asked:
+                    tiles = forcing.ranges[0][quantity]
+                    sample = forcing.tiles.at(*tiles, lon[at_moment], lat[at_moment], fraction)
+                    new = np.isnan(sampled[quantity][at_moment, 0]) & (sample[:, 2] > 0)
+                    sampled[quantity][at_moment[new]] = sample[new, :2]
                 if all(np.isfinite(sampled[quantity][at_moment]).all() for quantity in asked):
                     break
     finally:
@@ -227,8 +223,8 @@ def over(case: Case, tracks: Sequence[Track]) -> Case:
         "north": float(min(lat.max() + MARGIN, 90)),
     }
     story = scenario(case)
-    windy = bool(case.winds)
-    table = {key: story[key] for key in ("currents", "winds", "stokes") if key in story}
+    windy = bool(case.forcing["wind"])
+    table = {key: story[key] for key in _keys() if key in story}
     table |= {"name": "drifters", "object": {"windage": 0.01} if windy else "water"}
     table["position"] = {"at": [float(tracks[0].lon[0]), float(tracks[0].lat[0])], "std": 0.0}
     return case_file.vary(
@@ -247,6 +243,11 @@ def over(case: Case, tracks: Sequence[Track]) -> Case:
     )
 
 
+def _keys() -> list[str]:
+    """Return the keys of a scenario that name sources."""
+    return [quantity.key for quantity in QUANTITIES.values()]
+
+
 def scenario(case: Case) -> Mapping[str, Any]:
     """Return the scenario table of a case.
 
@@ -255,7 +256,7 @@ def scenario(case: Case) -> Mapping[str, Any]:
     tables: list[Mapping[str, Any]] = list(case.tables.get("scenario", ()))
     if not tables:
         raise UserError(f"{case.path.name}: has a [spill]; drifters are compared with a case of one [[scenario]]")
-    seas = [{key: table.get(key) for key in ("object", "currents", "winds", "stokes")} for table in tables]
+    seas = [{key: table.get(key) for key in ("object", *_keys())} for table in tables]
     if any(sea != seas[0] for sea in seas):
         raise UserError(
             f"{case.path.name}: its scenarios drift as different objects, or in different sources; give a case with "

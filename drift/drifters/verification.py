@@ -265,13 +265,13 @@ def _case(
             if len(rows) < 2:
                 return None
             changes[quantity] = [{"name": "along the track", "table": rows}]
-            if quantity != "stokes":
+            if QUANTITIES[quantity].has_errors:
                 changes["uncertainty"] = {  # stated, because a table by time has no errors by default
                     "current": _error_table(base.current_error) | {"bias": base.current_error.bias},
                     "wind": _error_table(base.wind_error),
                     "diffusivity": base.diffusivity,
                 }
-            table.pop(f"{quantity}s" if quantity != "stokes" else quantity, None)
+            table.pop(QUANTITIES[quantity].key, None)
     return case_file.vary(base, {**changes, "scenario": [table]})
 
 

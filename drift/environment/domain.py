@@ -18,13 +18,13 @@ from drift.motion.model import Model
 from drift.motion.models import MODELS
 from geo import sphere
 from geo.box import Box
+from geo.forcing.quantity import QUANTITIES, Quantity
 from kernels import advance
 
 FASTEST_CURRENT = 2.5  # [m/s] with which a domain is computed where the case states none
 STRONGEST_WIND = 25.0  # [m/s]
 POLEWARD = 89.0  # [deg] nearer to a pole, east and north lose their meaning, and a particle has left
 VAST = 4_000.0  # [deg2] size of a box above which it is worth asking how much of it can be reached at all
-UTMOST_CURRENT, UTMOST_STOKES, UTMOST_WIND = 5.0, 1.0, 50.0  # [m/s] no average over a whole run is as high
 FARTHEST = 7.0  # standard deviations beyond which practically nothing is drawn
 SPREADS = 5.0  # standard deviations of a prior that lie in its box
 
@@ -62,9 +62,10 @@ def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs. A
     particle that leaves the box all the same counts as having left the domain.
     """
-    wind = _fastest(asked.winds, UTMOST_WIND) + FARTHEST * spec.errors.wind.std
+    utmost = {name: _fastest(asked.forcing.get(name, ()), quantity) for name, quantity in QUANTITIES.items()}
+    wind = utmost["wind"] + FARTHEST * spec.errors.wind.std
     leeway = max((model.fastest(drifter, wind, FARTHEST) for model, drifter in _all(spec)), default=0.0)
-    fastest = _fastest(asked.currents, UTMOST_CURRENT) + _fastest(asked.stokes, UTMOST_STOKES) + leeway
+    fastest = sum(utmost[name] for name, quantity in QUANTITIES.items() if not quantity.in_air) + leeway
     fastest += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
     if spec.release:
         fastest += leeway * math.exp(FARTHEST * spec.release.windage_bias)
@@ -79,11 +80,16 @@ def _all(spec: EnsembleSpec) -> list[tuple[Model, Drifter]]:
     ]
 
 
-def _fastest(specs: Sequence[ForcingSpec], least: float) -> float:
-    """Return the fastest speed that a case states [m/s], or `least` if that is more."""
+def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:
+    """Return the fastest speed of a quantity that a case states [m/s], or the utmost of its kind if that is more.
+
+    What a run does not need anywhere, and its case does not have, has no speed.
+    """
+    if not specs and not quantity.needed:
+        return 0.0
     typed = [spec.constant for spec in specs if spec.constant is not None]
     typed += [row for spec in specs if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
-    return max([least, *(math.hypot(east, north) for east, north in typed)])
+    return max([quantity.utmost, *(math.hypot(east, north) for east, north in typed)])
 
 
 def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:

@@ -12,7 +12,7 @@ from drift.environment.environment_spec import EnvironmentSpec
 from drift.environment.forcing_spec import ForcingSpec
 from drift.environment.forcing_spec import options as source_options
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.forcing import QUANTITIES, Sources
+from drift.motion.forcing import Sources
 from drift.motion.period import Period
 from drift.motion.scenario import Scenario
 from geo import notation
@@ -21,6 +21,7 @@ from geo.coast import edges as shoreline
 from geo.coast.shore import Shore
 from geo.errors import UserError
 from geo.forcing import memory, sources, stream
+from geo.forcing.quantity import QUANTITIES, needed
 from geo.forcing.sources import Source
 
 # What is read of a source ends on a lattice, whose lines are at most this share of the box's width or height apart.
@@ -73,22 +74,20 @@ def open_for(
     reported position lies on land.
     """
     box = domain.bounds(spec, asked)
-    opened = {
-        forcing.name + forcing.quantity: _open(forcing, box, spec.period, held, common) for forcing in asked.forcing
-    }
-    cells: dict[tuple[str, str], int] = {(forcing.quantity, forcing.name): forcing.fill for forcing in asked.forcing}
-    added = frozenset((forcing.quantity, forcing.name) for forcing in asked.forcing if forcing.add)
+    opened = {(source.quantity, source.name): _open(source, box, spec.period, held, common) for source in asked.sources}
+    cells = {(source.quantity, source.name): source.fill for source in asked.sources}
+    added = frozenset((source.quantity, source.name) for source in asked.sources if source.add)
     opened = {key: _with_notes(source, added) for key, source in opened.items()}
     scenarios = []
     for scenario in spec.scenarios:
-        current, wind, stokes = (
-            tuple(opened[name + quantity] for name in names)
-            for quantity, names in zip(QUANTITIES, _names(spec, scenario), strict=True)
-        )
-        scenarios.append(Sources(current, wind, stokes, cells, added))
+        by_quantity = {
+            quantity: tuple(opened[quantity, name] for name in names)
+            for quantity, names in _names(spec, scenario).items()
+        }
+        scenarios.append(Sources(by_quantity, cells, added))
     for scenario, named in zip(spec.scenarios, scenarios, strict=True):
         place = f'{spec.story} "{scenario.name}"'
-        for quantity in QUANTITIES:
+        for quantity in needed():
             for k, term in enumerate(named.terms(quantity)):
                 _check_times(spec.period, asked.max_lost, place, quantity, term, added=k > 0)
     shown = tuple(opened.values())
@@ -121,13 +120,16 @@ def part(box: Box) -> Box:
     return Box(west, max(south, -90.0), east, min(north, 90.0))
 
 
-def _names(spec: EnsembleSpec, scenario: Scenario) -> tuple[tuple[str, ...], ...]:
+def _names(spec: EnsembleSpec, scenario: Scenario) -> dict[str, tuple[str, ...]]:
     """Return the names of the sources that a scenario drifts in, by quantity.
 
     There are no winds where nothing feels them.
     """
     blown = scenario.object.uses_wind or any(drifter.uses_wind for drifter in spec.debris)
-    return scenario.currents, scenario.winds if blown else (), scenario.stokes
+    return {
+        quantity: names if blown or not QUANTITIES[quantity].in_air else ()
+        for quantity, names in scenario.sources.items()
+    }
 
 
 def hold(asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str) -> dict[str, memory.Held]:
@@ -136,7 +138,7 @@ def hold(asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str)
     place: what a refusal calls the case, the name of its file.
     """
     given = memory.hold(datasets)
-    named = {spec.dataset: spec for spec in asked.forcing if spec.dataset is not None}
+    named = {spec.dataset: spec for spec in asked.sources if spec.dataset is not None}
     for name, spec in named.items():
         if name not in given:
             raise UserError(

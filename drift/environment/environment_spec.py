@@ -1,9 +1,10 @@
 """What a run asks of its surroundings: sources of forcing, a coast, and the box that it stays in."""
 
+import itertools
 from dataclasses import dataclass
 from typing import Literal
 
-from drift.environment.forcing_spec import ForcingSpec
+from drift.environment.forcing_spec import Forcing, ForcingSpec
 from geo.box import Box
 
 
@@ -22,14 +23,12 @@ class Coast:
 class EnvironmentSpec:
     """What is to be opened for a run, and how much of the probability may be lost to what it lacks."""
 
-    currents: tuple[ForcingSpec, ...]
-    winds: tuple[ForcingSpec, ...]
-    stokes: tuple[ForcingSpec, ...]
+    forcing: Forcing
     coast: Coast
     domain: Box | None  # outside which a particle has left; None: all that can be reached
     max_lost: float
 
     @property
-    def forcing(self) -> tuple[ForcingSpec, ...]:
+    def sources(self) -> tuple[ForcingSpec, ...]:
         """All sources."""
-        return (*self.currents, *self.winds, *self.stokes)
+        return tuple(itertools.chain.from_iterable(self.forcing.values()))

@@ -6,11 +6,9 @@ reported on scene. Nothing is opened here; geo.forcing.sources does that.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-
-Quantity = Literal["current", "wind", "stokes"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class ForcingSpec:
     """One source of a quantity; exactly one of files, dataset, constant, table and analytic is given."""
 
     name: str
-    quantity: Quantity
+    quantity: str
     files: tuple[str, ...] = ()  # absolute paths of files that exist, or addresses
     dataset: str | None = None  # the name of an xarray.Dataset that the run is given
     constant: tuple[float, float] | None = None  # true east, north [m/s]
@@ -51,6 +49,9 @@ class ForcingSpec:
     plausible: bool = False  # the user vouches for the speeds in the files
     timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
     add: bool = False  # added to what the sources without it give by priority
+
+
+Forcing = Mapping[str, tuple[ForcingSpec, ...]]  # sources by quantity, each in order of priority
 
 
 def options(spec: ForcingSpec) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from drift.environment import domain, silence
 from drift.environment.environment import Environment
 from drift.motion.clock import Clock
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.forcing import QUANTITIES
 from drift.motion.scene import Scene
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble
@@ -20,6 +19,7 @@ from drift.particles.status import Status
 from geo import notation, sphere
 from geo.box import Box
 from geo.errors import UserError
+from geo.forcing.quantity import needed
 from geo.forcing.sources import Source
 
 LOST = (Status.OUTSIDE, Status.LEFT)
@@ -36,7 +36,7 @@ def check_prior(
     probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
     _check_domain(where.box, max_lost, ensemble, probability)
     blocks = ensemble.blocks
-    for quantity in QUANTITIES:
+    for quantity in needed():
         missing, places = 0.0, []
         for number, (scenario, sources, (first, last)) in enumerate(
             zip(spec.scenarios, where.scenarios, ensemble.scenarios, strict=True)

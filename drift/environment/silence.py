@@ -6,12 +6,13 @@ from functools import partial
 import numpy as np
 
 from drift.motion.clock import Clock
-from drift.motion.forcing import QUANTITIES, Forcing, Term
+from drift.motion.forcing import Forcing, Term
 from drift.particles.ensemble import Ensemble
 from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
+from geo.forcing.quantity import needed
 
 Shares = dict[tuple[str, tuple[str, ...]], float]  # by quantity and the names of a term's sources
 
@@ -22,11 +23,11 @@ AHEAD = (0.0, 1.0, 3.0)  # steps ahead along the current: a stage of the step fo
 def terms(
     forcing: Forcing, scenario: int, lon: Array, lat: Array, fraction: float = 0.0
 ) -> Iterator[tuple[str, Term, Array]]:
-    """Yield the quantity and the term, and where the term has a value, for all terms of a scenario.
+    """Yield the quantity and the term, and where the term has a value, for all terms of a scenario that it needs.
 
     lon, lat: places [binary angle] (n,); fraction: of the step that the forcing is set to.
     """
-    for quantity in QUANTITIES:
+    for quantity in needed():
         for term in forcing.terms[scenario][quantity]:
             yield quantity, term, forcing.tiles.at(term.first, term.last, lon, lat, fraction)[:, 2] > 0.5
 
@@ -102,7 +103,7 @@ def _along(forcing: Forcing, scenario: int, lon: Array, lat: Array, time: float)
 
     Places without a current stay.
     """
-    east, north, valid = forcing.tiles.at(*forcing.ranges[scenario][:2], lon, lat, 0.0).astype(np.float64).T
+    east, north, valid = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0).astype(np.float64).T
     metres = np.where(valid > 0.5, time, 0.0) / (sphere.RADIUS * sphere.UNIT)
     x = lon + np.nan_to_num(east) * metres / np.cos(lat * sphere.UNIT)
     y = lat + np.nan_to_num(north) * metres

@@ -16,32 +16,25 @@ from threading import Event
 from typing import Any
 
 from geo import waiting
-from geo.forcing.quantity import QUANTITIES as KNOWN
+from geo.forcing.quantity import QUANTITIES
 from geo.forcing.sources import Source
 from geo.forcing.stream import Bracket, Key, Slices
-from kernels.sample import Tiles
-
-QUANTITIES = tuple(KNOWN)
+from kernels.sample import Ranges, Tiles
 
 
 @dataclass(frozen=True)
 class Sources:
-    """What one scenario drifts in: sources by quantity, in order of priority.
+    """What one scenario drifts in: sources by quantity, in order of priority."""
 
-    Each comes with how deep it is filled [cells].
-    """
-
-    current: tuple[Source, ...] = ()
-    wind: tuple[Source, ...] = ()
-    stokes: tuple[Source, ...] = ()
-    cells: Mapping[tuple[str, str], int] = field(default_factory=dict)  # by quantity and name
+    by_quantity: Mapping[str, tuple[Source, ...]]
+    # How deep each is filled [cells], by quantity and name.
+    cells: Mapping[tuple[str, str], int] = field(default_factory=dict)
     # Quantity and name of sources that are added to the rest, instead of taking part by priority.
     added: frozenset[tuple[str, str]] = frozenset()
 
     def of(self, quantity: str) -> tuple[Source, ...]:
         """Return the sources of a quantity."""
-        sources: tuple[Source, ...] = getattr(self, quantity)
-        return sources
+        return self.by_quantity.get(quantity, ())
 
     def terms(self, quantity: str) -> list[tuple[Source, ...]]:
         """Return the terms of a quantity's sum: the sources by priority together, then each added one by itself."""
@@ -72,27 +65,26 @@ def _heed(closed: Event) -> None:
 class Forcing:
     """Tiles of all scenarios, by quantity.
 
-    `ranges[s]` are the first and last tile of current, wind and Stokes drift of scenario s. terms: of scenario s and a
-    quantity, in the order of their tiles.
+    `ranges[s]` are the first and last tile of each quantity of scenario s. terms: of scenario s and a quantity, in the
+    order of their tiles.
     """
 
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
         self._closed = Event()
         self._pool = ThreadPoolExecutor(1, "read-ahead", waiting.ask, (partial(_heed, self._closed),))
         self._slices: list[Slices] = []
-        self.ranges: list[tuple[int, ...]] = []
+        self.ranges: list[Ranges] = []
         self.terms: list[dict[str, list[Term]]] = []
         self._direction = direction
         by_sources: dict[Any, list[Term]] = {}  # scenarios that see the same sources share tiles
         shared: dict[Any, Slices] = {}
         ends: list[int] = []
         for scenario in scenarios:
-            ranges: list[int] = []
+            ranges: dict[str, tuple[int, int]] = {}
             self.terms.append({})
             for quantity in QUANTITIES:
                 terms = scenario.terms(quantity)
                 name = (quantity, *(tuple(id(s) for s in sources) for sources in terms))
-                begin = len(self._slices)
                 if name not in by_sources:
                     by_sources[name] = []
                     for sources in terms:
@@ -106,9 +98,9 @@ class Forcing:
                         ends += [last] * (last - first)
                         by_sources[name].append(Term(tuple(s.name for s in sources), first, last))
                 tiled = by_sources[name]
-                ranges += (tiled[0].first, tiled[-1].last) if tiled else (begin, begin)
+                ranges[quantity] = (tiled[0].first, tiled[-1].last) if tiled else (0, 0)
                 self.terms[-1][quantity] = tiled
-            self.ranges.append(tuple(ranges))
+            self.ranges.append(ranges)
         self.tiles = Tiles([s.source.grid for s in self._slices], ends)
         self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
         self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see scene.Scene

@@ -14,7 +14,7 @@ from drift.motion.scenario import Scenario
 from drift.particles.ensemble import Column, Ensemble, Slots
 from geo.array import Array
 from kernels import advance as kernel
-from kernels.sample import Tiles
+from kernels.sample import Ranges, Tiles
 
 Key = tuple[int, int]  # key of random numbers: kernels.noise.key
 Terms = Any  # what a model's kernel takes of a scenario: opaque to all but the model
@@ -24,7 +24,7 @@ class Waters(NamedTuple):
     """What a scenario's objects move through: nodes of forcing, which of them are its sources, and the place."""
 
     tiles: Tiles
-    ranges: tuple[int, ...]  # first and last tile of currents, winds and Stokes drift
+    ranges: Ranges  # first and last tile by quantity
     place: kernel.Surroundings
 
 

@@ -7,6 +7,7 @@ drawn in drift.motion.prior and drift.spill.releases.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
@@ -129,16 +130,14 @@ ReleasePrior: TypeAlias = PositionPrior | AreaPrior | TracklinePrior
 
 @dataclass(frozen=True)
 class Scenario:
-    """One story. Weights of a case add up to 1; sources are named in order of priority."""
+    """One story. Weights of a case add up to 1."""
 
     name: str
     weight: float
     object: Drifter
     jibe_rate: float  # [1/s]
     prior: ReleasePrior
-    currents: tuple[str, ...]
-    winds: tuple[str, ...]
-    stokes: tuple[str, ...]
+    sources: Mapping[str, tuple[str, ...]]  # their names by quantity, in order of priority
     search_object: str | None = None  # the object's name in the sweep width tables
     model: str = "drift"  # model of motion: drift.motion.models
     survival: Survival | None = None

@@ -58,9 +58,9 @@ class Marker:
 
     def _rate(self, forcing: Forcing, place: Array, share: float) -> Array:
         """Return the change of lon and lat [rad/s] in the current; 0 where there is no forcing: there it stays."""
-        ranges = forcing.ranges[self.scenario]
+        tiles = forcing.ranges[self.scenario]["current"]
         at = (sphere.to_binary(np.degrees([angle])) for angle in place)
-        east, north, valid = forcing.tiles.at(ranges[0], ranges[1], *at, float(share))[0]
+        east, north, valid = forcing.tiles.at(*tiles, *at, float(share))[0]
         rate = np.array([east / np.cos(place[1]), north], np.float64) / sphere.RADIUS
         return rate if valid > 0.5 else np.zeros(2)
 

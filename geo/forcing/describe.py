@@ -10,7 +10,7 @@ from geo.box import Box
 from geo.errors import UserError
 from geo.files import address, dataset
 from geo.forcing import quantities, sources
-from geo.forcing.quantity import QUANTITIES
+from geo.forcing.quantity import QUANTITIES, any_of
 from geo.forcing.sources import Source
 
 ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise, 45 degrees each
@@ -34,8 +34,8 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     own = [str((options.get("variables") or {}).get(key, "")) for key in ("east", "north")]
     if not held and any(own):
         raise UserError(
-            f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are a current, a wind "
-            "or a Stokes drift; say which: --as"
+            f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are "
+            f"{any_of('a ')}; say which: --as"
         )
     for quantity in QUANTITIES:
         if held and quantity not in held:
@@ -47,7 +47,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     if not held:
         halves = [e for e in errors.values() if "one component" in str(e)]
         why = (halves or [errors["current"]])[0]
-        raise UserError(f"no current, wind or Stokes drift found: {why}") from why
+        raise UserError(f"no {any_of()} found: {why}") from why
     if not understood:
         raise next(iter(errors.values()))
     return understood

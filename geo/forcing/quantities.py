@@ -74,7 +74,7 @@ COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
 }  # fmt: skip
 # CF's
 MODIFIERS = ("_standard_error", "_number_of_observations", "_status_flag", "_quality_flag", "_detection_minimum")
-PLAIN = {"u", "v"}  # only a current may have so plain a name without an attribute that says what it is
+PLAIN = {"u", "v"}  # only a `plain` quantity may have such a name without an attribute that says what it is
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _by_common_name(quantity: str, variables: Mapping[str, Attributes]) -> Pair 
         if pair[0] is None or pair[1] is None:
             continue
         statements = {said(variables[name]) for name in pair if name is not None}
-        if statements - {None, quantity} or (east in PLAIN and quantity != "current" and None in statements):
+        if statements - {None, quantity} or (east in PLAIN and not QUANTITIES[quantity].plain and None in statements):
             continue
         return Pair(pair[0], pair[1], axes, "name")
     return None
@@ -235,7 +235,9 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         lone = [
             n
             for n, a in variables.items()
-            if (n in components[held] and said(a) in (None, quantity) and (n not in PLAIN or quantity == "current"))
+            if (
+                n in components[held] and said(a) in (None, quantity) and (n not in PLAIN or QUANTITIES[quantity].plain)
+            )
             or _standard_name(a, "standard_name") in components[held]
         ]
         if lone and not any(n in components[lacking] for n in variables):

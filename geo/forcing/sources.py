@@ -32,7 +32,7 @@ MOST_NODES = 1_000_000  # most nodes of a built-in flow's tile
 class Source:
     """One source of one quantity.
 
-    quantity: "current" | "wind" | "stokes"; name: for messages; grid: its nodes;
+    quantity: one of QUANTITIES; name: for messages; grid: its nodes;
     times: datetime64[s] UTC, strictly increasing, shape (nt,), empty for a steady field;
     read: slice index (0 when steady) -> float32 C-contiguous (nlat, nlon, 2), true east and north [m/s], NaN missing;
     missing: share of nodes missing in the first slice; notes: how it was understood, in plain words;

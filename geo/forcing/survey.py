@@ -4,6 +4,7 @@ Judged once a source, from fixed slices and evenly strided points of all that th
 case needs: so no answer depends on the case's domain. At most READ bytes of values are read.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,8 +27,7 @@ VARIED = 10  # different values that the rest must hold before one can stand apa
 GAP = 0.25  # share of the range of all other values by which a number of nines stands apart from them
 SLOW_WIND = 2.0  # [m/s]
 
-# [m/s] A current's mean over all places and times of a file is less: western boundary currents fill no file.
-STRONG_MEAN = 2.5
+
 PERCENTILE = 99.9  # percentile of a current's speeds that must stay under the fastest: points of a race may exceed it
 
 
@@ -187,7 +187,7 @@ def _may_be_dry(components: tuple[Component, Component], samples: list[Array]) -
     first = components[0]
     if QUANTITIES[first.quantity].in_air or first.unmasked or any(c.mask is not None for c in components):
         return False
-    return first.quantity == "current" or not any(np.isnan(values).any() for values in samples)
+    return QUANTITIES[first.quantity].zeros_are_land or not any(np.isnan(values).any() for values in samples)
 
 
 def _judged(
@@ -205,11 +205,10 @@ def _judged(
     mean, high, largest = float(speed.mean()), float(np.percentile(speed, PERCENTILE)), float(speed.max())
     figures = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
     spoken, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
-    if quantity == "current":
-        good = mean <= STRONG_MEAN and high <= fastest
-        allowed = (
-            f"a current's mean is at most {STRONG_MEAN:g}, its {PERCENTILE:g}th percentile at most {fastest:g} m/s"
-        )
+    strong = QUANTITIES[quantity].strong_mean
+    if math.isfinite(strong):
+        good = mean <= strong and high <= fastest
+        allowed = f"a {spoken}'s mean is at most {strong:g}, its {PERCENTILE:g}th percentile at most {fastest:g} m/s"
     else:
         good, allowed = largest <= fastest, f"a {spoken} is at most {fastest:g} m/s"
     if not good and plausible:

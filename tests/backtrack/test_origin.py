@@ -61,7 +61,7 @@ def weights(
     ensemble.lon.from_numpy(sphere.to_binary([0.05, -0.1, 0.0, 0.2, -0.2]))
     ensemble.lat.from_numpy(sphere.to_binary(lat_deg + np.array([0.1, 0.15, -0.12, 0.0, -0.03])))
     place = kernel.Surroundings(EVERYWHERE, divergence=True, scheme=scheme)
-    scene = Scene(Forcing([Sources(current=(source,))], direction), (Motion(DRIFT, kernel.Physics()),), place)
+    scene = Scene(Forcing([Sources({"current": (source,)})], direction), (Motion(DRIFT, kernel.Physics()),), place)
     list(simulate.run(ensemble, scene, Clock(T0, duration, direction, 1800), np.array([duration])))
     scene.forcing.close()
     assert (ensemble.status.to_numpy() == Status.ADRIFT).all()
@@ -132,7 +132,7 @@ def case_of(tmp_path: Path, text: str) -> Case:
 
 
 def environment(source: Source, coast: shoreline.Coast | None = None) -> Environment:
-    return Environment(BOX, (Sources(current=(source,)),), (source,), coast, ())
+    return Environment(BOX, (Sources({"current": (source,)}),), (source,), coast, ())
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.nda
     ensemble.world.from_numpy(np.repeat(np.arange(worlds, dtype=np.int32), count))
     objects.share(ensemble, drawn.current_east, drawn.current_north)
     scene = Scene(
-        Forcing([Sources(current=(source,))], 1),
+        Forcing([Sources({"current": (source,)})], 1),
         (Motion(DRIFT, kernel.Physics(diffusivity=DIFFUSIVITY)),),
         kernel.Surroundings(EVERYWHERE, bias=True),
     )
@@ -394,7 +394,7 @@ def test_classes_that_drift_alike_are_one_class(tmp_path) -> None:
     one, two = (
         origin(
             case_of(tmp_path, text + at_sea(*SEEN[0])),
-            replace(environment(converging()), scenarios=(Sources(current=(converging(),)),) * classes),
+            replace(environment(converging()), scenarios=(Sources({"current": (converging(),)}),) * classes),
             None, [-1], **run,
         )
         for classes, text in ((1, SPILL), (2, twice))

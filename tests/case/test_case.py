@@ -69,15 +69,15 @@ def test_case_in_si(tmp_path: Path) -> None:
     assert found.end == np.datetime64("2026-11-22T18:30:00")
     assert (found.direction, found.particles, found.seed, found.max_lost) == (1, 1000, 1, 0.2)
     assert (found.step, found.scheme, found.tolerance) == (None, "rk4", 20.0)
-    assert found.currents[0].constant == pytest.approx(
+    assert found.forcing["current"][0].constant == pytest.approx(
         (0.8 * 1852 / 3600 * math.cos(math.radians(30)), -0.8 * 1852 / 3600 * math.sin(math.radians(30)))
     )
     # Wind from 240 degrees blows toward 60.
-    assert found.winds[0].constant == pytest.approx(
+    assert found.forcing["wind"][0].constant == pytest.approx(
         (12 * 1852 / 3600 * math.sin(math.radians(60)), 12 * 1852 / 3600 * math.cos(math.radians(60)))
     )
     only = found.scenarios[0]
-    assert (only.weight, only.currents, only.winds, only.stokes) == (1.0, ("set",), ("report",), ())
+    assert (only.weight, only.sources) == (1.0, {"current": ("set",), "wind": ("report",), "stokes": ()})
     assert only.jibe_rate == pytest.approx(0.04 / 3600)
     assert isinstance(only.prior, PositionPrior)
     assert (only.prior.lon, only.prior.lat) == pytest.approx((math.radians(-88.25), math.radians(27 + 30.5 / 60)))
@@ -186,13 +186,17 @@ def test_weights_are_normalised_and_sources_chosen(tmp_path: Path) -> None:
     text += "[scenario.position]\nat = [-88, 27]\nerror = 100\n"
     one, other = load(tmp_path, text).scenarios
     assert (one.weight, other.weight) == (0.25, 0.75)
-    assert (one.currents, other.currents) == (("set", "rival"), ("rival",))
+    assert (one.sources["current"], other.sources["current"]) == (("set", "rival"), ("rival",))
     assert other.jibe_rate == 0
 
 
 def test_table_by_time(tmp_path: Path) -> None:
     rows = '[{ time = "+0 h", speed = "10 kn", from = 270 }, { time = "221830ZNOV26", speed = "20 kn", from = 0 }]'
-    table = load(tmp_path, CASE.replace('constant = { speed = "12 kn", from = 240 }', f"table = {rows}")).winds[0].table
+    table = (
+        load(tmp_path, CASE.replace('constant = { speed = "12 kn", from = 240 }', f"table = {rows}"))
+        .forcing["wind"][0]
+        .table
+    )
     assert table is not None
     assert table.times[1] - table.times[0] == np.timedelta64(24, "h")
     assert table.east == pytest.approx((10 * 1852 / 3600, 0), abs=1e-12)
@@ -208,13 +212,13 @@ def test_files_relative_and_through_the_environment(tmp_path: Path, monkeypatch:
     names = [str(folder / "a.nc"), str(folder / "b.nc")]
     for written in ('"data/*.nc"', '["${SOME_DATA}/a.nc", "data/b.nc"]'):
         monkeypatch.setenv("SOME_DATA", str(folder))
-        found = load(tmp_path, CASE.replace("[[wind]]", current.format(written))).currents[1]
+        found = load(tmp_path, CASE.replace("[[wind]]", current.format(written))).forcing["current"][1]
         assert (list(found.files), found.name, found.steady) == (names, "current 2", True)
         assert found.variables == {"east": "u", "north": "v"}
-    far = load(tmp_path, CASE.replace("[[wind]]", current.format('"https://host/dap/x.nc"'))).currents[1]
+    far = load(tmp_path, CASE.replace("[[wind]]", current.format('"https://host/dap/x.nc"'))).forcing["current"][1]
     assert far.files == ("https://host/dap/x.nc",)
     timed = current.format('"data/a.nc"').replace("steady = true", 'times = { start = "+1 h", every = "6 h" }')
-    times = load(tmp_path, CASE.replace("[[wind]]", timed)).currents[1].times
+    times = load(tmp_path, CASE.replace("[[wind]]", timed)).forcing["current"][1].times
     assert times == Slices(np.datetime64("2026-11-21T19:30:00"), np.timedelta64(21_600, "s"))
 
 

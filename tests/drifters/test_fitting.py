@@ -2,6 +2,7 @@
 
 import math
 import sys
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ COLUMNS = {"current_east": "u", "current_north": "v", "wind_east": "a", "wind_no
 class Bare:
     """A case without sources: all forcing comes from columns."""
 
-    currents = winds = stokes = ()
+    forcing = MappingProxyType({})
 
 
 def ways(tracks):

@@ -143,7 +143,7 @@ def test_a_drift_is_the_sum_of_what_is_asked_for_and_known_where_all_of_it_is(fe
     line, error = (0.031, 0.02, 0.012, -0.01), (0.07, -0.03, 1.1, -0.6)
     lon, lat = sphere.to_binary([6.3, 11.7]).astype(np.int32), sphere.to_binary([42.1, 44.4]).astype(np.int32)
     out = np.zeros(6, np.float32)
-    sea = tiles.sea((0, 1, 1, 2, 2, 3))
+    sea = tiles.sea({"current": (0, 1), "wind": (1, 2), "stokes": (2, 3)})
     _drift(features, sea, f32x4(*line), f32x4(*error), lon, lat, 0.4, out)
     wind = np.array(fields[1]) + error[2:]
     speed = np.hypot(*wind)

@@ -63,7 +63,7 @@ def drift_on(
     device = device_coast.upload(shore) if shore else None
     source = sources.constant("current", *current)
     scene = Scene(
-        Forcing([Sources(current=(source,))], direction),
+        Forcing([Sources({"current": (source,)})], direction),
         (Motion(DRIFT, physics),),
         kernel.Surroundings(EVERYWHERE, device, **place),
     )
@@ -200,7 +200,7 @@ def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: 
         ensemble = record.empty(3, (0, n), COLUMNS)
         ensemble.lon.fill(int(sphere.to_binary(-100 * METRE)))
         scene = Scene(
-            Forcing([Sources(current=(sources.table("current", times, east, 0 * east),))], 1),
+            Forcing([Sources({"current": (sources.table("current", times, east, 0 * east),)})], 1),
             (Motion(DRIFT, kernel.Physics()),),
             kernel.Surroundings(EVERYWHERE, device_coast.upload(shore), beach),
         )

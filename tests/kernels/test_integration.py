@@ -25,7 +25,7 @@ def end_of(flow: Flow, scheme: str, step: int, direction: int = 1, start=None) -
         t = k * step if direction > 0 else flow.duration - k * step
         tiles.blend([(t, t + direction * step)])
         clock = kernel.Step(k, k * step, step, direction)
-        none = (0, 0, 0, 0, 0, 0)
+        none: dict[str, tuple[int, int]] = {}
         slots = (0, lon.size, 0)
         kernel.advance(
             ensemble,

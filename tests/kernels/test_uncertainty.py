@@ -16,7 +16,7 @@ EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 N = 200_000
 HOURS = 24
 AT = (np.radians(-179.9), np.radians(60.0))
-NOWHERE = (0, 0, 0, 0, 0, 0)
+NOWHERE: dict[str, tuple[int, int]] = {}
 
 
 def drifted(
@@ -99,7 +99,7 @@ def test_wind_errors_act_through_the_leeway(step: int) -> None:
         ensemble.own["down_slope"].fill(slope)
 
     physics = kernel.Physics(wind_std=std, wind_time=time)
-    ensemble = drifted(physics, step, (0, 0, 0, 1, 0, 0), uniform_wind(8.0), windage)
+    ensemble = drifted(physics, step, {"wind": (0, 1)}, uniform_wind(8.0), windage)
     east, north = offsets(ensemble)
     close_to(east, variance, 0.005)
     close_to(north - slope * 8.0 * HOURS * 3600, variance, 0.005)
@@ -117,7 +117,7 @@ def test_a_step_feels_the_mean_of_the_error_at_its_ends(which: str) -> None:
     draw.draw_error(0, n, 0, *columns, int(which == "wind"), *key(3), 0.3 if which == "current" else 2.0)
     ensemble.own["down_slope"].fill(slope)
     before = np.array([column.to_numpy() for column in columns], np.float64)
-    clock, ranges = kernel.Step(0, 0, step, 1), (0, 0, 0, 1, 0, 0)
+    clock, ranges = kernel.Step(0, 0, step, 1), {"wind": (0, 1)}
     kernel.advance(
         ensemble, (0, n, 0), uniform_wind(5.0, -7.0), ranges, physics, clock, kernel.Surroundings(EVERYWHERE)
     )
@@ -146,7 +146,7 @@ def test_a_line_leads_down_and_to_the_right_of_any_wind(toward: tuple[float, flo
     wind = np.array(toward)
     speed = np.hypot(*wind)
     down, right = wind / speed, np.array([wind[1], -wind[0]]) / speed
-    moved = offsets(drifted(kernel.Physics(), 3600, (0, 0, 0, 1, 0, 0), uniform_wind(toward[1], toward[0]), equip, 2)).T
+    moved = offsets(drifted(kernel.Physics(), 3600, {"wind": (0, 1)}, uniform_wind(toward[1], toward[0]), equip, 2)).T
     for found, side in zip(moved, ("right", "left"), strict=True):
         rates = [slope * speed + offset for slope, offset in (lines["down"], lines[side])]
         way = (rates[0] * down + rates[1] * right) * HOURS * 3600
@@ -185,7 +185,7 @@ def test_debris_jibes_and_walks_on_its_own() -> None:
         for k in range(12):
             place = kernel.Surroundings(EVERYWHERE, debris=debris)
             kernel.advance(
-                ensemble, (0, n, 0), tiles, (0, 0, 0, 1, 0, 0), physics, kernel.Step(k, 3600 * k, 3600, 1), place
+                ensemble, (0, n, 0), tiles, {"wind": (0, 1)}, physics, kernel.Step(k, 3600 * k, 3600, 1), place
             )
         found.append(ensemble)
     objects, *others = found
@@ -218,11 +218,11 @@ def test_jibing_swaps_the_whole_line_at_its_rate(step: int) -> None:
         ensemble.own["left_slope"].fill(-0.01)
         ensemble.own["left_offset"].fill(0.03)
 
-    still = drifted(kernel.Physics(), step, (0, 0, 0, 1, 0, 0), uniform_wind(10.0), equip, n)
+    still = drifted(kernel.Physics(), step, {"wind": (0, 1)}, uniform_wind(10.0), equip, n)
     east = offsets(still)[0]
     assert east == pytest.approx(0.25 * HOURS * 3600, rel=1e-4)  # all on the right line: slope and offset of it
 
-    ensemble = drifted(kernel.Physics(jibe_rate=rate), step, (0, 0, 0, 1, 0, 0), uniform_wind(10.0), equip, n)
+    ensemble = drifted(kernel.Physics(jibe_rate=rate), step, {"wind": (0, 1)}, uniform_wind(10.0), equip, n)
     t = HOURS * 3600
     side, correlation = ensemble.own["side"].to_numpy(), np.exp(-2 * rate * t)
     assert abs(side.mean() - correlation) < 4.5 / np.sqrt(n)

@@ -179,7 +179,7 @@ def adrift(ensemble: record.Ensemble, east: float, north: float) -> np.ndarray:
     tiles.blend([(0.0, 0.0)])
     step = advance.Step(0, 0, 3600, 1)
     advance.advance(
-        ensemble, (0, n, 0), tiles, (0, 0, 0, 1, 0, 0), advance.Physics(), step, advance.Surroundings(EVERYWHERE)
+        ensemble, (0, n, 0), tiles, {"wind": (0, 1)}, advance.Physics(), step, advance.Surroundings(EVERYWHERE)
     )
     lon, lat = (c.to_numpy() * sphere.UNIT for c in (ensemble.lon, ensemble.lat))
     return np.array(sphere.offset(np.radians(179.95), np.radians(-41.0), lon, lat))

@@ -36,7 +36,9 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
 
 def world(current: sources.Source, direction: int = 1, physics: kernel.Physics = STILL, coast=None, domain=EVERYWHERE):
     return Scene(
-        Forcing([Sources(current=(current,))], direction), (Motion(DRIFT, physics),), kernel.Surroundings(domain, coast)
+        Forcing([Sources({"current": (current,)})], direction),
+        (Motion(DRIFT, physics),),
+        kernel.Surroundings(domain, coast),
     )
 
 

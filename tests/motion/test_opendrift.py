@@ -39,7 +39,7 @@ def _sources(data: Path) -> Sources:
     box, folder = Box(1, 59, 8, 64), data / "norkyst"
     current = forcing.open_source("current", [str(folder / "norkyst800_subset_16Nov2015.nc")], box=box)
     wind = forcing.open_source("wind", [str(folder / "arome_subset_16Nov2015.nc")], box=box)
-    return Sources((current,), (wind,), cells={("current", current.name): 3})
+    return Sources({"current": (current,), "wind": (wind,)}, cells={("current", current.name): 3})
 
 
 def a_day(ensemble: record.Ensemble, sources: Sources, physics: kernel.Physics) -> simulate.Moment:

@@ -35,7 +35,7 @@ def told(*scenarios: Scenario, particles: int = N, direction: int = 1) -> Ensemb
 
 
 def scenario(where, weight: float = 1.0, name: str = "s") -> Scenario:
-    return Scenario(name, weight, DRIFTER, 0.0, where, (), (), ())
+    return Scenario(name, weight, DRIFTER, 0.0, where, {})
 
 
 def position(lon: float, lat: float, major=5000.0, minor=2000.0, orientation=0.6, displacement=None, hours=(0, 0)):

@@ -41,7 +41,7 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
 
 def world(*currents: Source, direction: int = 1, physics: kernel.Physics = STILL) -> Scene:
     return Scene(
-        Forcing([Sources(current=currents)], direction), (Motion(DRIFT, physics),), kernel.Surroundings(EVERYWHERE)
+        Forcing([Sources({"current": currents})], direction), (Motion(DRIFT, physics),), kernel.Surroundings(EVERYWHERE)
     )
 
 
@@ -132,12 +132,12 @@ def test_missing_values_near_the_coast_come_from_the_next_source_before_they_are
     other[:6, :, :] = (0.0, 3.0)
     second = replace(first, name="second", read=lambda i: other)
     place = Scene(
-        Forcing([Sources((first, second), cells={("current", "first"): 3, ("current", "second"): 0})], 1),
+        Forcing([Sources({"current": (first, second)}, cells={("current", "first"): 3, ("current", "second"): 0})], 1),
         (Motion(DRIFT, STILL),),
         kernel.Surroundings(EVERYWHERE),
     )
     place.forcing.set(T0, T0 + 600)
-    first_tile, last_tile = place.forcing.ranges[0][:2]
+    first_tile, last_tile = place.forcing.ranges[0]["current"]
     lon, lat = sphere.to_binary([0.55, 1.25, 1.25, 1.75]), sphere.to_binary([50.25, 50.25, 50.85, 50.85])
     found = place.forcing.tiles.at(first_tile, last_tile, lon, lat, 0.0)
     assert found[:3, :2] == pytest.approx(np.array([[1, 0], [0, 3], [1, 0]]), abs=1e-6)
@@ -160,7 +160,7 @@ def test_what_one_quantity_does_not_know_is_not_zero(silent: str) -> None:
     ensemble = ensemble_at(-29.5, 31.5, [0, 0])
     ensemble.lon.from_numpy(sphere.to_binary([-29.5, -26.5]))
     ensemble.own["down_slope"].fill(0.03)
-    ranges = (0, 1, 2, 3, 1, 2)  # of currents, winds, Stokes drift
+    ranges = {"current": (0, 1), "wind": (2, 3), "stokes": (1, 2)}
     kernel.advance(
         ensemble, (0, 2, 0), tiles, ranges, STILL, kernel.Step(0, 0, 1800, 1), kernel.Surroundings(EVERYWHERE)
     )
@@ -175,7 +175,7 @@ def test_rival_forcing_is_a_matter_of_the_scenario() -> None:
     ensemble = record.empty(1, (0, 3, 5), COLUMNS)
     place = Scene(
         Forcing(
-            [Sources((sources.constant("current", 1.0, 0.0),)), Sources((sources.constant("current", 0.0, 1.0),))], 1
+            [Sources({"current": (sources.constant("current", *speed),)}) for speed in ((1.0, 0.0), (0.0, 1.0))], 1
         ),
         (Motion(DRIFT, STILL),) * 2,
         kernel.Surroundings(EVERYWHERE),

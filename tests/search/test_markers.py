@@ -21,7 +21,7 @@ def test_a_marker_goes_by_the_integral_of_a_current_that_turns(step: int) -> Non
     hours = T0 + np.arange(5) * np.timedelta64(HOUR, "s")
     source = sources.table("current", hours, east, north)
     begin, end = 0.4 * HOUR, 4.0 * HOUR
-    marker, field = Marker(-179.99, 61.3, begin, 0), Forcing([Sources(current=(source,))], 1)
+    marker, field = Marker(-179.99, 61.3, begin, 0), Forcing([Sources({"current": (source,)})], 1)
     start = int((T0 - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
     for elapsed in range(0, int(end), step):
         field.set(start + elapsed, start + elapsed + step)

@@ -198,7 +198,7 @@ def test_closing_forcing_does_not_wait_for_a_server() -> None:
             left.set()
 
     still = sources.constant("current", 0.2, 0.1)
-    winds = engine.Forcing([engine.Sources(current=(replace(still, read=read),))], 1)
+    winds = engine.Forcing([engine.Sources({"current": (replace(still, read=read),)})], 1)
     winds._slices[0]._request(0)
     assert asked.wait(5)
     begin = time.monotonic()
@@ -268,9 +268,9 @@ def test_signals_end_a_wait_for_a_server(tmp_path: Path, command: str, number: i
 
 
 def test_the_time_out_is_the_case_s(tmp_path: Path) -> None:
-    spec = drift.load(case_file(tmp_path, "http://127.0.0.1:9/sea", 'timeout = "0.5 min"')).currents[0]
+    spec = drift.load(case_file(tmp_path, "http://127.0.0.1:9/sea", 'timeout = "0.5 min"')).forcing["current"][0]
     assert spec.timeout == 30
-    assert drift.load(case_file(tmp_path, "http://127.0.0.1:9/sea")).currents[0].timeout == address.TIMEOUT
+    assert drift.load(case_file(tmp_path, "http://127.0.0.1:9/sea")).forcing["current"][0].timeout == address.TIMEOUT
     for wrong in ('"0.5 s"', '"2 h"', '"soon"'):
         with pytest.raises(UserError, match="timeout"):
             drift.load(case_file(tmp_path, "http://127.0.0.1:9/sea", f"timeout = {wrong}"))

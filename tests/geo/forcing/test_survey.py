@@ -307,7 +307,7 @@ def test_typed_speeds_have_ceilings(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"constant: 8\.1 m/s is too fast for a current; at most 8 m/s"):
         drift.load(path, {"current.0.constant.speed": "8.1"})
     calm = drift.load(path, {"current.0.constant.speed": "0"})
-    assert calm.currents[0].constant == (0.0, 0.0)
+    assert calm.forcing["current"][0].constant == (0.0, 0.0)
     gust = {"wind": '[{table = [{time = "+0 h", east = 1, north = 2}, {time = "+9 h", east = -60, north = 68}]}]'}
     with pytest.raises(UserError, match=r"row 2: 90\.69 m/s is too fast for a wind"):
         drift.load(path, gust)
