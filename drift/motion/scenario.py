@@ -8,7 +8,7 @@ drawn in drift.motion.prior and drift.spill.releases.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -141,4 +141,5 @@ class Scenario:
     stokes: tuple[str, ...]
     search_object: str | None = None  # the object's name in the sweep width tables
     model: str = "drift"  # model of motion: drift.motion.models
+    motion: Any = None  # parameters of the model's own: opaque to all but the model
     survival: Survival | None = None
