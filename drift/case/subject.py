@@ -11,7 +11,7 @@ import numpy as np
 
 from drift.case import sources
 from drift.case.mistakes import Mistakes
-from drift.case.scenario import ScenarioTable
+from drift.case.scenario import PARAMETERS, ScenarioTable
 from drift.case.schema import CaseTable
 from drift.case.sources import Forcing
 from drift.case.spill import build as build_spill
@@ -134,7 +134,7 @@ def _scenario(
     for key, wanted, specs in zip(("currents", "winds", "stokes"), asked, forcing, strict=True):
         with wrong.gathered():
             chosen.append(_chosen(wanted, specs, f"{place}.{key}"))
-    if len(chosen) == len(asked):
+    if len(chosen) == len(asked) and _forced(table.motion):
         with wrong.gathered():
             _check_sources(place, drifter, chosen[0], chosen[1])
     wrong.refuse()
@@ -150,8 +150,19 @@ def _scenario(
         winds,
         stokes,
         search_object=table.search_object,
+        model=table.motion,
+        motion=PARAMETERS[table.motion](table),
         survival=alive,
     )
+
+
+def _forced(model: str) -> bool:
+    """Return whether a model of motion needs currents and winds."""
+    if model == "drift":
+        return True  # without the models, which load the compiler: a case is read without it
+    from drift.motion.models import MODELS
+
+    return MODELS[model].forced
 
 
 def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetime64) -> None:
