@@ -6,8 +6,9 @@ step everything is float32 on differences from the position at its begin. Writin
 most 5 mm.
 
 One launch does it all, so that the columns are read once. The parts are point functions, which another model of motion
-shares: kernels.life says when in the step a particle moves, errors what chance does to it, integrate leads it along any
-field of velocity, shore says what the coast does to it; velocity.drift is this model's own.
+shares: kernels.life says when in the step a particle moves and writes how the step ends for it, errors what chance does
+to it, integrate leads it along any field of velocity, shore says what the coast does to it; velocity.drift is this
+model's own.
 """
 
 from collections.abc import Callable
@@ -32,7 +33,7 @@ from kernels.features import (
     SLIDE,
     WIND,
 )  # fmt: skip
-from kernels.life import ADRIFT, ASHORE, LEFT, OUTSIDE, SUNK
+from kernels.life import ASHORE, SUNK
 from kernels.noise import Purpose
 from kernels.sample import Ranges, Sea, Tiles
 from kernels.velocity import Drifter, drift
@@ -179,26 +180,7 @@ def _advance(
                     if ti.static(features & SLIDE):
                         if x_end != x + move_lon or y_end != y + move_lat:
                             known = True  # it slid along the shore: a stage that found no forcing lay inland
-                if met == 1:
-                    core.lon[i], core.lat[i] = x_end, y_end
-                    core.status[i] = ASHORE
-                    core.status_since[i] = left + ti.cast(part * dt, ti.i32)
-                    core.edge[i] = number
-                elif known:
-                    core.lon[i], core.lat[i] = x_end, y_end
-                    core.status[i] = ADRIFT
-                    if (
-                        ti.cast(x_end - terms.west, ti.u32) > terms.width
-                        or ti.cast(y_end - terms.south, ti.u32) > terms.height
-                    ):
-                        core.status[i] = LEFT
-                        core.status_since[i] = elapsed + duration
-                    elif finish < elapsed + duration:
-                        core.status[i] = SUNK
-                        core.status_since[i] = finish
-                else:
-                    core.status[i] = OUTSIDE
-                    core.status_since[i] = left
+                life.ending(core, terms, i, met, number, part, known, x_end, y_end, left, finish, elapsed + duration)
 
 
 class Beach(NamedTuple):

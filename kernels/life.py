@@ -1,4 +1,4 @@
-"""A particle's life: its states, and during which part of a step it moves.
+"""A particle's life: its states, during which part of a step it moves, and how the step ends.
 
 Times are whole seconds after the run's start, also of a run backward in time. A particle waits for its release, drifts,
 and ends ashore, outside of the forcing, outside of the domain or sunk; what refloats goes on from the beach.
@@ -33,6 +33,47 @@ def ahead(status: ti.i32, release: ti.i32, due: ti.i32, sink_time: ti.i32, elaps
         finish = ti.max(sink_time, left)
         moves = moves and (finish > left or status != ASHORE)
     return moves, left, finish
+
+
+@ti.func
+def ending(
+    core: ti.template(),
+    domain: ti.template(),
+    i: ti.i32,
+    met: ti.i32,
+    number: ti.i32,
+    part: ti.f32,
+    known: ti.template(),
+    lon: ti.i32,
+    lat: ti.i32,
+    left: ti.i32,
+    finish: ti.i32,
+    over: ti.i32,
+):
+    """Write how a step ends for particle i, which moved in it from `left` to `finish` [s]: its place, state and time.
+
+    core: columns lon, lat, status, status_since and edge. domain: has west, south, width, height, the box outside which
+    it has left. met, number, part: whether and where it met the shore, as kernels.shore.meet returns them; lon, lat: its
+    place there, or at the way's end. known: whether the forcing was known all along the way; without it the particle
+    stays where it was. over: the end of the step [s]. The shore comes first: what strands has neither left nor sunk.
+    """
+    if met == 1:
+        core.lon[i], core.lat[i] = lon, lat
+        core.status[i] = ASHORE
+        core.status_since[i] = left + ti.cast(part * ti.cast(finish - left, ti.f32), ti.i32)
+        core.edge[i] = number
+    elif known:
+        core.lon[i], core.lat[i] = lon, lat
+        core.status[i] = ADRIFT
+        if ti.cast(lon - domain.west, ti.u32) > domain.width or ti.cast(lat - domain.south, ti.u32) > domain.height:
+            core.status[i] = LEFT
+            core.status_since[i] = over
+        elif finish < over:
+            core.status[i] = SUNK
+            core.status_since[i] = finish
+    else:
+        core.status[i] = OUTSIDE
+        core.status_since[i] = left
 
 
 @ti.func

@@ -5,6 +5,7 @@ they are made from. Three kinds of prior: around a reported position, inside an 
 """
 
 import math
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
@@ -290,12 +291,20 @@ class SurvivalTable(fields.Table):
         )
 
 
+def _motion(value: object) -> object:
+    if not isinstance(value, str) or value not in PARAMETERS:
+        names = ", ".join(f'"{name}"' for name in PARAMETERS)
+        raise ValueError(f"no model of motion {value!r}; there is: {names}")
+    return value
+
+
 class ScenarioTable(fields.Table):
     """A [[scenario]] table as written."""
 
     name: fields.Label
     weight: fields.Weight = 1.0
     object: Annotated[ObjectTable, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)]
+    motion: Annotated[str, BeforeValidator(_motion)] = "drift"
     jibe: fields.Rate | None = None
     currents: list[str] | None = None
     winds: list[str] | None = None
@@ -321,3 +330,7 @@ class ScenarioTable(fields.Table):
     def jibe_rate(self, drifter: Drifter) -> float:
         """Return the jibing rate [1/s]; by default as published for objects with two sides."""
         return self.jibe if self.jibe is not None else (JIBE_RATE if drifter.jibes else 0.0)
+
+
+# The models of motion that a scenario can name, and how each makes its own parameters of the scenario's keys.
+PARAMETERS: dict[str, Callable[[ScenarioTable], Any]] = {"drift": lambda table: None}

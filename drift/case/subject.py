@@ -12,7 +12,7 @@ import numpy as np
 
 from drift.case import sources
 from drift.case.mistakes import Mistakes
-from drift.case.scenario import ScenarioTable
+from drift.case.scenario import PARAMETERS, ScenarioTable
 from drift.case.schema import CaseTable
 from drift.case.spill import build as build_spill
 from drift.environment.forcing_spec import Forcing, ForcingSpec
@@ -133,7 +133,7 @@ def _scenario(
         key = QUANTITIES[quantity].key
         with wrong.gathered():
             chosen[quantity] = _chosen(getattr(table, key), specs, f"{place}.{key}")
-    if len(chosen) == len(forcing):
+    if len(chosen) == len(forcing) and _forced(table.motion):
         with wrong.gathered():
             _check_sources(place, drifter, chosen)
     wrong.refuse()
@@ -146,8 +146,19 @@ def _scenario(
         prior,
         chosen,
         search_object=table.search_object,
+        model=table.motion,
+        motion=PARAMETERS[table.motion](table),
         survival=alive,
     )
+
+
+def _forced(model: str) -> bool:
+    """Return whether a model of motion needs currents and winds."""
+    if model == "drift":
+        return True  # without the models, which load the compiler: a case is read without it
+    from drift.motion.models import MODELS
+
+    return MODELS[model].forced
 
 
 def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetime64) -> None:

@@ -248,6 +248,16 @@ def _keys() -> list[str]:
     return [quantity.key for quantity in QUANTITIES.values()]
 
 
+def check_drifting(case: Case) -> None:
+    """Raise UserError where a scenario of a case moves by another model than drift: no drifter is like it."""
+    for story in case.scenarios:
+        if story.model != "drift":
+            raise UserError(
+                f'{case.path.name}: scenario "{story.name}" has motion = "{story.model}"; drifters are compared with '
+                'what drifts, motion = "drift"'
+            )
+
+
 def scenario(case: Case) -> Mapping[str, Any]:
     """Return the scenario table of a case.
 

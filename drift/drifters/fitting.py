@@ -111,6 +111,7 @@ def fit_errors(
     """
     tell = report or (lambda phase, share: None)
     tell("read", 0.0)
+    along.check_drifting(case)
     names = dict(columns or {})
     tracks = read(files, names)
     if not isinstance(gap, int | float) or not gap > 0:

@@ -141,6 +141,7 @@ def verify(
     if target is not None:
         writer.check_folder(target, overwrite, (*chapter.FILES, *chapter.PICTURES))
     _check(every, hours, error, gap, particles)
+    along.check_drifting(case)
     names = dict(columns or {})
     believed = drifter_records.believed(fitting.read(files, names), fastest)
     notes = list(believed.notes)

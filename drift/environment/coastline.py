@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from drift.environment.environment_spec import Coast
+from drift.motion import models
 from drift.motion.ensemble_spec import EnsembleSpec
 from geo import notation, sphere
 from geo.box import Box
@@ -21,13 +22,15 @@ MARGIN = 0.25  # [deg] more than a step
 NEAR = 1.0  # [deg] about a reported position within which full detail says whether it lies on land
 
 
-def around(box: Box, sources: Sequence[Source]) -> Box:
+def around(spec: EnsembleSpec, box: Box, sources: Sequence[Source]) -> Box:
     """Return the box of the coast for a domain: where its sources know a current, and a little further.
 
-    sources: those whose values are not only added to others'.
+    It is the whole domain where a scenario's objects go on without a current. sources: those whose values are not only
+    added to others'.
     """
+    reached = _shrunk(box, sources) if models.forced(spec.scenarios) else box
     # A last step may lead out of the domain.
-    return _shrunk(box, sources).grown(MARGIN / np.cos(np.radians(min(abs(box.north), 80))), MARGIN)
+    return reached.grown(MARGIN / np.cos(np.radians(min(abs(box.north), 80))), MARGIN)
 
 
 def opened(

@@ -11,10 +11,8 @@ import numpy as np
 
 from drift.environment.environment_spec import EnvironmentSpec
 from drift.environment.forcing_spec import ForcingSpec
-from drift.motion.drift import DRIFT
+from drift.motion import drift
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.leeway import Drifter
-from drift.motion.model import Model
 from drift.motion.models import MODELS
 from geo import sphere
 from geo.box import Box
@@ -47,10 +45,16 @@ def binary(box: Box) -> advance.Domain:
 
 def within_reach(spec: EnsembleSpec) -> Box:
     """Return the box that holds every prior and all that it can reach by the end of the run."""
-    leeway = max((model.usual(drifter, STRONGEST_WIND) for model, drifter in _all(spec)), default=0.0)
-    fastest = FASTEST_CURRENT + leeway + 3 * (spec.errors.current.std + spec.errors.current.bias)
-    if spec.release:
-        fastest += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
+
+    def carried(leeway: float) -> float:
+        speed = FASTEST_CURRENT + leeway + 3 * (spec.errors.current.std + spec.errors.current.bias)
+        if spec.release:
+            speed += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
+        return speed
+
+    objects = [(MODELS[s.model].forced, MODELS[s.model].usual(s, STRONGEST_WIND)) for s in spec.scenarios]
+    debris = [(True, drift.usual(drifter, STRONGEST_WIND)) for drifter in spec.debris]
+    fastest = max(carried(speed) if forced else speed for forced, speed in objects + debris)
     return around(spec, fastest, SPREADS)
 
 
@@ -64,20 +68,18 @@ def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """
     utmost = {name: _fastest(asked.forcing.get(name, ()), quantity) for name, quantity in QUANTITIES.items()}
     wind = utmost["wind"] + FARTHEST * spec.errors.wind.std
-    leeway = max((model.fastest(drifter, wind, FARTHEST) for model, drifter in _all(spec)), default=0.0)
-    fastest = sum(utmost[name] for name, quantity in QUANTITIES.items() if not quantity.in_air) + leeway
-    fastest += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
-    if spec.release:
-        fastest += leeway * math.exp(FARTHEST * spec.release.windage_bias)
-    fastest += FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)
+
+    def carried(leeway: float) -> float:
+        speed = sum(utmost[name] for name, quantity in QUANTITIES.items() if not quantity.in_air) + leeway
+        speed += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
+        if spec.release:
+            speed += leeway * math.exp(FARTHEST * spec.release.windage_bias)
+        return speed + FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)
+
+    objects = [(MODELS[s.model].forced, MODELS[s.model].fastest(s, wind, FARTHEST)) for s in spec.scenarios]
+    debris = [(True, drift.fastest(drifter, wind, FARTHEST)) for drifter in spec.debris]
+    fastest = max(carried(speed) if forced else speed for forced, speed in objects + debris)
     return around(spec, fastest, FARTHEST)
-
-
-def _all(spec: EnsembleSpec) -> list[tuple[Model, Drifter]]:
-    """Return all objects of a run and how each moves; debris drifts."""
-    return [(MODELS[scenario.model], scenario.object) for scenario in spec.scenarios] + [
-        (DRIFT, drifter) for drifter in spec.debris
-    ]
 
 
 def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:

@@ -11,6 +11,7 @@ from drift.environment import coastline, domain
 from drift.environment.environment_spec import EnvironmentSpec
 from drift.environment.forcing_spec import ForcingSpec
 from drift.environment.forcing_spec import options as source_options
+from drift.motion import models
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.forcing import Sources
 from drift.motion.period import Period
@@ -86,13 +87,15 @@ def open_for(
         }
         scenarios.append(Sources(by_quantity, cells, added))
     for scenario, named in zip(spec.scenarios, scenarios, strict=True):
+        if not (spec.debris or models.forced([scenario])):
+            continue  # nothing of it is lost without forcing
         place = f'{spec.story} "{scenario.name}"'
         for quantity in needed():
             for k, term in enumerate(named.terms(quantity)):
                 _check_times(spec.period, asked.max_lost, place, quantity, term, added=k > 0)
     shown = tuple(opened.values())
     base = tuple(source for source in shown if (source.quantity, source.name) not in added)
-    coastal = coastline.around(box, base)
+    coastal = coastline.around(spec, box, base)
     shared = common.coast(spec, asked, coastal) if common else None
     land, coast = coastline.opened(spec, asked.coast, coastal, seen, shared)
     if coast is None and spec.release:

@@ -126,4 +126,15 @@ def fastest(drifter: Drifter, wind: float, spreads: float) -> float:
     return line * math.sqrt(2)  # down and across the wind
 
 
-DRIFT: Model = Model(COLUMNS, physics, draw, mover, between, still, longest, usual, fastest)
+DRIFT: Model = Model(
+    forced=True,
+    columns=COLUMNS,
+    terms=physics,
+    draw=draw,
+    mover=mover,
+    between=between,
+    still=still,
+    longest=longest,
+    usual=lambda scenario, wind: usual(scenario.object, wind),
+    fastest=lambda scenario, wind, spreads: fastest(scenario.object, wind, spreads),
+)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from drift.motion.forcing_error import Errors
-from drift.motion.leeway import Drifter
 from drift.motion.scenario import Scenario
 from drift.particles.ensemble import Column, Ensemble, Slots
 from geo.array import Array
@@ -17,7 +16,7 @@ from kernels import advance as kernel
 from kernels.sample import Ranges, Tiles
 
 Key = tuple[int, int]  # key of random numbers: kernels.noise.key
-Terms = Any  # what a model's kernel takes of a scenario: opaque to all but the model
+Terms = Any  # what a model's kernel takes of a scenario, also of its `motion`: opaque to all but the model
 
 
 class Waters(NamedTuple):
@@ -41,8 +40,13 @@ class Inside(NamedTuple):
 
 @dataclass(frozen=True)
 class Model:
-    """How objects of one kind move."""
+    """How objects of one kind move.
 
+    What is forced moves with currents and winds and their errors: without them it is lost. What is not goes on
+    everywhere, and its speeds are over ground.
+    """
+
+    forced: bool
     columns: tuple[Column, ...]  # columns of the ensemble besides those of the core
     terms: Callable[[Errors, Scenario], Terms]
     # Draws the columns' first values, of a scenario's slots.
@@ -55,10 +59,10 @@ class Model:
     still: Callable[[Terms], Terms]
     # Returns the longest steps [s] that the model allows, by the reason for each.
     longest: Callable[[Errors], Mapping[str, float]]
-    # Returns how fast an object usually goes through the water in a wind [m/s], to draw its box.
-    usual: Callable[[Drifter, float], float]
-    # Returns the speed that none exceeds in a wind [m/s]; float: so many standard deviations out.
-    fastest: Callable[[Drifter, float, float], float]
+    # Returns how fast a scenario's object usually goes through the water in a wind [m/s], to draw its box.
+    usual: Callable[[Scenario, float], float]
+    # Returns the speed that none exceeds in a wind [m/s]; second float: so many standard deviations out.
+    fastest: Callable[[Scenario, float, float], float]
 
 
 class Motion(NamedTuple):

@@ -11,6 +11,11 @@ from drift.particles.ensemble import Column
 MODELS: dict[str, Model] = {"drift": DRIFT}
 
 
+def forced(scenarios: Iterable[Scenario]) -> bool:
+    """Return whether all of some scenarios move with currents and winds, and are lost without them."""
+    return all(MODELS[scenario.model].forced for scenario in scenarios)
+
+
 def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
     """Return the columns that particles of some scenarios have besides the core, each once."""
     every = (column for scenario in scenarios for column in MODELS[scenario.model].columns)

@@ -9,7 +9,7 @@ drawn in drift.motion.prior and drift.spill.releases.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -140,4 +140,5 @@ class Scenario:
     sources: Mapping[str, tuple[str, ...]]  # their names by quantity, in order of priority
     search_object: str | None = None  # the object's name in the sweep width tables
     model: str = "drift"  # model of motion: drift.motion.models
+    motion: Any = None  # parameters of the model's own: opaque to all but the model
     survival: Survival | None = None

@@ -41,7 +41,9 @@ def of_contacts(spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: 
             debris[drifter].last = max(debris[drifter].last, time)
             continue
         number = len(debris) + 1
-        own = replace(spec, scenarios=tuple(replace(s, object=drifter) for s in spec.scenarios))
+        # Debris drifts, however the object beside it moves.
+        drifting = tuple(replace(s, object=drifter, model="drift", motion=None) for s in spec.scenarios)
+        own = replace(spec, scenarios=drifting)
         ensemble = prior.draw(own, scene.place.coast).ensemble
         for slots in ensemble.slots:  # coefficients of its own
             drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)

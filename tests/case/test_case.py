@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,12 @@ import pytest
 from places import DATA, ROOT
 
 from drift.case import file as case_file
+from drift.case import scenario
 from drift.case.record import Case
 from drift.environment.forcing_spec import Slices
 from drift.motion import leeway
+from drift.motion.drift import DRIFT
+from drift.motion.models import MODELS
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from geo import sphere
 from geo.box import Box
@@ -266,6 +270,8 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"scenario.0.position.until": "'+25 h'"}, "may go adrift at 221930ZNOV26, outside the run"),
     ({"scenario.0.position.until": "'-1 h'"}, "until 211730ZNOV26 is before time 211830ZNOV26"),
     ({"scenario.0.jibe": "-1"}, "jibing rate"),
+    ({"scenario.0.motion": "sail"}, r"scenario \"raft\".motion: no model of motion 'sail'; there is: \"drift\"$"),
+    ({"scenario.0.motion": "[1]"}, r'scenario "raft".motion: no model of motion \[1\]'),
     ({"scenario.0.weight": "-1"}, r'scenario "raft".weight: weight -1 must be at least 0'),
     ({"scenario.0.weight": "0"}, "weights add up to 0"),
     ({"scenario.0.currents": "['gulf']"}, r'scenario "raft".currents: no source "gulf"; there are: set'),
@@ -466,6 +472,21 @@ def test_no_place_or_two(tmp_path: Path) -> None:
 def test_no_current_at_all(tmp_path: Path) -> None:
     without = CASE[: CASE.index("[[current]]")] + CASE[CASE.index("[[wind]]") :]
     assert 'has no current: add [[current]] with files, or constant = { speed = "0 kn"' in refusal(tmp_path, without)
+
+
+def test_a_model_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its parameters are made of the scenario's keys; it needs no current if it is not forced."""
+    for forced in (True, False):
+        monkeypatch.setitem(MODELS, "steaming", replace(DRIFT, forced=forced))
+        monkeypatch.setitem(scenario.PARAMETERS, "steaming", lambda table: (table.name, 8.0))
+        changes = {"scenario.0.motion": "steaming", "scenario.0.currents": "[]"}
+        if forced:
+            assert "has no current: add" in refusal(tmp_path, changes=changes)
+        else:
+            (own,) = load(tmp_path, **changes).scenarios
+            assert (own.model, own.motion) == ("steaming", ("raft", 8.0))
+    (own,) = load(tmp_path).scenarios
+    assert (own.model, own.motion) == ("drift", None)
 
 
 def test_files_that_are_no_case(tmp_path: Path) -> None:

@@ -204,6 +204,18 @@ def test_columns_along_the_track_are_a_current_by_time(tmp_path):
         drift.verify(base, [given], columns={"current_east": "ue", "current_north": "w"})
 
 
+@pytest.mark.parametrize("job", [drift.verify, drift.fit_errors])
+def test_what_does_not_drift_is_refused(tmp_path, job):
+    base = case(tmp_path)
+    steaming = replace(base, scenarios=(replace(base.scenarios[0], model="steaming"),))
+    with pytest.raises(UserError) as caught:
+        job(steaming, simulated(2, 3))
+    assert str(caught.value) == (
+        f'{base.path.name}: scenario "drifter" has motion = "steaming"; '
+        'drifters are compared with what drifts, motion = "drift"'
+    )
+
+
 @pytest.mark.parametrize(
     ("stated", "words", "spread"),
     [

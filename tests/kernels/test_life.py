@@ -4,7 +4,7 @@ import numpy as np
 import taichi as ti
 from scipy import stats
 
-from kernels import life
+from kernels import launch, life
 from kernels.coast import Ints, Reals
 
 RNG = np.random.default_rng(11)
@@ -31,6 +31,22 @@ def _behind(status: Ints, release: Ints, ended: Ints, afloat: Ints, elapsed: ti.
 def _refloats(ended: Ints, uniform: Reals, stay: ti.f32, out: Ints):
     for i in range(ended.shape[0]):
         out[i] = life.refloats(ended[i], uniform[i], stay)
+
+
+Ends = ti.types.argpack(**dict.fromkeys(("lon", "lat", "status", "status_since", "edge"), Ints))
+Ways = ti.types.argpack(
+    **dict.fromkeys(("met", "number", "known", "east", "north", "left", "finish"), Ints), part=Reals
+)
+Corner = ti.types.struct(west=ti.i32, south=ti.i32, width=ti.u32, height=ti.u32)
+
+
+@ti.kernel
+def _ending(core: Ends, ways: Ways, box: Corner, over: ti.i32):
+    for i in range(ways.met.shape[0]):
+        life.ending(
+            core, box, i, ways.met[i], ways.number[i], ways.part[i], ways.known[i] == 1, ways.east[i], ways.north[i],
+            ways.left[i], ways.finish[i], over,
+        )  # fmt: skip
 
 
 def followed(status: int, release: int, due: int, sinks: int) -> tuple[bool, int, int]:
@@ -65,6 +81,44 @@ def test_what_moves_in_a_step_does_so_from_its_release_to_its_end() -> None:
         if moves:
             assert tuple(got[1:]) == (left, finish), own
     assert 0 < (out[::3] == 1).sum() < n
+
+
+def test_a_step_ends_on_the_shore_or_where_nothing_is_known_or_outside_or_under_water_or_adrift() -> None:
+    """In this order, against plain integers: a box over the antimeridian, with places on its very edges and just beyond."""
+    n, west, south, width, height = 4000, 2**31 - 40, -7, 90, 25
+    box = {"west": west, "south": south, "width": width, "height": height}
+    met, known = RNG.integers(0, 2, (2, n)).astype(np.int32)
+    met[: n // 2] = 0
+    east, north = RNG.integers(-3, width + 4, n), RNG.integers(-3, height + 4, n)  # from the box's corner
+    lon, lat = ((east + west + 2**31) % 2**32 - 2**31).astype(np.int32), (north + south).astype(np.int32)
+    left, finish = np.sort(RNG.integers(MOMENT, END + 1, (2, n)), axis=0).astype(np.int32)
+    finish[::3] = END
+    number, part = RNG.integers(0, 99, n).astype(np.int32), RNG.random(n).astype(np.float32)
+    before = np.full((5, n), -9, np.int32)
+    after = before.copy()
+    core = launch.pack(Ends, *(own := [ti.ndarray(ti.i32, n) for _ in range(5)]))
+    for array, values in zip(own, before, strict=True):
+        array.from_numpy(values)
+    given = met, number, known, lon, lat, left, finish, part
+    ways = [ti.ndarray(ti.f32 if values.dtype == np.float32 else ti.i32, n) for values in given]
+    for array, values in zip(ways, given, strict=True):
+        array.from_numpy(values)
+    _ending(core, launch.pack(Ways, *ways), Corner(**box), END)
+    for k in range(n):
+        inside = 0 <= east[k] <= width and 0 <= north[k] <= height
+        if met[k]:
+            shore = left[k] + int(part[k] * np.float32(finish[k] - left[k]))
+            after[:, k] = lon[k], lat[k], life.ASHORE, shore, number[k]
+        elif not known[k]:
+            after[2:4, k] = life.OUTSIDE, left[k]
+        elif not inside:
+            after[:4, k] = lon[k], lat[k], life.LEFT, END
+        elif finish[k] < END:
+            after[:4, k] = lon[k], lat[k], life.SUNK, finish[k]
+        else:
+            after[:3, k] = lon[k], lat[k], life.ADRIFT
+    assert np.array_equal([array.to_numpy() for array in own], after)
+    assert set(after[2]) == {life.ADRIFT, life.ASHORE, life.OUTSIDE, life.LEFT, life.SUNK}
 
 
 def test_what_has_moved_was_seen_from_its_release_to_its_end() -> None:
