@@ -38,7 +38,7 @@ def test_debris_drifts_however_its_object_moves(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "case.toml").write_text(CASE)
     spec = start.ensemble_spec(case := drift.load(tmp_path / "case.toml"))
     spec = replace(spec, scenarios=tuple(replace(s, model="steaming", motion=8.0) for s in spec.scenarios))
-    forcing = Forcing([Sources((sources.constant("current", 1.0, 0.0),))], 1)
+    forcing = Forcing([Sources({"current": (sources.constant("current", 1.0, 0.0),)})], 1)
     scene = Scene(forcing, (), kernel.Surroundings(kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)))
     (only,) = debris.of_contacts(spec, [(3 * 3600, case.contacts[0])], scene).values()
     forcing.close()

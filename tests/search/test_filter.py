@@ -747,7 +747,7 @@ def test_the_same_bits_for_any_number_of_threads(tmp_path):
     """Sorties of every kind, a shared factor and resampling: weights and places of fresh processes agree to the bit."""
     script = """
 import sys, hashlib, dataclasses, pathlib
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = sys.argv[1], sys.argv[1] + "/../oracles"
 import test_filter as t
 from kernels import runtime
 runtime.start(threads=int(sys.argv[2]))
