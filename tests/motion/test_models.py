@@ -78,6 +78,7 @@ def test_columns_of_all_models_are_copied(both: tuple[Ensemble, Scene]) -> None:
     scene.forcing.close()
     few = record.sample(ensemble, np.array([1, 3, 4]))
     assert few.bounds == (0, 1, 3)
+    assert few.numbers == (0, 1)
     assert set(few.columns) == {one.name for one in (*record.CORE, *COLUMNS, SPEED)}
     assert few.own["speed"].to_numpy().tolist() == [0, 3, 6]
     record.inherit(ensemble, np.array([0, 0, 2, 4, 4]))

@@ -40,7 +40,9 @@ def test_debris_drifts_however_its_object_moves(tmp_path: Path, monkeypatch: pyt
     spec = replace(spec, scenarios=tuple(replace(s, model="steaming", motion=8.0) for s in spec.scenarios))
     forcing = Forcing([Sources({"current": (sources.constant("current", 1.0, 0.0),)})], 1)
     scene = Scene(forcing, (), kernel.Surroundings(kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)))
-    (only,) = debris.of_contacts(spec, [(3 * 3600, case.contacts[0])], scene).values()
+    times = (3 * 3600, 5 * 3600, 2 * 3600)  # contacts of one class, in any order
+    (only,) = debris.of_contacts(spec, [(time, case.contacts[0]) for time in times], scene).values()
     forcing.close()
+    assert only.last == 5 * 3600
     assert [motion.model for motion in only.scene.motions] == [DRIFT]
     assert set(only.ensemble.own) == {column.name for column in COLUMNS}

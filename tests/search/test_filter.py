@@ -720,6 +720,27 @@ def test_copies_ashore_begin_their_waits_anew_debris_too(tmp_path):
         assert (ensemble.status_since.to_numpy() == np.where(ashore, 7200, 17)).all()
 
 
+def test_outputs_do_not_change_what_a_contact_sees(tmp_path):
+    """Nor do two outputs at one time: evidence of a contact later in the same step is the same to the bit."""
+    text = STILL.replace("30 min", "1 h") + NORMAL.format(d=80)
+    fix = Contact("fix", hours(0.6), "position", fixes=(Fix(-179.98, 30.01),), major=900.0, minor=700.0)
+    case = load(tmp_path, text, particles=3000, contacts=(fix,))
+    alone, shown = (run(case, outputs) for outputs in ([], [700, 1900, 1900, 2300]))
+    assert len(shown[2]) == 4
+    assert alone[0].updates.log_evidence == shown[0].updates.log_evidence
+    np.testing.assert_array_equal(*(ensemble.log_weight.to_numpy() for _, ensemble, _ in (alone, shown)))
+
+
+def test_weights_stay_near_one_after_small_densities(tmp_path):
+    """A density of 1e-9 a square metre twice: float32 would lose small differences far from 0."""
+    fixes = [
+        Contact(str(h), hours(h), "position", fixes=(Fix(-179.98, 30.01),), major=9e3, minor=7e3) for h in (1, 2, 3)
+    ]
+    case = load(tmp_path, STILL + NORMAL.format(d=30), particles=2000, contacts=tuple(fixes))
+    _, ensemble, _ = run(case)
+    assert abs(np.log(np.exp(ensemble.log_weight.to_numpy().astype(float)).sum())) <= 20
+
+
 def test_offspring_separate_and_remember(tmp_path):
     """After a narrow contact few ancestors remain; their offspring part by later noise, and tracks lead back to them."""
     text = STILL + NORMAL.format(d=30)
