@@ -6,7 +6,7 @@ and ends ashore, outside of the forcing, outside of the domain or sunk; what ref
 
 import taichi as ti
 
-ADRIFT, ASHORE, OUTSIDE, LEFT, SUNK, PENDING = range(6)  # drift.particles.status.Status
+ADRIFT, ASHORE, OUTSIDE, LEFT, SUNK, PENDING, UNDER_WAY, ARRIVED, AGROUND = range(9)  # drift.particles.status.Status
 
 NEVER = 2**31 - 1  # [s] a time that does not come
 LONGEST = 2.0e9  # [s] longest wait on a beach that whole seconds can hold
@@ -23,7 +23,7 @@ def ahead(status: ti.i32, release: ti.i32, due: ti.i32, sink_time: ti.i32, elaps
     """
     end = elapsed + duration
     begins = release
-    moves = status == ADRIFT or (status == PENDING and release < end)
+    moves = status == ADRIFT or ((status == PENDING or status == UNDER_WAY) and release < end)
     if status == ASHORE:
         begins = due
         moves = due < end

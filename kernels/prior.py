@@ -78,19 +78,22 @@ def draw_position(
 
 
 @ti.func
-def _inside(lon: ti.i32, lat: ti.i32, west: ti.i32, vertices: ti.template()):
-    """Return 1 inside a polygon of vertices [lon0, lat0, lon1, ...], else 0.
+def inside_ring(lon: ti.i32, lat: ti.i32, west: ti.i32, vertices: ti.template(), first: ti.i32, n: ti.i32):
+    """Return 1 inside a polygon, else 0.
+
+    vertices: [lon0, lat0, lon1, ...], of which n from number `first` on are the polygon's; west: a longitude to the west
+    of all of it, by less than a turn.
 
     It counts crossings, exactly, in 64-bit integers.
     """
-    n = vertices.shape[0] // 2
     x, y = ti.cast(ti.cast(lon - west, ti.u32), ti.i64), ti.cast(lat, ti.i64)
     odd = 0
     for j in range(n):
         k = j + 1 if j + 1 < n else 0
-        xa = ti.cast(ti.cast(vertices[2 * j] - west, ti.u32), ti.i64)
-        xb = ti.cast(ti.cast(vertices[2 * k] - west, ti.u32), ti.i64)
-        ya, yb = ti.cast(vertices[2 * j + 1], ti.i64), ti.cast(vertices[2 * k + 1], ti.i64)
+        a, b = 2 * (first + j), 2 * (first + k)
+        xa = ti.cast(ti.cast(vertices[a] - west, ti.u32), ti.i64)
+        xb = ti.cast(ti.cast(vertices[b] - west, ti.u32), ti.i64)
+        ya, yb = ti.cast(vertices[a + 1], ti.i64), ti.cast(vertices[b + 1], ti.i64)
         if (ya > y) != (yb > y):
             # The edge crosses the point's parallel; count it if the crossing lies east of the point.
             turn = (xb - xa) * (y - ya) - (x - xa) * (yb - ya)
@@ -134,7 +137,10 @@ def draw_area(
             x = west + ti.cast(ti.cast(w[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32)
             y = south + ti.cast(ti.cast(w[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32)
             # Uniform in lon and lat, thinned by cos(lat): uniform on the sphere without rounding of sin(lat).
-            if noise.uniform(w[2]) * broadest < sphere.cos_lat(y) and _inside(x, y, west, vertices) == 1:
+            if (
+                noise.uniform(w[2]) * broadest < sphere.cos_lat(y)
+                and inside_ring(x, y, west, vertices, 0, vertices.shape[0] // 2) == 1
+            ):
                 tries[0] += 1
                 found = 1
                 if ti.static(coastal):

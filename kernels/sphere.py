@@ -65,6 +65,27 @@ def exponential(lon: ti.i32, lat: ti.i32, east: ti.f32, north: ti.f32):
     return lon + turned, ti.min(ti.max(lat + tilted, -QUARTER), QUARTER)
 
 
+@ti.func
+def offset(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(2, ti.f32):
+    """Return (east, north) [m] of the great circle to another position: the inverse of `exponential`.
+
+    The longer of two ways is never taken. Haversines keep the relative precision of short ways; of antipodes, which
+    have no shortest way, the direction means nothing.
+    """
+    dlon, dlat = ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT), ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT)
+    c, s, to_c = cos_lat(lat), sin_lat(lat), cos_lat(to_lat)
+    half_lon, half_lat = _sine(0.5 * dlon), _sine(0.5 * dlat)
+    squared = half_lat * half_lat + c * to_c * half_lon * half_lon
+    arc = 2.0 * ti.atan2(ti.sqrt(squared), ti.sqrt(ti.max(1.0 - squared, 0.0)))
+    x = to_c * 2.0 * half_lon * ti.sqrt(ti.max(1.0 - half_lon * half_lon, 0.0))
+    y = 2.0 * half_lat * ti.sqrt(ti.max(1.0 - half_lat * half_lat, 0.0)) + s * to_c * 2.0 * half_lon * half_lon
+    sine = ti.sqrt(x * x + y * y)
+    scale = ti.f32(RADIUS)
+    if sine > 0.0:
+        scale = arc / sine * ti.f32(RADIUS)
+    return ti.Vector([x * scale, y * scale])
+
+
 @ti.kernel
 def _displace(
     lon: ti.types.ndarray(dtype=ti.i32, ndim=1),

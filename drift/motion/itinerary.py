@@ -1,0 +1,182 @@
+"""Itineraries: where a target that steers means to go, phase by phase, and when it is in distress.
+
+Records are in SI, radians and UTC. A phase leads along way points (a voyage, a track, lanes, a bridge), keeps a course,
+or loiters. drift.motion.itinerary_tables lays
+the itineraries of a run out as kernels.itinerary takes them.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Spread:
+    """An uncertain number: a truncated triangle (Richardson et al. 2003, section 4.2).
+
+    ratio: the density at the mode over that at both ends; 1 is a uniform law.
+    """
+
+    low: float
+    high: float
+    mode: float
+    ratio: float = 1.0
+
+    @property
+    def mean(self) -> float:
+        """Its expectation."""
+        flat = 2 / (1 + self.ratio)
+        return flat * (self.low + self.high) / 2 + (1 - flat) * (self.low + self.high + self.mode) / 3
+
+
+NONE = Spread(0.0, 0.0, 0.0)  # certainly nothing
+
+
+@dataclass(frozen=True)
+class Near:
+    """A place that is normal about a position; what deviates from the way point before may go on here."""
+
+    lon: float  # [rad]
+    lat: float
+    major: float = 0.0  # [m] standard deviation along the major axis
+    minor: float = 0.0
+    orientation: float = 0.0  # [rad] of the major axis, clockwise from north
+    # How much of the deviation from the way point before it has, on average: east of east, east of north, north of
+    # east, north of north; major and minor are then those about that average.
+    follows: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class InBox:
+    """A place anywhere in a rectangle about a position."""
+
+    lon: float  # [rad] of its middle
+    lat: float
+    length: float  # [m] along `orientation`
+    width: float  # [m] across
+    orientation: float = 0.0  # [rad] clockwise from north
+
+
+@dataclass(frozen=True)
+class InDisc:
+    """A place anywhere in a circle about a position."""
+
+    lon: float  # [rad]
+    lat: float
+    radius: float  # [m]
+
+
+@dataclass(frozen=True)
+class InRing:
+    """A place anywhere in a polygon whose edges are straight in longitude and latitude."""
+
+    lon: tuple[float, ...]  # [rad] unwrapped: without jumps
+    lat: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Abeam:
+    """A place off a way's centre line, on the side that a target keeps to all along: drift.motion.lanes."""
+
+    lon: float  # [rad] on the centre line
+    lat: float
+    half: float  # [m] farthest off it, or the standard deviation
+    toward: float  # [rad] direction of the displacement to starboard
+    law: Literal["uniform", "normal"] = "uniform"
+
+
+Place: TypeAlias = Near | InBox | InDisc | InRing | Abeam
+
+
+@dataclass(frozen=True)
+class Moment:
+    """An uncertain time after the start of a phase."""
+
+    mean: float  # [s]
+    std: float  # [s] of a normal law
+
+
+@dataclass(frozen=True)
+class WayPoint:
+    """A place to go to, and when it is reached: at a time after the phase's start, or as the speed has it."""
+
+    place: Place
+    time: Spread | Moment | None = None  # [s after the phase's start]; None: by the speed of advance
+    distance: float = 0.0  # [m] from the way point before, for the speed of advance
+
+
+@dataclass(frozen=True)
+class Ways:
+    """A phase along way points. The first one of a first phase is where the target begins."""
+
+    points: tuple[WayPoint, ...]
+    start: np.datetime64  # earliest start
+    after: Spread = NONE  # [s] from there to the start
+    destinations: tuple[tuple[WayPoint, float], ...] = ()  # one of which comes last, with its probability
+    speed: Spread = NONE  # [m/s] of advance, where way points have no times
+    k: float = 0.0  # [m/sqrt(s)] of the Brownian bridges between way points
+    k_spread: float = 0.0  # standard deviation of the logarithm of k
+    slowest: float = 0.0  # [m/s] made good between way points that have times
+    fastest: float = np.inf
+
+
+@dataclass(frozen=True)
+class Course:
+    """A phase on a constant course, or one that changes at exponential times."""
+
+    course: Spread  # [rad] clockwise from north; high may be beyond a turn
+    speed: Spread  # [m/s]
+    change: float = 0.0  # [s] mean time between changes; 0: it keeps its course
+    until: np.datetime64 | None = None
+    lasting: float = np.inf  # [s] at most
+
+
+@dataclass(frozen=True)
+class Loiter:
+    """A phase of legs to and fro inside a polygon."""
+
+    ring: InRing
+    speed: Spread  # [m/s]
+    leg: float  # [m] mean length
+    until: np.datetime64 | None = None
+    lasting: float = np.inf  # [s] at most
+
+
+Phase: TypeAlias = Ways | Course | Loiter
+
+
+@dataclass(frozen=True)
+class Between:
+    """Distress at a time of a law."""
+
+    earliest: np.datetime64
+    after: Spread  # [s]
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Distress at a constant rate from the departure on."""
+
+    rate: float  # [1/s]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Distress after a part of the voyage, whatever its speed."""
+
+    part: Spread  # 0 to 1
+
+
+Distress: TypeAlias = Between | Rate | Part
+
+
+@dataclass(frozen=True)
+class Itinerary:
+    """What a target means to do: phases one after the other, until its distress, if it comes to that."""
+
+    phases: tuple[Phase, ...]
+    distress: Distress | None = None  # None: it never goes adrift
+    overdue: np.datetime64 | None = None  # what has arrived by then is not what is looked for
+    land: Literal["refuse", "stop", "ignore"] = "refuse"
+    search_object: str | None = None  # what sorties look for while it is under way, in the sweep width tables

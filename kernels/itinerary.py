@@ -1,0 +1,384 @@
+"""Itineraries: the phases of what steers, and how each draws the next way point when one is reached.
+
+A target follows way points with times, one after the other. What is settled at its birth (when it starts, how fast it
+is, on which side of a lane it keeps, where it goes in the end) is a function of its birth slot, so that a copy made by
+resampling keeps it; what chance decides later has the target's own slot in its key, so that copies part.
+
+All phases of all scenarios lie in one `Plan`. Times are whole seconds after the run's start.
+"""
+
+import taichi as ti
+
+from kernels import noise, sphere, spreads
+from kernels.coast import Ints, Reals, is_wet
+from kernels.prior import inside_ring
+
+# Numbers in a row of each table of a `Plan`.
+STORY, STORY_LAW, PHASE, PHASE_LAW, POINT, POINT_LAW = 5, 5, 9, 18, 11, 14
+
+WAY, COURSE, LOITER = range(3)  # kinds of phases
+NORMAL, BOX, DISC, RING, ACROSS, ASIDE = range(6)  # laws of a way point's place
+BY_SPEED, AT_TIME, NORMAL_TIME = range(3)  # laws of its time
+
+AWAY, BETWEEN, RATE, SHARE = range(4)  # laws of distress; the first: there is none
+WET, STOPPED = 1, 2  # bits of what land means: way points are drawn in water; a target that meets the shore stops there
+
+NEVER = 2**31 - 1  # [s] a time that does not come
+TRIES = 256  # candidates of a way point: place in water and time in order; the last one stays
+TIMES = 256  # the first number of words for times, after those for places
+WORDS = 512  # numbers of words for each piece of way
+INWARD = 10.0  # [m] before the edge of its polygon at which a loiterer turns, so that rounding puts it on no wrong side
+
+f32x2 = ti.types.vector(2, ti.f32)
+f32x4 = ti.types.vector(4, ti.f32)
+
+Plan = ti.types.argpack(
+    # By scenario: first phase, the one after its last; bits of what land means; law of the distress, and its
+    # earliest time [s].
+    stories=Ints,
+    # By scenario: distress after the earliest time [s], or by share of the voyage (4), see spreads.triangle; its
+    # rate [1/s].
+    story_laws=Reals,
+    # By phase: kind; first way point, those all targets pass, destinations to choose from after them; first vertex of a
+    # ring, its vertices; when it is over [s], how long it lasts at most [s]; when it starts at the earliest [s], for
+    # times of way points; spare.
+    phases=Ints,
+    # By phase: course [rad] (4), speed [m/s] (4), start after the earliest [s] (4): see spreads.triangle; mean time
+    # between changes of course [s], 0: none; mean length of a leg [m]; K [m/sqrt(s)], standard deviation of its
+    # logarithm; lowest and highest speed made good between way points with times [m/s].
+    phase_laws=Reals,
+    # By way point: law of the place; lon, lat; first vertex of a ring, its vertices; the ring's box (west, south, width,
+    # height); law of the time, and its beginning or mean [s after the start].
+    points=Ints,
+    # By way point: major, minor axis [m] and orientation [rad from north] (of a lane: half width, -, bearing of the
+    # displacement); distance from the way point before [m]; how much of the deviation from the way point before it has,
+    # east of east, east of north, north of east, north of north; time (4), see spreads.triangle, or its standard
+    # deviation [s]; largest cos(lat) in the ring; probability of this destination and those before.
+    point_laws=Reals,
+    # lon, lat of rings
+    vertices=Ints,
+)
+
+
+@ti.dataclass
+class Target:
+    """Where a target is and where it goes next."""
+
+    lon: ti.i32
+    lat: ti.i32
+    time: ti.i32  # [s]
+    phase: ti.i32  # number in the `Plan`
+    leg: ti.i32  # number of the next way point; of a loiter, see `_loiter`
+    to_lon: ti.i32
+    to_lat: ti.i32
+    to_time: ti.i32  # [s] when the way point is reached, or the course is changed
+    phase_end: ti.i32  # [s]
+    course: ti.f32  # [rad]
+    speed: ti.f32  # [m/s]
+    over: ti.i32  # 1: it has reached its last way point
+
+
+@ti.dataclass
+class Chance:
+    """The key of what chance decides for one target."""
+
+    seed0: ti.u32
+    seed1: ti.u32
+    birth: ti.i32  # slot in which it was born
+    slot: ti.i32  # slot in which it is
+    step: ti.i32  # number of the lattice step
+    count: ti.i32  # how many pieces of way it has made in the step
+
+
+@ti.func
+def settled(key: Chance, phase: ti.i32, number: ti.i32) -> ti.types.vector(4, ti.u32):
+    """Return words of what is settled at birth for a phase.
+
+    number: 0 for speed and destination, 1 for the start and K, 2 for the first course, 3 for the side of the way.
+    """
+    return noise.further(key.seed0, key.seed1, noise.STREAM_BIRTH, key.birth, 8 * phase + number, 0)
+
+
+@ti.func
+def drawn(key: Chance, number: ti.i32) -> ti.types.vector(4, ti.u32):
+    """Return words of what is drawn on the way."""
+    return noise.further(key.seed0, key.seed1, noise.STREAM_AIM, key.slot, key.step, key.count * WORDS + number + 1)
+
+
+@ti.func
+def law(table: ti.template(), first: ti.i32) -> f32x4:
+    return f32x4(table[first], table[first + 1], table[first + 2], table[first + 3])
+
+
+@ti.func
+def own_speed(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
+    """Return the speed [m/s] that is settled for a phase."""
+    w = settled(key, phase, 0)
+    return spreads.triangle(law(plan.phase_laws, phase * PHASE_LAW + 4), noise.uniform(w[0]), noise.uniform(w[1]))
+
+
+@ti.func
+def own_start(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
+    """Return when [s] the itinerary of a phase starts: the time that offsets of its way points count from."""
+    w = settled(key, phase, 1)
+    after = spreads.triangle(law(plan.phase_laws, phase * PHASE_LAW + 8), noise.uniform(w[0]), noise.uniform(w[1]))
+    return plan.phases[phase * PHASE + 8] + ti.cast(ti.round(after), ti.i32)
+
+
+@ti.func
+def own_k(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
+    """Return the K [m/sqrt(s)] of a phase's bridges."""
+    k, spread = plan.phase_laws[phase * PHASE_LAW + 14], plan.phase_laws[phase * PHASE_LAW + 15]
+    if spread > 0.0:
+        w = settled(key, phase, 1)
+        k *= ti.exp(spread * noise.normals(w[2], w[3])[0])
+    return k
+
+
+@ti.func
+def own_destination(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
+    """Return the number of a phase's destination, from 0."""
+    u = noise.uniform(settled(key, phase, 0)[3])
+    first = plan.phases[phase * PHASE + 1] + plan.phases[phase * PHASE + 2]
+    chosen = 0
+    while chosen < plan.phases[phase * PHASE + 3] - 1 and u > plan.point_laws[(first + chosen) * POINT_LAW + 13]:
+        chosen += 1
+    return chosen
+
+
+@ti.func
+def _in_ring(plan: ti.template(), lon: ti.i32, lat: ti.i32, west: ti.i32, first: ti.i32, many: ti.i32):
+    return inside_ring(lon, lat, west, plan.vertices, first, many)
+
+
+@ti.func
+def place(
+    plan: ti.template(),
+    key: Chance,
+    phase: ti.i32,
+    point: ti.i32,
+    before: f32x2,
+    words: ti.types.vector(4, ti.u32),
+):
+    """Return (lon, lat, found) of a way point: a candidate from its law; found: 0 if it missed the ring.
+
+    before: deviation (east, north) [m] of the target from the centre of the way point before.
+    """
+    n, at = point * POINT, point * POINT_LAW
+    kind, x, y = plan.points[n], plan.points[n + 1], plan.points[n + 2]
+    found = 1
+    if kind == RING:
+        width, height = ti.cast(plan.points[n + 7], ti.u32), ti.cast(plan.points[n + 8], ti.u32)
+        x = plan.points[n + 5] + ti.cast(ti.cast(words[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32)
+        y = plan.points[n + 6] + ti.cast(ti.cast(words[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32)
+        found = 0
+        if noise.uniform(words[2]) * plan.point_laws[at + 12] < sphere.cos_lat(y):
+            found = _in_ring(plan, x, y, plan.points[n + 5], plan.points[n + 3], plan.points[n + 4])
+    else:
+        major, minor, turn = plan.point_laws[at], plan.point_laws[at + 1], plan.point_laws[at + 2]
+        along, across = 0.0, 0.0
+        if kind == ACROSS or kind == ASIDE:
+            w = settled(key, phase, 3)
+            along = major * (2.0 * noise.uniform(w[0]) - 1.0)
+            if kind == ASIDE:
+                along = major * noise.normals(w[0], w[1])[0]
+        elif kind == BOX:
+            along, across = major * (2 * noise.uniform(words[0]) - 1), minor * (2 * noise.uniform(words[1]) - 1)
+        elif kind == DISC:
+            r, t = major * ti.sqrt(noise.uniform(words[0])), 6.283185307179586 * noise.uniform(words[1])
+            along, across = r * ti.cos(t), r * ti.sin(t)
+        else:
+            g = noise.normals(words[0], words[1])
+            along, across = major * g[0], minor * g[1]
+        s, c = ti.sin(turn), ti.cos(turn)
+        east = along * s + across * c + plan.point_laws[at + 4] * before[0] + plan.point_laws[at + 5] * before[1]
+        north = along * c - across * s + plan.point_laws[at + 6] * before[0] + plan.point_laws[at + 7] * before[1]
+        x, y = sphere.exponential(x, y, east, north)
+    return x, y, found
+
+
+@ti.func
+def when(plan: ti.template(), point: ti.i32, start: ti.i32, word: ti.u32, other: ti.u32) -> ti.i32:
+    """Return the time [s] of a way point that has one of its own: a candidate from its law."""
+    at = point * POINT_LAW + 8
+    after = 0.0
+    if plan.points[point * POINT + 9] == AT_TIME:
+        after = spreads.triangle(law(plan.point_laws, at), noise.uniform(word), noise.uniform(other))
+    else:
+        after = plan.point_laws[at] * noise.normals(word, other)[0]
+    return start + plan.points[point * POINT + 10] + ti.cast(ti.round(after), ti.i32)
+
+
+@ti.func
+def aim(coastal: ti.template(), plan: ti.template(), key: Chance, story: ti.i32, target: Target, coast: ti.template()):
+    """Return a target that has reached its way point with the next one drawn; over: there is none."""
+    t = target
+    t.over = 0
+    settling = 1
+    while settling == 1:
+        settling = 0
+        if t.phase >= plan.stories[story * STORY + 1]:
+            t.over = 1
+            t.to_lon, t.to_lat, t.to_time = t.lon, t.lat, NEVER
+        else:
+            kind = plan.phases[t.phase * PHASE]
+            if t.leg == 0 and kind != WAY:
+                lasting, until = plan.phases[t.phase * PHASE + 7], plan.phases[t.phase * PHASE + 6]
+                t.phase_end = until
+                if lasting < NEVER - t.time:
+                    t.phase_end = ti.min(until, t.time + lasting)
+            done = 0
+            if kind == WAY:
+                many = plan.phases[t.phase * PHASE + 2] + ti.min(plan.phases[t.phase * PHASE + 3], 1)
+                done = ti.cast(t.leg >= many, ti.i32)
+            else:
+                done = ti.cast(t.time >= t.phase_end, ti.i32)
+            if done == 1:
+                t.phase, t.leg, settling = t.phase + 1, 0, 1
+            elif kind == COURSE:
+                t = _course(plan, key, t)
+            else:
+                point = -1
+                if kind == WAY:
+                    t.speed = own_speed(plan, key, t.phase)
+                    point = plan.phases[t.phase * PHASE + 1] + t.leg
+                    if t.leg >= plan.phases[t.phase * PHASE + 2]:
+                        point = plan.phases[t.phase * PHASE + 1] + plan.phases[t.phase * PHASE + 2]
+                        point += own_destination(plan, key, t.phase)
+                else:
+                    t, point = _loiter(plan, key, t)
+                if point >= 0:
+                    t = _way_point(coastal, plan, key, story, t, point, coast)
+    return t
+
+
+@ti.func
+def _way_point(
+    coastal: ti.template(),
+    plan: ti.template(),
+    key: Chance,
+    story: ti.i32,
+    target: Target,
+    point: ti.i32,
+    coast: ti.template(),
+):
+    """Return a target with a way point drawn: of a route, a track or a bridge, or one inside a polygon."""
+    t = target
+    before = f32x2(0.0)
+    if t.leg > 0:
+        n = (plan.phases[t.phase * PHASE + 1] + t.leg - 1) * POINT
+        before = sphere.offset(plan.points[n + 1], plan.points[n + 2], t.lon, t.lat)
+    slowest, fastest = plan.phase_laws[t.phase * PHASE_LAW + 16], plan.phase_laws[t.phase * PHASE_LAW + 17]
+    by_speed = plan.points[point * POINT + 9] == BY_SPEED
+    start = own_start(plan, key, t.phase)
+    tries, good = 0, 0
+    x, y, time, far = t.lon, t.lat, t.time, 0.0
+    while good == 0 and tries < TRIES:
+        x, y, good = place(plan, key, t.phase, point, before, drawn(key, tries))
+        if ti.static(coastal):
+            if good == 1 and plan.stories[story * STORY + 2] & WET:
+                good = is_wet(x, y, coast)
+        way = sphere.offset(t.lon, t.lat, x, y)
+        far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
+        if not by_speed:
+            w = drawn(key, TIMES + tries)
+            time = when(plan, point, start, w[0], w[1])
+            lasting = ti.cast(time - t.time, ti.f32)
+            if lasting < 1.0 or far > fastest * lasting or far < slowest * lasting:
+                good = 0
+        tries += 1
+    if by_speed:
+        length = plan.point_laws[point * POINT_LAW + 3]
+        if t.leg == 0:
+            length = far
+        time = t.time + ti.max(ti.cast(ti.round(length / t.speed), ti.i32), 1)
+    elif good == 0:  # no candidate is in order: it arrives as soon as it can
+        time = t.time + ti.max(ti.cast(ti.ceil(far / fastest), ti.i32), 1)
+    t.to_lon, t.to_lat, t.to_time, t.leg = x, y, time, t.leg + 1
+    return t
+
+
+@ti.func
+def _course(plan: ti.template(), key: Chance, target: Target):
+    """Return a target with a course and a speed, and when it changes them."""
+    t = target
+    first = t.phase * PHASE_LAW
+    own = key
+    if t.leg == 0:  # its first course is settled at birth
+        own.slot, own.step, own.count = key.birth, t.phase, -1
+    w, v = drawn(own, 0), drawn(own, 1)
+    t.course = spreads.triangle(law(plan.phase_laws, first), noise.uniform(w[0]), noise.uniform(w[1]))
+    t.speed = spreads.triangle(law(plan.phase_laws, first + 4), noise.uniform(v[0]), noise.uniform(v[1]))
+    t.to_time = t.phase_end
+    if plan.phase_laws[first + 12] > 0.0:
+        wait = spreads.waiting(plan.phase_laws[first + 12], noise.uniform(w[2]))
+        if wait < ti.cast(t.phase_end - t.time, ti.f32):
+            t.to_time = t.time + ti.max(ti.cast(ti.round(wait), ti.i32), 1)
+    t.to_lon, t.to_lat, t.leg = t.lon, t.lat, 1
+    return t
+
+
+@ti.func
+def _loiter(plan: ti.template(), key: Chance, target: Target):
+    """Return a target with the next leg inside the polygon of its phase, and -1.
+
+    The leg is a great circle of exponential length in any direction; at the polygon's edge it is reflected, with a
+    length drawn anew: an exponential law has no memory. So the law uniform in the polygon stays uniform. leg: 0 as the
+    phase begins, 1 inside, 2 + k at edge k.
+
+    A target that comes from outside goes in first, to any place in the polygon: the way point of the number returned.
+    """
+    t = target
+    row, first = t.phase * PHASE, t.phase * PHASE_LAW
+    vertex, many = plan.phases[row + 4], plan.phases[row + 5]
+    w = drawn(key, 0)
+    if t.leg == 0:
+        t.speed = own_speed(plan, key, t.phase)
+    if t.leg < 2:
+        t.course = 6.283185307179586 * noise.uniform(w[0])
+    else:
+        a, b = vertex + t.leg - 2, vertex + ti.select(t.leg - 1 < many, t.leg - 1, 0)
+        edge = sphere.offset(
+            plan.vertices[2 * a], plan.vertices[2 * a + 1], plan.vertices[2 * b], plan.vertices[2 * b + 1]
+        )
+        t.course = 2.0 * ti.atan2(edge[0], edge[1]) - t.course
+    length = spreads.waiting(plan.phase_laws[first + 13], noise.uniform(w[1]))
+    length = ti.min(length, t.speed * ti.cast(t.phase_end - t.time, ti.f32))
+    s, c = ti.sin(t.course), ti.cos(t.course)
+    # Great circles are straight in the gnomonic plane of the target, where the tangent of an arc is its length.
+    hit, crossed = -1, 0
+    reach = ti.tan(ti.min(length * ti.f32(1.0 / sphere.RADIUS), 1.5))
+    before = f32x2(0.0)
+    for k in range(many + 1):  # the last vertex comes first
+        q = _gnomonic(plan, t.lon, t.lat, vertex + ti.select(k > 0, k - 1, many - 1))
+        ex, ey = q[0] - before[0], q[1] - before[1]
+        left, left_before = q[0] * c - q[1] * s > 0.0, before[0] * c - before[1] * s > 0.0
+        if k > 0 and left != left_before:
+            along = (before[0] * ey - before[1] * ex) / (s * ey - c * ex)
+            if along > 0.0:
+                crossed += 1
+                if along < reach:
+                    reach, hit = along, (k + many - 2) % many  # the edge from the vertex before to this one
+        before = q
+    point = -1
+    if crossed & 1 == 1:
+        t.leg = 1
+        if hit >= 0:
+            t.leg = 2 + hit
+            length = ti.max(ti.atan2(reach, 1.0) * ti.f32(sphere.RADIUS) - INWARD, 0.0)
+        t.to_lon, t.to_lat = sphere.exponential(t.lon, t.lat, length * s, length * c)
+        t.to_time = t.time + ti.max(ti.cast(ti.round(length / t.speed), ti.i32), 1)
+    else:
+        point, t.leg = plan.phases[row + 1], 0  # where it arrives, its leg is 1
+    return t, point
+
+
+@ti.func
+def _gnomonic(plan: ti.template(), lon: ti.i32, lat: ti.i32, vertex: ti.i32) -> f32x2:
+    """Return a vertex (east, north) in the gnomonic plane of a position, in radii of the Earth."""
+    way = sphere.offset(lon, lat, plan.vertices[2 * vertex], plan.vertices[2 * vertex + 1])
+    far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
+    scale = ti.f32(1.0 / sphere.RADIUS)
+    if far > 1.0:
+        scale = ti.tan(ti.min(far * ti.f32(1.0 / sphere.RADIUS), 1.5)) / far
+    return way * scale

@@ -1,0 +1,384 @@
+"""One lattice step of all targets that steer, and where they are inside it.
+
+A target goes from one event of its itinerary to the next in pieces, each by a rhumb line, or along or about a great
+circle (kernels.ways). The same pieces are made again, bit by bit, from what was kept of the step's begin, wherever
+something inside the step is asked for: where a target is at a time, what a sensor has seen of it.
+"""
+
+from typing import Any
+
+import taichi as ti
+
+from kernels import itinerary, launch, life, noise, runtime, spreads, ways
+from kernels.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_wet, open_sea
+from kernels.itinerary import (
+    BETWEEN,
+    COURSE,
+    NEVER,
+    PHASE,
+    POINT,
+    POINT_LAW,
+    RATE,
+    SHARE,
+    STOPPED,
+    STORY,
+    STORY_LAW,
+    TRIES,
+    Chance,
+    Plan,
+    Target,
+    aim,
+    own_k,
+    own_speed,
+    own_start,
+)
+
+BIRTH = -(2**31)  # number of the lattice step, as a key, of what is drawn before any step
+MOST_TRIES = 4096  # candidates of a first place, as in kernels.prior
+Longs = ti.types.ndarray(dtype=ti.i64, ndim=1)
+
+f32x2 = ti.types.vector(2, ti.f32)
+
+# The columns of an ensemble that the itinerary of a target needs, of shape (n,) each.
+CORE = ("lon", "lat", "status", "release", "status_since", "edge", "scenario")
+OWN = {
+    **dict.fromkeys(("birth", "departure", "phase", "leg", "to_lon", "to_lat", "to_time", "phase_end"), Ints),
+    **dict.fromkeys(("course", "speed"), Reals),
+}
+COLUMNS = {**dict.fromkeys(CORE, Ints), **OWN}
+Columns = ti.types.argpack(**COLUMNS)
+Terms = ti.types.struct(
+    seed0=ti.u32,
+    seed1=ti.u32,
+    shift=ti.i32,  # from a slot to its number in the whole run
+    west=ti.i32,  # see kernels.advance.Domain
+    south=ti.i32,
+    width=ti.u32,
+    height=ti.u32,
+)
+
+
+@ti.func
+def loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
+    """Return target i as its columns have it at the begin of a step [s], or at its departure in the step."""
+    return Target(
+        lon=columns.lon[i], lat=columns.lat[i], time=ti.max(elapsed, columns.departure[i]), phase=columns.phase[i],
+        leg=columns.leg[i], to_lon=columns.to_lon[i], to_lat=columns.to_lat[i], to_time=columns.to_time[i],
+        phase_end=columns.phase_end[i], course=columns.course[i], speed=columns.speed[i], over=0,
+    )  # fmt: skip
+
+
+@ti.func
+def under_way(columns: ti.template(), i: ti.i32, end: ti.i32):
+    """Return whether target i is under way before the end [s] of a step that has not been made."""
+    state = columns.status[i]
+    return state == life.UNDER_WAY or (state == life.PENDING and columns.departure[i] < end)
+
+
+@ti.func
+def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
+    """Return K [m/sqrt(s)] of the way on which a target is; 0: it keeps to its line."""
+    k = 0.0
+    if plan.phases[target.phase * PHASE] == itinerary.WAY:
+        k = own_k(plan, key, target.phase)
+    return k
+
+
+@ti.func
+def piece(plan: ti.template(), key: Chance, target: Target, until: ti.i32):
+    """Return (lon, lat, time) where the next piece of a target's way ends: at `until` [s], or at its next event."""
+    end = ti.min(until, target.to_time)
+    x, y = target.to_lon, target.to_lat
+    if plan.phases[target.phase * PHASE] == COURSE:
+        x, y = ways.rhumb(target.lon, target.lat, target.course, target.speed * ti.cast(end - target.time, ti.f32))
+    elif end < target.to_time:
+        w = noise.further(key.seed0, key.seed1, noise.STREAM_WAY, key.slot, key.step, key.count)
+        dt, rest = ti.cast(end - target.time, ti.f32), ti.cast(target.to_time - end, ti.f32)
+        normal = noise.normals(w[0], w[1])
+        x, y = ways.toward(
+            target.lon, target.lat, target.to_lon, target.to_lat, dt, rest, wanders(plan, key, target), normal
+        )
+    return x, y, end
+
+
+@ti.func
+def amid(
+    plan: ti.template(), target: Target, k: ti.f32, x: ti.i32, y: ti.i32, end: ti.i32, time: ti.f32, normal: f32x2
+):
+    """Return where a target is at a time within a piece of its way that ends at (x, y) at `end` [s].
+
+    normal: two standard normal numbers of a Brownian bridge between the ends of the piece.
+    """
+    at_x, at_y = target.lon, target.lat
+    dt = time - ti.cast(target.time, ti.f32)
+    if plan.phases[target.phase * PHASE] == COURSE:
+        at_x, at_y = ways.rhumb(target.lon, target.lat, target.course, target.speed * dt)
+    elif dt > 0.0:
+        at_x, at_y = ways.toward(target.lon, target.lat, x, y, dt, ti.cast(end, ti.f32) - time, k, normal)
+    return at_x, at_y
+
+
+@ti.func
+def stretch(
+    coastal: ti.template(),
+    plan: ti.template(),
+    key: Chance,
+    scenario: ti.i32,
+    target: Target,
+    until: ti.i32,
+    coast: ti.template(),
+):
+    """Return (lon, lat, time, state, edge) at the end of a target's next piece, or where that meets the shore."""
+    x, y, time = piece(plan, key, target, until)
+    state, edge = life.UNDER_WAY, -1
+    if ti.static(coastal):
+        if plan.stories[scenario * STORY + 2] & STOPPED:
+            hit, x_stop, y_stop, share, number = first_crossing(
+                target.lon, target.lat, x - target.lon, y - target.lat, coast
+            )
+            if hit == 1:
+                time = target.time + ti.cast(share * ti.cast(time - target.time, ti.f32), ti.i32)
+                x, y, state, edge = x_stop, y_stop, life.AGROUND, number
+    return x, y, time, state, edge
+
+
+@ti.func
+def reached(
+    coastal: ti.template(),
+    plan: ti.template(),
+    key: Chance,
+    scenario: ti.i32,
+    target: Target,
+    x,
+    y,
+    time,
+    coast: ti.template(),
+) -> Target:
+    """Return a target at the end of a piece, with the next way point drawn if it has reached one."""
+    t = target
+    t.lon, t.lat, t.time = x, y, time
+    if time == t.to_time:
+        t = aim(coastal, plan, key, scenario, t, coast)
+    return t
+
+
+@ti.kernel
+def _steer(
+    coastal: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    columns: Columns,
+    plan: Plan,
+    coast: Coast,
+    terms: Terms,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+):
+    for i in range(first, last):
+        end = elapsed + duration
+        if under_way(columns, i, end):
+            t = loaded(columns, i, elapsed)
+            which = columns.scenario[i]
+            key = Chance(terms.seed0, terms.seed1, columns.birth[i], i + terms.shift, step, 0)
+            state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
+            while t.time < until and state == life.UNDER_WAY:
+                key.count += 1
+                x, y, time, state_then, number = stretch(coastal, plan, key, which, t, until, coast)
+                state = state_then
+                if state == life.UNDER_WAY:
+                    t = reached(coastal, plan, key, which, t, x, y, time, coast)
+                    if t.over == 1:
+                        state = life.ARRIVED
+                else:
+                    t.lon, t.lat, t.time = x, y, time
+                    columns.edge[i] = number
+            if state != life.UNDER_WAY:
+                columns.status_since[i] = t.time
+            elif (
+                ti.cast(t.lon - terms.west, ti.u32) > terms.width or ti.cast(t.lat - terms.south, ti.u32) > terms.height
+            ):
+                state = life.LEFT
+                columns.status_since[i] = end
+            columns.status[i] = state
+            _store(columns, i, t)
+
+
+@ti.func
+def _store(columns: ti.template(), i: ti.i32, t: Target):
+    columns.lon[i], columns.lat[i] = t.lon, t.lat
+    columns.phase[i], columns.leg[i], columns.phase_end[i] = t.phase, t.leg, t.phase_end
+    columns.to_lon[i], columns.to_lat[i], columns.to_time[i] = t.to_lon, t.to_lat, t.to_time
+    columns.course[i], columns.speed[i] = t.course, t.speed
+
+
+@ti.kernel
+def _inside(
+    coastal: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    before: Columns,
+    plan: Plan,
+    coast: Coast,
+    terms: Terms,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+    when: ti.i32,
+    since: ti.i32,
+    moment: ti.i32,
+    begin_lon: Ints,
+    begin_lat: Ints,
+    lon: Ints,
+    lat: Ints,
+):
+    for i in range(first, last):
+        end = elapsed + duration
+        until = ti.min(end, before.release[i])
+        if under_way(before, i, end) and when <= until and before.departure[i] <= when:
+            t = loaded(before, i, elapsed)
+            which = before.scenario[i]
+            key = Chance(terms.seed0, terms.seed1, before.birth[i], i + terms.shift, step, 0)
+            state = life.UNDER_WAY
+            while t.time < when and state == life.UNDER_WAY:
+                key.count += 1
+                x, y, time, state_then, _edge = stretch(coastal, plan, key, which, t, until, coast)
+                if time > when:
+                    if t.time < since and since < time:
+                        t.lon, t.lat, t.time = begin_lon[i], begin_lat[i], since
+                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, i + terms.shift, moment)
+                    k, normal = wanders(plan, key, t), noise.normals(w[0], w[1])
+                    t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
+                    t.time = when
+                else:
+                    state = state_then
+                    if state == life.UNDER_WAY:
+                        t = reached(coastal, plan, key, which, t, x, y, time, coast)
+                        if t.over == 1:
+                            state = life.ARRIVED
+                    else:
+                        t.lon, t.lat, t.time = x, y, time
+            lon[i], lat[i] = t.lon, t.lat
+
+
+@ti.kernel
+def _born(
+    coastal: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    columns: Columns,
+    plan: Plan,
+    coast: Coast,
+    terms: Terms,
+    tries: Longs,
+):
+    for i in range(first, last):
+        slot = i + terms.shift
+        columns.birth[i] = slot
+        key = Chance(terms.seed0, terms.seed1, slot, slot, BIRTH, 0)
+        which = columns.scenario[i]
+        story = which * STORY
+        first_phase = plan.stories[story]
+        t = Target(lon=columns.lon[i], lat=columns.lat[i], time=columns.release[i], phase=first_phase, leg=0)
+        if plan.phases[first_phase * PHASE] == itinerary.WAY:
+            point = plan.phases[first_phase * PHASE + 1]
+            found, tried = 0, 0
+            while found == 0 and tried < MOST_TRIES:
+                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, tried)
+                t.lon, t.lat, found = itinerary.place(plan, key, first_phase, point, f32x2(0.0), w)
+                if found == 1:
+                    tries[0] += 1
+                if ti.static(coastal):
+                    if found == 1 and plan.stories[story + 2] & itinerary.WET:
+                        found = is_wet(t.lon, t.lat, coast)
+                tried += 1
+            tries[1] += 1 - found
+            t.time, t.leg = own_start(plan, key, first_phase), 1
+            if plan.points[point * POINT + 9] != itinerary.BY_SPEED:
+                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, -1)
+                t.time = itinerary.when(plan, point, t.time, w[0], w[1])
+        columns.departure[i] = t.time
+        columns.release[i] = _distress(plan, key, which, t.time)
+        _store(columns, i, aim(coastal, plan, key, which, t, coast))
+
+
+@ti.func
+def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.i32) -> ti.i32:
+    """Return when [s] a target that departs at a time goes adrift; `NEVER`: it does not."""
+    story, law = scenario * STORY, scenario * STORY_LAW
+    phase = plan.stories[story]
+    kind = plan.stories[story + 3]
+    time = NEVER
+    if kind == BETWEEN:
+        tries = 0
+        time = departure - 1
+        while time < departure and tries < TRIES:
+            w = noise.further(key.seed0, key.seed1, noise.STREAM_BIRTH, key.birth, 8 * phase + 4, tries + 1)
+            after = spreads.triangle(itinerary.law(plan.story_laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+            time = plan.stories[story + 4] + ti.cast(ti.round(after), ti.i32)
+            tries += 1
+        time = ti.max(time, departure)
+    elif kind == RATE:
+        w = itinerary.settled(key, phase, 4)
+        wait = spreads.waiting(1.0 / plan.story_laws[law + 4], noise.uniform(w[0]))
+        if wait < ti.cast(NEVER - departure, ti.f32) * 0.99:
+            time = departure + ti.cast(ti.round(wait), ti.i32)
+    elif kind == SHARE:
+        w = itinerary.settled(key, phase, 4)
+        share = spreads.triangle(itinerary.law(plan.story_laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+        length = 0.0
+        for k in range(1, plan.phases[phase * PHASE + 2]):
+            length += plan.point_laws[(plan.phases[phase * PHASE + 1] + k) * POINT_LAW + 3]
+        time = departure + ti.cast(ti.round(share * length / own_speed(plan, key, phase)), ti.i32)
+    return time
+
+
+def _terms(seed: int, shift: int, domain: Any) -> dict[str, int]:
+    seed0, seed1 = noise.key(seed)
+    return {"seed0": seed0, "seed1": seed1, "shift": shift, **domain._asdict()}
+
+
+def born(columns, slots, plan, seed: int, domain: Any, coast: DeviceCoast | None) -> tuple[int, int]:
+    """Draw where and when targets begin and go adrift, and their first way points; return (drawn, without water).
+
+    columns: by name, those of COLUMNS. Where a scenario's first phase has no way point of its own to begin at, lon, lat
+    and release hold the place and time of its beginning. slots: first, last, number of the first in the whole run.
+    """
+    first, last, number = slots
+    tries = runtime.empty(2, ti.i64)
+    packed = launch.pack(Columns, *(columns[name] for name in COLUMNS))
+    sea = (coast or open_sea()).pack
+    _born(coast is not None, first, last, packed, plan, sea, Terms(**_terms(seed, number - first, domain)), tries)
+    drawn, failed = (int(x) for x in tries.to_numpy())
+    return drawn, failed
+
+
+def mover(columns, slots, plan, seed: int, domain: Any, coast: DeviceCoast | None):
+    """Return a function that moves targets over one lattice step, in place, until each one's distress.
+
+    See `born`; the function takes a kernels.advance.Step.
+    """
+    first, last, number = slots
+    packed = launch.pack(Columns, *(columns[name] for name in COLUMNS))
+    sea, terms = (coast or open_sea()).pack, _terms(seed, number - first, domain)
+    args = (coast is not None, first, last, packed, plan, sea, terms, 0, 1, 0)
+    move = launch.bind(_steer, args, ("elapsed", "duration", "step"))
+    return lambda step: move(step.elapsed, step.duration, step.number)
+
+
+def inside(before, slots, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, begin, since, when, moment):
+    """Write where targets under way are at a time inside a step that has been made.
+
+    before: the columns at the step's begin, by name, those of COLUMNS. begin: lon, lat [binary angle] at `since` [s], on
+    the device; when [s]: the time; moment: together with seed and slot the key of the noise there. Returns lon, lat
+    (n,) on the device, which are `begin` where a target was not under way.
+    """
+    first, last, number = slots
+    lon, lat = runtime.copy(begin[0]), runtime.copy(begin[1])
+    packed = launch.pack(Columns, *(before[name] for name in COLUMNS))
+    _inside(
+        coast is not None, first, last, packed, plan, (coast or open_sea()).pack,
+        Terms(**_terms(seed, number - first, domain)), step.elapsed, step.duration, step.number, when, since, moment,
+        *begin, lon, lat,
+    )  # fmt: skip
+    return lon, lat
