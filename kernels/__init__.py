@@ -4,6 +4,7 @@ In the order in which data passes them:
 
 runtime  start a backend; host arrays <-> device arrays
 launch   arguments in groups; a kernel with its arguments set once
+batch    the slots that one launch works on
 noise    counter-based random numbers: f(seed, stream, slot, step)
 sphere   the exponential map on binary angles
 prior    draw initial positions in water

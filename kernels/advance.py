@@ -11,12 +11,13 @@ to it, integrate leads it along any field of velocity, shore says what the coast
 model's own.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import errors, integrate, launch, life, noise, shore, sphere
+from kernels import batch, errors, integrate, launch, life, noise, shore, sphere
+from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.features import (
     BIAS,
@@ -47,6 +48,7 @@ f32x4 = ti.types.vector(4, ti.f32)
 # The columns of an ensemble, of shape (n,) each: those that every model of motion has, and those of this one.
 CORE = {
     **dict.fromkeys(("lon", "lat", "status", "release", "status_since", "edge", "sink_time", "moving_since"), Ints),
+    "scenario": Ints,
     "log_weight": Reals,
 }
 OWN = {
@@ -83,7 +85,6 @@ Terms = ti.types.struct(
     seed1=ti.u32,
     coast0=ti.u32,  # of what happens at the coast: debris has a key of its own there
     coast1=ti.u32,
-    shift=ti.i32,  # from a slot to its number in the whole run, which is the key of its noise
     stay=ti.f32,  # see Beach
     offing=ti.f32,
     debris=ti.i32,  # see Surroundings
@@ -105,24 +106,44 @@ def _line(features: ti.template(), own: ti.template(), i: ti.i32) -> f32x4:
     return line
 
 
+@ti.func
+def _physics(table: ti.template(), s: ti.i32) -> PhysicsTerms:
+    """Return the physics of scenario s."""
+    at = s * ti.static(len(Physics._fields))
+    return PhysicsTerms(
+        current_std=table[at],
+        current_time=table[at + 1],
+        wind_std=table[at + 2],
+        wind_time=table[at + 3],
+        diffusivity=table[at + 4],
+        jibe_rate=table[at + 5],
+    )
+
+
 @ti.kernel
 def _advance(
     features: ti.template(),
     velocity: ti.template(),
+    listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    slots: Ints,
+    shift: Ints,
+    table: Reals,
     core: CoreColumns,
     own: OwnColumns,
     sea: Sea,
-    physics: PhysicsTerms,
     coast: Coast,
     terms: Terms,
     elapsed: ti.i32,
     duration: ti.i32,
     step: ti.i32,
 ):
-    for i in range(first, last):
-        slot = i + terms.shift
+    for k in range(first, last):
+        i = batch.slot(listed, slots, k)
+        story = core.scenario[i]
+        slot = i + shift[story]  # its number in the whole run, which is the key of its noise
+        physics = _physics(table, story)
         state, due, sinking = core.status[i], life.NEVER, life.NEVER
         if ti.static(features & REFLOAT):
             if state == ASHORE:
@@ -227,16 +248,19 @@ class Surroundings(NamedTuple):
     scheme: str = "rk4"
 
 
-def features(ranges: Ranges, physics: Physics, place: Surroundings) -> int:
-    """Return the compile-time features that a scenario needs."""
+def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) -> int:
+    """Return the compile-time features that some scenarios need together.
+
+    A scenario that has no use of one moves by the same bits with it: each term is off at zero.
+    """
     forcing = sum(FORCING[quantity] for quantity, (first, last) in ranges.items() if last > first)
     wind = bool(forcing & WIND)
     coastal = place.coast is not None
     return (
         forcing
-        | ERRORS * (physics.current_std > 0 or (wind and physics.wind_std > 0))
-        | DIFFUSION * (physics.diffusivity > 0)
-        | JIBE * (wind and physics.jibe_rate > 0)
+        | ERRORS * any(own.current_std > 0 or (wind and own.wind_std > 0) for own in physics)
+        | DIFFUSION * any(own.diffusivity > 0 for own in physics)
+        | JIBE * (wind and any(own.jibe_rate > 0 for own in physics))
         | COAST * coastal
         | RK4 * (place.scheme == "rk4")
         | BIAS * place.bias
@@ -258,41 +282,49 @@ def advance(
     place: Surroundings,
     velocity: Any = drift,
 ) -> None:
-    """Move slots of an ensemble over one lattice step, in place: see `mover`."""
-    mover(ensemble, slots, tiles, ranges, physics, place, step.direction, velocity)(step)
+    """Move slots of an ensemble of one scenario over one lattice step, in place: see `mover`.
+
+    slots: the first, the one after the last, and the number of the first in the whole run, which is the key of its
+    noise.
+    """
+    first, last, number = slots
+    own = batch.of((first, last), (number,), (0,))
+    mover(ensemble, own, tiles, ranges, (physics,), place, step.direction, velocity)(step)
 
 
 def mover(
     ensemble: Any,
-    slots: tuple[int, int, int],
+    own: Batch,
     tiles: Tiles,
     ranges: Ranges,
-    physics: Physics,
+    physics: Sequence[Physics],
     place: Surroundings,
     direction: int,
     velocity: Any = drift,
 ) -> Move:
-    """Return a function that moves slots of an ensemble over one lattice step, in place.
+    """Return a function that moves slots of an ensemble over one lattice step, in place, by one launch.
 
-    ensemble: a drift.particles.ensemble.Ensemble. slots: the first, the one after the last, and the number of the first
-    in the whole run, which is the key of its noise. ranges: first and last tile by quantity.
-    direction: of all its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can
-    be measured on an analytic flow. A particle moves only while adrift, from its release on; it ends ashore, sunk,
-    outside the forcing or the domain.
+    ensemble: a drift.particles.ensemble.Ensemble. own: its slots that are moved; the number of each in the whole run is
+    the key of its noise. ranges: first and last tile by quantity. physics: of each scenario of the batch. direction: of
+    all its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can be measured
+    on an analytic flow. A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the
+    forcing or the domain.
     """
     seed0, seed1 = noise.key(ensemble.seed)
     coastal = Purpose.DEBRIS_COAST if place.debris else Purpose.RUN
     coast0, coast1 = noise.key(ensemble.seed, coastal, place.debris)
-    first, last, number = slots
     args = (
         features(ranges, physics, place),
         velocity,
-        first,
-        last,
+        own.listed,
+        own.first,
+        own.last,
+        own.slots,
+        own.shift,
+        own.table(physics),
         launch.pack(CoreColumns, *(getattr(ensemble, name) for name in CORE)),
         launch.pack(OwnColumns, *(ensemble.own[name] for name in OWN)),
         tiles.sea(ranges),
-        physics._asdict(),
         (place.coast or open_sea()).pack,
         {
             "direction": direction,
@@ -300,7 +332,6 @@ def mover(
             "seed1": seed1,
             "coast0": coast0,
             "coast1": coast1,
-            "shift": number - first,
             "stay": place.beach.stay,
             "offing": place.beach.offing,
             "debris": place.debris,

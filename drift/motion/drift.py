@@ -11,7 +11,7 @@ import numpy as np
 
 from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.leeway import Drifter
-from drift.motion.model import Inside, Key, Model, Waters
+from drift.motion.model import Group, Inside, Key, Model, Waters
 from drift.motion.scenario import Scenario
 from drift.particles.ensemble import Column, Ensemble, Slots
 from geo.array import Array
@@ -75,9 +75,9 @@ def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> N
         draws.draw_error(*slots, east, north, number, *key, std)
 
 
-def mover(ensemble: Ensemble, slots: Slots, waters: Waters, terms: Physics, direction: int) -> kernel.Move:
-    """Return what moves a scenario's slots over a step: see kernels.advance."""
-    return kernel.mover(ensemble, slots, waters.tiles, waters.ranges, terms, waters.place, direction)
+def mover(ensemble: Ensemble, group: Group, waters: Waters, direction: int) -> kernel.Move:
+    """Return what moves a group of scenarios over a step: see kernels.advance."""
+    return kernel.mover(ensemble, group.batch, waters.tiles, waters.ranges, group.terms, waters.place, direction)
 
 
 def between(

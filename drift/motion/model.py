@@ -1,7 +1,8 @@
 """Models of motion: what a particle has besides the core of the ensemble, and the functions that move it.
 
 A model is a record of functions; a new one is a file of its own in this room, a kernel in `kernels/` and a line in
-drift.motion.models. A scenario moves by one model.
+drift.motion.models. A scenario moves by one model. Scenarios that move by the same one in the same forcing are a group,
+which one launch a step moves, however many they are.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,6 +14,7 @@ from drift.motion.scenario import Scenario
 from drift.particles.ensemble import Column, Ensemble, Slots
 from geo.array import Array
 from kernels import advance as kernel
+from kernels.batch import Batch
 from kernels.sample import Ranges, Tiles
 
 Key = tuple[int, int]  # key of random numbers: kernels.noise.key
@@ -20,11 +22,18 @@ Terms = Any  # what a model's kernel takes of a scenario, also of its `motion`: 
 
 
 class Waters(NamedTuple):
-    """What a scenario's objects move through: nodes of forcing, which of them are its sources, and the place."""
+    """What the objects of a group move through: nodes of forcing, which of them are its sources, and the place."""
 
     tiles: Tiles
     ranges: Ranges  # first and last tile by quantity
     place: kernel.Surroundings
+
+
+class Group(NamedTuple):
+    """Scenarios that one launch moves: by one model, in the same forcing."""
+
+    batch: Batch  # their numbers, and their slots
+    terms: tuple[Terms, ...]  # of each
 
 
 class Inside(NamedTuple):
@@ -51,8 +60,8 @@ class Model:
     terms: Callable[[Errors, Scenario], Terms]
     # Draws the columns' first values, of a scenario's slots.
     draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]
-    # Returns what moves a scenario's slots over a step; int: direction in time.
-    mover: Callable[[Ensemble, Slots, Waters, Terms, int], kernel.Move]
+    # Returns what moves a group of scenarios over a step; int: direction in time.
+    mover: Callable[[Ensemble, Group, Waters, int], kernel.Move]
     # Returns lon, lat [binary angle] inside a step; terms by scenario, None for those that move by another model.
     between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], tuple[Array, Array]]
     # Returns terms that leave nothing to chance, so that the error of a step can be measured.

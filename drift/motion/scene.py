@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.motion.forcing import Forcing
-from drift.motion.model import Inside, Motion, Waters
+from drift.motion.model import Group, Inside, Model, Motion, Waters
 from drift.particles.ensemble import Ensemble
 from geo.array import Array
 from kernels import advance as kernel
 from kernels import coast as device_coast
+from kernels.sample import Ranges, ordered
 
 
 @dataclass(frozen=True)
@@ -33,17 +34,26 @@ class Scene:
             move(step)
 
     def _movers(self, ensemble: Ensemble, direction: int) -> tuple[kernel.Move, ...]:
-        """Return what moves each scenario of an ensemble. It is made once and kept until the forcing is closed."""
+        """Return what moves an ensemble, one a group. It is made once and kept until the forcing is closed."""
         key = id(self), id(ensemble), direction
         if key not in self.forcing.movers:
-            each = zip(ensemble.slots, self.forcing.ranges, self.motions, strict=True)
             movers = tuple(
-                model.mover(ensemble, slots, Waters(self.forcing.tiles, ranges, self.place), terms, direction)
-                for slots, ranges, (model, terms) in each
+                model.mover(ensemble, group, Waters(self.forcing.tiles, ranges, self.place), direction)
+                for model, ranges, group in self.groups(ensemble)
             )
             self.forcing.movers[key] = (self, ensemble), movers  # both are kept alive, for an id() may be given again
         moves: tuple[kernel.Move, ...] = self.forcing.movers[key][1]
         return moves
+
+    def groups(self, ensemble: Ensemble) -> list[tuple[Model, Ranges, Group]]:
+        """Return the groups of an ensemble's scenarios: those of one model that see the same tiles of the forcing."""
+        together: dict[tuple[Model, tuple[int, ...]], list[int]] = {}
+        for number, (ranges, motion) in enumerate(zip(self.forcing.ranges, self.motions, strict=True)):
+            together.setdefault((motion.model, ordered(ranges)), []).append(number)
+        return [
+            (model, self.forcing.ranges[own[0]], Group(ensemble.batch(own), tuple(self.motions[k].terms for k in own)))
+            for (model, _), own in together.items()
+        ]
 
     def without_noise(self) -> "Scene":
         """Return the same scene in which nothing is left to chance, and what comes ashore stays there."""

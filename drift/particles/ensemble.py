@@ -16,7 +16,8 @@ from drift.particles.partials import Blocks
 from drift.particles.status import Status
 from drift.particles.weights import Weighed
 from geo.array import Array
-from kernels import runtime
+from kernels import batch, runtime
+from kernels.batch import Batch
 
 Device = Any  # a one-dimensional array on the device
 
@@ -43,6 +44,7 @@ CORE = (
     Column("moving_since", np.int32, 0, "s", "when it last began to move, where what strands refloats"),
     Column("sink_time", np.int32, NEVER, "s", "when it sinks if it is still adrift"),
     Column("edge", np.int32, -1, "", "number of the shoreline edge where it went ashore; -1: none"),
+    Column("scenario", np.int32, 0, "", "number of the scenario to which it belongs"),
     Column("world", np.int32, 0, "", "number of the world whose unknowns it shares; 0 where there are none"),
     Column("log_weight", np.float32, 0, "", "logarithm of its weight; -inf is legal"),
 )
@@ -72,6 +74,7 @@ class Ensemble:
     moving_since: Device
     sink_time: Device
     edge: Device
+    scenario: Device
     world: Device
     log_weight: Device
     own: Mapping[str, Device]
@@ -101,6 +104,10 @@ class Ensemble:
         """The blocks by which sums over particles are made."""
         return partials.cut(self.bounds, self.numbers, self.block)
 
+    def batch(self, scenarios: Sequence[int]) -> Batch:
+        """Return the slots of some scenarios (ascending), for one launch."""
+        return batch.of(self.bounds, self.numbers, scenarios)
+
     @property
     def columns(self) -> dict[str, Device]:
         """All columns by name."""
@@ -125,7 +132,8 @@ def empty(
         return {column.name: runtime.upload(np.full(bounds[-1], column.first, column.dtype)) for column in columns}
 
     numbers, block = numbers or bounds[:-1], block or (partials.BLOCK,) * (len(bounds) - 1)
-    return Ensemble(seed, bounds, numbers, block, own=filled(own), **filled(CORE))
+    scenario = runtime.upload(np.repeat(np.arange(len(bounds) - 1, dtype=np.int32), np.diff(bounds)))
+    return Ensemble(seed, bounds, numbers, block, own=filled(own), **filled(CORE) | {"scenario": scenario})
 
 
 def inherit(ensemble: Ensemble, ancestors: Array) -> None:

@@ -7,11 +7,11 @@ from drift.motion import simulate
 from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
-from drift.motion.model import Inside, Model, Motion
+from drift.motion.model import Group, Inside, Model, Motion
 from drift.motion.models import MODELS
 from drift.motion.scene import Scene
 from drift.particles import ensemble as record
-from drift.particles.ensemble import Column, Ensemble, Slots
+from drift.particles.ensemble import Column, Ensemble
 from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
@@ -23,13 +23,13 @@ SPEED = Column("speed", np.float32, 3.0, "m/s", "toward the north")
 METRES = sphere.RADIUS * sphere.UNIT  # of a unit of latitude
 
 
-def mover(ensemble: Ensemble, slots: Slots, waters: object, terms: float, direction: int) -> kernel.Move:
+def mover(ensemble: Ensemble, group: Group, waters: object, direction: int) -> kernel.Move:
     """Move particles north at their own speed times the terms: a model without noise, forcing or coast."""
 
     def move(step: kernel.Step) -> None:
         lat, speed = ensemble.lat.to_numpy(), ensemble.own["speed"].to_numpy()
-        own = slice(slots.first, slots.last)
-        lat[own] += np.rint(direction * terms * speed[own] * step.duration / METRES).astype(np.int32)
+        own = slice(group.batch.first, group.batch.last)
+        lat[own] += np.rint(direction * group.terms[0] * speed[own] * step.duration / METRES).astype(np.int32)
         ensemble.lat.from_numpy(lat)
         status = ensemble.status.to_numpy()
         status[own] = Status.ADRIFT
