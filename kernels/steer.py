@@ -9,7 +9,8 @@ from typing import Any
 
 import taichi as ti
 
-from kernels import itinerary, launch, life, noise, runtime, spreads, ways
+from kernels import batch, itinerary, launch, life, noise, spreads, ways
+from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_wet, open_sea
 from kernels.itinerary import (
     BETWEEN,
@@ -50,7 +51,6 @@ Columns = ti.types.argpack(**COLUMNS)
 Terms = ti.types.struct(
     seed0=ti.u32,
     seed1=ti.u32,
-    shift=ti.i32,  # from a slot to its number in the whole run
     west=ti.i32,  # see kernels.advance.Domain
     south=ti.i32,
     width=ti.u32,
@@ -165,8 +165,11 @@ def reached(
 @ti.kernel
 def _steer(
     coastal: ti.template(),
+    listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    slots: Ints,
+    shift: Ints,
     columns: Columns,
     plan: Plan,
     coast: Coast,
@@ -175,12 +178,13 @@ def _steer(
     duration: ti.i32,
     step: ti.i32,
 ):
-    for i in range(first, last):
+    for j in range(first, last):
+        i = batch.slot(listed, slots, j)
         end = elapsed + duration
         if under_way(columns, i, end):
             t = loaded(columns, i, elapsed)
             which = columns.scenario[i]
-            key = Chance(terms.seed0, terms.seed1, columns.birth[i], i + terms.shift, step, 0)
+            key = Chance(terms.seed0, terms.seed1, columns.birth[i], i + shift[which], step, 0)
             state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
             while t.time < until and state == life.UNDER_WAY:
                 key.count += 1
@@ -215,8 +219,11 @@ def _store(columns: ti.template(), i: ti.i32, t: Target):
 @ti.kernel
 def _inside(
     coastal: ti.template(),
+    listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    slots: Ints,
+    shift: Ints,
     before: Columns,
     plan: Plan,
     coast: Coast,
@@ -227,26 +234,25 @@ def _inside(
     when: ti.i32,
     since: ti.i32,
     moment: ti.i32,
-    begin_lon: Ints,
-    begin_lat: Ints,
-    lon: Ints,
-    lat: Ints,
+    at_lon: Ints,
+    at_lat: Ints,
 ):
-    for i in range(first, last):
+    for j in range(first, last):
+        i = batch.slot(listed, slots, j)
         end = elapsed + duration
         until = ti.min(end, before.release[i])
         if under_way(before, i, end) and when <= until and before.departure[i] <= when:
             t = loaded(before, i, elapsed)
             which = before.scenario[i]
-            key = Chance(terms.seed0, terms.seed1, before.birth[i], i + terms.shift, step, 0)
+            key = Chance(terms.seed0, terms.seed1, before.birth[i], i + shift[which], step, 0)
             state = life.UNDER_WAY
             while t.time < when and state == life.UNDER_WAY:
                 key.count += 1
                 x, y, time, state_then, _edge = stretch(coastal, plan, key, which, t, until, coast)
                 if time > when:
                     if t.time < since and since < time:
-                        t.lon, t.lat, t.time = begin_lon[i], begin_lat[i], since
-                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, i + terms.shift, moment)
+                        t.lon, t.lat, t.time = at_lon[i], at_lat[i], since
+                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment)
                     k, normal = wanders(plan, key, t), noise.normals(w[0], w[1])
                     t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
                     t.time = when
@@ -258,25 +264,29 @@ def _inside(
                             state = life.ARRIVED
                     else:
                         t.lon, t.lat, t.time = x, y, time
-            lon[i], lat[i] = t.lon, t.lat
+            at_lon[i], at_lat[i] = t.lon, t.lat
 
 
 @ti.kernel
 def _born(
     coastal: ti.template(),
+    listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    slots: Ints,
+    shift: Ints,
     columns: Columns,
     plan: Plan,
     coast: Coast,
     terms: Terms,
     tries: Longs,
 ):
-    for i in range(first, last):
-        slot = i + terms.shift
+    for j in range(first, last):
+        i = batch.slot(listed, slots, j)
+        which = columns.scenario[i]
+        slot = i + shift[which]
         columns.birth[i] = slot
         key = Chance(terms.seed0, terms.seed1, slot, slot, BIRTH, 0)
-        which = columns.scenario[i]
         story = which * STORY
         first_phase = plan.stories[story]
         t = Target(lon=columns.lon[i], lat=columns.lat[i], time=columns.release[i], phase=first_phase, leg=0)
@@ -287,12 +297,12 @@ def _born(
                 w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, tried)
                 t.lon, t.lat, found = itinerary.place(plan, key, first_phase, point, f32x2(0.0), w)
                 if found == 1:
-                    tries[0] += 1
+                    tries[2 * which] += 1
                 if ti.static(coastal):
                     if found == 1 and plan.stories[story + 2] & itinerary.WET:
                         found = is_wet(t.lon, t.lat, coast)
                 tried += 1
-            tries[1] += 1 - found
+            tries[2 * which + 1] += 1 - found
             t.time, t.leg = own_start(plan, key, first_phase), 1
             if plan.points[point * POINT + 9] != itinerary.BY_SPEED:
                 w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, -1)
@@ -333,52 +343,54 @@ def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.
     return time
 
 
-def _terms(seed: int, shift: int, domain: Any) -> dict[str, int]:
+def _terms(seed: int, domain: Any) -> dict[str, int]:
     seed0, seed1 = noise.key(seed)
-    return {"seed0": seed0, "seed1": seed1, "shift": shift, **domain._asdict()}
+    return {"seed0": seed0, "seed1": seed1, **domain._asdict()}
 
 
-def born(columns, slots, plan, seed: int, domain: Any, coast: DeviceCoast | None) -> tuple[int, int]:
-    """Draw where and when targets begin and go adrift, and their first way points; return (drawn, without water).
+def _packed(columns: Any) -> Any:
+    return launch.pack(Columns, *(columns[name] for name in COLUMNS))
+
+
+def _slots(own: Batch) -> tuple:
+    return own.listed, own.first, own.last, own.slots, own.shift
+
+
+def born(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, tries) -> None:
+    """Draw where and when targets begin and go adrift, and their first way points.
 
     columns: by name, those of COLUMNS. Where a scenario's first phase has no way point of its own to begin at, lon, lat
-    and release hold the place and time of its beginning. slots: first, last, number of the first in the whole run.
+    and release hold the place and time of its beginning. own: the slots that steer. tries: int64 (2 scenarios,) on the
+    device, to which are added candidates drawn and slots that found no water.
     """
-    first, last, number = slots
-    tries = runtime.empty(2, ti.i64)
-    packed = launch.pack(Columns, *(columns[name] for name in COLUMNS))
-    sea = (coast or open_sea()).pack
-    _born(coast is not None, first, last, packed, plan, sea, Terms(**_terms(seed, number - first, domain)), tries)
-    drawn, failed = (int(x) for x in tries.to_numpy())
-    return drawn, failed
+    _born(
+        coast is not None, *_slots(own), _packed(columns), plan, (coast or open_sea()).pack,
+        Terms(**_terms(seed, domain)), tries,
+    )  # fmt: skip
 
 
-def mover(columns, slots, plan, seed: int, domain: Any, coast: DeviceCoast | None):
+def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None):
     """Return a function that moves targets over one lattice step, in place, until each one's distress.
 
     See `born`; the function takes a kernels.advance.Step.
     """
-    first, last, number = slots
-    packed = launch.pack(Columns, *(columns[name] for name in COLUMNS))
-    sea, terms = (coast or open_sea()).pack, _terms(seed, number - first, domain)
-    args = (coast is not None, first, last, packed, plan, sea, terms, 0, 1, 0)
+    sea = (coast or open_sea()).pack
+    args = (coast is not None, *_slots(own), _packed(columns), plan, sea, _terms(seed, domain), 0, 1, 0)
     move = launch.bind(_steer, args, ("elapsed", "duration", "step"))
     return lambda step: move(step.elapsed, step.duration, step.number)
 
 
-def inside(before, slots, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, begin, since, when, moment):
+def inside(
+    before, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, begin, since: int, when: int,
+    moment: int,
+) -> None:  # fmt: skip
     """Write where targets under way are at a time inside a step that has been made.
 
     before: the columns at the step's begin, by name, those of COLUMNS. begin: lon, lat [binary angle] at `since` [s], on
-    the device; when [s]: the time; moment: together with seed and slot the key of the noise there. Returns lon, lat
-    (n,) on the device, which are `begin` where a target was not under way.
+    the device, which are overwritten where a target is under way at `when` [s]. moment: together with seed and slot the
+    key of the noise there.
     """
-    first, last, number = slots
-    lon, lat = runtime.copy(begin[0]), runtime.copy(begin[1])
-    packed = launch.pack(Columns, *(before[name] for name in COLUMNS))
     _inside(
-        coast is not None, first, last, packed, plan, (coast or open_sea()).pack,
-        Terms(**_terms(seed, number - first, domain)), step.elapsed, step.duration, step.number, when, since, moment,
-        *begin, lon, lat,
+        coast is not None, *_slots(own), _packed(before), plan, (coast or open_sea()).pack,
+        Terms(**_terms(seed, domain)), step.elapsed, step.duration, step.number, when, since, moment, *begin,
     )  # fmt: skip
-    return lon, lat

@@ -24,7 +24,7 @@ from drift.drifters.records import Track
 from drift.job import in_turn
 from drift.motion.forcing_error import NOWHERE, ForcingError
 from drift.output import writer
-from drift.particles.status import Status
+from drift.particles.status import on_map
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
@@ -317,7 +317,7 @@ def _scored(
         name = f"{tracks[number].name} {np.datetime64(start, 's')}Z"
         if forecast.error is not None:
             refused.append(f"{name}: {forecast.error.lines[0]}")
-        elif not (forecast.probability * (forecast.status <= Status.ASHORE)).sum(axis=1).min() > 0:
+        elif not (forecast.probability * on_map(forecast.status)).sum(axis=1).min() > 0:
             refused.append(f"{name}: all of its probability left the forcing or the domain")
         else:
             rows.append(_score(forecast, tracks[number], number, start, times))
@@ -340,9 +340,9 @@ def _score(forecast: many.Brief, track: Track, number: int, start: int, times: A
     spread, ranks = np.empty(times.size), np.empty((3, leads.size))
     for k in range(times.size):
         row = k + offset
-        on_map = forecast.status[row] <= Status.ASHORE
-        weight = forecast.probability[row][on_map]
-        x, y = scores.relative_to(lon[k], lat[k], forecast.lon[row][on_map], forecast.lat[row][on_map])
+        mapped = on_map(forecast.status[row])
+        weight = forecast.probability[row][mapped]
+        x, y = scores.relative_to(lon[k], lat[k], forecast.lon[row][mapped], forecast.lat[row][mapped])
         middle = np.average(x, weights=weight), np.average(y, weights=weight)
         spread[k] = np.sqrt(np.average((x - middle[0]) ** 2 + (y - middle[1]) ** 2, weights=weight))
         for lead in np.flatnonzero(leads == k):
@@ -368,7 +368,7 @@ def _score(forecast: many.Brief, track: Track, number: int, start: int, times: A
         along=ranks[1],
         across=ranks[2],
         skill=scores.skill(apart[regular], way[regular]) if regular.any() else scores.skill(apart, way),
-        lost=1.0 - float(forecast.probability[-1][forecast.status[-1] <= Status.ASHORE].sum()),
+        lost=1.0 - float(forecast.probability[-1][on_map(forecast.status[-1])].sum()),
     )
 
 

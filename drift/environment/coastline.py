@@ -57,8 +57,8 @@ def opened(
     if coast is not None:
         for scenario in spec.scenarios:
             story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
-            if scenario.prior.reported:
-                at = scenario.prior.reported
+            at = scenario.prior.reported if scenario.prior else None
+            if at:
                 _check_water(story, *at, coast if land is whole else _about(*at, whole))
     return land, coast
 

@@ -14,6 +14,7 @@ from drift.environment.forcing_spec import ForcingSpec
 from drift.motion import drift
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.models import MODELS
+from drift.motion.scenario import Scenario
 from geo import sphere
 from geo.box import Box
 from geo.forcing.quantity import QUANTITIES, Quantity
@@ -52,9 +53,9 @@ def within_reach(spec: EnsembleSpec) -> Box:
             speed += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
         return speed
 
-    objects = [(MODELS[s.model].forced, MODELS[s.model].usual(s, STRONGEST_WIND)) for s in spec.scenarios]
+    objects = [(MODELS[s.model].forced, MODELS[s.model].usual(s, STRONGEST_WIND)) for s in _drifting(spec)]
     debris = [(True, drift.usual(drifter, STRONGEST_WIND)) for drifter in spec.debris]
-    fastest = max(carried(speed) if forced else speed for forced, speed in objects + debris)
+    fastest = max([carried(speed) if forced else speed for forced, speed in objects + debris] + _steered(spec))
     return around(spec, fastest, SPREADS)
 
 
@@ -76,10 +77,20 @@ def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
             speed += leeway * math.exp(FARTHEST * spec.release.windage_bias)
         return speed + FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)
 
-    objects = [(MODELS[s.model].forced, MODELS[s.model].fastest(s, wind, FARTHEST)) for s in spec.scenarios]
+    objects = [(MODELS[s.model].forced, MODELS[s.model].fastest(s, wind, FARTHEST)) for s in _drifting(spec)]
     debris = [(True, drift.fastest(drifter, wind, FARTHEST)) for drifter in spec.debris]
-    fastest = max(carried(speed) if forced else speed for forced, speed in objects + debris)
+    fastest = max([carried(speed) if forced else speed for forced, speed in objects + debris] + _steered(spec))
     return around(spec, fastest, FARTHEST)
+
+
+def _drifting(spec: EnsembleSpec) -> list[Scenario]:
+    """Return the scenarios whose objects are adrift at some time."""
+    return [s for s in spec.scenarios if s.model in s.models]
+
+
+def _steered(spec: EnsembleSpec) -> list[float]:
+    """Return the highest speeds [m/s] of what steers on a course; where way points lead is in its extent."""
+    return [s.itinerary.fastest for s in spec.scenarios if s.itinerary]
 
 
 def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:
@@ -103,12 +114,12 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
     lat: list[np.ndarray] = []
     spread = 0.0
     for scenario in spec.scenarios:
-        x, y, far = scenario.prior.extent(spreads)
-        spread = max(spread, far)
-        # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to the first prior's.
-        about = lon[0].mean() if lon else x.mean()
-        lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
-        lat.append(y)
+        for x, y, far in scenario.extents(spreads):
+            spread = max(spread, far)
+            # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to the first prior's.
+            about = lon[0].mean() if lon else x.mean()
+            lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
+            lat.append(y)
     if spec.release:
         spread += spreads * spec.release.release_std
     grown = np.degrees((spread + fastest * spec.period.duration) / sphere.RADIUS)

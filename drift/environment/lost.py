@@ -15,14 +15,12 @@ from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble
 from drift.particles.partials import Blocks
 from drift.particles.snapshot import Snapshot
-from drift.particles.status import Status
+from drift.particles.status import LOST, Status
 from geo import notation, sphere
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing.quantity import needed
 from geo.forcing.sources import Source
-
-LOST = (Status.OUTSIDE, Status.LEFT)
 
 
 def check_prior(

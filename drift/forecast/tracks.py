@@ -9,7 +9,7 @@ import xarray as xr
 
 from drift.forecast.build import Forecast
 from drift.output import formats
-from drift.particles.status import Status
+from drift.particles.status import AT_REST, LOST, Status
 from geo import notation, sphere
 from geo.array import Array
 
@@ -107,7 +107,7 @@ def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]
     """
     variables: dict[str, tuple[str, Array, dict[str, str]]] = {}
     direction = -1 if tracks.time[-1] < tracks.time[0] else 1
-    halted = np.isin(tracks.status[:, -1], (Status.ASHORE, Status.OUTSIDE, Status.LEFT))
+    halted = np.isin(tracks.status[:, -1], (*AT_REST, *LOST))
 
     # Times are written as numbers, for xarray cannot encode times that are all NaT.
     clock = {"units": formats.EPOCH, "calendar": "standard"}

@@ -10,6 +10,11 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from geo import sphere
+from geo.array import Array
+
+PIECE = 50_000.0  # [m] how finely great circles are followed for their extent
+
 
 @dataclass(frozen=True)
 class Spread:
@@ -180,3 +185,77 @@ class Itinerary:
     overdue: np.datetime64 | None = None  # what has arrived by then is not what is looked for
     land: Literal["refuse", "stop", "ignore"] = "refuse"
     search_object: str | None = None  # what sorties look for while it is under way, in the sweep width tables
+
+    @property
+    def fastest(self) -> float:
+        """Highest speed [m/s] on a course; where way points and polygons lead is known without a speed."""
+        return max((phase.speed.high for phase in self.phases if isinstance(phase, Course)), default=0.0)
+
+    @property
+    def ways(self) -> list[tuple[Array, Array]]:
+        """The lines (lon, lat) [rad] along which its way points lead."""
+        return [line for phase in self.phases if isinstance(phase, Ways) for line in _lines(phase)]
+
+    def extents(self, spreads: float) -> list[tuple[Array, Array, float]]:
+        """Return the places (lon, lat) [rad], without jumps, of each phase, and how far [m] it leads from them.
+
+        spreads: how many standard deviations count. Great circles between way points bulge: they are followed.
+        """
+        found = []
+        for phase in self.phases:
+            if isinstance(phase, Ways):
+                found.append(_way(phase, spreads))
+            elif isinstance(phase, Loiter):
+                found.append((np.array(phase.ring.lon), np.array(phase.ring.lat), 0.0))
+        return found
+
+
+def _lines(phase: Ways) -> list[tuple[Array, Array]]:
+    """Return the great circles between the middles of a phase's way points (lon, lat) [rad], without jumps."""
+    points = [*phase.points, *(point for point, _ in phase.destinations)]
+    lon, lat = np.array([_middle(point.place) for point in points]).T
+    common = len(phase.points)
+    ways = [np.arange(common), *(np.array([common - 1, k]) for k in range(common, len(points)))]
+    lines = [sphere.track(lon[way], lat[way], PIECE) for way in ways if way.size > 1 or common == len(points)]
+    return [(np.unwrap(x), y) for x, y in lines]
+
+
+def _way(phase: Ways, spreads: float) -> tuple[Array, Array, float]:
+    points = [*phase.points, *(point for point, _ in phase.destinations)]
+    lon, lat = (np.concatenate(parts) for parts in zip(*_lines(phase), strict=True))
+    wide = max(_radius(point.place, spreads) for point in points)
+    # A bridge is widest midway, K sqrt(T) / 2, where nothing but T bounds the time between two way points.
+    lasting = phase.after.high + max((_latest(point.time, spreads) for point in points), default=0.0)
+    k = phase.k * np.exp(spreads * phase.k_spread)
+    return np.unwrap(lon), lat, float(wide + spreads * k * np.sqrt(max(lasting, 0.0)) / 2)
+
+
+def _middle(place: Place) -> tuple[float, float]:
+    if isinstance(place, InRing):
+        return (min(place.lon) + max(place.lon)) / 2, (min(place.lat) + max(place.lat)) / 2
+    return place.lon, place.lat
+
+
+def _radius(place: Place, spreads: float) -> float:
+    """Return how far from its middle [m] a place may be; spreads: how many standard deviations count."""
+    match place:
+        case Near():
+            return spreads * place.major
+        case InBox():
+            return float(np.hypot(place.length, place.width)) / 2
+        case InDisc():
+            return place.radius
+        case Abeam():
+            return place.half * (1.0 if place.law == "uniform" else spreads)
+        case InRing():
+            lon, lat = _middle(place)
+            return float(sphere.distance(lon, lat, np.array(place.lon), np.array(place.lat)).max())
+
+
+def _latest(time: Spread | Moment | None, spreads: float) -> float:
+    match time:
+        case Spread():
+            return time.high
+        case Moment():
+            return time.mean + spreads * time.std
+    return 0.0

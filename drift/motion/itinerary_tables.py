@@ -72,14 +72,15 @@ class _Tables:
 
     def done(self) -> Tables:
         """Return the tables, flat; an empty one has one number, which nothing reads."""
-        whole = [
+        stories, story_laws, phases, phase_laws, points, point_laws = (
             np.array(rows or [[0]], dtype).reshape(-1)
             for rows, dtype in (
                 (self.stories, np.int32), (self.story_laws, np.float32), (self.phases, np.int32),
                 (self.phase_laws, np.float32), (self.points, np.int32), (self.point_laws, np.float32),
             )
-        ]  # fmt: skip
-        return Tables(*whole, np.concatenate([*self.vertices, np.zeros(1, np.int32)]).astype(np.int32))
+        )  # fmt: skip
+        vertices = np.concatenate([*self.vertices, np.zeros(1, np.int32)]).astype(np.int32)
+        return Tables(stories, story_laws, phases, phase_laws, points, point_laws, vertices)
 
     def add(self, itinerary: Itinerary | None) -> None:
         """Add a scenario's itinerary."""
@@ -150,9 +151,9 @@ class _Tables:
                     numbers[0] = kernel.ACROSS if place.law == "uniform" else kernel.ASIDE
                     laws[0], laws[2] = place.half, place.toward
         match point.time:
-            case Spread():
-                numbers[9], numbers[10] = kernel.AT_TIME, round(point.time.low)
-                laws[8:12] = row(Spread(0.0, *(x - point.time.low for x in (point.time.high, point.time.mode)), point.time.ratio))  # fmt: skip
+            case Spread(low, high, mode, ratio):
+                numbers[9], numbers[10] = kernel.AT_TIME, round(low)
+                laws[8:12] = row(Spread(0.0, high - low, mode - low, ratio))
             case Moment(mean, std):
                 numbers[9], numbers[10], laws[8] = kernel.NORMAL_TIME, round(mean), std
         self.points.append(numbers)

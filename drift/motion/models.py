@@ -2,26 +2,36 @@
 
 from collections.abc import Iterable
 
+from drift.motion import steer
 from drift.motion.drift import DRIFT
 from drift.motion.forcing_error import Errors
 from drift.motion.model import Model, Motion
+from drift.motion.period import Period
 from drift.motion.scenario import Scenario
+from drift.motion.steer import Steering
 from drift.particles.ensemble import Column
 
 MODELS: dict[str, Model] = {"drift": DRIFT}
 
 
 def forced(scenarios: Iterable[Scenario]) -> bool:
-    """Return whether all of some scenarios move with currents and winds, and are lost without them."""
-    return all(MODELS[scenario.model].forced for scenario in scenarios)
+    """Return whether all of some scenarios move with currents and winds alone, and are lost without them."""
+    return all(s.itinerary is None and MODELS[s.model].forced for s in scenarios)
 
 
 def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
     """Return the columns that particles of some scenarios have besides the core, each once."""
-    every = (column for scenario in scenarios for column in MODELS[scenario.model].columns)
+    every = [
+        column for s in scenarios for column in (*MODELS[s.model].columns, *(steer.COLUMNS if s.itinerary else ()))
+    ]
     return tuple({column.name: column for column in every}.values())
 
 
 def motions(errors: Errors, scenarios: Iterable[Scenario]) -> tuple[Motion, ...]:
     """Return how the objects of each scenario move."""
     return tuple(Motion(model := MODELS[scenario.model], model.terms(errors, scenario)) for scenario in scenarios)
+
+
+def steering(scenarios: Iterable[Scenario], period: Period) -> Steering | None:
+    """Return how scenarios steer before they go adrift; None: none does."""
+    return steer.steering([scenario.itinerary for scenario in scenarios], period)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drift.motion import models
+from drift.motion import models, steer
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.models import MODELS
 from drift.motion.period import Period
@@ -50,24 +50,37 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
     counts = _counts(spec)
     ensemble = record.empty(spec.seed, _bounds(spec, counts), models.columns(spec.scenarios))
     key = noise.key(spec.seed)
-    dry = []
+    tried: list[tuple[int, int]] = []
     for scenario, slots in zip(spec.scenarios, ensemble.slots, strict=True):
-        tries = runtime.upload(np.zeros(2, np.int64))
-        DRAWS[type(scenario.prior)](scenario.prior, _Draw(spec.period, ensemble, slots, key, tries, coast))
-        drawn, failed = (int(x) for x in tries.to_numpy())
-        if failed:
-            fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
-            raise UserError(
-                f'scenario "{scenario.name}": {fault}: {failed} of {slots.last - slots.first} particles found no place '
-                "in many tries; move or widen it, or check [coast] source"
-            )
-        dry.append(1.0 - (slots.last - slots.first) / drawn)
+        drawn = failed = 0
+        if scenario.prior is not None:
+            tries = runtime.upload(np.zeros(2, np.int64))
+            DRAWS[type(scenario.prior)](scenario.prior, _Draw(spec.period, ensemble, slots, key, tries, coast))
+            drawn, failed = (int(x) for x in tries.to_numpy())
+        tried.append((drawn, failed))
         MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
+    steering = models.steering(spec.scenarios, spec.period)
+    begun = np.array(tried)
+    if steering:
+        begun = begun + steer.draw(ensemble, steering, coast)
+    dry = [_dry(spec, number, ensemble.slots[number], begun[number], coast) for number in range(len(begun))]
     ensemble.log_weight.from_numpy(_log_weights(spec, ensemble, counts))
     if ensemble.n > sum(counts):
         spare = np.concatenate([np.arange(b - a) >= c for (a, b), c in zip(ensemble.scenarios, counts, strict=True)])
         ensemble.status.from_numpy(np.where(spare, int(Status.LEFT), ensemble.status.to_numpy()).astype(np.int32))
     return Prior(ensemble, tuple(dry))
+
+
+def _dry(spec: EnsembleSpec, number: int, slots: Slots, tried: Array, coast: DeviceCoast | None) -> float:
+    """Return the share of a scenario's prior that lies on land; refuse one that holds next to no water."""
+    (drawn, failed), many = tried, slots.last - slots.first
+    if failed:
+        fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
+        raise UserError(
+            f'scenario "{spec.scenarios[number].name}": {fault}: {failed} of {many} particles found no place '
+            "in many tries; move or widen it, or check [coast] source"
+        )
+    return 1.0 - many / float(drawn)
 
 
 def _counts(spec: EnsembleSpec) -> list[int]:

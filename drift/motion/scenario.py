@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
+from drift.motion.itinerary import Itinerary
 from drift.motion.leeway import Drifter
 from geo import sphere
 from geo.array import Array
@@ -136,9 +137,22 @@ class Scenario:
     weight: float
     object: Drifter
     jibe_rate: float  # [1/s]
-    prior: ReleasePrior
+    prior: ReleasePrior | None  # where it begins; None: at the first way point of its itinerary
     sources: Mapping[str, tuple[str, ...]]  # their names by quantity, in order of priority
     search_object: str | None = None  # the object's name in the sweep width tables
     model: str = "drift"  # model of motion: drift.motion.models
     motion: Any = None  # parameters of the model's own: opaque to all but the model
     survival: Survival | None = None
+    itinerary: Itinerary | None = None  # how it steers until its distress; None: it is adrift from the first
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Its models of motion, in the order in which they move it within a step."""
+        if self.itinerary is None:
+            return (self.model,)
+        return ("steer",) if self.itinerary.distress is None else ("steer", self.model)
+
+    def extents(self, spreads: float) -> list[tuple[Array, Array, float]]:
+        """Return the extents of its prior, and of the places to which its itinerary leads: see PositionPrior.extent."""
+        own = [self.prior.extent(spreads)] if self.prior is not None else []
+        return own + (self.itinerary.extents(spreads) if self.itinerary else [])

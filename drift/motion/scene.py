@@ -3,20 +3,41 @@
 It is the forcing, how each scenario's objects move, and the surroundings.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drift.motion.forcing import Forcing
 from drift.motion.model import Group, Inside, Model, Motion, Waters
-from drift.particles.ensemble import Ensemble
+from drift.motion.steer import Helm, Steering
+from drift.particles import life
+from drift.particles.ensemble import Device, Ensemble
+from drift.particles.status import Status
 from geo.array import Array
 from kernels import advance as kernel
 from kernels import coast as device_coast
+from kernels import noise, runtime
+from kernels.noise import Purpose
 from kernels.sample import Ranges, ordered
+
+
+class Begin(NamedTuple):
+    """Where the particles of an ensemble began a step, on the device."""
+
+    lon: Device  # binary angle, int32 (n,): where they were when what steers had been moved, so where each went adrift
+    lat: Device
+    helm: Mapping[str, Device] | None  # the columns of what steers, at the begin of the step; None: nothing does
+
+
+class Kept(NamedTuple):
+    """Where particles were at a time inside a step, on the host."""
+
+    lon: Array  # int32 binary angle (n,)
+    lat: Array
+    since: int  # [s]
 
 
 @dataclass(frozen=True)
@@ -24,14 +45,37 @@ class Scene:
     """What every scenario needs to move: forcing, models with their terms, and the place."""
 
     forcing: Forcing
-    motions: tuple[Motion, ...]  # one a scenario
+    motions: tuple[Motion, ...]  # one a scenario: how it moves once it is adrift
     place: kernel.Surroundings
+    steering: Steering | None = None  # how scenarios steer before that; None: none does
 
-    def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step) -> None:
-        """Move all slots over one step, in place."""
+    def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step, keep: bool = False) -> Begin | None:
+        """Move all slots over one step, in place: first what steers, each until its distress, then what is adrift.
+
+        Return where they began the step, if it is to be kept.
+        """
         self.forcing.set(low, high)
+        helm, at_helm = self.helm(ensemble), None
+        if helm:
+            at_helm = helm.keep() if keep else None
+            helm.move(step)
+        begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), at_helm) if keep else None
         for move in self._movers(ensemble, step.direction):
             move(step)
+        return begin
+
+    def helm(self, ensemble: Ensemble) -> Helm | None:
+        """Return what steers an ensemble; None: nothing does. It is made once, as `_movers` are."""
+        if self.steering is None:
+            return None
+        key = id(self), id(ensemble), 0
+        if key not in self.forcing.movers:
+            self.forcing.movers[key] = (
+                (self, ensemble),
+                Helm(ensemble, self.steering, self.place.domain, self.place.coast),
+            )
+        helm: Helm = self.forcing.movers[key][1]
+        return helm
 
     def _movers(self, ensemble: Ensemble, direction: int) -> tuple[kernel.Move, ...]:
         """Return what moves an ensemble, one a group. It is made once and kept until the forcing is closed."""
@@ -56,18 +100,49 @@ class Scene:
         ]
 
     def without_noise(self) -> "Scene":
-        """Return the same scene in which nothing is left to chance, and what comes ashore stays there."""
+        """Return the same scene in which nothing is left to chance, and what comes ashore stays there.
+
+        Nothing steers in it: that is exact at any step.
+        """
         still = self.place._replace(beach=kernel.Beach(), sinks=False, divergence=False)
         motions = tuple(Motion(model, model.still(terms)) for model, terms in self.motions)
-        return replace(self, motions=motions, place=still)
+        return replace(self, motions=motions, place=still, steering=None)
 
-    def between(self, ensemble: Ensemble, inside: Inside) -> tuple[Array, Array]:
-        """Return where an ensemble's particles are at a time inside a step: lon, lat [binary angle], (n,)."""
+    def between(
+        self, ensemble: Ensemble, begin: Begin, kept: Kept | None, step: kernel.Step, time: int, start: int
+    ) -> tuple[Array, Array]:
+        """Return where an ensemble's particles are at a time inside the step just made: lon, lat [binary angle], (n,).
+
+        kept: where they were at an earlier time inside the step, if that has been asked and is to hold; start: of the
+        run [s since 1970].
+        """
+        end = step.elapsed + step.duration
+        since = kept.since if kept else step.elapsed
+        lives = life.read(ensemble)
+        released = ensemble.release.to_numpy()
+        adrift_from = begin.lon.to_numpy(), begin.lat.to_numpy()
+        if kept:
+            known = released <= since
+            adrift_from = np.where(known, kept.lon, adrift_from[0]), np.where(known, kept.lat, adrift_from[1])
+        left, finish = lives.way(since, end)
+        lasting = np.maximum(finish - left, 1)
+        share = np.clip((time - left) / lasting, 0.0, 1.0)
+        moment = (start + step.direction * time) % 2**31
+        purpose = Purpose.DEBRIS_BRIDGE if self.place.debris else Purpose.RUN
+        seed = noise.seed_for(ensemble.seed, purpose, self.place.debris)
+        inside = Inside(adrift_from, share, lasting, lives.status == Status.ADRIFT, seed, moment)
         lon, lat = inside.before
         for model in dict.fromkeys(model for model, _ in self.motions):
             terms = tuple(terms if own is model else None for own, terms in self.motions)
             mine = np.repeat([own is model for own, _ in self.motions], np.diff(ensemble.bounds))
             there = model.between(ensemble, terms, self.place, inside)
+            lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
+        helm = self.helm(ensemble)
+        if helm and begin.helm:
+            steers = np.isin(ensemble.scenario.to_numpy(), self.steering.scenarios if self.steering else ())
+            own = kept or Kept(begin.helm["lon"].to_numpy(), begin.helm["lat"].to_numpy(), since)
+            there = helm.inside(begin.helm, (own.lon, own.lat), since, step, time, moment)
+            mine = steers & (time < released)
             lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
         return lon, lat
 

@@ -8,18 +8,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numpy as np
-
 from drift.motion.clock import Clock
-from drift.motion.model import Inside
-from drift.motion.scene import Scene
+from drift.motion.scene import Begin, Kept, Scene
 from drift.particles import life
 from drift.particles.ensemble import Ensemble
-from drift.particles.status import Status
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import noise
-from kernels.noise import Purpose
 
 Progress = Callable[[float], None]
 Watch = Callable[[int], None]
@@ -40,7 +34,7 @@ class Moment:
 # Returns where the particles of an ensemble were at a time [s after start], as lon, lat [binary angle]. Its arguments
 # are the ensemble, the scene in which it moves, where its particles began the step that holds the time, and the time.
 # The third is None for the run's own ensemble, of which it is known.
-PositionsAt = Callable[[Ensemble, Scene, tuple[Array, Array] | None, int], tuple[Array, Array]]
+PositionsAt = Callable[[Ensemble, Scene, Begin | None, int], tuple[Array, Array]]
 
 
 class Filter(Protocol):
@@ -49,11 +43,14 @@ class Filter(Protocol):
     def stops(self, after: int, until: int) -> list[int]:
         """Return the times in (after, until] at which something takes effect [s after start]."""
 
-    def before(self, elapsed: int, duration: int) -> None:
-        """Make ready for a step, for which the forcing is set."""
+    def before(self, elapsed: int, duration: int) -> bool:
+        """Make ready for a step, for which the forcing is set; return whether it has to know where the step began."""
 
     def advance(self, low: int, high: int, step: kernel.Step) -> None:
         """Move what else moves over a step."""
+
+    def moved(self, begin: Begin | None) -> None:
+        """Take note of where the particles began the step that has just been made."""
 
     def take_effect(self, time: int, place: PositionsAt) -> None:
         """Change weights by what ends or is seen at a time; place: gives where an ensemble's particles were then."""
@@ -81,28 +78,30 @@ class _Within:
     own: Ensemble  # the run's own ensemble
     clock: Clock
     step: kernel.Step
-    before: tuple[Array, Array] | None  # where the run's particles began the step, if that is needed
-    kept: dict[int, tuple[tuple[Array, Array], int]] = field(default_factory=dict)  # by ensemble's id: places, when
+    begin: Begin | None  # where the run's particles began the step, if that is needed
+    kept: dict[int, Kept] = field(default_factory=dict)  # by ensemble's id
 
     @property
     def end(self) -> int:
         """When the step ends [s after the run's start]."""
         return int(self.step.elapsed + self.step.duration)
 
-    def at(self, which: Ensemble, scene: Scene, begin: tuple[Array, Array] | None, time: int) -> tuple[Array, Array]:
+    def at(self, which: Ensemble, scene: Scene, begin: Begin | None, time: int) -> tuple[Array, Array]:
         """Return where an ensemble's particles, which began this step somewhere, were at a time in it, and keep it."""
         places = self.look(which, scene, begin, time)
         if time < self.end:
-            self.kept[id(which)] = places, time
+            self.kept[id(which)] = Kept(*places, time)
         return places
 
-    def look(self, which: Ensemble, scene: Scene, begin: tuple[Array, Array] | None, time: int) -> tuple[Array, Array]:
+    def look(self, which: Ensemble, scene: Scene, begin: Begin | None, time: int) -> tuple[Array, Array]:
         """Return the same without keeping it: an output does not tie down what comes after it."""
-        begin = self.before if which is self.own else begin
+        begin = self.begin if which is self.own else begin
         if begin is None or time == self.end:
             return _now(which)
-        begin, since = self.kept.get(id(which), (begin, self.step.elapsed))
-        return begin if time == since else _inside(which, scene, self.clock, begin, self.step, time, since)
+        kept = self.kept.get(id(which))
+        if kept is not None and kept.since == time:
+            return kept.lon, kept.lat
+        return scene.between(which, begin, kept, self.step, time, self.clock.start)
 
 
 def _now(which: Ensemble) -> tuple[Array, Array]:
@@ -134,12 +133,14 @@ def run(
         shown = {t for t in due if t <= end}
         stops = set(search.stops(max(step.elapsed, 0), end)) if search else set()
         inside = any(t < end for t in shown | stops)
-        within = _Within(ensemble, clock, step, _now(ensemble) if inside else None)
         if search:
             scene.forcing.set(low, high)
-            search.before(step.elapsed, step.duration)
+            inside |= search.before(step.elapsed, step.duration)
             search.advance(low, high, step)
-        scene.advance(ensemble, low, high, step)
+        begin = scene.advance(ensemble, low, high, step, keep=inside)
+        within = _Within(ensemble, clock, step, begin)
+        if search:
+            search.moved(begin)
         if watch:
             watch(step.elapsed)
         for t in sorted(shown | stops):
@@ -153,31 +154,6 @@ def run(
                 search.after(end)
         if progress:
             progress(min(end / clock.duration, 1.0))
-
-
-def _inside(
-    ensemble: Ensemble,
-    scene: Scene,
-    clock: Clock,
-    before: tuple[Array, Array],
-    step: kernel.Step,
-    time: int,
-    since: int,
-) -> tuple[Array, Array]:
-    """Return positions at a time inside the step just made, on each particle's bridge between its ends.
-
-    before: where they were at `since`, the step's begin or a time in it. Debris, which has the object's seed, has noise
-    of its own.
-    """
-    end = step.elapsed + step.duration
-    lives = life.read(ensemble)
-    left, finish = lives.way(since, end)
-    lasting = np.maximum(finish - left, 1)
-    share = np.clip((time - left) / lasting, 0.0, 1.0)
-    moment = (clock.start + clock.direction * time) % 2**31
-    purpose = Purpose.DEBRIS_BRIDGE if scene.place.debris else Purpose.RUN
-    seed = noise.seed_for(ensemble.seed, purpose, scene.place.debris)
-    return scene.between(ensemble, Inside(before, share, lasting, lives.status == Status.ADRIFT, seed, moment))
 
 
 def _moment(ensemble: Ensemble, places: tuple[Array, Array], time: int, search: Filter | None) -> Moment:

@@ -11,7 +11,7 @@ from drift.motion.period import ClockSpec, Period
 from drift.motion.scene import Scene
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble
-from drift.particles.status import Status
+from drift.particles.status import Status, on_map
 from geo import notation, sphere
 from geo.array import Array
 from geo.errors import UserError
@@ -87,7 +87,7 @@ def choose_step(
             coarse, fine = ends[step], ends[_half(step)]
             adrift = (coarse[2] == Status.ADRIFT) & (fine[2] == Status.ADRIFT)
             if adrift.sum() < FEWEST:  # most went ashore: where they did so counts
-                adrift = (coarse[2] <= Status.ASHORE) & (fine[2] <= Status.ASHORE)
+                adrift = on_map(coarse[2]) & on_map(fine[2])
             apart = sphere.distance(*(x[adrift] * sphere.UNIT for x in (*coarse[:2], *fine[:2])))
             errors[step] = float(np.percentile(apart / days[adrift], 95)) if adrift.any() else 0.0
             if errors[step] <= tolerance:

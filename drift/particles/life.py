@@ -13,8 +13,8 @@ from geo.array import Array
 
 
 def over(status: Array) -> Array:
-    """Return which particles have gone ashore, sunk, left, or run out of forcing, bool (n,)."""
-    return np.asarray((status != Status.ADRIFT) & (status != Status.PENDING))
+    """Return which particles have gone ashore, sunk, left, run out of forcing, arrived or grounded, bool (n,)."""
+    return ~np.isin(status, (Status.ADRIFT, Status.PENDING, Status.UNDER_WAY))
 
 
 @dataclass(frozen=True)
@@ -25,15 +25,19 @@ class Lives:
     release: Array
     since: Array  # when that status began, where it is an end
     moving: Array  # when the particle last began to move, where what strands refloats
+    departure: Array | None = None  # when it gets under way, if that is before its release; None: nothing steers
 
     def at(self, time: int) -> Array:
         """Return the status of each particle at a time within the step, int32 (n,)."""
-        status = np.where(
-            over(self.status) & (self.since > time) | (self.status == Status.PENDING), Status.ADRIFT, self.status
-        )
+        ended = over(self.status) & (self.since <= time)
+        status = np.where(ended, self.status, Status.ADRIFT)
         refloats = (status == Status.ADRIFT) & (self.moving > np.maximum(time, self.release))  # later in the step
         status = np.where(refloats, Status.ASHORE, status)
-        return np.where(self.release > time, Status.PENDING, status).astype(np.int32)
+        before = np.full(status.shape, Status.PENDING)
+        if self.departure is not None:
+            before = np.where(self.departure <= time, Status.UNDER_WAY, before)
+            before = np.where(ended, self.status, before)  # what ends before its release never goes adrift
+        return np.where(self.release > time, before, status).astype(np.int32)
 
     def way(self, begin: int, end: int) -> tuple[Array, Array]:
         """Return when each particle begins to move between two times of the step, and when it ends; begin <= end."""
@@ -44,5 +48,11 @@ class Lives:
 
 def read(ensemble: Ensemble) -> Lives:
     """Return the lives of an ensemble's particles."""
-    columns = ensemble.status, ensemble.release, ensemble.status_since, ensemble.moving_since
-    return Lives(*(column.to_numpy() for column in columns))
+    departure = ensemble.own.get("departure")
+    return Lives(
+        status=ensemble.status.to_numpy(),
+        release=ensemble.release.to_numpy(),
+        since=ensemble.status_since.to_numpy(),
+        moving=ensemble.moving_since.to_numpy(),
+        departure=None if departure is None else departure.to_numpy(),
+    )

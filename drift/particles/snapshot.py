@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drift.particles import partials
+from drift.particles import partials, status
 from drift.particles.partials import Blocks
-from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from geo.cells import ONE
@@ -36,18 +35,18 @@ class Snapshot:
 def mapped(snapshot: Snapshot) -> Array:
     """Return which particles are on the map, bool (n,).
 
-    They are adrift or ashore, with a probability that cells can hold.
+    They are adrift, under way or at rest, with a probability that cells can hold.
     """
-    return np.asarray((snapshot.status <= Status.ASHORE) & (snapshot.probability > 0.5 / ONE))
+    return np.asarray(status.on_map(snapshot.status) & (snapshot.probability > 0.5 / ONE))
 
 
 @dataclass(frozen=True)
 class Means:
     """Mean positions [deg], NaN where there is no probability: the vector mean on the sphere."""
 
-    all: tuple[float, float]  # adrift and ashore
-    adrift: tuple[float, float]  # the datum
-    scenario: Array  # (scenarios, 2), adrift and ashore
+    all: tuple[float, float]  # all that is on the map
+    adrift: tuple[float, float]  # the datum: what moves, adrift or under way
+    scenario: Array  # (scenarios, 2), all that is on the map
 
 
 def means(snapshot: Snapshot, scenarios: int) -> Means:
@@ -58,7 +57,7 @@ def means(snapshot: Snapshot, scenarios: int) -> Means:
         np.where(mapped(snapshot), snapshot.probability, 0.0),
     )
     flat = weight * np.cos(lat)
-    code = snapshot.scenario.astype(np.int64) * 2 + (snapshot.status == Status.ASHORE)
+    code = snapshot.scenario.astype(np.int64) * 2 + np.isin(snapshot.status, status.AT_REST)
     vector = flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat)
     sums = snapshot.blocks.table(code, 2 * scenarios, *vector).reshape(3, scenarios, 2)
     return Means(

@@ -2,6 +2,10 @@
 
 from enum import IntEnum
 
+import numpy as np
+
+from geo.array import Array
+
 
 class Status(IntEnum):
     """Codes in the ensemble's status column; kernels test ADRIFT == 0."""
@@ -15,3 +19,18 @@ class Status(IntEnum):
     UNDER_WAY = 6  # steers
     ARRIVED = 7  # steered to the end of its itinerary
     AGROUND = 8  # stopped by the shore while under way
+
+
+ON_MAP = (Status.ADRIFT, Status.ASHORE, Status.UNDER_WAY, Status.ARRIVED, Status.AGROUND)
+AT_REST = (Status.ASHORE, Status.ARRIVED, Status.AGROUND)
+LOST = (Status.OUTSIDE, Status.LEFT)
+
+
+def on_map(status: Array) -> Array:
+    """Return which particles are there to be seen: adrift, under way, or where they have stopped; bool, of any shape."""
+    return np.isin(status, ON_MAP)
+
+
+def under_way(status: Array) -> Array:
+    """Return which particles are under way, or have stopped there before they went adrift; bool, of any shape."""
+    return np.asarray(status >= Status.UNDER_WAY)

@@ -12,7 +12,7 @@ from drift.case.record import Case
 from drift.environment.environment import Environment
 from drift.motion import simulate
 from drift.particles import ensemble as record
-from drift.particles.status import Status
+from drift.particles.status import on_map
 from drift.planner.planning_tracks import Tracks
 from drift.search.records import Resampling
 from kernels import noise
@@ -39,7 +39,7 @@ def follow(case: Case, where: Environment) -> Tracks:
         begin.scene.forcing.close()
     ensemble = begin.ensemble
     epoch = begin.clock.start
-    seen = [moment.status <= Status.ASHORE for moment in moments]
+    seen = [on_map(moment.status) for moment in moments]
     return Tracks(
         time=(epoch + first + edges).astype(np.float64),
         lon=np.stack([moment.lon for moment in moments]),

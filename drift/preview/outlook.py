@@ -29,6 +29,9 @@ ENDS = {
     Status.ASHORE: "ashore",
     Status.SUNK: "sunk",
     Status.PENDING: "not yet released",
+    Status.UNDER_WAY: "under way",
+    Status.ARRIVED: "arrived",
+    Status.AGROUND: "aground",
     Status.OUTSIDE: "run out of forcing",
     Status.LEFT: "leave the domain",
 }

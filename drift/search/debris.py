@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 from drift.motion import drift, models, prior
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import Drifter
-from drift.motion.scene import Scene
+from drift.motion.scene import Begin, Scene
 from drift.particles.ensemble import Ensemble
 from drift.search.records import Contact
-from geo.array import Array
 from kernels import noise
 from kernels.noise import Purpose
 
@@ -27,7 +26,7 @@ class Debris:
     ensemble: Ensemble
     scene: Scene
     last: int  # [s after start] when it is last asked for
-    before: tuple[Array, Array] | None = None
+    begin: Begin | None = None  # where its particles began the present step
 
 
 def of_contacts(spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: Scene) -> dict[Drifter, Debris]:

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.scene import Scene
+from drift.motion.scene import Begin, Scene
 from drift.motion.simulate import PositionsAt
 from drift.particles import ensemble as record
 from drift.particles import life, resample, weights
 from drift.particles.ensemble import Ensemble
-from drift.particles.status import Status
+from drift.particles.status import Status, on_map
 from drift.particles.weights import Weighed
 from drift.search import contacts as contact_laws
 from drift.search import debris
@@ -57,7 +57,7 @@ class Search:
         self._contacts = [(spec.period.elapsed(contact.time), contact) for contact in contacts]
         self._shared: dict[tuple[str, float], Device] = {}
         self._step = (0, 0)
-        self._before: tuple[Device, Device] | None = None
+        self._begin: Begin | None = None  # where the particles began the present step
         self._debris = debris.of_contacts(spec, self._contacts, scene)
         self._updates: list[Update] = []
         first = self.ensemble.log_weight.to_numpy()
@@ -88,28 +88,30 @@ class Search:
         times = [flown.end for flown in self._waiting] + [time for time, _ in self._contacts]
         return sorted({t for t in times if after < t <= until})
 
-    def before(self, elapsed: int, duration: int) -> None:
-        """Remember where the step begins, if a sortie is flown in it; take its markers over it. The forcing is set."""
-        self._step, self._before = (elapsed, duration), None
-        for flown in self._flown(elapsed + duration):
+    def before(self, elapsed: int, duration: int) -> bool:
+        """Take the markers of sorties over a step, for which the forcing is set; return whether any is flown in it."""
+        self._step, under_way = (elapsed, duration), self._flown(elapsed + duration)
+        for flown in under_way:
             flown.drift(self._scene.forcing, elapsed, duration)
-            if self._before is None:
-                self._before = runtime.copy(self.ensemble.lon), runtime.copy(self.ensemble.lat)
+        return bool(under_way)
+
+    def moved(self, begin: Begin | None) -> None:
+        """Take note of where the particles began the step that has just been made."""
+        self._begin = begin
 
     def advance(self, low: int, high: int, step: Step) -> None:
         """Move debris over a step."""
         for beside in self._debris.values():
             if beside.last > step.elapsed:
-                beside.before = beside.ensemble.lon.to_numpy(), beside.ensemble.lat.to_numpy()
-                beside.scene.advance(beside.ensemble, low, high, step)
+                beside.begin = beside.scene.advance(beside.ensemble, low, high, step, keep=True)
 
     def _flown(self, until: int) -> list[SortieExposure]:
         """Return the sorties that have begun before a time and are not over."""
         return [flown for flown in self._waiting if flown.begin < until]
 
     def _exposed(self, flown: SortieExposure, until: int, keep: bool) -> list[Device]:
-        assert self._before is not None
-        return flown.expose(self.ensemble, self._before, self._step, until, keep)
+        assert self._begin is not None
+        return flown.expose(self.ensemble, self._begin[:2], self._step, until, keep)
 
     def take_effect(self, time: int, place: PositionsAt) -> None:
         """Change weights by all that ends or is seen at a time.
@@ -156,10 +158,10 @@ class Search:
         who, its, begin = self.ensemble, self._scene, None
         if contact.drifter is not None:
             seen = self._debris[contact.drifter]
-            who, its, begin = seen.ensemble, seen.scene, seen.before
+            who, its, begin = seen.ensemble, seen.scene, seen.begin
         lon, lat = place(who, its, begin, time)
         likelihood = contact_laws.log_likelihood(contact, lon, lat)
-        there = life.read(who).at(time) <= Status.ASHORE
+        there = on_map(life.read(who).at(time))
         likelihood = np.where(there, likelihood, -np.inf)
         before, current = self.ensemble.log_weight.to_numpy(), self.log_weight(time)
         # The mean likelihood under all that is known then, which includes sorties under way.

@@ -10,7 +10,7 @@ from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Motion
-from drift.motion.scene import Scene
+from drift.motion.scene import Begin, Scene
 from drift.motion.step_size import LADDER
 from drift.particles import ensemble as record
 from drift.particles.status import Status
@@ -19,6 +19,7 @@ from geo.forcing import sources
 from geo.forcing.sources import Source
 from geo.grids.grid import Grid
 from kernels import advance as kernel
+from kernels import runtime
 from kernels.sample import Tiles
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
@@ -234,10 +235,12 @@ def test_what_refloats_within_a_step_lies_ashore_until_it_does() -> None:
     class Tide(Scene):
         """A scene in which the particle floats off at 2000 s and goes 16,000 units north."""
 
-        def advance(self, ensemble: record.Ensemble, low: int, high: int, step: object) -> None:
+        def advance(self, ensemble: record.Ensemble, low: int, high: int, step: object, keep: bool = False) -> Begin:
+            begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), None)
             ensemble.status.fill(int(Status.ADRIFT))
             ensemble.moving_since.fill(2000)
             ensemble.lat.fill(16_000)
+            return begin
 
     moments = list(
         simulate.run(

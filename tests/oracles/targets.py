@@ -12,7 +12,7 @@ from drift.motion.period import Period
 from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
-from kernels import runtime, steer
+from kernels import batch, runtime, steer
 from kernels.advance import Domain, Step
 
 WORLD = Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
@@ -38,8 +38,10 @@ class Fleet:
         for name, value in first.items():
             self.columns[name].from_numpy(np.broadcast_to(np.asarray(value, np.int32), n).copy())
         self.plan = itinerary_tables.plan([itinerary], PERIOD)
-        self.drawn = steer.born(self.columns, (0, n, 0), self.plan, seed, WORLD, None)
-        self._move = steer.mover(self.columns, (0, n, 0), self.plan, seed, WORLD, None)
+        self.slots = batch.of((0, n), (0,), (0,))
+        tries = runtime.upload(np.zeros(2, np.int64))
+        steer.born(self.columns, self.slots, self.plan, seed, WORLD, None, tries)
+        self._move = steer.mover(self.columns, self.slots, self.plan, seed, WORLD, None)
 
     def go(self, until: float, step: int, since: float = 0) -> "Fleet":
         """Move all in steps [s] from a time to a time [s]."""
@@ -51,12 +53,12 @@ class Fleet:
         """Make a step; return positions (lon, lat) [deg] at times [s] inside it, all asked of the step's begin."""
         before = {name: runtime.copy(column) for name, column in self.columns.items()}
         self._move(step)
-        slots, begin = (0, self.n, 0), (before["lon"], before["lat"])
-        asked = [
-            steer.inside(before, slots, self.plan, self.seed, WORLD, None, step, begin, step.elapsed, t, t)
-            for t in times
-        ]
-        return [(sphere.to_degrees(lon.to_numpy()), sphere.to_degrees(lat.to_numpy())) for lon, lat in asked]
+        places = []
+        for time in times:
+            at = runtime.copy(before["lon"]), runtime.copy(before["lat"])
+            steer.inside(before, self.slots, self.plan, self.seed, WORLD, None, step, at, step.elapsed, time, time)
+            places.append(tuple(sphere.to_degrees(x.to_numpy()) for x in at))
+        return places
 
     def __getitem__(self, name: str) -> Array:
         values = self.columns[name].to_numpy()

@@ -15,13 +15,13 @@ def test_the_account_adds_up_and_agrees_with_numpy() -> None:
     ensemble = record.empty(1, (0, 20_001, n), COLUMNS)
     log_weight = RNG.normal(-300, 3, n).astype(np.float32)  # far below float32's smallest: only ratios matter
     log_weight[::7] = -np.inf
-    status = RNG.integers(0, 6, n).astype(np.int32)
+    status = RNG.integers(0, 9, n).astype(np.int32)
     ensemble.log_weight.from_numpy(log_weight)
     ensemble.status.from_numpy(status)
     weight = np.exp(log_weight.astype(float) - log_weight.max())
     weight /= weight.sum()
     scenario = (np.arange(n) >= 20_001).astype(int)
-    expected = np.bincount(scenario * 6 + status, weight, 12).reshape(2, 6)
+    expected = np.bincount(scenario * 9 + status, weight, 18).reshape(2, 9)
     account = record.account(ensemble)
     assert account.by_status == pytest.approx(expected, rel=1e-11)
     assert account.by_status.sum() == pytest.approx(1, abs=1e-12)
@@ -48,12 +48,12 @@ def test_account_of_wild_weights() -> None:
     weight = rng.normal(0, 30, n).astype(np.float32)
     weight[rng.random(n) < 0.3] = -np.inf
     weight[:1000] = -np.inf
-    status = rng.integers(0, 6, n).astype(np.int32)
+    status = rng.integers(0, 9, n).astype(np.int32)
     ensemble.log_weight.from_numpy(weight)
     ensemble.status.from_numpy(status)
     p = np.exp(weight.astype(float) - weight.max())
     p /= p.sum()
-    exact = [[p[a:b][status[a:b] == s].sum() for s in range(6)] for a, b in ensemble.scenarios]
+    exact = [[p[a:b][status[a:b] == s].sum() for s in range(9)] for a, b in ensemble.scenarios]
     account = record.account(ensemble)
     assert account.by_status == pytest.approx(np.array(exact), rel=1e-11, abs=1e-300)
     assert account.ess == pytest.approx(1 / (p * p).sum(), rel=1e-11)

@@ -51,4 +51,30 @@ def test_the_part_of_the_step_in_which_a_particle_moves() -> None:
 
 
 def test_what_is_over() -> None:
-    assert life.over(np.arange(len(Status))).tolist() == [status in ENDS for status in Status]
+    stopped = (Status.ARRIVED, Status.AGROUND)
+    assert life.over(np.arange(len(Status))).tolist() == [status in (*ENDS, *stopped) for status in Status]
+
+
+def test_status_of_what_steers_first() -> None:
+    """Pending until it departs, under way until its distress unless it ends before, then as all that drifts."""
+    n = 4000
+    departure, release = RNG.integers(0, END, n), RNG.integers(0, 2 * END, n)
+    release = np.maximum(release, departure + 1)
+    drifts = release < END
+    choice = RNG.choice([Status.UNDER_WAY, Status.ARRIVED, Status.AGROUND, Status.LEFT], n)
+    status = np.where(drifts, RNG.choice([Status.ADRIFT, *ENDS], n), choice)
+    since = np.where(drifts, RNG.integers(release, np.maximum(release, END) + 1), RNG.integers(departure, END + 1))
+    moving = np.zeros(n, np.int64)
+    some = Lives(*(values.astype(np.int32) for values in (status, release, since, moving, departure)))
+    rows = list(zip(*(x.tolist() for x in (status, release, since, departure)), strict=True))
+    for time in (BEGIN, 5000, END):
+        expected = []
+        for state, adrift_at, ended, left in rows:
+            is_over = state not in (Status.ADRIFT, Status.UNDER_WAY) and time >= ended
+            if time < left:
+                expected.append(Status.PENDING)
+            elif is_over:
+                expected.append(state)
+            else:
+                expected.append(Status.UNDER_WAY if time < adrift_at else Status.ADRIFT)
+        assert some.at(time).tolist() == expected

@@ -679,7 +679,9 @@ def test_object_and_debris_part_inside_a_step(tmp_path):
 
         def noted(debris, scene, before, time):
             lon, lat = place(debris, scene, before, time)
-            bends.append((lat - (before[1].astype(float) + debris.lat.to_numpy()) / 2) * sphere.UNIT * sphere.RADIUS)
+            bends.append(
+                (lat - (before.lat.to_numpy().astype(float) + debris.lat.to_numpy()) / 2) * sphere.UNIT * sphere.RADIUS
+            )
             return lon, lat
 
         take_effect(time, noted)

@@ -1,0 +1,109 @@
+"""The model of what steers: targets that follow an itinerary, until they go adrift if they do.
+
+docs/targets.md; the kernel is kernels.steer.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drift.motion import itinerary_tables
+from drift.motion.itinerary import Itinerary
+from drift.motion.period import Period
+from drift.particles.ensemble import NEVER, Column, Device, Ensemble
+from geo.array import Array
+from kernels import advance as kernel
+from kernels import runtime, steer
+from kernels.batch import Batch
+from kernels.coast import DeviceCoast
+
+COLUMNS = (
+    Column("birth", np.int32, 0, "", "slot in which it was born: the key of what is settled at birth"),
+    Column("departure", np.int32, NEVER, "s", "when it gets under way"),
+    Column("phase", np.int32, 0, "", "number of its phase among those of all itineraries"),
+    Column("leg", np.int32, 0, "", "number of its next way point in the phase"),
+    Column("to_lon", np.int32, 0, "binary angle", "longitude of its next way point"),
+    Column("to_lat", np.int32, 0, "binary angle", "latitude of its next way point"),
+    Column("to_time", np.int32, NEVER, "s", "when it reaches its next way point, or changes its course"),
+    Column("phase_end", np.int32, NEVER, "s", "when its phase is over, where a time says so"),
+    Column("course", np.float32, 0, "rad", "its course, where it keeps one, clockwise from north"),
+    Column("speed", np.float32, 0, "m/s", "its speed, where one is drawn"),
+)
+
+
+EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
+
+
+class Steering(NamedTuple):
+    """The itineraries of a run: one a scenario, None for those that only drift."""
+
+    itineraries: tuple[Itinerary | None, ...]
+    period: Period
+
+    @property
+    def scenarios(self) -> tuple[int, ...]:
+        """Numbers of the scenarios that steer."""
+        return tuple(k for k, own in enumerate(self.itineraries) if own is not None)
+
+
+class Helm:
+    """What steers the targets of one ensemble in one scene."""
+
+    def __init__(
+        self, ensemble: Ensemble, steering: Steering, domain: kernel.Domain, coast: DeviceCoast | None
+    ) -> None:
+        """Lay out the itineraries on the device."""
+        self.batch: Batch = ensemble.batch(steering.scenarios)
+        self.plan = itinerary_tables.plan(steering.itineraries, steering.period)
+        self._ensemble, self._domain = ensemble, domain
+        self._coast = coast if any(own and own.land != "ignore" for own in steering.itineraries) else None
+        self._move = steer.mover(columns(ensemble), self.batch, self.plan, ensemble.seed, domain, self._coast)
+
+    def born(self, tries: Device) -> None:
+        """Draw where and when targets begin and go adrift: see kernels.steer.born."""
+        e = self._ensemble
+        steer.born(columns(e), self.batch, self.plan, e.seed, self._domain, self._coast, tries)
+
+    def move(self, step: kernel.Step) -> None:
+        """Move the targets over a step, each until its distress."""
+        self._move(step)
+
+    def keep(self) -> dict[str, Device]:
+        """Return the columns as they are now, from which ways inside the step that comes are made again."""
+        return {name: runtime.copy(column) for name, column in columns(self._ensemble).items()}
+
+    def inside(
+        self,
+        kept: Mapping[str, Device],
+        begin: tuple[Array, Array],
+        since: int,
+        step: kernel.Step,
+        time: int,
+        moment: int,
+    ) -> tuple[Array, Array]:
+        """Return lon, lat [binary angle] (n,) at a time inside the step just made; see kernels.steer.inside."""
+        e = self._ensemble
+        lon, lat = (runtime.upload(x) for x in begin)
+        steer.inside(
+            kept, self.batch, self.plan, e.seed, self._domain, self._coast, step, (lon, lat), since, time, moment
+        )
+        return lon.to_numpy(), lat.to_numpy()
+
+
+def columns(ensemble: Ensemble) -> dict[str, Device]:
+    """Return the columns that the kernel takes, by name."""
+    every = ensemble.columns
+    return {name: every[name] for name in steer.COLUMNS}
+
+
+def draw(ensemble: Ensemble, steering: Steering, coast: DeviceCoast | None) -> Array:
+    """Draw the targets of all scenarios that steer; return (drawn, without water) by scenario, int64 (scenarios, 2)."""
+    tries = runtime.upload(np.zeros(2 * len(steering.itineraries), np.int64))
+    Helm(ensemble, steering, EVERYWHERE, coast).born(tries)
+    return np.asarray(tries.to_numpy().reshape(-1, 2))
+
+
+def steering(itineraries: Sequence[Itinerary | None], period: Period) -> Steering | None:
+    """Return what a run's scenarios have of itineraries; None: nothing steers."""
+    return Steering(tuple(itineraries), period) if any(own is not None for own in itineraries) else None
