@@ -101,14 +101,16 @@ def watch(kind: int) -> Callable[[], object]:
     trig, course, searching = np.ones(6, np.float32), np.ones(8, np.float32), np.ones(2, np.int32)
     track = sweep.Track(time_, place, trig, course, searching)
     table = np.array([0, 1, 100, 0.5, 100, 100, 0, 100], np.float32)
-    args = (own, (0, N), (own.lon, own.lat), 0, 600, kind, track, table, np.ones(1, np.float32), exposure)
+    args = (own, own.batch([0]), (own.lon, own.lat), 0, 600, kind, track, table, np.ones(1, np.float32), exposure)
     return lambda: sweep.expose(*args)
 
 
 def fail() -> Callable[[], object]:
     """Return a job that takes a sortie's miss into weights."""
     one, columns = np.ones(2, np.float32) / 2, [runtime.empty(2 * N) for _ in range(2)]
-    return lambda: sweep.fail((0, N), sweep.HAZARD, columns[0], one, one, columns[1], runtime.empty(N))
+    return lambda: sweep.fail(
+        runtime.upload(np.zeros(N, np.int32)), sweep.HAZARD, columns[0], one, one, columns[1], runtime.empty(N)
+    )
 
 
 def swarm() -> rectangles.Swarm:

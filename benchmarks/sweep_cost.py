@@ -50,7 +50,7 @@ def main() -> None:
     curve = np.stack(laws.table(Law("m_beta", 0.8)), axis=1).reshape(-1)
     exposure = runtime.empty(n)
     jobs = {
-        "inverse cube": (sweep.CUBE, track, np.zeros(1), np.zeros(1), legs),
+        "inverse cube": (sweep.CUBE, track, np.zeros(1), np.ones(1), legs),
         "M-beta": (sweep.ABEAM, track, curve, np.array([1 / NMI]), legs),
         "area": (sweep.INSIDE, place, ring, np.ones(1), 1),
     }
@@ -60,7 +60,7 @@ def main() -> None:
         for _ in range(TIMES):
             runtime.wait()
             begin = time.perf_counter()
-            sweep.expose(ensemble, (0, n), tuple(before), 0, span, kind, way, numbers, scale, exposure)
+            sweep.expose(ensemble, ensemble.batch([0]), tuple(before), 0, span, kind, way, numbers, scale, exposure)
             runtime.wait()
             best = min(best, time.perf_counter() - begin)
         table.add_row(name, str(count), str(len(way.time) - 1), f"{1e3 * best:.0f}", f"{1e9 * best / n / count:.2f}")
@@ -70,7 +70,7 @@ def main() -> None:
         best = np.inf
         for _ in range(TIMES):
             begin = time.perf_counter()
-            sweep.fail((0, n), sweep.HAZARD, exposure, np.ones(factors), chances, shared, weight)
+            sweep.fail(ensemble.scenario, sweep.HAZARD, exposure, np.ones(factors), chances, shared, weight)
             runtime.wait()
             best = min(best, time.perf_counter() - begin)
         table.add_row(f"weights, {factors} factors of W", "", "", f"{1e3 * best:.0f}", "")

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import life, sphere
+from kernels import batch, life, sphere
+from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 
 METRES = sphere.RADIUS * sphere.UNIT
@@ -140,8 +141,11 @@ def chance(curve: ti.template(), x: ti.f32) -> ti.f32:
 @ti.kernel
 def _expose(
     kind: ti.template(),
+    listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    slots: Ints,
+    scenario: Ints,
     before_lon: Ints,
     before_lat: Ints,
     lon: Ints,
@@ -159,11 +163,18 @@ def _expose(
     searching: HostInts,
     table: HostReals,
     scale: HostReals,
+    stride: ti.i32,
+    scales: ti.i32,
     exposure: Reals,
     size: ti.i32,
 ):
-    for i in range(first, last):
-        if status[i] != life.PENDING:
+    for nth in range(first, last):
+        i = batch.slot(listed, slots, nth)
+        own = scenario[i] * stride
+        looks = status[i] != life.PENDING
+        if ti.static(kind in (CUBE, ABEAM)):
+            looks = looks and scale[own] > 0.0
+        if looks:
             times = life.behind(status[i], release[i], status_since[i], moving_since[i], elapsed, duration)
             seen, leaves = ti.cast(times[0] - elapsed, ti.f32), ti.cast(times[1] - elapsed, ti.f32)
             moored, gone = ti.cast(times[2] - elapsed, ti.f32), ti.cast(times[3] - elapsed, ti.f32)
@@ -180,7 +191,7 @@ def _expose(
                     if searching[k] == 1:
                         total += _piece(
                             kind, a, b, far_a, far_b, time[k + 1] - time[k], 4 * k, 4 * k + 2,
-                            course, table, scale, exposure, size, i,
+                            course, table, scale, own, scales, exposure, size, i,
                         )  # fmt: skip
                     a, far_a = b, far_b  # each piece hands its end on to the next one
             else:
@@ -198,7 +209,7 @@ def _expose(
                         last_node = 4 * k + 2 * ti.cast(end == time[k + 1], ti.i32)
                         total += _piece(
                             kind, a, b, far_a, far_b, end - begin, 4 * k, last_node,
-                            course, table, scale, exposure, size, i,
+                            course, table, scale, own, scales, exposure, size, i,
                         )  # fmt: skip
                         begin = end
             if ti.static(kind != ABEAM):
@@ -218,29 +229,32 @@ def _piece(
     course: ti.template(),
     table: ti.template(),
     scale: ti.template(),
+    own: ti.i32,
+    scales: ti.i32,
     exposure: ti.template(),
     size: ti.i32,
     i: ti.i32,
 ) -> ti.f32:
     """Return what a piece from a to b adds up to; passes abeam are written to particle i at once.
 
-    lasting [s]; first, last: where `course` has the leg's direction at its begin and end.
+    lasting [s]; first, last: where `course` has the leg's direction at its begin and end. own, scales: where `scale`
+    has the numbers of the particle's scenario, and how many.
     """
     found = 0.0
     if ti.static(kind == CUBE):
         found = hazard(a, b, far_a, far_b)
     elif ti.static(kind == INSIDE):
-        found = scale[0] * lasting * inside(a, b, table)
+        found = scale[own] * lasting * inside(a, b, table)
     elif ti.static(kind == ZONES):
-        for z in range(scale.shape[0]):
-            found += scale[z] * lasting * (within(a, b, table[2 * z + 1]) - within(a, b, table[2 * z]))
+        for z in range(scales):
+            found += scale[own + z] * lasting * (within(a, b, table[2 * z + 1]) - within(a, b, table[2 * z]))
     else:
         along_a = -(a[0] * course[first] + a[1] * course[first + 1])
         along_b = -(b[0] * course[last] + b[1] * course[last + 1])
         far = lateral(a, b, along_a, along_b)
         if far >= 0.0:
-            for f in range(scale.shape[0]):
-                exposure[f * size + i] += ti.log(1.0 - chance(table, far * scale[f]))
+            for f in range(scales):
+                exposure[f * size + i] += ti.log(1.0 - chance(table, far * scale[own + f]))
     return found
 
 
@@ -300,7 +314,7 @@ class Track(NamedTuple):
 
 def expose(
     ensemble: Any,
-    slots: tuple[int, int],
+    own: Batch,
     before: tuple[Any, Any],
     elapsed: int,
     duration: int,
@@ -310,18 +324,20 @@ def expose(
     scale,
     exposure,
 ) -> None:
-    """Add to the exposure of slots [first, last) what a sensor does on a stretch of the step just made.
+    """Add to the exposure of the slots of a batch what a sensor does on a stretch of the step just made.
 
     ensemble: a drift.particles.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
-    kind: CUBE adds the integral of ds / 2 r^3 [1/m2]; ABEAM the log of a miss wherever it comes abeam, for each factor
-    of W, table a lateral range curve and scale 1 / W by factor [1/m]; ZONES hazards, table radii in pairs [m] and scale
-    rates [1/s]; INSIDE the time inside the ring `table` [m] round the track, times scale. exposure: device, (n,), for
-    ABEAM (factors * n,).
+    kind: CUBE adds the integral of ds / 2 r^3 [1/m2], where scale is above 0; ABEAM the log of a miss wherever it comes
+    abeam, for each factor of W, table a lateral range curve and scale 1 / W by factor [1/m], 0 for what is not seen;
+    ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the time inside the ring `table` [m] round the
+    track, times scale. scale: numbers (m,), or by scenario of the run (scenarios, m). exposure: device, (n,), for ABEAM
+    (factors * n,).
     """
-    e = ensemble
+    e, scale = ensemble, np.asarray(scale, np.float32)
     _expose(
-        kind, *slots, *before, e.lon, e.lat, e.status, e.release, e.status_since, e.moving_since, elapsed, duration,
-        *track, np.asarray(table, np.float32), np.asarray(scale, np.float32), exposure, e.n,
+        kind, own.listed, own.first, own.last, own.slots, e.scenario, *before, e.lon, e.lat, e.status, e.release,
+        e.status_since, e.moving_since, elapsed, duration, *track, np.asarray(table, np.float32), scale.reshape(-1),
+        scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, e.n,
     )  # fmt: skip
 
 
@@ -341,8 +357,7 @@ def _log_miss(meaning: ti.template(), exposure: ti.f32, coefficient: ti.f32) -> 
 @ti.kernel
 def _fail(
     meaning: ti.template(),
-    first: ti.i32,
-    last: ti.i32,
+    scenario: Ints,
     exposure: Reals,
     coefficient: HostReals,
     chances: HostReals,
@@ -350,34 +365,39 @@ def _fail(
     log_weight: Reals,
     size: ti.i32,
 ):
-    for i in range(first, last):
+    for i in range(size):
         factors = chances.shape[0]
-        if factors == 1:
-            log_weight[i] += _log_miss(meaning, exposure[i], coefficient[0])
-        elif log_weight[i] > -ti.math.inf:
-            # The weight changes by the ratio of two means over the factor: of the product of all misses so far, after
-            # and before this one.
-            top_before = top_after = ti.f32(-ti.math.inf)
-            mean_before = mean_after = 0.0
-            for f in range(factors):
-                top_before = ti.max(top_before, shared[f * size + i])
-            for f in range(factors):
-                mean_before += chances[f] * ti.exp(shared[f * size + i] - top_before)
-                at = i
-                if ti.static(meaning == MISS):
-                    at += f * size
-                shared[f * size + i] += _log_miss(meaning, exposure[at], coefficient[f])
-                top_after = ti.max(top_after, shared[f * size + i])
-            if top_after == -ti.math.inf:
-                log_weight[i] = top_after
-            else:
+        own = scenario[i] * factors
+        most = coefficient[own]
+        for f in range(1, factors):
+            most = ti.max(most, coefficient[own + f])
+        if most > 0.0:
+            if factors == 1:
+                log_weight[i] += _log_miss(meaning, exposure[i], coefficient[own])
+            elif log_weight[i] > -ti.math.inf:
+                # The weight changes by the ratio of two means over the factor: of the product of all misses so far,
+                # after and before this one.
+                top_before = top_after = ti.f32(-ti.math.inf)
+                mean_before = mean_after = 0.0
                 for f in range(factors):
-                    mean_after += chances[f] * ti.exp(shared[f * size + i] - top_after)
-                log_weight[i] += top_after + ti.log(mean_after) - top_before - ti.log(mean_before)
+                    top_before = ti.max(top_before, shared[f * size + i])
+                for f in range(factors):
+                    mean_before += chances[f] * ti.exp(shared[f * size + i] - top_before)
+                    at = i
+                    if ti.static(meaning == MISS):
+                        at += f * size
+                    shared[f * size + i] += _log_miss(meaning, exposure[at], coefficient[own + f])
+                    top_after = ti.max(top_after, shared[f * size + i])
+                if top_after == -ti.math.inf:
+                    log_weight[i] = top_after
+                else:
+                    for f in range(factors):
+                        mean_after += chances[f] * ti.exp(shared[f * size + i] - top_after)
+                    log_weight[i] += top_after + ti.log(mean_after) - top_before - ti.log(mean_before)
 
 
 def fail(
-    slots: tuple[int, int],
+    scenario: Any,
     meaning: int,
     exposure: Any,
     coefficient: np.ndarray,
@@ -385,12 +405,13 @@ def fail(
     shared: Any,
     log_weight: Any,
 ) -> None:
-    """Multiply the weights of slots [first, last) by the chance that a sortie missed each, in place.
+    """Multiply all weights by the chance that a sortie missed each particle, in place.
 
-    meaning: of exposure: HAZARD (miss = exp(-exposure * coefficient)), SHARE (miss = 1 - exposure * coefficient), or
-    MISS (the log of the miss itself, one column a factor). coefficient, chances: by factor of the sweep width, float32
-    (factors,). shared: device (factors * n,), the logs of the misses of all sorties that share the unknown factor, so
-    far; used only for several factors, whose mean is taken after their product.
+    scenario: device (n,), to which each slot belongs. meaning: of exposure: HAZARD (miss = exp(-exposure *
+    coefficient)), SHARE (miss = 1 - exposure * coefficient), or MISS (the log of the miss itself, one column a factor).
+    coefficient: by scenario and factor of the sweep width, (scenarios, factors); a scenario that has none above 0 was
+    not searched. chances: by factor, (factors,). shared: device (factors * n,), the logs of the misses of all sorties
+    that share the unknown factor, so far; used only for several factors, whose mean is taken after their product.
     """
-    tables = (np.asarray(x, np.float32) for x in (coefficient, chances))
-    _fail(meaning, *slots, exposure, *tables, shared, log_weight, log_weight.shape[0])
+    tables = (np.asarray(x, np.float32).reshape(-1) for x in (coefficient, chances))
+    _fail(meaning, scenario, exposure, *tables, shared, log_weight, log_weight.shape[0])

@@ -99,6 +99,13 @@ class Scene:
             for (model, _), own in together.items()
         ]
 
+    def seas(self, quantity: str) -> list[tuple[int, ...]]:
+        """Return the numbers of scenarios that see the same sources of a quantity, together."""
+        together: dict[tuple[int, int], tuple[int, ...]] = {}
+        for number, ranges in enumerate(self.forcing.ranges):
+            together[ranges[quantity]] = (*together.get(ranges[quantity], ()), number)
+        return list(together.values())
+
     def without_noise(self) -> "Scene":
         """Return the same scene in which nothing is left to chance, and what comes ashore stays there.
 

@@ -5,7 +5,7 @@ contiguous, so that a scenario is a range of slots.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -59,13 +59,32 @@ class Slots(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Layout:
+    """Which slots belong to which scenario."""
+
+    bounds: tuple[int, ...]  # the first slot of each scenario and, last, n
+    numbers: tuple[int, ...]  # number of each scenario's first slot in the whole run
+    block: tuple[int, ...]  # slots of each scenario that make a block: drift.particles.partials
+    _batches: dict[tuple[int, ...], Batch] = field(default_factory=dict, repr=False, compare=False)
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """The blocks by which sums over particles are made."""
+        return partials.cut(self.bounds, self.numbers, self.block)
+
+    def batch(self, scenarios: tuple[int, ...]) -> Batch:
+        """Return the slots of some scenarios (ascending), for one launch; they are made once and kept."""
+        if scenarios not in self._batches:
+            self._batches[scenarios] = batch.of(self.bounds, self.numbers, scenarios)
+        return self._batches[scenarios]
+
+
+@dataclass(frozen=True)
 class Ensemble:
     """All particles: CORE as fields of shape (n,), then the columns of the models by which they move, by name."""
 
     seed: int
-    bounds: tuple[int, ...]  # the first slot of each scenario and, last, n
-    numbers: tuple[int, ...]  # number of each scenario's first slot in the whole run
-    block: tuple[int, ...]  # slots of each scenario that make a block: drift.particles.partials
+    layout: Layout
     lon: Device
     lat: Device
     status: Device
@@ -85,6 +104,16 @@ class Ensemble:
         return self.bounds[-1]
 
     @property
+    def bounds(self) -> tuple[int, ...]:
+        """The first slot of each scenario and, last, n."""
+        return self.layout.bounds
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The number of each scenario's first slot in the whole run."""
+        return self.layout.numbers
+
+    @property
     def scenarios(self) -> list[tuple[int, int]]:
         """Range [first, last) of slots of each scenario."""
         return list(zip(self.bounds[:-1], self.bounds[1:], strict=True))
@@ -99,14 +128,14 @@ class Ensemble:
         """The number of every slot in the whole run, int64 (n,)."""
         return np.concatenate([number + np.arange(last - first) for first, last, number in self.slots])
 
-    @cached_property
+    @property
     def blocks(self) -> Blocks:
         """The blocks by which sums over particles are made."""
-        return partials.cut(self.bounds, self.numbers, self.block)
+        return self.layout.blocks
 
     def batch(self, scenarios: Sequence[int]) -> Batch:
         """Return the slots of some scenarios (ascending), for one launch."""
-        return batch.of(self.bounds, self.numbers, scenarios)
+        return self.layout.batch(tuple(scenarios))
 
     @property
     def columns(self) -> dict[str, Device]:
@@ -133,7 +162,7 @@ def empty(
 
     numbers, block = numbers or bounds[:-1], block or (partials.BLOCK,) * (len(bounds) - 1)
     scenario = runtime.upload(np.repeat(np.arange(len(bounds) - 1, dtype=np.int32), np.diff(bounds)))
-    return Ensemble(seed, bounds, numbers, block, own=filled(own), **filled(CORE) | {"scenario": scenario})
+    return Ensemble(seed, Layout(bounds, numbers, block), own=filled(own), **filled(CORE) | {"scenario": scenario})
 
 
 def inherit(ensemble: Ensemble, ancestors: Array) -> None:
@@ -175,4 +204,5 @@ def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
     copied = {name: runtime.upload(column.to_numpy()[slots]) for name, column in ensemble.columns.items()}
     core = {column.name: copied.pop(column.name) for column in CORE}
     bounds = tuple(int(x) for x in np.searchsorted(slots, ensemble.bounds))
-    return replace(ensemble, bounds=bounds, numbers=bounds[:-1], own=copied, **core)
+    layout = Layout(bounds, bounds[:-1], ensemble.layout.block)
+    return replace(ensemble, layout=layout, own=copied, **core)

@@ -52,7 +52,8 @@ class Search:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`."""
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
         self._start = spec.period.epoch
-        self._all = [SortieExposure(sortie, self._start, len(spec.scenarios)) for sortie in sorties]
+        seas = scene.seas("current")
+        self._all = [SortieExposure(sortie, self._start, seas) for sortie in sorties]
         self._waiting = list(self._all)
         self._contacts = [(spec.period.elapsed(contact.time), contact) for contact in contacts]
         self._shared: dict[tuple[str, float], Device] = {}

@@ -16,7 +16,7 @@ from geo.polyline import Legs
 
 @dataclass
 class Marker:
-    """The way of one marker in one scenario."""
+    """The way of one marker in the current that one scenario sees, and perhaps others."""
 
     lon: float  # [deg], where it began
     lat: float

@@ -155,7 +155,7 @@ def test_a_shard_of_a_spill_draws_its_slice(tmp_path: Path) -> None:
     whole, worlds, coast = begin.ensemble, begin.worlds, begin.scene.place.coast
     assert worlds is not None
     counts = release.per_world(case.spill)
-    assert whole.block == tuple(32 * count for count in counts)
+    assert whole.layout.block == tuple(32 * count for count in counts)
     key = noise.key(case.seed)
     places = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - case.period.epoch)]
     for number, (count, slots) in enumerate(zip(counts, whole.slots, strict=True)):

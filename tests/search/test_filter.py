@@ -810,7 +810,9 @@ def test_what_strands_or_goes_adrift_within_a_step_is_where_it_is():
         exposure = runtime.empty(2)
         for begin, end in itertools.pairwise(cuts):
             track = still.between(begin, end, 0, None, (0.0, 0.0))
-            sweep.expose(ensemble, (0, 2), before, 0, 3600, sweep.INSIDE, track, ring, np.ones(1), exposure)
+            sweep.expose(
+                ensemble, ensemble.batch([0]), before, 0, 3600, sweep.INSIDE, track, ring, np.ones(1), exposure
+            )
         # the last tenth of the way lies in the area, and all the time after it
         assert exposure.to_numpy() == pytest.approx([3600 - 0.9 * 182, 3600 - 1000 - 0.9 * 1000], abs=0.1)
 
