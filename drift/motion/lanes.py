@@ -25,6 +25,7 @@ from geo import sphere
 from geo.array import Array
 from geo.notation import NMI
 
+PIECE = 50_000.0  # [m] how finely a route is followed for its extent
 MITRE = np.sqrt(2.0)  # most by which a corner lengthens the line across the corridor: that of a turn of 90 degrees
 
 
@@ -66,12 +67,18 @@ def displaced(route: Route, side: npt.ArrayLike) -> tuple[Array, Array]:
     return sphere.destination(route.lon, route.lat, away * np.sin(route.toward), away * np.cos(route.toward))
 
 
+def extent(route: Route) -> tuple[Array, Array, float]:
+    """Return places along the route (lon, lat) [rad] without jumps, and how far about them [m] its corridor reaches."""
+    lon, lat = sphere.track(route.lon, route.lat, PIECE)
+    return np.unwrap(lon), lat, float(route.half.max())
+
+
 def route(network: Network, names: Sequence[str]) -> Route:
     """Return the route through nodes; raise ValueError where no lane leads from one to the next, or one is too short."""
     if len(names) < 2:
         raise ValueError(f"route: {len(names)} node{'s' * (len(names) != 1)}; at least 2 are needed")
     node = np.array([number(network, name) for name in names])
-    lane = np.array([_lane(network, a, b) for a, b in itertools.pairwise(node)])
+    lane = np.array([between(network, a, b) for a, b in itertools.pairwise(node)])
     lon, lat, half = network.lon[node], network.lat[node], network.width[lane] / 2
     ahead = bearing(lon[:-1], lat[:-1], lon[1:], lat[1:])
     behind = bearing(lon[1:], lat[1:], lon[:-1], lat[:-1]) + np.pi
@@ -150,14 +157,7 @@ def directed(network: Network) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.in
     )
 
 
-def _lengths(network: Network) -> sparse.csr_array:
-    """Return the lengths [m] of lanes, row: from node, column: to node."""
-    a, b, _ = directed(network)
-    length = sphere.distance(network.lon[a], network.lat[a], network.lon[b], network.lat[b])
-    return sparse.csr_array((length, (a, b)), shape=(len(network.name),) * 2)
-
-
-def _lane(network: Network, a: int, b: int) -> int:
+def between(network: Network, a: int, b: int) -> int:
     """Return the number of the lane from a node to another."""
     start, end, lane = directed(network)
     found = lane[(start == a) & (end == b)]
@@ -176,6 +176,13 @@ def _lane(network: Network, a: int, b: int) -> int:
     except ValueError:
         raise ValueError(f'{said}, and none of them on to "{there}"') from None
     raise ValueError(f'{said}; the shortest way to "{there}" is by {_quoted(way[1:-1])}')
+
+
+def _lengths(network: Network) -> sparse.csr_array:
+    """Return the lengths [m] of lanes, row: from node, column: to node."""
+    a, b, _ = directed(network)
+    length = sphere.distance(network.lon[a], network.lat[a], network.lon[b], network.lat[b])
+    return sparse.csr_array((length, (a, b)), shape=(len(network.name),) * 2)
 
 
 def _quoted(names: Sequence[str], most: int = 8) -> str:
