@@ -276,6 +276,6 @@ def test_a_lane_too_short_for_its_corridor_is_refused(turns: tuple[float, float]
     limit = 10 * NMI * np.tan(np.radians(40.0))
     assert lanes.route(trial(1.01 * limit), list("ABCD")).half[1] == pytest.approx(5 * NMI / np.cos(np.radians(40)))
     with pytest.raises(
-        ValueError, match='^lane "B - C": 8.31 nmi long, too short for a corridor 10 nmi wide at its turns'
+        ValueError, match=r'^lane "B - C": 8\.31 nmi long, too short for a corridor 10 nmi wide at its turns'
     ):
         lanes.route(trial(0.99 * limit), list("ABCD"))
