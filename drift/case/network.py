@@ -56,7 +56,7 @@ class LaneTable(fields.Table):
 
     from_: fields.Label | None = Field(None, alias="from")
     to: fields.Label | None = None
-    through: Annotated[list[fields.Label], Field(min_length=2)] | None = None
+    through: list[fields.Label] | None = None
     width: fields.Width
     one_way: bool = False
 
@@ -67,6 +67,8 @@ class LaneTable(fields.Table):
         if given not in ({"from_", "to"}, {"through"}):
             found = ", ".join(sorted(name.rstrip("_") for name in given)) or "nothing"
             raise ValueError(f"give from and to, or through (a list of nodes); found {found}")
+        if self.through is not None and len(self.through) < 2:
+            raise ValueError(f"through names {len(self.through)} node{'s' * (not self.through)}; at least 2 are needed")
         return self
 
     def pairs(self) -> list[tuple[str, str]]:
@@ -95,7 +97,7 @@ class NetworkTable(fields.Table):
     """The whole of a file."""
 
     title: fields.Label | None = None
-    node: Annotated[list[NodeTable], Field(min_length=2)]
+    node: Annotated[list[NodeTable], Field(min_length=1)]
     lane: Annotated[list[LaneTable], Field(min_length=1)]
     area: list[PatrolAreaTable] = Field(default_factory=list)
 

@@ -199,19 +199,23 @@ def test_a_lane_that_runs_over_land_or_lies_inland_is_refused() -> None:
     assert "near [-71.300, 10.400]" in lines[1]
 
 
-def test_the_corridor_of_a_joint_counts_and_a_wide_neighbour_widens_it() -> None:
-    """Beside a narrow lane lies an islet that its corridor meets only where a wide lane follows."""
+@pytest.mark.parametrize(("pairs", "one_way"), [([(0, 1), (1, 2)], 0), ([(0, 1), (1, 2)], 1), ([(1, 0), (2, 1)], 1)])
+def test_the_corridor_of_a_joint_counts_and_a_wide_neighbour_widens_it(
+    pairs: list[tuple[int, int]], one_way: int
+) -> None:
+    """Beside a narrow lane lies an islet that its corridor meets only where a wide lane follows, or comes before."""
     lon, lat = np.radians([[30.0, 31.0, 32.0], [-41.0, -41.0, -41.0]])
-    pairs = np.array([0, 1]), np.array([1, 2])
     land = coast(np.array([shapely.box(30.93, -40.96, 30.95, -40.95)]), (31.0, -41.0))  # 2.6 nmi north, 2 west of B
 
     def lines(second: float) -> list[str]:
-        return refused(
-            Network(("A", "B", "C"), lon, lat, *pairs, np.array([2.0, second]) * NMI, np.zeros(2, bool)), land
-        )
+        lanes_ = *np.array(pairs).T, np.array([2.0, second]) * NMI, np.full(2, bool(one_way))
+        return refused(Network(("A", "B", "C"), lon, lat, *lanes_), land)
 
+    name = " - ".join("ABC"[node] for node in pairs[0])
     assert lines(2.0) == []
-    assert lines(14.0)[0].startswith('lane "A - B": its corridor, 2 nmi (up to 8 nmi at its nodes) wide, touches land')
+    assert lines(14.0)[0].startswith(
+        f'lane "{name}": its corridor, 2 nmi (up to 8 nmi at its nodes) wide, touches land'
+    )
 
 
 def test_a_u_turn_counts_where_a_route_makes_one() -> None:
