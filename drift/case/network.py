@@ -7,7 +7,6 @@ lanes, polygons areas. Every mistake in a file is found at once, a line each, la
 import difflib
 import itertools
 import json
-import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -164,6 +163,8 @@ def read(path: str | Path) -> Chart:
             table = NetworkTable.model_validate(data)
         except ValidationError as error:
             raise UserError(*messages.lines(error, _called(data))) from None
+        except OverflowError:  # integers beyond the largest float
+            raise UserError("one of its whole numbers is too large") from None
     except UserError as error:
         raise UserError(*(f'network "{path.name}": {line}' for line in mistakes.shortened(error.lines))) from None
     return Chart(table.network(), {area.name: tuple(area.corners()) for area in table.area})
@@ -189,6 +190,9 @@ def _geojson(text: str) -> dict[str, Any]:
     """Return the tables that a TOML file of the same network would have."""
     try:
         data = json.loads(text)
+        json.dumps(
+            data, ensure_ascii=False
+        ).encode()  # refuses half characters, which JSON can spell and no one can print
     except (ValueError, RecursionError) as error:
         raise UserError(f"not valid JSON: {error}") from None
     if not isinstance(data, dict) or not isinstance(data.get("features"), list):
@@ -200,15 +204,16 @@ def _geojson(text: str) -> dict[str, Any]:
         shape = feature.get("geometry") if isinstance(feature, dict) else None
         kind, points = (shape.get("type"), shape.get("coordinates")) if isinstance(shape, dict) else (None, None)
         properties = feature.get("properties") if isinstance(feature, dict) else None
-        keys = {key: value for key, value in (properties or {}).items() if value is not None}
+        keys = properties if isinstance(properties, dict) else {}
+        keys = {key: value for key, value in keys.items() if value is not None}
         if kind == "Point":
             tables["node"].append({**keys, "at": _lonlat(points)})
         elif kind == "LineString":
             tables["lane"].append(keys)
             lines.append((keys, points))
         elif kind == "Polygon":
-            if not isinstance(points, list) or len(points) != 1:
-                wrong.append(f"feature {number}: a polygon with holes; an area has none")
+            if not isinstance(points, list) or len(points) != 1 or not isinstance(points[0], list):
+                wrong.append(f"feature {number}: a polygon that is not one ring; an area has no holes")
             else:
                 tables["area"].append({**keys, "polygon": [_lonlat(point) for point in points[0]]})
         else:
@@ -238,13 +243,21 @@ def _astray(keys: Mapping[str, Any], points: Any, places: Mapping[str, Any]) -> 
         yield f"{place}: its line has {count} points; a lane is straight from node to node: put a node at each bend"
         return
     for name, point in zip(ends, points, strict=True):
-        try:
-            there, drawn = (np.radians([float(x) for x in at[:2]]) for at in (places[name], point))  # type: ignore[index]
-        except (KeyError, TypeError, ValueError):  # which is complained of elsewhere
-            continue
-        away = float(sphere.distance(*there, *drawn))
-        if not math.isfinite(away) or away > ASTRAY:
-            yield f'{place}: its line ends {away / NMI:,.0f} nmi from the node "{name}"; move one to the other'
+        there, drawn = (_finite(at) for at in (places.get(name) if isinstance(name, str) else None, point))
+        if not drawn:
+            yield f"{place}: its line has the end {json.dumps(point)[:40]}; write [lon, lat] in degrees"
+        elif there:  # a node that is unknown, or nowhere, is complained of elsewhere
+            away = float(sphere.distance(*np.radians([*there, *drawn])))
+            if away > ASTRAY:
+                yield f'{place}: its line ends {away / NMI:,.0f} nmi from the node "{name}"; move one to the other'
+
+
+def _finite(point: Any) -> tuple[float, float] | None:
+    """Return a position of GeoJSON, None where it is not two numbers or more."""
+    if not isinstance(point, list) or len(point) < 2:
+        return None
+    numbers = [x for x in point[:2] if isinstance(x, int | float) and abs(x) <= 360]
+    return (float(numbers[0]), float(numbers[1])) if len(numbers) == 2 else None
 
 
 def _called(data: Any) -> Any:

@@ -181,11 +181,13 @@ LINE = line("West", "Middle", width="2.5 nmi")
          'lane "West - Middle": its line ends 18 nmi from the node "Middle"; move one to the other'),
         ({**LINE, "geometry": {"type": "MultiPoint", "coordinates": []}},
          "feature 1: MultiPoint; a Point (node), a LineString (lane) or a Polygon (area) is needed"),
+        ({**LINE, "geometry": {"type": "LineString", "coordinates": [[-6.2, 35.9], None]}},
+         'lane "West - Middle": its line has the end null; write [lon, lat] in degrees'),
         ({**LINE, "geometry": None},
          "feature 1: no geometry; a Point (node), a LineString (lane) or a Polygon (area) is needed"),
         ("lane", "feature 1: no geometry; a Point (node), a LineString (lane) or a Polygon (area) is needed"),
         (feature("Polygon", [[[0, 1], [2, 1], [1, 3]], [[1, 1.5], [1.2, 1.5], [1, 2]]], name="Ring"),
-         "feature 1: a polygon with holes; an area has none"),
+         "feature 1: a polygon that is not one ring; an area has no holes"),
         (feature("LineString", LINE["geometry"]["coordinates"], **{"from": "West", "to": "Middle"}),
          'lane "West - Middle".width: is missing and has no default'),
         (feature("LineString", LINE["geometry"]["coordinates"], **{"from": "Wset", "to": "Middle", "width": 9}),
@@ -203,6 +205,7 @@ def test_mistakes_in_geojson(tmp_path: Path, change: Any, expected: str) -> None
     ("text", "suffix", "expected"),
     [
         ("{", ".json", "not valid JSON: "),
+        ('{"features": ["\\ud800"]}', ".json", "not valid JSON: "),
         ("[]", ".json", "is not a GeoJSON FeatureCollection: it has no list of features"),
         (TOML, ".txt", "is neither .toml nor .geojson; give a network in one of these"),
         ("", ".toml", "node: is missing and has no default"),
@@ -283,3 +286,12 @@ def test_the_mediterranean_network(mediterranean: Chart) -> None:
     assert "Tarifa, eastbound" in lanes.shortest(found, "Cape Spartel", "Oran")
     assert "Tarifa, westbound" in lanes.shortest(found, "Oran", "Cape Spartel")
     assert {"Scilla, northbound", "Reggio, northbound"} <= {*lanes.shortest(found, "Capo Spartivento", "Stromboli")}
+
+
+def test_the_example_of_the_documentation(tmp_path: Path) -> None:
+    """Its blocks are what they say: a network, and two routes that differ."""
+    page = (Path(__file__).parents[2] / "docs" / "targets.md").read_text(encoding="utf-8")
+    found = read(tmp_path, page.split("```toml\n")[1].split("```")[0]).network
+    assert lanes.shortest(found, "Strait", "Cape") == ("Strait", "Island north", "Cape")
+    assert lanes.shortest(found, "Cape", "Strait") == ("Cape", "Island south", "Strait")
+    assert lanes.route(found, ["Strait", "Island south", "Cape"]).node == ("Strait", "Island south", "Cape")
