@@ -99,6 +99,14 @@ def route(network: Network, names: Sequence[str]) -> Route:
     return Route(tuple(names), sphere.wrap(lon), lat, reach, toward, np.append(0.0, np.cumsum(length)))
 
 
+def followed(network: Network, routes: Sequence[Route]) -> Network:
+    """Return the network with only those lanes that routes follow, and all its nodes: what a case needs of a large one."""
+    legs = {pair for way in routes for pair in itertools.pairwise(way.node)}
+    lane = sorted({between(network, number(network, a), number(network, b)) for a, b in legs})
+    start, end, width, one_way = (x[lane] for x in (network.start, network.end, network.width, network.one_way))
+    return Network(network.name, network.lon, network.lat, start, end, width, one_way)
+
+
 def across(arriving: Array, leaving: Array, before: Array, after: Array) -> tuple[Array, Array]:
     """Return (half, toward) [m, rad] of the line across the corridor at corners.
 

@@ -259,6 +259,17 @@ def test_a_misspelt_node_is_told_the_nearest_name() -> None:
         lanes.shortest(named, "Gibralta", "Malta")
 
 
+def test_what_routes_follow_of_a_network() -> None:
+    """Its lanes in their order, each once; routes along what is left are the same."""
+    routes = [lanes.route(SQUARE, ["C", "D", "C"]), lanes.route(SQUARE, ["A", "B"]), lanes.route(SQUARE, ["B", "A"])]
+    left = lanes.followed(SQUARE, routes)
+    assert (left.start.tolist(), left.end.tolist(), left.one_way.tolist()) == ([0, 2], [1, 3], [False, False])
+    again = lanes.route(left, ["C", "D", "C"])
+    assert (again.half.tolist(), again.toward.tolist()) == (routes[0].half.tolist(), routes[0].toward.tolist())
+    with pytest.raises(ValueError, match='route: no lane from "B" to "C"'):
+        lanes.route(left, ["B", "C"])
+
+
 @pytest.mark.parametrize("turns", [(80.0, 80.0), (-80.0, -80.0)])
 def test_a_lane_too_short_for_its_corridor_is_refused(turns: tuple[float, float]) -> None:
     """With two like turns of 80 degrees the inner side of the lane between loses 2 half tan(40 deg): here 8.4 nmi of 8."""
