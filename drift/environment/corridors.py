@@ -27,9 +27,8 @@ from geo.notation import NMI
 # this up to 85 degrees of latitude. Positions of particles are stored to 9 mm.
 CLEAR = 10.0  # [m] that must lie between a corridor and the coast
 HALF_EDGE = shoreline.LONGEST_EDGE * sphere.UNIT  # [rad] more than from an edge's middle to its end
-BLOCK = (
-    256  # edges that follow each other, which are mostly near each other, and of which most blocks are far from a lane
-)
+# Edges that follow each other are mostly near each other, and most such blocks are far from a lane.
+BLOCK = 256
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ beyond a right angle (MITRE) the corridor narrows towards the node instead of gr
 import difflib
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,9 +31,10 @@ MITRE = np.sqrt(2.0)  # most by which a corner lengthens the line across the cor
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Nodes, and the lanes between pairs of them. Its names are unique and its lanes have a length: case/network.py.
+    """Nodes, and lanes between pairs of them.
 
-    A lane of one way leads from `start` to `end`; any other may be followed both ways.
+    Names are unique, and lanes have a length and lead from one node to another; drift.case.network refuses others. A
+    lane of one way leads from `start` to `end`; any other may be followed both ways.
     """
 
     name: tuple[str, ...]  # of the nodes, (n,)
@@ -103,8 +104,13 @@ def followed(network: Network, routes: Sequence[Route]) -> Network:
     """Return the network with only those lanes that routes follow, and all its nodes: what a case needs of a large one."""
     legs = {pair for way in routes for pair in itertools.pairwise(way.node)}
     lane = sorted({between(network, number(network, a), number(network, b)) for a, b in legs})
-    start, end, width, one_way = (x[lane] for x in (network.start, network.end, network.width, network.one_way))
-    return Network(network.name, network.lon, network.lat, start, end, width, one_way)
+    return replace(
+        network,
+        start=network.start[lane],
+        end=network.end[lane],
+        width=network.width[lane],
+        one_way=network.one_way[lane],
+    )
 
 
 def across(arriving: Array, leaving: Array, before: Array, after: Array) -> tuple[Array, Array]:
