@@ -45,7 +45,10 @@ def test_corridors_are_drawn_where_particles_may_be(lon: float, lat: float) -> N
     figure, _ = page.figure(5.0, 4.0)
     ax = figure.add_axes((0, 0, 1, 1))
     chart.prepare(ax, frame)
-    layers.lanes(ax, frame, found)
+    overlay = layers.overlay(found, {})
+    overlay.draw(ax, frame)
+    assert [len(line) > 5 for line in overlay.places["the lanes"]] == [True, True]
+    assert [text for _, text in overlay.key] == ["Lane; an arrow where it is one-way", "Its corridor, joints included"]
     (wash,) = (patch for patch in ax.patches if isinstance(patch, PathPatch))
     route = lanes.route(found, ["A", "B", "C"])
     p = globe.point(route.lon, route.lat)
