@@ -49,7 +49,7 @@ def east_of_degrees(lon: Degrees, west: Degrees | float) -> Degrees:
     return west + (lon - west) % 360.0
 
 
-def _vector(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array, Array]:
+def vector(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array, Array]:
     """Return points [rad] as unit vectors (x, y, z)."""
     lon, lat = np.asarray(lon, np.float64), np.asarray(lat, np.float64)
     return np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)
@@ -57,7 +57,7 @@ def _vector(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array, Array
 
 def distance(lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike) -> Array:
     """Return the great-circle distance [m] between points [rad], exact at any separation."""
-    a, b = np.broadcast_arrays(*_vector(lon1, lat1)), np.broadcast_arrays(*_vector(lon2, lat2))
+    a, b = np.broadcast_arrays(*vector(lon1, lat1)), np.broadcast_arrays(*vector(lon2, lat2))
     cross = np.sqrt(
         (a[1] * b[2] - a[2] * b[1]) ** 2 + (a[2] * b[0] - a[0] * b[2]) ** 2 + (a[0] * b[1] - a[1] * b[0]) ** 2
     )

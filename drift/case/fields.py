@@ -180,6 +180,7 @@ _length = _quantity("m", "distance", "5 nmi", high=HALF_TURN)
 _area = _quantity("m^2", "area", "120 nmi2")
 
 Length = Annotated[float, _length]
+Width = Annotated[float, _quantity("m", "width", "5 nmi", above=True, high=2_000_000)]
 Depth = Annotated[float, _quantity("m", "depth", "0 m", high=12_000)]
 Speed = Annotated[float, _quantity("m/s", "speed", "12 kn", high=150)]
 WindSpeed = Annotated[float, _quantity("m/s", "wind", "12 kn", high=90)]
