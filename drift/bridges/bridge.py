@@ -9,8 +9,9 @@ K^2 T sin(s h) sin((1 - s) h) / (h sin(h)), the equation's Green's function with
 K^2 T tan(h/2) / (2 h). What is along the way is as in the plane, and for h -> 0 everything is: what it strays across has a
 variance larger by the share h^2 s (1 - s) / 3, at most h^2/12 (0.06 % for ends 300 nmi apart).
 
-The law is of first order in the deviation from the way: with a standard deviation d it is off by terms of (d/R)^2, 0.17 % at
-d = 140 nmi (measured in docs/bridges.md). Motion in each leg is independent of the ends and of the other legs.
+The law is of first order in the deviation from the way: with a standard deviation d it is off by the share (d/R)^2 or so, 0.17 % at
+d = 140 nmi. 400,000 paths of 400 Euler steps in three dimensions, over 6,000 nmi, had 140.28 +- 0.16 nmi across midway and 119.98 +-
+0.13 along; by the law these are 140.20 and 120. Motion in each leg is independent of the ends and of the other legs.
 """
 
 from dataclasses import dataclass
@@ -118,9 +119,8 @@ def _refuse(lon: Array, lat: Array, time: Array, spread_rate: float, covariance:
     steps = np.diff(time)
     if steps.min() <= 0:
         k = int(np.argmin(steps > 0))
-        raise ValueError(
-            f"way point {k + 2} is reached {-steps[k] / 3600:g} h before way point {k + 1}, or at the same time"
-        )
+        when = "at the time of" if steps[k] == 0 else f"{-steps[k] / 3600:g} h before"
+        raise ValueError(f"way point {k + 2} is reached {when} way point {k + 1}; way points stand in order of time")
     if not 0 <= spread_rate < np.inf:
         raise ValueError(f"spread rate {spread_rate!r} must be at least 0 m/sqrt(s), and finite")
     apart = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / sphere.RADIUS

@@ -42,11 +42,13 @@ class Crossing:
     """How far a bridge is from a line at some times, in draws.
 
     time: [s], (m,), the way points among them. distance: [m], positive to the left of the line as its first position sees the
-    second, (scramblings, draws, m); one draw where nothing is uncertain. spread_rate: K [m/sqrt(s)].
+    second, (scramblings, draws, m); one draw where nothing is uncertain. untouched: probability that the line has not been
+    touched by each of these times, as `distance`. spread_rate: K [m/sqrt(s)].
     """
 
     time: Array
     distance: Array
+    untouched: Array
     spread_rate: float
 
 
@@ -95,7 +97,7 @@ def crossing(bridge: Bridge, line: Line) -> Crossing:
     value, vector = np.linalg.eigh(covariance)
     varies = value > NEGLIGIBLE * max(value.max(initial=0.0), 1e-12)
     if not varies.any():
-        return Crossing(time, distance(line, place.lon, place.lat)[None, None], bridge.spread_rate)
+        return _crossing(bridge, time, distance(line, place.lon, place.lat)[None, None])
     largest_first = np.flatnonzero(varies)[::-1]  # the first dimensions of Sobol's sequence are its best
     axes = vector[:, largest_first] * np.sqrt(value[largest_first])
     draws = np.stack([
@@ -104,7 +106,13 @@ def crossing(bridge: Bridge, line: Line) -> Crossing:
     ])  # fmt: skip
     strays = (draws @ axes.T).reshape(SCRAMBLES, 2**POWER, time.size, 2)
     lon, lat = sphere.destination(place.lon, place.lat, strays[..., 0], strays[..., 1])
-    return Crossing(time, distance(line, lon, lat), bridge.spread_rate)
+    return _crossing(bridge, time, distance(line, lon, lat))
+
+
+def _crossing(bridge: Bridge, time: Array, distance: Array) -> Crossing:
+    within = plane.crossed(distance[..., :-1], distance[..., 1:], bridge.spread_rate, np.diff(time))
+    away = np.concatenate([distance[..., :1] != 0, 1 - within], axis=-1)
+    return Crossing(time, distance, np.cumprod(away, axis=-1), bridge.spread_rate)
 
 
 def _times(bridge: Bridge) -> Array:
@@ -121,15 +129,15 @@ def _times(bridge: Bridge) -> Array:
 
 def by(crossing: Crossing, time: float) -> Chance:
     """Return the probability that the line has been touched by a time [s]; the whole bridge's at its end or later."""
-    if time <= crossing.time[0]:
-        touched = (crossing.distance[..., 0] == 0).astype(np.float64)
-        return _chance(touched)
-    ended = np.minimum(crossing.time[1:], time) - crossing.time[:-1]
-    span = np.diff(crossing.time)
-    begun = ended > 0
-    a, b = crossing.distance[..., :-1][..., begun], crossing.distance[..., 1:][..., begun]
-    within = plane.touched(a, b, crossing.spread_rate, span[begun], ended[begun])
-    return _chance(1 - np.prod(1 - within, axis=-1))
+    if time >= crossing.time[-1]:
+        return _chance(1 - crossing.untouched[..., -1])
+    part = int(np.searchsorted(crossing.time, time, "right")) - 1
+    if part < 0:
+        return Chance(0.0, 0.0)
+    begin, end = crossing.time[part : part + 2]
+    a, b = crossing.distance[..., part], crossing.distance[..., part + 1]
+    within = plane.touched(a, b, crossing.spread_rate, end - begin, time - begin)
+    return _chance(1 - crossing.untouched[..., part] * (1 - within))
 
 
 def _chance(touched: Array) -> Chance:

@@ -21,6 +21,7 @@ from drift.bridges.stretches import Rules, Stretch
 from drift.tracks import clusters
 from drift.tracks.clusters import Estimate
 from drift.tracks.records import Track
+from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
 
@@ -29,6 +30,7 @@ ENOUGH = 10  # fewest tracks with which the spread between them counts
 STEP = 0.02  # step of a logarithm for derivatives: their error is some 1e-4 of them
 RANGE = 9.0  # logarithm of how far from a first guess K and the fixes' error may lie
 NOTHING = 1e-3  # share of the first guess at which K counts as none
+ROUNDING = 1e-2 / 60  # [m/sqrt(s)] a centimetre in an hour: as much as coordinates with seven decimals stray by
 SHARES = (0.5, 0.9)
 DAY = 86_400.0
 
@@ -175,10 +177,9 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
             f"{len(of)} stretches); see --every, --max-gap, --min-speed"
         )
     guess = method.guess(made)
-    if not guess > 0:
-        raise UserError(
-            f"{what}: nothing strays from the straight way between its fixes: there is no spread rate to fit"
-        )
+    straight = f"{what}: nothing strays from the straight way between its fixes: there is no spread rate to fit"
+    if guess < ROUNDING:
+        raise UserError(straight)
 
     def own(point: Array) -> Array:
         """Return the log likelihood by track; point: logarithms of K and, where it is fitted, of the error."""
@@ -188,6 +189,8 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
     point = _highest(lambda p: float(own(p).sum()), guess, _lengths(of), error)
     spread = math.exp(point[0])
     if spread < NOTHING * guess:
+        if error == 0:
+            raise UserError(straight)
         told = "that was fitted" if error is None else f"of {error:g} m (standard deviation)"
         raise UserError(
             f"{what}: the error of the fixes {told} explains all that they stray by: no spread rate is left; give a smaller "
@@ -209,8 +212,6 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
 
 def _lengths(of: Sequence[Stretch]) -> float:
     """Return a length [m] to which an error of fixes compares: the root mean square step is hardly shorter."""
-    from geo import sphere
-
     steps = [sphere.distance(stretch.lon[:-1], stretch.lat[:-1], stretch.lon[1:], stretch.lat[1:]) for stretch in of]
     return max(float(np.sqrt((np.concatenate(steps) ** 2).mean())), 1.0)
 

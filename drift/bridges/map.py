@@ -38,7 +38,7 @@ SHEET = Sheet(
 BLUE = "#0b4f8a"
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
 LINES = ("#b3261e", "#1b5e20", "#6a3d9a", "#8a5a00")  # colours of the lines that are asked about
-CELLS, MOMENTS = 240, 121  # along each side of the shading's grid; times over which it averages
+CELLS, MOMENTS = 180, 121  # along each side of the shading's grid; times over which it averages
 WIDEST = 0.99  # share of the probability at every time that is in the frame
 WORDS = 9  # times that are labelled
 

@@ -12,7 +12,7 @@ from drift.bridges.crossing import Chance, Crossing, Line
 from geo import sphere
 from geo.array import Array
 
-CURVE = 121  # times of a curve of the probability of having touched a line
+CURVE = 81  # times of a curve of the probability of having touched a line
 ROUGH = 0.01  # (deviation / Earth's radius)^2 from which a note says so
 
 
