@@ -17,7 +17,7 @@ from scipy import optimize
 
 from drift.bridges import neighbours, stretches, together
 from drift.bridges.neighbours import Triples
-from drift.bridges.stretches import Rules, Stretch
+from drift.bridges.stretches import Rules, Stretch, counted
 from drift.tracks import clusters
 from drift.tracks.clusters import Estimate
 from drift.tracks.records import Track
@@ -54,6 +54,11 @@ def _count_steps(of: Sequence[together.Steps]) -> int:
     return sum(one.time.size for one in of)
 
 
+def _count_beyond_mean(of: Sequence[together.Steps]) -> int:
+    """Return how many steps are left to compare with the mean velocity, which takes one of each stretch."""
+    return sum(one.time.size - 1 for one in of)
+
+
 def _guess_steps(of: Sequence[together.Steps]) -> float:
     return math.sqrt(float(np.concatenate([one.moved**2 / one.time[:, None] for one in of]).mean()))
 
@@ -64,7 +69,7 @@ METHODS = {
         "every second fix against the bridge between the fixes beside it (Horne et al. 2007)",
     ),
     "steady": Method(
-        together.steps, together.steady, _count_steps, _guess_steps,
+        together.steps, together.steady, _count_beyond_mean, _guess_steps,
         "all steps together, with a mean velocity in each stretch (after Pozdnyakov et al. 2014)",
     ),
     "wandering": Method(
@@ -76,21 +81,32 @@ METHODS = {
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often the area that should hold a share held the inner fix of a triple."""
+    """How often the area that should hold a share held fixes of the tracks that its K was not fitted to.
+
+    first: by the K of the first half, of fixes of the second; second: the other way round; both: all of them.
+    """
 
     share: float
-    held: Estimate
+    first: Estimate
+    second: Estimate
+    both: Estimate
 
 
 @dataclass(frozen=True)
-class Held:
-    """A fit to half of the tracks, and what its areas held of the other half; spread_rate: [m/sqrt(s)]."""
+class Half:
+    """A fit to half of the tracks: K and its standard error [m/sqrt(s)], comparisons or steps, tracks."""
 
     spread_rate: float
     spread_error: float
     count: int
-    fitted: int
-    others: int
+    tracks: int
+
+
+@dataclass(frozen=True)
+class Held:
+    """Fits to either half of the tracks, and what their areas held of the other half."""
+
+    halves: tuple[Half, Half]
     coverage: tuple[Coverage, ...]
 
 
@@ -100,7 +116,7 @@ class Fit:
 
     spread_rate: K [m/sqrt(s)]. spread_error: its standard error, the larger of `curvature` and `clustered`, which is NaN for fewer
     than ENOUGH tracks. error: standard deviation of a fix in each component [m], given or fitted; error_error: its standard error, NaN where it was given.
-    count: comparisons or steps. hours: median time [h] from fix to fix.
+    count: comparisons, steps, or steps less one in each stretch. hours: median time [h] from fix to fix.
     """
 
     method: str
@@ -172,9 +188,9 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
     count = method.count(made)
     if count < FEWEST:
         raise UserError(
-            f"{what}: {count} comparisons of a fix with those beside it are too few to fit a spread rate to; {FEWEST} or more are "
-            f"needed, each of three fixes one after another that count (given {sum(s.time.size for s in of)} fixes in "
-            f"{len(of)} stretches); see --every, --max-gap, --min-speed"
+            f"{what}: {counted(count, 'comparison')} of a fix with those beside it: too few to fit a spread rate to; {FEWEST} or more "
+            f"are needed, each of three fixes one after another that count (there are {counted(sum(s.time.size for s in of), 'fix', 'fixes')} in "
+            f"{counted(len(of), 'stretch', 'stretches')}); see --every, --max-gap, --min-speed"
         )
     guess = method.guess(made)
     straight = f"{what}: nothing strays from the straight way between its fixes: there is no spread rate to fit"
@@ -250,34 +266,40 @@ def _derivatives(own: Callable[[Array], Array], point: Array, free: Sequence[int
 
 
 def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Held:
-    """Return what areas by a fit to every other track hold of the inner fixes of the others."""
+    """Return what areas by a fit to every other track hold of the inner fixes of the others, and the other way round."""
     names = _names(of)
-    fitted = [stretch for stretch in of if stretch.name in set(names[0::2])]
-    others = [stretch for stretch in of if stretch.name in set(names[1::2])]
-    if not others:
+    parts = [[stretch for stretch in of if stretch.name in set(names[side::2])] for side in (0, 1)]
+    if not parts[1]:
         raise UserError(
-            "--hold-out: there is one track that counts, and nothing to hold out; leave it out, or give more tracks"
+            "--hold-out: one track counts, and nothing is left to hold out; leave it out, or give more tracks"
         )
-    best = _likeliest(method, fitted, error, "--hold-out, the half that is fitted")
-    triples = neighbours.triples(others)
-    if not triples.time.size:
-        raise UserError(
-            "--hold-out: no track of the other half has three fixes one after another that count; leave it out"
-        )
-    return Held(
-        best.spread_rate, best.spread_error, best.count, len(names[0::2]), len(names[1::2]),
-        coverage(triples, best.spread_rate, best.error),
-    )  # fmt: skip
+    halves, squares, tracks, days = [], [], [], []
+    for side in (0, 1):
+        best = _likeliest(method, parts[side], error, f"--hold-out, the {('first', 'second')[side]} half of the tracks")
+        halves.append(Half(best.spread_rate, best.spread_error, best.count, len(names[side::2])))
+        others = neighbours.triples(parts[1 - side])
+        if not others.time.size:
+            raise UserError(
+                "--hold-out: in half of the tracks none has three fixes one after another that count; leave it out"
+            )
+        squares.append(within(others, best.spread_rate, best.error))
+        tracks.append(2 * others.name + side)
+        days.append(others.time // DAY)
+    pooled = [np.concatenate(parts) for parts in (squares, tracks, days)]
+    found = []
+    for share in SHARES:
+        estimates = [
+            clusters.mean(held <= share, track, day, share=True)
+            for held, track, day in (*zip(squares, tracks, days, strict=True), pooled)
+        ]
+        found.append(Coverage(share, *estimates))
+    return Held((halves[0], halves[1]), tuple(found))
 
 
-def coverage(of: Triples, spread_rate: float, error: float) -> tuple[Coverage, ...]:
-    """Return how often the ellipses that should hold 50 and 90 % of the probability held inner fixes.
+def within(of: Triples, spread_rate: float, error: float) -> Array:
+    """Return the share that the ellipse through each inner fix holds, (m,): uniform on 0 to 1 where the law is true.
 
-    spread_rate: K [m/sqrt(s)]; error: of the fixes [m]. Standard errors are clustered by track and by day.
+    spread_rate: K [m/sqrt(s)]. error: standard deviation of a fix in each component [m].
     """
     variance = spread_rate**2 * of.unit + error**2 * of.error
-    square = (of.away**2 / variance).sum(-1)
-    day = of.time // DAY
-    return tuple(
-        Coverage(share, clusters.mean(square <= -2 * math.log1p(-share), of.name, day, share=True)) for share in SHARES
-    )
+    return np.asarray(-np.expm1(-0.5 * (of.away**2 / variance).sum(-1)))

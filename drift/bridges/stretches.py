@@ -78,11 +78,11 @@ def cut(tracks: Sequence[Track], rules: Rules) -> Cut:
             stretches += _moving(records.selected(track, np.arange(first, last)), rules, counts)
     notes = [*believed.notes]
     if counts["box"]:
-        notes.append(f"{counts['box']:,} fixes left out in the box that was named")
+        notes.append(f"{counted(counts['box'], 'fix', 'fixes')} left out in the box that was named")
     if counts["long"]:
-        notes.append(f"{counts['long']:,} steps left out of more than {rules.longest / 3600:g} h")
+        notes.append(f"{counted(counts['long'], 'step')} left out of more than {rules.longest / 3600:g} h")
     if counts["slow"]:
-        notes.append(f"{counts['slow']:,} steps left out of {rules.slowest / KNOT:.3g} kn or less")
+        notes.append(f"{counted(counts['slow'], 'step')} left out of {rules.slowest / KNOT:.3g} kn or less")
     if not stretches:
         raise UserError(
             f"tracks: no step from fix to fix is left{'; ' if notes else ''}{'; '.join(notes)}; see --every, --max-gap, "
@@ -129,6 +129,11 @@ def _thinned(time: Array, every: float | None) -> Array:
         if not near:
             return np.array(kept)
         kept.append(min(near, key=lambda k: abs(float(time[k]) - now - every)))
+
+
+def counted(number: int, one: str, many: str | None = None) -> str:
+    """Return a number with its noun: 1 step, 2,310 steps."""
+    return f"{number:,} {one if number == 1 else many or one + 's'}"
 
 
 def told(rules: Rules) -> str:

@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 
 from drift.bridges import ellipse
-from drift.bridges.fit import METHODS, SHARES, Fit
-from drift.bridges.stretches import told
+from drift.bridges.fit import METHODS, Fit
+from drift.bridges.stretches import counted, told
 from drift.bridges.study import Answers, Touch, polygons
 from drift.output import geojson
 from geo import notation
@@ -83,24 +83,25 @@ def fitted(fit: Fit) -> Facts:
     facts = {
         "spread rate K": f"{fit.spread_rate / UNIT:.3g} ± {fit.spread_error / UNIT:.2g} nmi/sqrt(h) ({fit.spread_rate:.4g} m/sqrt(s))",
         "likelihood": METHODS[fit.method].words,
-        "tracks": f"{fit.tracks}, {fit.count:,} {'comparisons' if fit.method == 'neighbours' else 'steps'} in {fit.stretches:,} "
-        f"stretches; {told(fit.rules)}; {fit.hours:.2g} h from fix to fix (median)",
+        "tracks": f"{fit.tracks}, {counted(fit.count, 'comparison')} in {counted(fit.stretches, 'stretch', 'stretches')}; {told(fit.rules)}; {fit.hours:.2g} h from fix to fix (median)",
         "standard error": f"{fit.curvature / UNIT:.2g} by the curvature of the likelihood, "
         + (f"{fit.clustered / UNIT:.2g} clustered by track; the larger counts" if fit.clustered == fit.clustered else "tracks are too few to cluster by"),
         "errors of the fixes": f"{fit.error:.3g} m in each component"
         + (f" ± {fit.error_error:.2g}, fitted" if fit.error_error == fit.error_error else ""),
     }  # fmt: skip
     if fit.held is not None:
-        held = fit.held
-        facts["held out"] = (
-            f"K of {held.fitted} tracks, every other in order of their first fixes, {held.count:,} {'comparisons' if fit.method == 'neighbours' else 'steps'}: "
-            f"{held.spread_rate / UNIT:.3g} ± {held.spread_error / UNIT:.2g} nmi/sqrt(h)"
+        halves = " and ".join(
+            f"{half.spread_rate / UNIT:.3g} ± {half.spread_error / UNIT:.2g} ({counted(half.tracks, 'track')}, {counted(half.count, 'comparison')})"
+            for half in fit.held.halves
         )
-        for coverage, share in zip(held.coverage, SHARES, strict=True):
-            of = coverage.held
-            rough = ", few tracks or days: rough" if of.few else ""
-            facts[f"held out, {100 * share:.0f} % area"] = (
-                f"held {100 * of.mean:.0f} % ± {100 * of.error:.0f} of {of.count} fixes between two others, of {of.drifters} tracks{rough}"
+        facts["held out"] = f"K of every other track in order of their first fixes, and of the rest: {halves}"
+        for coverage in fit.held.coverage:
+            both = coverage.both
+            rough = ", few tracks or days: rough" if both.few else ""
+            facts[f"held out, {100 * coverage.share:.0f} % area"] = (
+                f"held {100 * both.mean:.0f} % ± {100 * both.error:.0f} of {both.count} fixes between two others{rough} "
+                f"({100 * coverage.first.mean:.0f} % of {coverage.first.count} by the first K, {100 * coverage.second.mean:.0f} % of "
+                f"{coverage.second.count} by the second)"
             )
     return facts | {f"note {k}": note for k, note in enumerate(fit.notes, 1)}
 
@@ -108,6 +109,4 @@ def fitted(fit: Fit) -> Facts:
 def toml(fit: Fit) -> str:
     """Return the line of a case."""
     every = f", {fit.hours:.2g} h from fix to fix" if fit.method == "neighbours" else ""
-    return (
-        f'k = "{spread_rate(fit.spread_rate)}"  # ± {fit.spread_error / UNIT:.2g}, fitted to {fit.tracks} tracks{every}'
-    )
+    return f'k = "{spread_rate(fit.spread_rate)}"  # ± {fit.spread_error / UNIT:.2g}, fitted to {counted(fit.tracks, "track")}{every}'

@@ -12,6 +12,7 @@ from scipy import linalg, stats
 
 from drift.bridges import fit, neighbours, stretches, text, together
 from drift.bridges.stretches import Rules, Stretch
+from drift.cli import grammar
 from drift.drifters import reading
 from drift.tracks.records import Track
 from geo import sphere
@@ -95,7 +96,7 @@ def test_without_errors_the_best_is_a_mean_square() -> None:
 
 @pytest.mark.parametrize(
     ("method", "error", "way", "comparisons"),
-    [("neighbours", 600.0, WAY, 30), ("steady", 600.0, WAY, 60), ("wandering", 600.0, (0.0, 0.0), 60)],
+    [("neighbours", 600.0, WAY, 30), ("steady", 600.0, WAY, 59), ("wandering", 600.0, (0.0, 0.0), 60)],
 )
 def test_estimates_of_simulated_tracks(method: str, error: float, way: tuple[float, float], comparisons: int) -> None:
     """Over 150 tracks: mean of K within three standard errors and the bias of maximum likelihood, coverage of 2 standard errors.
@@ -146,10 +147,30 @@ def test_areas_hold_what_they_say_of_simulated_tracks() -> None:
     rng = np.random.default_rng(19)
     tracks = [simulated(rng, 41, error=300.0, name=f"{k}", begin=(3.0 + k, 50.0)) for k in range(40)]
     found = fit.fit(tracks, error=300.0, held_out=True)
-    assert (found.held.fitted, found.held.others, found.held.count) == (20, 20, 400)
+    assert [(half.tracks, half.count) for half in found.held.halves] == [(20, 400), (20, 400)]
+    for half in found.held.halves:
+        assert abs(half.spread_rate - K) < 3 * half.spread_error
     for coverage, share in zip(found.held.coverage, (0.5, 0.9), strict=True):
-        assert coverage.held.count == 400
-        assert coverage.held.mean == pytest.approx(share, abs=3 * math.hypot(coverage.held.error, 0.02))
+        assert (coverage.first.count, coverage.both.count) == (400, 800)
+        assert coverage.both.drifters == 40
+        assert coverage.both.mean == pytest.approx((coverage.first.mean + coverage.second.mean) / 2)
+        assert coverage.both.mean == pytest.approx(share, abs=3 * math.hypot(coverage.both.error, 0.01))
+
+
+def test_halves_are_of_every_other_track_by_their_first_fixes() -> None:
+    """The second and fourth stray twice as far: each half is fitted to its own, and judged by the other."""
+    rng = np.random.default_rng(15)
+    tracks = []
+    for number, k in enumerate((K, 2 * K, K, 2 * K)):
+        track = simulated(rng, 301, k=k, name=f"{number}", begin=(3.0, 50.0))
+        tracks.append(Track(track.name, track.time + 60.0 * number, track.lon, track.lat))
+    found = fit.fit([tracks[2], tracks[1], tracks[3], tracks[0]], error=0.0, held_out=True)
+    first, second = found.held.halves
+    assert first.spread_rate == pytest.approx(K, rel=3 / (2 * math.sqrt(300)))
+    assert second.spread_rate == pytest.approx(2 * K, rel=3 / (2 * math.sqrt(300)))
+    low, high = 1 - 0.1**0.25, 1 - 0.1**4  # an area by half the K, and by twice it, where 90 % are stated
+    assert found.held.coverage[1].first.mean == pytest.approx(low, abs=3 * math.sqrt(low / 300) + 0.05)
+    assert found.held.coverage[1].second.mean == pytest.approx(high, abs=0.02)
 
 
 def test_tracks_that_differ_have_a_larger_standard_error() -> None:
@@ -173,11 +194,11 @@ def test_a_stretch_ends_at_a_gap_at_anchor_and_at_a_box() -> None:
     assert [one.time.tolist() for one in found.stretches] == [
         [h * HOUR for h in part] for part in ([0, 1, 2, 3], [10, 11], [12, 13, 14, 15])
     ]
-    assert found.notes == ("1 steps left out of more than 4 h", "1 steps left out of 5 kn or less")
+    assert found.notes == ("1 step left out of more than 4 h", "1 step left out of 5 kn or less")
     west, east_edge = math.degrees(8 * NMI / RADIUS), math.degrees(10 * NMI / RADIUS)
     boxed = stretches.cut([fixes(hours, east)], Rules(without=Box(west, -1.0, east_edge, 1.0)))
     assert [one.time.size for one in boxed.stretches] == [8]  # the fix before the box is alone
-    assert "1 fixes left out in the box that was named" in boxed.notes
+    assert "1 fix left out in the box that was named" in boxed.notes
 
 
 def test_a_box_across_the_antimeridian() -> None:
@@ -199,14 +220,14 @@ def test_thinning_takes_the_fix_nearest_to_the_interval() -> None:
     ("tracks", "options", "words"),
     [
         ([fixes([0], [0])], {}, "no step from fix to fix is left; 1 track left out with fewer than two fixes"),
-        ([fixes([0, 1], [0, 9])], {}, "0 comparisons .* are too few .* needed, each of three fixes"),
+        ([fixes([0, 1], [0, 9])], {}, "0 comparisons of a fix with those beside it: too few .* each of three fixes one .* 2 fixes in 1 stretch"),
         ([fixes(range(20), range(0, 180, 9))], {"rules": Rules(slowest=20 * KNOT)}, "no step .* 20 kn or less"),
         ([fixes(range(20), range(0, 180, 9))], {}, "nothing strays from the straight way"),
         ([fixes(range(20), range(0, 180, 9))], {"method": "steady"}, "nothing strays from the straight way"),
         ([fixes(range(20), range(0, 180, 9))], {"method": "horne"}, 'by "horne" is not known; choose from neighbours'),
         ([fixes(range(20), range(0, 180, 9))], {"error": -3.0}, "--error -3.0 must be at least 0"),
         ([simulated(np.random.default_rng(1), 30)], {"error": 5e4}, "explains all that they stray by"),
-        ([simulated(np.random.default_rng(1), 30)], {"held_out": True}, "nothing to hold out"),
+        ([simulated(np.random.default_rng(1), 30)], {"held_out": True}, "nothing is left to hold out"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_fitted_is_refused(tracks: list[Track], options: dict[str, object], words: str) -> None:
@@ -229,7 +250,7 @@ def test_a_fit_in_words_and_as_a_line_of_a_case() -> None:
     assert units.spread_rate(written["k"]) == pytest.approx(found.spread_rate, rel=5e-3)  # three digits
     facts = text.fitted(found)
     assert facts["spread rate K"].startswith(written["k"].split()[0])
-    assert "20 comparisons in 1 stretches" in facts["tracks"]
+    assert "20 comparisons in 1 stretch;" in facts["tracks"]
 
 
 def test_real_ships(data: Path) -> None:
@@ -271,3 +292,10 @@ def test_real_ships(data: Path) -> None:
                 squares.append((away**2).sum() / (2 * s * (1 - s) * (time[c] - time[a])))
     assert found.count == pytest.approx(len(squares), abs=2)  # the plane's speeds differ a little from the sphere's
     assert found.spread_rate == pytest.approx(math.sqrt(np.mean(squares)), rel=0.01)
+
+
+def test_the_grammar_knows_every_method() -> None:
+    """It repeats their names, because it imports nothing heavy."""
+    command = grammar.parser()._subparsers._group_actions[0].choices["fit-bridge"]
+    (by,) = (action for action in command._actions if action.dest == "by")
+    assert tuple(by.choices) == tuple(fit.METHODS)
