@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy import optimize, special
-from scipy.stats import qmc
 
 from drift.bridges import bridge as bridges
 from drift.bridges import line as plane
@@ -25,6 +24,7 @@ from geo.notation import NMI
 PART = 300 * NMI  # [m] longest piece of a way that is taken for straight beside a line, and largest spread within it
 SCRAMBLES, POWER = 8, 12  # independent scramblings of 2^12 draws each
 SEED = 2020  # of the scramblings: the same question has the same answer
+SMALLEST = 2.0**-40  # a number of a scrambled sequence may be 0
 NEGLIGIBLE = 1e-12  # share of the largest variance below which a direction does not vary
 
 
@@ -100,10 +100,12 @@ def crossing(bridge: Bridge, line: Line) -> Crossing:
         return _crossing(bridge, time, distance(line, place.lon, place.lat)[None, None])
     largest_first = np.flatnonzero(varies)[::-1]  # the first dimensions of Sobol's sequence are its best
     axes = vector[:, largest_first] * np.sqrt(value[largest_first])
-    draws = np.stack([
-        special.ndtri(qmc.Sobol(largest_first.size, rng=np.random.default_rng([SEED, k])).random_base2(POWER))
-        for k in range(SCRAMBLES)
+    from scipy.stats import qmc  # imported here, for SciPy's statistics take a second
+
+    uniform = np.stack([
+        qmc.Sobol(largest_first.size, rng=np.random.default_rng([SEED, k])).random_base2(POWER) for k in range(SCRAMBLES)
     ])  # fmt: skip
+    draws = special.ndtri(uniform.clip(SMALLEST, 1 - SMALLEST))
     strays = (draws @ axes.T).reshape(SCRAMBLES, 2**POWER, time.size, 2)
     lon, lat = sphere.destination(place.lon, place.lat, strays[..., 0], strays[..., 1])
     return _crossing(bridge, time, distance(line, lon, lat))

@@ -2,18 +2,26 @@
 
 import json
 import math
+import re
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from places import ROOT
 
 from drift.bridges import bridge as bridges
 from drift.bridges import ellipse, study, text
 from drift.case import bridge as bridge_file
-from drift.cli import commands
+from drift.cli import commands, grammar
 from geo import sphere
 from geo.errors import UserError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 NMI = 1852.0
 WRITTEN = """
@@ -298,3 +306,16 @@ def test_fit_bridge_refuses_in_one_line(
 def test_fit_bridge_of_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert commands.main(["fit-bridge", str(tmp_path / "none.csv")]) == 2
     assert "cannot be read" in capsys.readouterr().err
+
+
+def test_the_documented_file_is_understood() -> None:
+    """The block of docs/bridges.md, and what the page says of it and of the command."""
+    page = (ROOT / "docs" / "bridges.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```toml\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL)
+    asked = bridge_file.study(bridge_file.BridgeTable.model_validate(tomllib.loads(block)), ROOT)
+    assert [line.name for line in asked.lines] == ["14 30 N", "Pedro Bank"]
+    assert asked.bridge.covariance[0, 2] != 0
+    options = re.findall(r"^\| `(--[a-z-]+)", page, flags=re.MULTILINE)
+    command = grammar.parser()._subparsers._group_actions[0].choices["fit-bridge"]
+    there = {option for action in command._actions for option in action.option_strings if option.startswith("--")}
+    assert set(options) == there - {"--help"}
