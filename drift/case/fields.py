@@ -191,6 +191,7 @@ ShipSpeed = Annotated[float, _quantity("m/s", "speed", "8 kn", above=True, high=
 _duration = _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)
 Duration = Annotated[float, _duration]
 Diffusivity = Annotated[float, _quantity("m^2/s", "diffusivity", "10 m2/s", high=1e4)]
+SpreadRate = Annotated[float, BeforeValidator(units.spread_rate)]  # [m/sqrt(s)]
 Timeout = Annotated[float, _quantity("s", "timeout", "60 s", low=1, high=3600)]
 Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.5, high=0.5)]
 Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]

@@ -27,6 +27,12 @@ ANGLE = re.compile(
     r"\s*(?P<after>[NSEW])?"
 )
 
+ROOT = re.compile(  # the unit of a spread rate: a length over the square root of a time
+    r"(?P<length>[^\s/^*()√]+?)\s*"
+    r"(?:(?:/|per\s)\s*(?:sqrt\s*\(\s*(?P<root>[^()]+?)\s*\)|sqrt\s+(?P<bare>\w+)|√\s*\(?\s*(?P<sign>\w+)\s*\)?"
+    r"|(?P<time>[A-Za-z]+)\s*(?:\^|\*\*)\s*(?:0?\.50*|\(?\s*1\s*/\s*2\s*\)?))"
+    r"|[\s*](?P<inverse>[A-Za-z]+)\s*(?:\^|\*\*)?\s*\(?\s*-\s*(?:0?\.50*|1\s*/\s*2)\s*\)?)"
+)
 TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")  # arithmetic that no unit needs and that may take for ever
 
 CENTURY = 3_155_760_000  # [s]
@@ -103,6 +109,34 @@ def temperature(value: object) -> float:
     if not math.isfinite(kelvin):
         raise ValueError(f"{value!r} is not finite")
     return kelvin
+
+
+def spread_rate(value: object) -> float:
+    """Return how fast what steers strays from its way, K of a Brownian bridge [m/sqrt(s)], at least 0.
+
+    value: "12 nmi/sqrt(h)", "12 nmi/h^0.5", or a bare number in m/sqrt(s). The root is read here, because what pint
+    makes of a power that is no whole number is inexact, and its "sqrt" is no unit. A speed or a diffusivity is refused.
+    """
+    what, example = "spread rate", "12 nmi/sqrt(h)"
+    match = NUMBER.fullmatch(value) if isinstance(value, str) else None
+    if match is None or not match[2]:
+        number = quantity(value, "m", what, example)
+    else:
+        unit = ROOT.fullmatch(match[2])
+        if unit is None:
+            raise ValueError(
+                f'"{value}" is not {_a(what)}: "{match[2]}" is no length over the square root of a time; write it like '
+                f'"{example}"'
+            )
+        time_unit = next(unit[name] for name in ("root", "bare", "sign", "time", "inverse") if unit[name])
+        length = quantity(f"1 {unit['length']}", "m", f"length of {_a(what)}", example)
+        seconds = quantity(f"1 {time_unit}", "s", f"time of {_a(what)}", example)
+        number = float(match[1].replace("_", "")) * length / math.sqrt(seconds)
+        if not math.isfinite(number):
+            raise ValueError(f"{value!r} is not finite")
+    if number < 0:
+        raise ValueError(f"{what} {value!r} must be at least 0 m/sqrt(s)")
+    return number
 
 
 def _a(what: str) -> str:

@@ -5,6 +5,7 @@ heavy is imported before the command that needs it, so that help and lists come 
 """
 
 import argparse
+import math
 import os
 import sys
 import tempfile
@@ -70,6 +71,8 @@ def _dispatch(argv: Sequence[str] | None) -> int:
         "origin": _origin,
         "verify": _verify,
         "fit-errors": _fit_errors,
+        "bridge": _bridge,
+        "fit-bridge": _fit_bridge,
         "check": _check,
         "cases": _cases,
         "objects": _objects,
@@ -174,6 +177,89 @@ def _fit_errors(given: argparse.Namespace) -> None:
         fitted = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
     terminal.facts(f"{case.title}: errors that suit the drifters", fitting_text.facts(fitted))
     terminal.say(f"\n{fitting_text.toml(fitted)}")
+
+
+def _bridge(given: argparse.Namespace) -> None:
+    with interrupt.leaving_at_once():
+        if given.out is not None:
+            _check_file(given.out, "--out", ".png")
+        if given.geojson is not None:
+            _check_file(given.geojson, "--geojson", ".geojson")
+        from drift.bridges import study, text
+        from drift.case import bridge as bridge_file
+
+        asked = bridge_file.load(given.file, given.k)
+        found = study.answers(asked)
+        terminal.facts(asked.title, text.answers(found))
+    if given.geojson is not None:
+        words = text.features(found)
+        _replace(given.geojson, "--geojson", lambda half: half.write_text(words, encoding="utf-8"))
+        terminal.say(f"Areas in {given.geojson}")
+    if given.out is not None:
+        from drift.bridges import map as bridge_map
+        from drift.maps import page
+        from drift.version import __version__
+        from geo.coast import shore
+
+        land = shore.land(asked.coast, bridge_map.box(found))
+        attributes = {"casp-drift": __version__, "coast": land.source}
+        with page.literal():
+            _replace(given.out, "--out", lambda half: bridge_map.draw(found, half, land.polygons, attributes))
+        terminal.say(f"Picture in {given.out}")
+
+
+def _fit_bridge(given: argparse.Namespace) -> None:
+    with interrupt.leaving_at_once():  # nothing is written
+        error = None if given.error.strip() == "fit" else _probable_error(given.error)
+        every, gap = (
+            None if text is None else _quantity(text, "s", option, "6 h")
+            for text, option in ((given.every, "--every"), (given.max_gap, "--max-gap"))
+        )
+        slowest = 0.0 if given.min_speed is None else _quantity(given.min_speed, "m/s", "--min-speed", "5 kn")
+        fastest = _quantity(given.max_speed, "m/s", "--max-speed", "60 kn")
+        without = None if given.without is None else _box(given.without)
+        from drift.bridges import fit, text
+        from drift.bridges.stretches import Rules
+        from drift.drifters import reading
+
+        tracks = reading.read(given.tracks, given_as="tracks")
+        rules = Rules(every, gap, slowest, fastest, without)
+        fitted = fit.fit(tracks, method=given.by, error=error, rules=rules, held_out=given.hold_out)
+    terminal.facts(f"{given.tracks}: spread rate of bridges", text.fitted(fitted))
+    terminal.say(f"\n{text.toml(fitted)}")
+
+
+def _probable_error(text: str) -> float:
+    """Return the standard deviation [m] in each component of errors of which half are within a radius."""
+    from drift.case import units
+
+    try:
+        radius = units.quantity(text, "m", "length", "10 m")
+    except ValueError as error:
+        raise UserError(f'--error: {error}; or write "fit"') from None
+    if not radius >= 0:
+        raise UserError(f'--error "{text}" must be at least 0')
+    return radius / math.sqrt(2 * math.log(2))
+
+
+def _box(text: str) -> Any:
+    """Return the box of "west,south,east,north" [deg]."""
+    from geo import sphere
+    from geo.box import Box
+
+    try:
+        west, south, east, north = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UserError(
+            f'--without "{text}" must be west,south,east,north in degrees, like 32.2,29.95,32.7,31.25'
+        ) from None
+    if not (-180 <= west <= 360 and -180 <= east <= 360 and -90 <= south < north <= 90):
+        raise UserError(
+            f'--without "{text}": longitudes are -180 to 360, latitudes -90 to 90, and south is below north; '
+            "the order is west,south,east,north"
+        )
+    west = sphere.wrap_degrees(west)
+    return Box(west, south, sphere.east_of_degrees(east, west), north)
 
 
 def _drifters(given: argparse.Namespace) -> dict[str, Any]:
@@ -307,28 +393,42 @@ def _draw(source: Any, path: Path) -> None:
     when = f", {notation.group(source.times[0])}" if source.times.size else ""
     title = f"{source.quantity} {source.name}{when}"
     land = shore.land("gshhg", grid.box).polygons
-    half = path.with_name(f".{path.name[:100]}.{os.getpid()}.png")
+
+    def draw(half: Path) -> None:
+        field.draw_field(half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land)
+
+    with page.literal():
+        _replace(path, "--plot", draw)
+
+
+def _replace(path: Path, option: str, write: Callable[[Path], object]) -> None:
+    """Write a file beside its place and move it there once it is whole; raise UserError where that is not possible."""
+    half = path.with_name(f".{path.name[:100]}.{os.getpid()}{path.suffix}")
     try:
-        with page.literal():
-            field.draw_field(half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land)
+        write(half)
         os.replace(half, os.path.realpath(path))
     except OSError as error:
-        raise UserError(f"--plot {path}: cannot be written ({error.strerror}); name another file") from error
+        raise UserError(f"{option} {path}: cannot be written ({error.strerror}); name another file") from error
     finally:
         half.unlink(missing_ok=True)
 
 
 def _check_plot(path: Path) -> None:
     """Raise UserError unless a picture can be written to a path."""
+    _check_file(path, "--plot", ".png")
+
+
+def _check_file(path: Path, option: str, suffix: str) -> None:
+    """Raise UserError unless a file of a kind can be written to a path."""
     folder = path.absolute().parent
     try:
         there = os.path.lexists(path) and not (path.is_file() and os.access(path, os.W_OK))
-        if path.suffix.lower() != ".png" or not folder.is_dir() or len(os.fsencode(path.name)) > 255 or there:
-            raise UserError(f"--plot {str(path)[:300]}: must be a .png file in a folder that exists")
+        if path.suffix.lower() != suffix or not folder.is_dir() or len(os.fsencode(path.name)) > 255 or there:
+            raise UserError(f"{option} {str(path)[:300]}: must be a {suffix} file in a folder that exists")
     except (OSError, ValueError) as error:
-        raise UserError(f"--plot {str(path)[:300]!a}: {error}; name another file") from None
+        raise UserError(f"{option} {str(path)[:300]!a}: {error}; name another file") from None
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise UserError(f"--plot {path}: cannot write in {folder}; name another file")
+        raise UserError(f"{option} {path}: cannot write in {folder}; name another file")
 
 
 def leave() -> None:

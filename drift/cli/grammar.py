@@ -16,6 +16,7 @@ EXAMPLES = """examples:
   drift plan overdue_boat
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
   drift objects raft deep ballast
+  drift fit-bridge ships.csv --every '6 h' --min-speed '5 kn' --hold-out
   drift info currents/*.nc --plot currents.png"""
 
 
@@ -62,6 +63,9 @@ def parser() -> Parser:
         action="store_true",
         help="also fit half of the drifters and say how well that suits the other half",
     )
+
+    _add_bridge(commands)
+    _add_fit_bridge(commands)
 
     check = commands.add_parser("check", help="validate a case and its forcing without running")
     _add_case(check)
@@ -130,6 +134,58 @@ def _add_verify(commands: Any) -> None:
     )
     verify.add_argument("--particles", type=int, default=4000, metavar="N", help="in each forecast (default: 4000)")
     _add_results(verify, "NAME-verify")
+
+
+def _add_bridge(commands: Any) -> None:
+    bridge = commands.add_parser(
+        "bridge", help="say where something is between known places, and when it crosses a line, without particles"
+    )
+    bridge.add_argument("file", metavar="FILE", help="way points, lines and times as TOML (docs/bridges.md)")
+    bridge.add_argument("--k", metavar="RATE", help="another spread rate than the file's, like '24 nmi/sqrt(h)'")
+    bridge.add_argument("--out", type=Path, metavar="PNG", help="draw the areas on the coast, and the crossing times")
+    bridge.add_argument("--geojson", type=Path, metavar="FILE", help="write the areas and mean positions as GeoJSON")
+
+
+def _add_fit_bridge(commands: Any) -> None:
+    fit = commands.add_parser("fit-bridge", help="fit the spread rate K of Brownian bridges to real tracks")
+    fit.add_argument(
+        "tracks", metavar="TRACKS", help="CSV with ship (or id), time, lon, lat; or netCDF with CF trajectories"
+    )
+    fit.add_argument(
+        "--by",
+        choices=("neighbours", "steady", "wandering"),
+        default="neighbours",
+        help="the likelihood: fixes against their neighbours, all steps with a mean velocity, or without "
+        "(default: neighbours)",
+    )
+    fit.add_argument("--every", metavar="TIME", help="thin the tracks to fixes so far apart, like '6 h' (default: all)")
+    fit.add_argument(
+        "--max-gap",
+        metavar="TIME",
+        help="longest time from fix to fix that counts (default: 1.5 times --every, or 24 h)",
+    )
+    fit.add_argument(
+        "--min-speed", metavar="SPEED", help="only steps faster than this from fix to fix, like '5 kn' (default: all)"
+    )
+    fit.add_argument(
+        "--max-speed", default="60 kn", metavar="SPEED", help="fixes that need more are not believed (default: 60 kn)"
+    )
+    fit.add_argument(
+        "--error",
+        default="10 m",
+        metavar="LENGTH",
+        help='radius that holds half of the fixes\' errors, or "fit" to fit it too (default: 10 m)',
+    )
+    fit.add_argument(
+        "--without",
+        metavar="BOX",
+        help="leave out the fixes in a box, west,south,east,north in degrees, like 32.2,29.95,32.7,31.25",
+    )
+    fit.add_argument(
+        "--hold-out",
+        action="store_true",
+        help="also fit every other track and say what the 50 and 90 %% areas hold of the rest",
+    )
 
 
 def _add_info(commands: Any) -> None:

@@ -19,8 +19,8 @@ from drift.case import file as case_file
 from drift.case.record import Case
 from drift.drifters import error_law
 from drift.drifters.error_law import Tracks
-from drift.drifters.records import Track, breaks
 from drift.motion.forcing import Forcing
+from drift.tracks.records import Track, breaks
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError

@@ -6,9 +6,9 @@ import numpy as np
 import xarray as xr
 
 from drift.drifters import text as verification_text
-from drift.drifters.clusters import Estimate
 from drift.drifters.verification import Verification
 from drift.output import formats
+from drift.tracks.clusters import Estimate
 from geo import notation
 from geo.array import Array
 

@@ -19,12 +19,12 @@ from scipy import optimize, stats
 
 from drift.case.record import Case
 from drift.drifters import along, error_law, hold_out, reading
-from drift.drifters import records as drifter_records
 from drift.drifters.along import Ways
 from drift.drifters.error_law import NAMES, Law, Tracks
 from drift.drifters.hold_out import Held
-from drift.drifters.records import Track
 from drift.job import in_turn
+from drift.tracks import records as drifter_records
+from drift.tracks.records import Track
 from geo.array import Array
 from geo.errors import UserError
 from kernels import runtime

@@ -2,9 +2,9 @@
 
 import math
 
-from drift.drifters.clusters import Estimate
 from drift.drifters.error_law import NAMES
 from drift.drifters.fitting import Fit, Parameter
+from drift.tracks.clusters import Estimate
 
 Facts = dict[str, str]
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drift.drifters import along, clusters, error_law
+from drift.drifters import along, error_law
 from drift.drifters.along import Ways
-from drift.drifters.clusters import Estimate
 from drift.drifters.error_law import Law, Likelihood
+from drift.tracks import clusters
+from drift.tracks.clusters import Estimate
 from geo.array import Array
 
 BLOCK = 3 * 86_400.0  # [s] of one drifter's track that is held out together: longer than errors are correlated

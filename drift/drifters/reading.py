@@ -3,7 +3,7 @@
 CSV: one fix in each row, in any order; id, time and position in columns under their common names; a second header row
 may hold units, as in files of the Global Drifter Program. netCDF: (trajectory, obs) padded with missing values (as
 trajan writes it too), (trajectory, time), or one track after another with the length of each (contiguous ragged) or
-with the number of the track of each fix (indexed ragged), CF 1.11, appendix H.4. drift.drifters.records decides which
+with the number of the track of each fix (indexed ragged), CF 1.11, appendix H.4. drift.tracks.records decides which
 fixes are believed.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 
 from drift.case import units
-from drift.drifters.records import Track, selected
+from drift.tracks.records import Track, selected
 from geo import notation
 from geo.array import Array
 from geo.errors import UserError
@@ -42,10 +42,10 @@ AMBIGUOUS = re.compile(r"\d{1,2}[/.]\d{1,2}[/.]\d{4}\b")
 DATASETS = (".nc", ".nc4", ".netcdf", ".cdf")
 
 
-def read(path: str | os.PathLike[str], columns: Sequence[str] = ()) -> tuple[Track, ...]:
+def read(path: str | os.PathLike[str], columns: Sequence[str] = (), given_as: str = "--drifters") -> tuple[Track, ...]:
     """Return the tracks of a file; columns: names of other columns to read with them.
 
-    Raises UserError, one line, where the file holds no tracks.
+    given_as: what the command line calls the file. Raises UserError, one line, where the file holds no tracks.
     """
     path = Path(path)
     try:
@@ -53,9 +53,9 @@ def read(path: str | os.PathLike[str], columns: Sequence[str] = ()) -> tuple[Tra
             return _netcdf(path, columns)
         return _csv(path, columns)
     except OSError as error:
-        raise UserError(f'--drifters "{path}": cannot be read: {error.strerror or error}') from None
+        raise UserError(f'{given_as} "{path}": cannot be read: {error.strerror or error}') from None
     except (ValueError, csv.Error) as error:
-        raise UserError(f'--drifters "{path}": {" ".join(str(error).split())[:300]}') from None
+        raise UserError(f'{given_as} "{path}": {" ".join(str(error).split())[:300]}') from None
 
 
 def _plain(name: str) -> str:

@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from drift.drifters import verification
-from drift.drifters.clusters import Estimate
 from drift.drifters.verification import Verification
 from drift.motion import forcing_error
+from drift.tracks.clusters import Estimate
 from geo.notation import NMI
 
 Facts = dict[str, str]

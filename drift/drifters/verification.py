@@ -17,14 +17,15 @@ from drift import many
 from drift.case import file as case_file
 from drift.case import uncertainty
 from drift.case.record import Case
-from drift.drifters import along, clusters, fitting, scores
-from drift.drifters import records as drifter_records
-from drift.drifters.clusters import Estimate
-from drift.drifters.records import Track
+from drift.drifters import along, fitting, scores
 from drift.job import in_turn
 from drift.motion.forcing_error import NOWHERE, ForcingError
 from drift.output import writer
 from drift.particles.status import on_map
+from drift.tracks import clusters
+from drift.tracks import records as drifter_records
+from drift.tracks.clusters import Estimate
+from drift.tracks.records import Track
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError

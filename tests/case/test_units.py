@@ -1,6 +1,7 @@
 """Quantities, positions and times as written; oracles are definitions (BIPM, ICAO) and published zone tables."""
 
 import math
+import re
 from datetime import datetime, timedelta, timezone
 
 import numpy as np
@@ -62,6 +63,61 @@ def test_quantity_is_si(text: object, unit: str, expected: float) -> None:
 def test_wrong_quantity_is_refused(value: object, unit: str, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         units.quantity(value, unit, "quantity", "1 x")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("12 nmi/sqrt(h)", 12 * 1852 / 60),
+        ("12nmi/sqrt(h)", 12 * 1852 / 60),
+        ("12 nmi / sqrt( h )", 12 * 1852 / 60),
+        ("12 nmi per sqrt(hour)", 12 * 1852 / 60),
+        ("12 nmi/sqrt h", 12 * 1852 / 60),
+        ("12 nmi/h^0.5", 12 * 1852 / 60),
+        ("12 nmi/h**.5", 12 * 1852 / 60),
+        ("12 nmi/h^(1/2)", 12 * 1852 / 60),
+        ("12 nmi h^-0.5", 12 * 1852 / 60),
+        ("12 nmi h-1/2", 12 * 1852 / 60),
+        ("12 nmi/√h", 12 * 1852 / 60),
+        ("3.7e2 m/sqrt(s)", 370),
+        ("370 m/s^0.5", 370),
+        ("2 km/sqrt(d)", 2000 / math.sqrt(86_400)),
+        (370, 370),
+        ("370", 370),
+        (0, 0),
+        ("0 nmi/sqrt(h)", 0),
+    ],
+)
+def test_spread_rate_is_metres_over_the_root_of_seconds(text: object, expected: float) -> None:
+    assert units.spread_rate(text) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("12 nmi/h", "no length over the square root of a time"),
+        ("12 kn", "no length over the square root of a time"),
+        ("12 m2/s", "no length over the square root of a time"),
+        ("12 nmi", "no length over the square root of a time"),
+        ("12 nmi/h^0.6", "no length over the square root of a time"),
+        ("12 nm/sqrt(h)", 'the unit "nm" can be misread; write nmi'),
+        ("12 M/sqrt(h)", "can be misread"),
+        ("12 kg/sqrt(h)", "another kind"),
+        ("12 nmi/sqrt(nmi)", "another kind"),
+        ("12 nmi/sqrt(hrz)", 'no unit "hrz"'),
+        ("-12 nmi/sqrt(h)", "must be at least 0"),
+        (-1.5, "must be at least 0"),
+        ("twelve nmi/sqrt(h)", "write it like"),
+        ("", "write it like"),
+        (True, "is not a"),
+        (None, "is not a"),
+        (math.nan, "not finite"),
+        ("1e308 Mm/sqrt(s)", "not finite"),
+    ],
+)
+def test_wrong_spread_rate_is_refused(value: object, words: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)):
+        units.spread_rate(value)
 
 
 @pytest.mark.parametrize(

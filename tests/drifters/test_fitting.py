@@ -12,9 +12,10 @@ from scipy import stats
 import drift
 from drift.case import units
 from drift.cli import commands
-from drift.drifters import along, clusters, error_law, fitting, hold_out
+from drift.drifters import along, error_law, fitting, hold_out
 from drift.drifters.error_law import Law
-from drift.drifters.records import Track
+from drift.tracks import clusters
+from drift.tracks.records import Track
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -14,9 +14,9 @@ import drift
 from drift.cli import commands
 from drift.drifters import chapter as verification_chapter
 from drift.drifters import reading, scores, verification
-from drift.drifters import records as drifter_records
 from drift.drifters import text as verification_text
-from drift.drifters.records import Track
+from drift.tracks import records as drifter_records
+from drift.tracks.records import Track
 from geo.errors import UserError
 
 RADIUS = 6_371_008.8  # [m] of the sphere
@@ -335,7 +335,7 @@ def test_a_drifter_of_which_no_fix_is_left_is_told(tmp_path):
     file.write_text("id,time,lon,lat\na,2021-03-03T18:00Z,1,2\na,2021-03-03T19:00Z,1,2.01\nb,2021-03-03T18:00Z,1,200\n")
     found = drifter_records.believed(reading.read(file))
     assert [track.name for track in found.tracks] == ["a"]
-    assert found.notes[-1] == "1 drifter left out with fewer than two fixes: b"
+    assert found.notes[-1] == "1 track left out with fewer than two fixes: b"
 
 
 def test_a_fix_is_wrong_that_is_both_reached_and_left_too_fast():

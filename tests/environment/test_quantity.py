@@ -19,9 +19,9 @@ from drift.case.schema import CaseTable
 from drift.case.sources import SourceTable
 from drift.cli import grammar
 from drift.drifters import along
-from drift.drifters.records import Track
 from drift.environment import domain
 from drift.motion.forcing import Forcing
+from drift.tracks.records import Track
 from geo import sphere
 from geo.errors import UserError
 from geo.forcing import describe, quantities

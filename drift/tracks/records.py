@@ -1,10 +1,10 @@
-"""Tracks of real drifters, and which of their fixes are believed.
+"""Tracks of real drifters and ships, and which of their fixes are believed.
 
-A track is what one drifter reported: times, positions, and whatever else stood beside them. Fixes that cannot be true
+A track is what one drifter or ship reported: times, positions, and whatever else stood beside them. Fixes that cannot be true
 are left out, and notes say how many and why. Where a drifter was silent for too long its track is cut into stretches.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -67,8 +67,33 @@ def selected(track: Track, keep: Array) -> Track:
     return replace(track, time=track.time[keep], lon=track.lon[keep], lat=track.lat[keep], columns=columns)
 
 
-def believed(tracks: Sequence[Track], fastest: float = FASTEST) -> Believed:
-    """Return tracks in order of time without fixes that cannot be true, and without spells aground."""
+def aground(track: Track) -> Array:
+    """Return which fixes belong to a spell of AGROUND or longer at one place, shape (n,)."""
+    lon, lat = np.radians(track.lon), np.radians(track.lat)
+    later = np.searchsorted(track.time, track.time + AGROUND)
+    complete = np.flatnonzero(later < track.time.size)
+    near = sphere.distance(lon[complete], lat[complete], lon[later[complete]], lat[later[complete]]) <= 2 * STILL
+    inside = np.zeros(track.time.size, bool)
+    for first in complete[near]:
+        spell = slice(first, later[first] + 1)
+        x, y = np.median(lon[spell]), np.median(lat[spell])
+        if sphere.distance(x, y, lon[spell], lat[spell]).max() <= STILL:
+            inside[spell] = True
+    return inside
+
+
+def nowhere(track: Track) -> Array:
+    """Return that no fix is aground, (n,): ships lie at anchor, and animals rest."""
+    return np.zeros(track.time.size, bool)
+
+
+def believed(
+    tracks: Sequence[Track], fastest: float = FASTEST, spells_aground: Callable[[Track], Array] = aground
+) -> Believed:
+    """Return tracks in order of time without fixes that cannot be true, and without spells aground.
+
+    fastest: speed [m/s] that no fix may need. spells_aground: says which fixes of a track are aground, (n,).
+    """
     counts = dict.fromkeys(("impossible", "repeated", "other", "fast", "aground"), 0)
     sound_tracks, spells, too_short = [], [], []
     for track in tracks:
@@ -86,12 +111,12 @@ def believed(tracks: Sequence[Track], fastest: float = FASTEST) -> Believed:
         reachable = _reachable(kept, fastest)
         counts["fast"] += int((~reachable).sum())
         kept = selected(kept, reachable)
-        aground = _aground(kept)
-        if aground.any():
-            counts["aground"] += int(aground.sum())
-            since = np.datetime64(int(kept.time[np.flatnonzero(aground)[0]]), "s")
+        resting = spells_aground(kept)
+        if resting.any():
+            counts["aground"] += int(resting.sum())
+            since = np.datetime64(int(kept.time[np.flatnonzero(resting)[0]]), "s")
             spells.append(f"{track.name} from {since}Z")
-            kept = selected(kept, ~aground)
+            kept = selected(kept, ~resting)
         if kept.time.size > 1:
             sound_tracks.append(kept)
         else:
@@ -105,7 +130,7 @@ def believed(tracks: Sequence[Track], fastest: float = FASTEST) -> Believed:
     }
     notes = [f"{count:,} fixes left out {reasons[kind]}" for kind, count in counts.items() if count]
     if too_short:
-        many = f"{len(too_short)} drifters" if len(too_short) > 1 else "1 drifter"
+        many = f"{len(too_short)} tracks" if len(too_short) > 1 else "1 track"
         notes.append(f"{many} left out with fewer than two fixes: {_listed(too_short)}")
     return Believed(tuple(sound_tracks), tuple(notes))
 
@@ -146,21 +171,6 @@ def _excess(track: Track, before: Array, after: Array, fastest: float) -> Array:
     lon, lat = np.radians(track.lon), np.radians(track.lat)
     way = sphere.distance(lon[before], lat[before], lon[after], lat[after])
     return np.asarray(way - fastest * (track.time[after] - track.time[before]) - JUMP)
-
-
-def _aground(track: Track) -> Array:
-    """Return which fixes belong to a spell of AGROUND or longer at one place, shape (n,)."""
-    lon, lat = np.radians(track.lon), np.radians(track.lat)
-    later = np.searchsorted(track.time, track.time + AGROUND)
-    complete = np.flatnonzero(later < track.time.size)
-    near = sphere.distance(lon[complete], lat[complete], lon[later[complete]], lat[later[complete]]) <= 2 * STILL
-    aground = np.zeros(track.time.size, bool)
-    for first in complete[near]:
-        spell = slice(first, later[first] + 1)
-        x, y = np.median(lon[spell]), np.median(lat[spell])
-        if sphere.distance(x, y, lon[spell], lat[spell]).max() <= STILL:
-            aground[spell] = True
-    return aground
 
 
 def breaks(track: Track, longest: float = GAP, fastest: float = FASTEST) -> Array:
