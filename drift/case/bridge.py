@@ -19,7 +19,7 @@ from drift.bridges import crossing
 from drift.bridges.study import Study
 from drift.case import fields, messages, mistakes, units
 from drift.case.mistakes import Mistakes
-from drift.case.scenario import EllipseTable, ErrorTable
+from drift.case.places import EllipseTable, ErrorTable
 from geo import notation
 from geo.array import Array
 from geo.errors import UserError

@@ -104,7 +104,7 @@ def _subject(
             spill = subject.spill(table, start, end, folder)
             scenarios = subject.classes(spill, start, end, forcing)
         else:
-            scenarios = subject.scenarios(table.scenario, start, end, forcing)
+            scenarios = subject.scenarios(table.scenario, start, end, forcing, folder)
     return spill, scenarios
 
 

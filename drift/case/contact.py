@@ -9,7 +9,7 @@ from drift.case import fields, units
 from drift.case.context import Run, build_each
 from drift.case.objects import ObjectTable
 from drift.case.pattern import RegionTable
-from drift.case.scenario import ErrorTable
+from drift.case.places import ErrorTable
 from drift.case.sensor import Zones, probability
 from drift.search.records import Contact, Fix
 

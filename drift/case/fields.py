@@ -130,7 +130,7 @@ def _ordered(single: Callable[[object], float]) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _direction(value: object) -> float:
+def direction(value: object) -> float:
     degrees = units.quantity(value, "deg", "direction", "120 deg")
     if not 0 <= degrees <= 360:
         raise ValueError(f"direction {value!r} must be 0 to 360 degrees clockwise from true north")
@@ -139,7 +139,7 @@ def _direction(value: object) -> float:
 
 def _sector(value: object) -> tuple[float, float]:
     """Return a sector [deg], clockwise from its first to its second edge: [350, 20] is 30 degrees wide."""
-    first, second = pair_of(_direction)(value)
+    first, second = pair_of(direction)(value)
     return first, second if second >= first else second + 360.0
 
 
@@ -167,7 +167,7 @@ def rate(value: object) -> float:
     return number
 
 
-def _share(value: object) -> float:
+def share(value: object) -> float:
     number = units.quantity(value, "", "share", "0.2")
     if not 0 <= number <= 1:
         raise ValueError(f"{value!r} must be a share, 0 to 1")
@@ -187,7 +187,8 @@ WindSpeed = Annotated[float, _quantity("m/s", "wind", "12 kn", high=90)]
 CurrentError = Annotated[float, _quantity("m/s", "error of a current", "0.1 m/s", high=2.5)]
 WindError = Annotated[float, _quantity("m/s", "error of a wind", "1.5 m/s", high=20)]
 SignedSpeed = Annotated[float, _quantity("m/s", "speed", "2 cm/s", low=-150, high=150)]
-ShipSpeed = Annotated[float, _quantity("m/s", "speed", "8 kn", above=True, high=150)]
+_ship_speed = _quantity("m/s", "speed", "8 kn", above=True, high=150)
+ShipSpeed = Annotated[float, _ship_speed]
 _duration = _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)
 Duration = Annotated[float, _duration]
 Diffusivity = Annotated[float, _quantity("m^2/s", "diffusivity", "10 m2/s", high=1e4)]
@@ -196,7 +197,7 @@ Timeout = Annotated[float, _quantity("s", "timeout", "60 s", low=1, high=3600)]
 Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.5, high=0.5)]
 Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]
 Weight = Annotated[float, _quantity("", "weight", "0.5")]
-Share = Annotated[float, BeforeValidator(_share)]
+Share = Annotated[float, BeforeValidator(share)]
 
 
 def _label(value: object) -> object:
@@ -208,12 +209,14 @@ def _label(value: object) -> object:
 Label = Annotated[str, BeforeValidator(_label)]  # a title or name, as it will stand on maps and in tables
 Count = Annotated[int, BeforeValidator(count)]
 Rate = Annotated[float, BeforeValidator(_jibe)]
-Direction = Annotated[float, BeforeValidator(_direction)]
+Direction = Annotated[float, BeforeValidator(direction)]
 Sector = Annotated[tuple[float, float], BeforeValidator(_sector)]
 LengthRange = Annotated[tuple[float, float], _ordered(_length.func)]
 AreaRange = Annotated[tuple[float, float], _ordered(_area.func)]
+ship_speed = _ship_speed.func  # the same as functions, for laws of uncertain numbers
+interval = _quantity("s", "time after", "2 h", high=units.CENTURY).func
 DurationRange = Annotated[tuple[float, float], _ordered(_duration.func)]
-ShareRange = Annotated[tuple[float, float], _ordered(_share)]
+ShareRange = Annotated[tuple[float, float], _ordered(share)]
 LengthPair = Annotated[tuple[float, float], BeforeValidator(pair_of(_length.func))]
 Position = Annotated[tuple[float, float], BeforeValidator(units.position)]  # (lon, lat) [deg]
 Longitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "EW"))]

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from drift.case import fields, messages, mistakes
-from drift.case.scenario import AreaTable
+from drift.case.places import AreaTable
 from drift.motion.lanes import Network
 from geo import sphere
 from geo.errors import UserError

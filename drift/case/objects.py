@@ -1,11 +1,14 @@
 """Objects of a case: a leeway class, leeway lines, plain windage, an immersion level, or water."""
 
+from typing import Annotated
+
 import numpy as np
-from pydantic import model_validator
+from pydantic import BeforeValidator, model_validator
 
 from drift.case import fields
 from drift.motion import leeway
 from drift.motion.leeway import Drifter, Line
+from drift.search import sweep_width
 from geo.errors import UserError
 
 LEAST_IMMERSION = 0.05
@@ -81,3 +84,13 @@ class ObjectTable(fields.Table):
             right, left = (line.line() if line else still for line in (self.right, self.left))
             return Drifter(self.name or "own lines", "Leeway of the case", self.downwind.line(), right, left)
         return leeway.find(str(self.name))
+
+
+def _search_object(value: object) -> object:
+    try:
+        return sweep_width.find(value) if isinstance(value, str) else value
+    except UserError as error:
+        raise ValueError(str(error)) from None
+
+
+SearchObject = Annotated[str, BeforeValidator(_search_object)]  # an object of the sweep width tables

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from drift.case import fields, gpx, units
-from drift.case.scenario import AreaTable
+from drift.case.places import AreaTable
 from drift.search import patterns
 from drift.search.patterns import Pattern
 from geo import notation, polyline, sphere

@@ -4,171 +4,28 @@ Holds the records that the engine takes (SI, radians, UTC) and, in the same orde
 they are made from. Three kinds of prior: around a reported position, inside an area, along a trackline.
 """
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from drift.case import fields, survival, units
-from drift.case.objects import ObjectTable
+from drift.case.itinerary import DistressTable as DistressLaw
+from drift.case.itinerary import PhaseTable, VesselTable
+from drift.case.mistakes import Mistakes
+from drift.case.objects import ObjectTable, SearchObject
+from drift.case.places import AreaTable, PositionTable
+from drift.motion.itinerary import Itinerary
 from drift.motion.leeway import Drifter
 from drift.motion.scenario import (
     JIBE_RATE,
-    AreaPrior,
-    Displacement,
-    PositionPrior,
     ReleasePrior,
     Survival,
     TracklinePrior,
 )
-from drift.search import sweep_width
 from geo import notation, sphere
-from geo.errors import UserError
-
-LONGEST_EDGE = 90.0  # [deg] of longitude, of a polygon's edge
-NARROWEST = 1e-5  # [deg] least area of a polygon over its outline, which is half its width: 1 m
-
-
-class WindowTable(fields.Table):
-    """When it went adrift: a time (default: the start), or unknown between time and until."""
-
-    time: fields.Time = np.timedelta64(0, "s")
-    until: fields.Time | None = None
-
-    def window(self, start: np.datetime64) -> tuple[np.datetime64, np.datetime64]:
-        """Return the first and the last time of release."""
-        first = units.resolve(self.time, start)
-        last = first if self.until is None else units.resolve(self.until, start)
-        if last < first:
-            raise ValueError(f"until {notation.group(last)} is before time {notation.group(first)}")
-        return first, last
-
-
-class EllipseTable(fields.Table):
-    """An error ellipse: semi-axes, orientation of the major one, probability of being inside."""
-
-    major: fields.Length
-    minor: fields.Length
-    orientation: fields.Direction
-    probability: fields.Share = 0.5
-
-    @model_validator(mode="after")
-    def proper(self) -> "EllipseTable":
-        """Refuse swapped axes and a probability that no ellipse has."""
-        if self.minor > self.major:
-            raise ValueError("minor is longer than major; orientation belongs to the major axis")
-        if not 0 < self.probability < 1:
-            raise ValueError(f"probability {self.probability:g} must lie between 0 and 1, like 0.5 or 0.95")
-        return self
-
-
-class DisplacementTable(fields.Table):
-    """An unknown move before drifting: distance range and direction sector (toward, degrees true)."""
-
-    distance: fields.LengthRange
-    direction: fields.Sector = (0.0, 360.0)
-
-
-class ErrorTable(fields.Table):
-    """The error of a position: std, ellipse, or the radius that holds 50 %."""
-
-    std: fields.LengthPair | None = None
-    orientation: fields.Direction | None = None
-    ellipse: EllipseTable | None = None
-    error: fields.Length | None = None
-
-    @model_validator(mode="after")
-    def one_error(self) -> "ErrorTable":
-        """Refuse none or two ways of giving the error, and an ellipse without its direction."""
-        kind = fields.one_of(self, ("std", "ellipse", "error"))
-        unequal = self.std is not None and self.std[0] != self.std[1]
-        if unequal and self.orientation is None:
-            raise ValueError("std has two values: give orientation too, of the first, in degrees true")
-        if self.orientation is not None and kind != "std":
-            raise ValueError("orientation belongs to std here; an ellipse has its own inside its table")
-        return self
-
-    def axes(self) -> tuple[float, float, float]:
-        """Return standard deviations along and across the major axis [m] and its orientation [rad]."""
-        if self.ellipse is not None:
-            # A bivariate normal holds 1 - exp(-k^2/2) inside k standard deviations.
-            scale = math.sqrt(-2 * math.log1p(-self.ellipse.probability))
-            turn = math.radians(self.ellipse.orientation)
-            return self.ellipse.major / scale, self.ellipse.minor / scale, turn
-        if self.error is not None:
-            std = self.error / math.sqrt(2 * math.log(2))
-            return std, std, 0.0
-        along, across = self.std or (0.0, 0.0)
-        turn = math.radians(self.orientation or 0.0)
-        return (along, across, turn) if along >= across else (across, along, turn + math.pi / 2)
-
-
-class PositionTable(ErrorTable, WindowTable):
-    """A position report with its error, and an unknown move before drifting."""
-
-    at: fields.Position
-    displacement: DisplacementTable | None = None
-
-    def prior(self, start: np.datetime64) -> PositionPrior:
-        """Return the prior for a case that starts at `start`."""
-        moved = None
-        if self.displacement is not None:
-            first, second = self.displacement.direction
-            moved = Displacement(self.displacement.distance, (math.radians(first), math.radians(second)))
-        lon, lat = (math.radians(angle) for angle in self.at)
-        return PositionPrior(lon, lat, *self.axes(), moved, *self.window(start))
-
-
-class AreaTable(WindowTable):
-    """An area: corners in order, without crossing."""
-
-    polygon: list[fields.Position]
-
-    @model_validator(mode="after")
-    def simple(self) -> "AreaTable":
-        """Refuse what encloses no area, or not one."""
-        self.corners()
-        return self
-
-    def corners(self) -> list[tuple[float, float]]:
-        """Return the corners [deg], longitude without jumps."""
-        import shapely  # here, since an area is rare and the import takes 0.1 s
-
-        points = [point for point, before in zip(self.polygon, [None, *self.polygon], strict=False) if point != before]
-        points = points[:-1] if len(points) > 1 and points[0] == points[-1] else points
-        if len(points) < 3:
-            raise ValueError(f"polygon has {len(points)} corners; at least 3 are needed")
-        lon, lat = np.array(points).T
-        steps = sphere.wrap_degrees(np.diff(lon, append=lon[0]))
-        if abs(steps.sum()) > 1:
-            raise ValueError("polygon goes round a pole; split it into areas that don't")
-        if np.abs(steps).max() > LONGEST_EDGE:
-            (west, south), (east, north) = points[k := int(np.argmax(np.abs(steps)))], points[(k + 1) % len(points)]
-            raise ValueError(
-                f"polygon's edge from [{west:g}, {south:g}] to [{east:g}, {north:g}] is {abs(steps[k]):.0f} degrees of "
-                f"longitude wide: which way round is not clear; put corners at most {LONGEST_EDGE:g} degrees apart"
-            )
-        unwrapped = lon[0] + np.concatenate([[0.0], np.cumsum(steps[:-1])])
-        shape = shapely.Polygon(np.column_stack([unwrapped, lat]))
-        if not shape.is_valid or shape.area == 0:
-            raise ValueError(f"polygon {_fault(shapely.is_valid_reason(shape))}; give its corners in order")
-        if shape.area < NARROWEST * shape.length:
-            raise ValueError("polygon is narrower than 2 m, too narrow to lie in; give a position or a trackline")
-        return list(zip(unwrapped.tolist(), lat.tolist(), strict=True))
-
-    def prior(self, start: np.datetime64) -> AreaPrior:
-        """Return the prior for a case that starts at `start`."""
-        lon, lat = np.radians(np.array(self.corners())).T
-        return AreaPrior(tuple(lon.tolist()), tuple(lat.tolist()), *self.window(start))
-
-
-def _fault(reason: str) -> str:
-    if reason.startswith("Self-intersection"):
-        lon, lat = (float(part) for part in reason[reason.index("[") + 1 : -1].split())
-        return f"crosses itself near [{sphere.wrap_degrees(lon):.3f}, {lat:.3f}] (lon, lat)"
-    return "encloses no area" if reason == "Valid Geometry" else f"is not simple ({reason})"
 
 
 class TriangularTable(fields.Table):
@@ -250,13 +107,6 @@ def _share(time: units.Instant, departure: np.datetime64, voyage: float, start: 
     return min(max(share, 0.0), 1.0)
 
 
-def _search_object(value: object) -> object:
-    try:
-        return sweep_width.find(value) if isinstance(value, str) else value
-    except UserError as error:
-        raise ValueError(str(error)) from None
-
-
 class SurvivalTable(fields.Table):
     """How long someone stays alive after going adrift: lognormal, by a median and a spread.
 
@@ -303,7 +153,9 @@ class ScenarioTable(fields.Table):
 
     name: fields.Label
     weight: fields.Weight = 1.0
-    object: Annotated[ObjectTable, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)]
+    object: Annotated[
+        ObjectTable | None, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)
+    ] = None
     motion: Annotated[str, BeforeValidator(_motion)] = "drift"
     jibe: fields.Rate | None = None
     currents: list[str] | None = None
@@ -312,20 +164,70 @@ class ScenarioTable(fields.Table):
     position: PositionTable | None = None
     area: AreaTable | None = None
     trackline: TracklineTable | None = None
-    search_object: Annotated[str, BeforeValidator(_search_object)] | None = None
+    search_object: SearchObject | None = None
     survival: SurvivalTable | None = None
+    phase: list[PhaseTable] = Field(default_factory=list)
+    vessel: VesselTable | None = None
+    distress: DistressLaw | None = None
+    overdue: fields.Time | None = None
 
     @model_validator(mode="after")
-    def one_prior(self) -> "ScenarioTable":
-        """Refuse a scenario with no place, or two."""
-        fields.one_of(self, ("position", "area", "trackline"))
+    def whole(self) -> "ScenarioTable":
+        """Refuse a scenario with no place to begin at, or two; what drifts without its object; what steers half."""
+        fields.refuse(self, [*self._place(), *self._states()])
         return self
 
-    def prior(self, start: np.datetime64) -> ReleasePrior:
-        """Return where and when it went adrift."""
+    def _place(self) -> Iterator[str]:
+        given = [name for name in ("position", "area", "trackline") if getattr(self, name) is not None]
+        if self.phase and self.phase[0].begins:
+            if given:
+                yield (
+                    f"{given[0]}: its first phase says where it begins; leave {given[0]} out, or begin with a course or "
+                    "with loitering"
+                )
+        elif self.phase and given != ["position"] and given != ["area"]:
+            yield "a first phase of a course or of loitering begins at a position or in an area; give one of them"
+        elif len(given) != 1:
+            found = " and ".join(given) if given else "none"
+            yield f"exactly one of position, area, trackline must be given; found {found}"
+
+    def _states(self) -> Iterator[str]:
+        adrift = not self.phase or self.distress is not None
+        if adrift and self.object is None:
+            yield "object is missing: what drifts? See: drift objects"
+        for name in () if self.phase else ("vessel", "distress", "overdue"):
+            if getattr(self, name) is not None:
+                yield f"{name} belongs to what is under way first; add [[scenario.phase]]"
+        if not adrift:
+            for name in ("survival", "jibe", "object", "search_object"):
+                if getattr(self, name) is not None:
+                    yield (
+                        f"{name} belongs to what goes adrift; add distress, or leave {name} out (what is looked for "
+                        "under way is vessel.search_object)"
+                    )
+
+    def prior(self, start: np.datetime64) -> ReleasePrior | None:
+        """Return where and when it begins; None: at the first way point of its first phase."""
         table = self.position or self.area or self.trackline
-        assert table is not None  # one_prior
-        return table.prior(start)
+        return table.prior(start) if table is not None else None
+
+    def itinerary(self, start: np.datetime64, folder: Path) -> Itinerary | None:
+        """Return how it steers; None: it is adrift from the first."""
+        if not self.phase:
+            return None
+        phases, wrong = [], Mistakes()
+        for number, table in enumerate(self.phase, 1):
+            with wrong.gathered(f"phase {number}"):
+                phases.append(table.phase(start, folder))
+        wrong.refuse()
+        vessel = self.vessel or VesselTable()
+        return Itinerary(
+            tuple(phases),
+            self.distress.distress(tuple(phases), start) if self.distress else None,
+            None if self.overdue is None else units.resolve(self.overdue, start),
+            vessel.land,
+            vessel.search_object,
+        )
 
     def jibe_rate(self, drifter: Drifter) -> float:
         """Return the jibing rate [1/s]; by default as published for objects with two sides."""

@@ -16,7 +16,8 @@ from pydantic import BeforeValidator, Field, model_validator
 from drift.case import fields, units
 from drift.case.mistakes import Mistakes
 from drift.case.objects import ObjectTable
-from drift.case.scenario import AreaTable, PositionTable, TracklineTable
+from drift.case.places import AreaTable, PositionTable
+from drift.case.scenario import TracklineTable
 from drift.motion.scenario import JIBE_RATE, ReleasePrior
 from drift.spill.records import DAY, FEWEST_PARTICLES, Find, Kind, Patrol, Reporting, Sinking, Spill, Team
 from geo import notation

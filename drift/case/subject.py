@@ -16,7 +16,8 @@ from drift.case.scenario import PARAMETERS, ScenarioTable
 from drift.case.schema import CaseTable
 from drift.case.spill import build as build_spill
 from drift.environment.forcing_spec import Forcing, ForcingSpec
-from drift.motion.leeway import Drifter
+from drift.motion.itinerary import Itinerary, Ways
+from drift.motion.leeway import WATER, Drifter
 from drift.motion.scenario import Scenario
 from drift.spill.records import Find, Patrol, Spill
 from geo import notation
@@ -91,6 +92,7 @@ def scenarios(
     start: np.datetime64,
     end: np.datetime64,
     forcing: Forcing,
+    folder: Path,
 ) -> tuple[Scenario, ...]:
     """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit the run."""
     wrong = Mistakes()
@@ -108,7 +110,7 @@ def scenarios(
     records = []
     for table in tables:
         with wrong.gathered():
-            records.append(_scenario(table, table.weight / (total or 1.0), start, end, forcing))
+            records.append(_scenario(table, table.weight / (total or 1.0), start, end, forcing, folder))
     wrong.refuse()
     return tuple(records)
 
@@ -119,21 +121,28 @@ def _scenario(
     start: np.datetime64,
     end: np.datetime64,
     forcing: Forcing,
+    folder: Path,
 ) -> Scenario:
     place, wrong = f'scenario "{table.name}"', Mistakes()
-    drifter = table.object.drifter()
+    drifter = table.object.drifter() if table.object else WATER
     prior: Any = None
+    itinerary: Itinerary | None = None
     with wrong.gathered(place):
         prior = table.prior(start)
+    with wrong.gathered(place):
+        itinerary = table.itinerary(start, folder)
     with wrong.gathered():
         if prior is not None:
             _check_release(place, prior, start, end)
+        if itinerary is not None:
+            _check_itinerary(place, itinerary, start, end)
     chosen: dict[str, tuple[str, ...]] = {}
     for quantity, specs in forcing.items():
         key = QUANTITIES[quantity].key
         with wrong.gathered():
             chosen[quantity] = _chosen(getattr(table, key), specs, f"{place}.{key}")
-    if len(chosen) == len(forcing) and _forced(table.motion):
+    adrift = itinerary is None or itinerary.distress is not None
+    if len(chosen) == len(forcing) and adrift and _forced(table.motion):
         with wrong.gathered():
             _check_sources(place, drifter, chosen)
     wrong.refuse()
@@ -149,6 +158,7 @@ def _scenario(
         model=table.motion,
         motion=PARAMETERS[table.motion](table),
         survival=alive,
+        itinerary=itinerary,
     )
 
 
@@ -168,6 +178,18 @@ def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetim
                 f"{place}: it may go adrift at {notation.group(time)}, outside the run, {notation.group(start)} to "
                 f"{notation.group(end)}; change its times or the case's start and end"
             )
+
+
+def _check_itinerary(place: str, itinerary: Itinerary, start: np.datetime64, end: np.datetime64) -> None:
+    """Refuse a target that steers in a backward run, or may be under way before the run."""
+    if end < start:
+        raise UserError(f"{place}: what steers runs forward; give an end after the start, or leave phases out")
+    first = itinerary.phases[0]
+    if isinstance(first, Ways) and not start <= first.start <= end:
+        raise UserError(
+            f"{place}: it may get under way at {notation.group(first.start)}, outside the run, {notation.group(start)} "
+            f"to {notation.group(end)}; change its times or the case's start and end"
+        )
 
 
 def _check_sources(place: str, drifter: Drifter, named: Mapping[str, tuple[str, ...]]) -> None:

@@ -31,7 +31,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
         facts[f"{share} area"] = f"{area:,.0f} nmi2" if area == area else "none"
     for status, share in numbers["account"].items():
         if share > 0:
-            facts[status] = _percent(share)
+            facts[status.replace("_", " ")] = _percent(share)
     facts["errors"] = numbers["uncertainty"]["told"]
     facts |= _warnings(numbers["warnings"])
     facts |= _search(numbers)

@@ -9,7 +9,7 @@ import xarray as xr
 
 from drift.forecast import areas, effective
 from drift.particles.snapshot import Means, Snapshot, mapped, means
-from drift.particles.status import Status
+from drift.particles.status import Status, under_way
 from geo import sphere
 from geo.array import Array
 from geo.cells import Cells
@@ -158,6 +158,8 @@ def build(
     forecast = xr.Dataset(data, _coordinates([snapshot.time for snapshot in snapshots], scenarios, grid, shares))
     if "effective_worlds" in forecast:
         forecast["effective_worlds"].attrs["worlds"] = counted[0].drawn
+    if not any(under_way(snapshot.status).any() for snapshot in snapshots):
+        forecast = forecast.isel(status=slice(int(Status.UNDER_WAY)))  # nothing steers: it is the last three
     return forecast
 
 

@@ -16,6 +16,9 @@ STATUS = {
     "left": "left the domain",
     "sunk": "sunk",
     "pending": "not yet released",
+    "under_way": "under way",
+    "arrived": "arrived",
+    "aground": "aground",
 }
 
 OFF_MAP = {"outside": "ran out of forcing", "left": "left the domain", "sunk": "sank", "pending": "is not yet released"}

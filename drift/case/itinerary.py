@@ -1,0 +1,486 @@
+"""How a target steers: the phases of a [[scenario]], its distress, and what land means to it.
+
+Tables of the case file, and the records of drift.motion.itinerary that they become. Each phase is one of course, track,
+lanes, voyage, loiter and bridge.
+"""
+
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from drift.case import fields, sources, units
+from drift.case.network import read
+from drift.case.objects import SearchObject
+from drift.case.places import AreaTable, EllipseTable, ErrorTable
+from drift.case.route import AsGiven
+from drift.motion import lanes
+from drift.motion.itinerary import (
+    NONE,
+    Abeam,
+    Between,
+    Course,
+    Distress,
+    InBox,
+    InDisc,
+    InRing,
+    Loiter,
+    Moment,
+    Near,
+    Part,
+    Phase,
+    Place,
+    Rate,
+    Spread,
+    WayPoint,
+    Ways,
+)
+from geo import notation, sphere
+
+LEAST_RATIO = 1.0
+
+
+def _spread(single: Callable[[object], float], example: str) -> BeforeValidator:
+    """Return a validator of an uncertain number: a value, [low, high], or a truncated triangle."""
+
+    return BeforeValidator(lambda value: _uncertain(value, single, example))
+
+
+def _uncertain(value: object, single: Callable[[object], float], example: str) -> Spread:
+    if isinstance(value, Spread):
+        return value
+    if isinstance(value, dict):
+        return _triangle(value, single, example)
+    low, high = fields.pair_of(single)(value)
+    if high < low:
+        raise ValueError(f"{value!r} must go from low to high")
+    return Spread(low, high, (low + high) / 2)
+
+
+def _triangle(value: dict[Any, Any], single: Callable[[object], float], example: str) -> Spread:
+    keys = ("low", "best", "high", "ratio")
+    if set(value) != set(keys):
+        raise ValueError(f"{value!r} must be one value, [low, high], or a table with {', '.join(keys)}, like {example}")
+    low, best, high = (single(value[key]) for key in keys[:3])
+    ratio = units.quantity(value["ratio"], "", "ratio", "4")
+    if not low <= best <= high:
+        raise ValueError(f"best {value['best']!r} must lie between low {value['low']!r} and high {value['high']!r}")
+    if ratio < LEAST_RATIO:
+        raise ValueError(f"ratio {ratio:g}, of the highest to the lowest density, must be at least 1 (1: uniform)")
+    return Spread(low, high, best, ratio)
+
+
+def _course(value: object) -> Spread:
+    """Return courses [rad]; a range through north, like [340, 20], goes on past a whole turn."""
+    if isinstance(value, Spread):
+        return value
+    one = fields.direction
+    if isinstance(value, dict) and set(value) == {"low", "best", "high", "ratio"}:
+        low, best, high = (one(value[key]) for key in ("low", "best", "high"))
+        high += 360.0 * (high < low)
+        best += 360.0 * (best < low)
+        value = {"low": low, "best": best, "high": high, "ratio": value["ratio"]}
+    elif isinstance(value, list | tuple) and len(value) == 2:
+        low, high = one(value[0]), one(value[1])
+        value = [low, high + 360.0 * (high < low)]
+    else:
+        value = one(value)
+
+    def bare(number: object) -> float:
+        return units.quantity(number, "deg", "direction", "120 deg")
+
+    spread = _uncertain(value, bare, "{ low = 340, best = 10, high = 40, ratio = 4 }")
+    return Spread(math.radians(spread.low), math.radians(spread.high), math.radians(spread.mode), spread.ratio)
+
+
+Speeds = Annotated[Spread, _spread(fields.ship_speed, '{ low = "5 kn", best = "8 kn", high = "12 kn", ratio = 4 }')]
+Courses = Annotated[Spread, BeforeValidator(_course)]
+Durations = Annotated[Spread, _spread(fields.interval, '{ low = "2 h", best = "3 h", high = "6 h", ratio = 4 }')]
+Parts = Annotated[Spread, _spread(fields.share, "{ low = 0.2, best = 0.5, high = 0.9, ratio = 4 }")]
+
+
+class Times(fields.Table):
+    """An uncertain time: a time, [earliest, latest], a truncated triangle, or a normal law."""
+
+    earliest: fields.Time | None = None
+    best: fields.Time | None = None
+    latest: fields.Time | None = None
+    ratio: float = 1.0
+    at: fields.Time | None = None
+    std: fields.Duration | None = None
+
+    @model_validator(mode="after")
+    def one_law(self) -> "Times":
+        """Refuse half a law, or two."""
+        given = {name for name in self.model_fields_set if getattr(self, name) is not None}
+        if given not in ({"at"}, {"at", "std"}, {"earliest", "latest"}, {"earliest", "best", "latest", "ratio"}):
+            raise ValueError(
+                "give a time, [earliest, latest], { earliest, best, latest, ratio } or { at, std }; found "
+                f"{', '.join(sorted(given)) or 'nothing'}"
+            )
+        if self.ratio < LEAST_RATIO:
+            raise ValueError(f"ratio {self.ratio:g}, of the highest to the lowest density, must be at least 1")
+        return self
+
+    def seconds(self, origin: np.datetime64, start: np.datetime64) -> Spread | Moment:
+        """Return the law in seconds after an origin, for a case that starts at `start`; refuse times out of order."""
+
+        def after(time: units.Instant) -> float:
+            return float((units.resolve(time, start) - origin) / np.timedelta64(1, "s"))
+
+        if self.at is not None:
+            mean = after(self.at)
+            return Moment(mean, self.std) if self.std else Spread(mean, mean, mean)
+        assert self.earliest is not None
+        assert self.latest is not None
+        low, high = after(self.earliest), after(self.latest)
+        best = after(self.best) if self.best is not None else (low + high) / 2
+        if not low <= best <= high:
+            first, last = (notation.group(units.resolve(time, start)) for time in (self.earliest, self.latest))
+            raise ValueError(f"times go from {first} to {last}, or the best one lies outside; give them in order")
+        return Spread(low, high, best, self.ratio)
+
+
+def _times(value: Any) -> Any:
+    if isinstance(value, dict | Times):
+        return value
+    if isinstance(value, list):
+        if len(value) != 2:
+            raise ValueError(f"{value!r} must be a time or [earliest, latest]")
+        return {"earliest": value[0], "latest": value[1]}
+    return {"at": value}
+
+
+Time = Annotated[Times, BeforeValidator(_times)]
+
+
+AT_ONCE = Times(at="+0 h")  # type: ignore[arg-type]  # as it is written
+
+
+class PointTable(fields.Table):
+    """A way point: where, with its error, and when it is reached."""
+
+    at: fields.Position | None = None
+    std: fields.LengthPair | None = None
+    ellipse: EllipseTable | None = None
+    error: fields.Length | None = None
+    box: fields.LengthPair | None = None
+    orientation: fields.Direction | None = None
+    radius: fields.Length | None = None
+    polygon: list[fields.Position] | None = None
+    correlation: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    time: Time | None = None
+    after: Durations | None = None
+    probability: fields.Share | None = None
+
+    @model_validator(mode="after")
+    def one_place(self) -> "PointTable":
+        """Refuse two places or two errors, and what belongs to none that is given."""
+        fields.one_of(self, ("at", "polygon"))
+        errors = [name for name in ("std", "ellipse", "error", "box", "radius") if getattr(self, name) is not None]
+        if len(errors) > 1 or (errors and self.polygon is not None):
+            raise ValueError(f"give one error of a position at most; found {' and '.join(errors)}")
+        if self.orientation is not None and errors not in (["std"], ["box"]):
+            raise ValueError("orientation belongs to std or box; an ellipse has its own inside its table")
+        if self.correlation and errors not in (["std"], ["ellipse"], ["error"]):
+            raise ValueError("correlation is that of a normal error with that of the way point before: give std too")
+        if self.box is not None and min(self.box) == 0:
+            raise ValueError("box has a side of 0; give its length and its width")
+        if self.std is not None and self.std[0] != self.std[1] and self.orientation is None:
+            raise ValueError("std has two values: give orientation too, of the first, in degrees true")
+        if self.polygon is not None:
+            AreaTable.model_construct(polygon=self.polygon).corners()
+        if self.time is not None and self.after is not None:
+            raise ValueError("give time or after, not both")
+        return self
+
+    def place(self, before: Place | None) -> Place:
+        """Return the place; before: that of the way point before, on whose deviation it may depend."""
+        if self.polygon is not None:
+            lon, lat = np.radians(np.array(AreaTable.model_construct(polygon=self.polygon).corners())).T
+            return InRing(tuple(lon.tolist()), tuple(lat.tolist()))
+        assert self.at is not None
+        lon, lat = (math.radians(angle) for angle in self.at)
+        if self.box is not None:
+            return InBox(lon, lat, *self.box, orientation=math.radians(self.orientation or 0.0))
+        if self.radius is not None:
+            return InDisc(lon, lat, self.radius)
+        if self.std is None and self.ellipse is None and self.error is None:
+            return Near(lon, lat)
+        axes = ErrorTable.model_construct(
+            std=self.std, ellipse=self.ellipse, error=self.error, orientation=self.orientation
+        ).axes()
+        own = Near(lon, lat, *axes)
+        return own if not self.correlation else correlated(own, before, self.correlation)
+
+
+def correlated(own: Near, before: Place | None, correlation: float) -> Near:
+    """Return a normal place whose deviation has a correlation with that of the place before.
+
+    With S_a and S_b the symmetric roots of the covariances (east, north) here and there, the deviation here is
+    r S_a S_b^-1 times that there, and a rest of covariance (1 - r^2) S_a^2: it keeps its own covariance.
+    """
+    if not isinstance(before, Near) or before.minor == 0:
+        raise ValueError("correlation: the way point before has no normal error; give it std, ellipse or error")
+    gain = correlation * _root(own) @ np.linalg.inv(_root(before))
+    rest = math.sqrt(1 - correlation**2)
+    follows = (float(gain[0, 0]), float(gain[0, 1]), float(gain[1, 0]), float(gain[1, 1]))
+    return Near(own.lon, own.lat, rest * own.major, rest * own.minor, own.orientation, follows)
+
+
+def _root(place: Near) -> Any:
+    s, c = math.sin(place.orientation), math.cos(place.orientation)
+    axes = np.array([[s, c], [c, -s]])
+    return axes @ np.diag([place.major, place.minor]) @ axes.T
+
+
+class WindowedTable(fields.Table):
+    """How long a phase lasts: until a time, or for a duration, or as long as the run."""
+
+    until: fields.Time | None = None
+    lasting: Annotated[fields.Duration | None, Field(alias="for")] = None
+
+    def end(self, start: np.datetime64) -> tuple[np.datetime64 | None, float]:
+        """Return when it is over at the latest, and how long it lasts at most [s]."""
+        until = None if self.until is None else units.resolve(self.until, start)
+        return until, math.inf if self.lasting is None else self.lasting
+
+
+class CourseTable(WindowedTable):
+    """A constant course, or one that changes."""
+
+    course: Courses
+    speed: Speeds
+    change: fields.Duration | None = None
+
+    def phase(self, start: np.datetime64, folder: Path) -> Course:
+        """Return the record."""
+        return Course(self.course, self.speed, self.change or 0.0, *self.end(start))
+
+
+class LoiterTable(WindowedTable):
+    """To and fro in a polygon."""
+
+    polygon: list[fields.Position]
+    speed: Speeds
+    leg: Annotated[fields.Length, Field(gt=0)]
+
+    @model_validator(mode="after")
+    def simple(self) -> "LoiterTable":
+        """Refuse what encloses no area, or not one."""
+        AreaTable.model_construct(polygon=self.polygon).corners()
+        return self
+
+    def phase(self, start: np.datetime64, folder: Path) -> Loiter:
+        """Return the record."""
+        lon, lat = np.radians(np.array(AreaTable.model_construct(polygon=self.polygon).corners())).T
+        return Loiter(InRing(tuple(lon.tolist()), tuple(lat.tolist())), self.speed, self.leg, *self.end(start))
+
+
+class TrackTable(fields.Table):
+    """Places at times after an uncertain start."""
+
+    start: Time = AT_ONCE
+    points: Annotated[list[PointTable], Field(min_length=2)]
+    min_speed: fields.Speed = 0.0
+    max_speed: fields.ShipSpeed | None = None
+
+    def phase(self, start: np.datetime64, folder: Path) -> Ways:
+        """Return the record."""
+        earliest, after = _start(self.start, start)
+        return Ways(
+            _points(self.points, None, start), earliest, after,
+            slowest=self.min_speed, fastest=self.max_speed or math.inf,
+        )  # fmt: skip
+
+
+class BridgeTable(fields.Table):
+    """Way points, and a Brownian bridge from each to the next."""
+
+    k: fields.SpreadRate
+    k_spread: Annotated[float, Field(ge=1, le=20)] = 1.0
+    points: Annotated[list[PointTable], Field(min_length=1)]
+    destinations: list[PointTable] = Field(default_factory=list)
+    min_speed: fields.Speed = 0.0
+    max_speed: fields.ShipSpeed | None = None
+
+    @model_validator(mode="after")
+    def somewhere(self) -> "BridgeTable":
+        """Refuse a bridge that leads nowhere, and destinations whose probabilities do not add up to 1."""
+        if len(self.points) + bool(self.destinations) < 2:
+            raise ValueError("points: a bridge leads from one way point to another; give two, or destinations")
+        given = [table.probability for table in self.destinations]
+        if self.destinations and (None in given or abs(math.fsum(x or 0.0 for x in given) - 1) > 1e-6):
+            raise ValueError("destinations: each has a probability, and they add up to 1")
+        if any(table.probability is not None for table in self.points):
+            raise ValueError("points: a probability belongs to destinations")
+        return self
+
+    def phase(self, start: np.datetime64, folder: Path) -> Ways:
+        """Return the record."""
+        points = _points(self.points, start, start)
+        last = points[-1].place
+        ends = tuple(
+            (_point(table, last, start, start), float(table.probability or 0.0)) for table in self.destinations
+        )
+        _in_order(list(points), start)
+        for end, _ in ends:
+            _in_order([points[-1], end], start)
+        return Ways(
+            points, start, NONE, ends, k=self.k, k_spread=math.log(self.k_spread),
+            slowest=self.min_speed, fastest=self.max_speed or math.inf,
+        )  # fmt: skip
+
+
+class VoyageTable(fields.Table):
+    """A voyage by way points: when it departs, how fast it is, how far off the track it may be."""
+
+    waypoints: Annotated[list[fields.Position], Field(min_length=2)]
+    departure: Time = AT_ONCE
+    speed: Speeds
+    cross_track: fields.Length = 0.0
+
+    def phase(self, start: np.datetime64, folder: Path) -> Ways:
+        """Return the record."""
+        lon, lat = np.radians(np.array(self.waypoints)).T
+        length = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])
+        if (length < 1).any():
+            raise ValueError("waypoints: two in a row lie in one place")
+        ahead = lanes.bearing(lon[:-1], lat[:-1], lon[1:], lat[1:])
+        behind = lanes.bearing(lon[1:], lat[1:], lon[:-1], lat[:-1]) + np.pi
+        off = np.full(lon.size, self.cross_track)
+        half, toward = lanes.across(np.append(ahead[0], behind), np.append(ahead, behind[-1]), off, off)
+        columns = (x.tolist() for x in (lon, lat, half, toward))
+        places = [Abeam(x, y, wide, away, "normal") for x, y, wide, away in zip(*columns, strict=True)]
+        return _by_speed(places, np.append(0.0, length), self.departure, self.speed, start)
+
+
+class LanesTable(fields.Table):
+    """A route along the lanes of a network."""
+
+    network: str
+    route: AsGiven
+    entry: Time = AT_ONCE
+    speed: Speeds
+
+    def phase(self, start: np.datetime64, folder: Path) -> Ways:
+        """Return the record; raise UserError where the network or the route is at fault."""
+        chart = read(sources.one_file(self.network, folder, "lanes.network"))
+        route = self.route.route(chart.network)
+        columns = (x.tolist() for x in (route.lon, route.lat, route.half, route.toward))
+        places = [Abeam(*at) for at in zip(*columns, strict=True)]
+        return _by_speed(places, np.diff(route.along, prepend=0.0), self.entry, self.speed, start)
+
+
+def _start(law: Times, start: np.datetime64) -> tuple[np.datetime64, Spread]:
+    """Return the earliest time of a start, and how long after it the start is."""
+    seconds = law.seconds(start, start)
+    if isinstance(seconds, Moment):
+        raise ValueError("a start has no std; give a time, [earliest, latest] or { earliest, best, latest, ratio }")
+    earliest = start + np.timedelta64(round(seconds.low), "s")
+    low = seconds.low
+    return earliest, Spread(0.0, seconds.high - low, seconds.mode - low, seconds.ratio)
+
+
+def _by_speed(places: list[Abeam], distance: Any, begin: Times, speed: Spread, start: np.datetime64) -> Ways:
+    points = [WayPoint(place, distance=float(far)) for place, far in zip(places, distance, strict=True)]
+    return Ways(tuple(points), *_start(begin, start), speed=speed)
+
+
+def _points(tables: list[PointTable], origin: np.datetime64 | None, start: np.datetime64) -> tuple[WayPoint, ...]:
+    points: list[WayPoint] = []
+    for table in tables:
+        points.append(_point(table, points[-1].place if points else None, origin, start))
+    return tuple(points)
+
+
+def _point(table: PointTable, before: Place | None, origin: np.datetime64 | None, start: np.datetime64) -> WayPoint:
+    """Return a way point; origin: what its times count from, None where they come as `after`."""
+    if origin is None:
+        if table.after is None or table.time is not None:
+            raise ValueError('points of a track have after, like "6 h" or ["6 h", "9 h"]: the time from its start')
+        return WayPoint(table.place(before), table.after)
+    if table.time is None or table.after is not None:
+        raise ValueError("points and destinations of a bridge have a time each")
+    return WayPoint(table.place(before), table.time.seconds(origin, start))
+
+
+def _in_order(points: list[WayPoint], start: np.datetime64) -> None:
+    """Refuse a way point that is surely reached before the one before it."""
+    for a, b in itertools.pairwise(points):
+        earliest = a.time.low if isinstance(a.time, Spread) else a.time.mean if a.time else 0.0
+        latest = b.time.high if isinstance(b.time, Spread) else b.time.mean if b.time else math.inf
+        if latest <= earliest:
+            first, last = (notation.group(start + np.timedelta64(round(t), "s")) for t in (earliest, latest))
+            raise ValueError(f"arrives {last}, before it departs, {first}; give times in the order of the way points")
+
+
+LAWS = ("course", "track", "lanes", "voyage", "loiter", "bridge")
+
+
+class PhaseTable(fields.Table):
+    """A [[scenario.phase]] table as written: one of the kinds of motion."""
+
+    course: CourseTable | None = None
+    track: TrackTable | None = None
+    lanes: LanesTable | None = None
+    voyage: VoyageTable | None = None
+    loiter: LoiterTable | None = None
+    bridge: BridgeTable | None = None
+
+    @property
+    def begins(self) -> bool:
+        """Whether it says where it begins."""
+        return self.course is None and self.loiter is None
+
+    @model_validator(mode="after")
+    def one_kind(self) -> "PhaseTable":
+        """Refuse none or two kinds."""
+        fields.one_of(self, LAWS)
+        return self
+
+    def phase(self, start: np.datetime64, folder: Path) -> Phase:
+        """Return the record; refusals say of which kind the phase is."""
+        kind = fields.one_of(self, LAWS)
+        try:
+            phase: Phase = getattr(self, kind).phase(start, folder)
+        except ValueError as error:
+            raise ValueError(f"{kind}: {error}") from None
+        return phase
+
+
+class DistressTable(fields.Table):
+    """When a target that is under way goes adrift: between two times, at a rate, or after a part of its way."""
+
+    between: Time | None = None
+    rate: Annotated[float | None, BeforeValidator(fields.rate)] = None
+    part: Parts | None = None
+
+    @model_validator(mode="after")
+    def one_law(self) -> "DistressTable":
+        """Refuse none or two laws."""
+        fields.one_of(self, ("between", "rate", "part"))
+        return self
+
+    def distress(self, phases: tuple[Phase, ...], start: np.datetime64) -> Distress:
+        """Return the record."""
+        if self.rate is not None:
+            return Rate(self.rate)
+        if self.part is not None:
+            first = phases[0]
+            if not isinstance(first, Ways) or first.points[-1].time is not None:
+                raise ValueError("distress.part is one of a voyage or a route along lanes; give between or rate")
+            return Part(self.part)
+        assert self.between is not None
+        return Between(*_start(self.between, start))
+
+
+class VesselTable(fields.Table):
+    """What a target is like while it is under way."""
+
+    search_object: SearchObject | None = None
+    land: Literal["refuse", "stop", "ignore"] = "refuse"
