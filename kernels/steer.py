@@ -343,16 +343,20 @@ def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.
     return time
 
 
-def _terms(seed: int, domain: Any) -> dict[str, int]:
+def terms(seed: int, domain: Any = None) -> dict[str, int]:
+    """Return the numbers that do not change in a run; domain: a kernels.advance.Domain, if targets are to leave it."""
     seed0, seed1 = noise.key(seed)
-    return {"seed0": seed0, "seed1": seed1, **domain._asdict()}
+    box = domain._asdict() if domain else {"west": 0, "south": 0, "width": 0, "height": 0}
+    return {"seed0": seed0, "seed1": seed1, **box}
 
 
-def _packed(columns: Any) -> Any:
+def packed(columns: Any) -> Any:
+    """Return the columns of targets, by name, in a pack."""
     return launch.pack(Columns, *(columns[name] for name in COLUMNS))
 
 
-def _slots(own: Batch) -> tuple:
+def slots_of(own: Batch) -> tuple:
+    """Return a batch as kernels take it."""
     return own.listed, own.first, own.last, own.slots, own.shift
 
 
@@ -364,8 +368,8 @@ def born(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast |
     device, to which are added candidates drawn and slots that found no water.
     """
     _born(
-        coast is not None, *_slots(own), _packed(columns), plan, (coast or open_sea()).pack,
-        Terms(**_terms(seed, domain)), tries,
+        coast is not None, *slots_of(own), packed(columns), plan, (coast or open_sea()).pack,
+        Terms(**terms(seed, domain)), tries,
     )  # fmt: skip
 
 
@@ -375,7 +379,7 @@ def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
     See `born`; the function takes a kernels.advance.Step.
     """
     sea = (coast or open_sea()).pack
-    args = (coast is not None, *_slots(own), _packed(columns), plan, sea, _terms(seed, domain), 0, 1, 0)
+    args = (coast is not None, *slots_of(own), packed(columns), plan, sea, terms(seed, domain), 0, 1, 0)
     move = launch.bind(_steer, args, ("elapsed", "duration", "step"))
     return lambda step: move(step.elapsed, step.duration, step.number)
 
@@ -391,6 +395,6 @@ def inside(
     key of the noise there.
     """
     _inside(
-        coast is not None, *_slots(own), _packed(before), plan, (coast or open_sea()).pack,
-        Terms(**_terms(seed, domain)), step.elapsed, step.duration, step.number, when, since, moment, *begin,
+        coast is not None, *slots_of(own), packed(before), plan, (coast or open_sea()).pack,
+        Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, when, since, moment, *begin,
     )  # fmt: skip

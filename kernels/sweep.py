@@ -171,7 +171,7 @@ def _expose(
     for nth in range(first, last):
         i = batch.slot(listed, slots, nth)
         own = scenario[i] * stride
-        looks = status[i] != life.PENDING
+        looks = status[i] < life.PENDING
         if ti.static(kind in (CUBE, ABEAM)):
             looks = looks and scale[own] > 0.0
         if looks:
@@ -189,7 +189,7 @@ def _expose(
                     b = _at(x, y, dx, dy, (time[k + 1] - leaves) * pace, k + 1, place, trig)
                     far_b = ti.sqrt(b[0] * b[0] + b[1] * b[1])
                     if searching[k] == 1:
-                        total += _piece(
+                        total += piece(
                             kind, a, b, far_a, far_b, time[k + 1] - time[k], 4 * k, 4 * k + 2,
                             course, table, scale, own, scales, exposure, size, i,
                         )  # fmt: skip
@@ -203,11 +203,11 @@ def _expose(
                             end = leaves
                         elif begin < moored and moored < end:
                             end = moored
-                        a = _apart(x, y, dx, dy, leaves, pace, begin, k, time, place, trig)
-                        b = _apart(x, y, dx, dy, leaves, pace, end, k, time, place, trig)
+                        a = apart(x, y, dx, dy, leaves, pace, begin, k, time, place, trig)
+                        b = apart(x, y, dx, dy, leaves, pace, end, k, time, place, trig)
                         far_a, far_b = ti.sqrt(a[0] * a[0] + a[1] * a[1]), ti.sqrt(b[0] * b[0] + b[1] * b[1])
                         last_node = 4 * k + 2 * ti.cast(end == time[k + 1], ti.i32)
-                        total += _piece(
+                        total += piece(
                             kind, a, b, far_a, far_b, end - begin, 4 * k, last_node,
                             course, table, scale, own, scales, exposure, size, i,
                         )  # fmt: skip
@@ -217,7 +217,7 @@ def _expose(
 
 
 @ti.func
-def _piece(
+def piece(
     kind: ti.template(),
     a: f32x2,
     b: f32x2,
@@ -268,7 +268,7 @@ def _at(
 
 
 @ti.func
-def _apart(
+def apart(
     x: ti.i32,
     y: ti.i32,
     dx: ti.f32,
@@ -310,6 +310,7 @@ class Track(NamedTuple):
     trig: np.ndarray  # float32, of each node the cosine of its latitude and `bend`, see `relative`, (2 (k + 1),)
     course: np.ndarray  # float32, the leg's course east and north at begin and end of each piece, (4 k,)
     searching: np.ndarray  # int32, (k,): 1 where it searches
+    leg: np.ndarray  # int32, (k,): number of the leg of which it is a part, from 1
 
 
 def expose(
@@ -336,30 +337,49 @@ def expose(
     e, scale = ensemble, np.asarray(scale, np.float32)
     _expose(
         kind, own.listed, own.first, own.last, own.slots, e.scenario, *before, e.lon, e.lat, e.status, e.release,
-        e.status_since, e.moving_since, elapsed, duration, *track, np.asarray(table, np.float32), scale.reshape(-1),
+        e.status_since, e.moving_since, elapsed, duration, *track[:-1], np.asarray(table, np.float32), scale.reshape(-1),
         scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, e.n,
     )  # fmt: skip
 
 
 @ti.func
-def _log_miss(meaning: ti.template(), exposure: ti.f32, coefficient: ti.f32) -> ti.f32:
+def _whole(share: ti.f32) -> ti.f32:
+    """Return a share of time, 1 where it is all of it but for rounding."""
+    return 1.0 if share > 1.0 - 1e-5 else share
+
+
+@ti.func
+def _log_miss(
+    meaning: ti.template(),
+    both: ti.template(),
+    exposure: ti.f32,
+    coefficient: ti.f32,
+    other: ti.f32,
+    other_coefficient: ti.f32,
+) -> ti.f32:
+    """Return the log of a miss of what was adrift; both: and under way, with an exposure and coefficient of its own."""
     miss = exposure
     if ti.static(meaning == HAZARD):
         miss = -exposure * coefficient
+        if ti.static(both):
+            miss -= other * other_coefficient
     elif ti.static(meaning == SHARE):
-        share = exposure
-        if share > 1.0 - 1e-5:  # it is all the time, but for rounding
-            share = 1.0
-        miss = ti.log(ti.max(1.0 - share * coefficient, 0.0))
+        found = _whole(exposure) * coefficient
+        if ti.static(both):
+            found += _whole(other) * other_coefficient
+        miss = ti.log(ti.max(1.0 - found, 0.0))
     return miss
 
 
 @ti.kernel
 def _fail(
     meaning: ti.template(),
+    both: ti.template(),
     scenario: Ints,
     exposure: Reals,
     coefficient: HostReals,
+    other: Reals,
+    other_coefficient: HostReals,
     chances: HostReals,
     shared: Reals,
     log_weight: Reals,
@@ -371,9 +391,16 @@ def _fail(
         most = coefficient[own]
         for f in range(1, factors):
             most = ti.max(most, coefficient[own + f])
+        under_way = 0.0
+        if ti.static(both):
+            under_way = other[i]
+            for f in range(factors):
+                most = ti.max(most, other_coefficient[own + f])
         if most > 0.0:
             if factors == 1:
-                log_weight[i] += _log_miss(meaning, exposure[i], coefficient[own])
+                log_weight[i] += _log_miss(
+                    meaning, both, exposure[i], coefficient[own], under_way, other_coefficient[own]
+                )
             elif log_weight[i] > -ti.math.inf:
                 # The weight changes by the ratio of two means over the factor: of the product of all misses so far,
                 # after and before this one.
@@ -386,7 +413,9 @@ def _fail(
                     at = i
                     if ti.static(meaning == MISS):
                         at += f * size
-                    shared[f * size + i] += _log_miss(meaning, exposure[at], coefficient[own + f])
+                    shared[f * size + i] += _log_miss(
+                        meaning, both, exposure[at], coefficient[own + f], under_way, other_coefficient[own + f]
+                    )
                     top_after = ti.max(top_after, shared[f * size + i])
                 if top_after == -ti.math.inf:
                     log_weight[i] = top_after
@@ -404,6 +433,7 @@ def fail(
     chances: np.ndarray,
     shared: Any,
     log_weight: Any,
+    also: tuple[Any, np.ndarray] | None = None,
 ) -> None:
     """Multiply all weights by the chance that a sortie missed each particle, in place.
 
@@ -412,6 +442,11 @@ def fail(
     coefficient: by scenario and factor of the sweep width, (scenarios, factors); a scenario that has none above 0 was
     not searched. chances: by factor, (factors,). shared: device (factors * n,), the logs of the misses of all sorties
     that share the unknown factor, so far; used only for several factors, whose mean is taken after their product.
+    also: exposure of what was under way, and coefficients of the same shape; None: nothing was.
     """
-    tables = (np.asarray(x, np.float32).reshape(-1) for x in (coefficient, chances))
-    _fail(meaning, scenario, exposure, *tables, shared, log_weight, log_weight.shape[0])
+    other, by = also or (exposure, coefficient)
+    coefficients, others, each = (np.asarray(x, np.float32).reshape(-1) for x in (coefficient, by, chances))
+    _fail(
+        meaning, also is not None, scenario, exposure, coefficients, other, others, each, shared, log_weight,
+        log_weight.shape[0],
+    )  # fmt: skip

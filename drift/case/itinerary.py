@@ -158,7 +158,7 @@ def _times(value: Any) -> Any:
 Time = Annotated[Times, BeforeValidator(_times)]
 
 
-AT_ONCE = Times(at="+0 h")  # type: ignore[arg-type]  # as it is written
+AT_ONCE = Times(at="+0 h")  # as it is written
 
 
 class PointTable(fields.Table):

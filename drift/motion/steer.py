@@ -4,6 +4,7 @@ docs/targets.md; the kernel is kernels.steer.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,10 @@ from drift.motion.period import Period
 from drift.particles.ensemble import NEVER, Column, Device, Ensemble
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import runtime, steer
+from kernels import runtime, steer, sweep_targets
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
+from kernels.sweep import Track
 
 COLUMNS = (
     Column("birth", np.int32, 0, "", "slot in which it was born: the key of what is settled at birth"),
@@ -51,14 +53,52 @@ class Helm:
     """What steers the targets of one ensemble in one scene."""
 
     def __init__(
-        self, ensemble: Ensemble, steering: Steering, domain: kernel.Domain, coast: DeviceCoast | None
+        self,
+        ensemble: Ensemble,
+        steering: Steering,
+        domain: kernel.Domain,
+        coast: DeviceCoast | None,
+        scenarios: tuple[int, ...] | None = None,
     ) -> None:
-        """Lay out the itineraries on the device."""
-        self.batch: Batch = ensemble.batch(steering.scenarios)
+        """Lay out the itineraries on the device; scenarios: numbers of those that it steers, by default all that do."""
+        self.batch: Batch = ensemble.batch(steering.scenarios if scenarios is None else scenarios)
         self.plan = itinerary_tables.plan(steering.itineraries, steering.period)
-        self._ensemble, self._domain = ensemble, domain
+        self._ensemble, self._steering, self._domain = ensemble, steering, domain
         self._coast = coast if any(own and own.land != "ignore" for own in steering.itineraries) else None
-        self._move = steer.mover(columns(ensemble), self.batch, self.plan, ensemble.seed, domain, self._coast)
+        self._parts: dict[tuple[int, ...], Helm] = {}
+
+    @cached_property
+    def _move(self) -> kernel.Move:
+        e = self._ensemble
+        move: kernel.Move = steer.mover(columns(e), self.batch, self.plan, e.seed, self._domain, self._coast)
+        return move
+
+    def some(self, scenarios: Sequence[int]) -> "Helm | None":
+        """Return what steers those of some scenarios that steer; None: none does."""
+        chosen = tuple(k for k in self.batch.scenarios if k in set(scenarios))
+        if chosen == self.batch.scenarios or not chosen:
+            return self if chosen else None
+        if chosen not in self._parts:
+            self._parts[chosen] = Helm(self._ensemble, self._steering, self._domain, self._coast, chosen)
+        return self._parts[chosen]
+
+    def expose(
+        self,
+        kept: Mapping[str, Device],
+        step: kernel.Step,
+        kind: int,
+        track: Track,
+        table: Array,
+        scale: Array,
+        unit: Array,
+        exposure: Device,
+        passed: Device,
+    ) -> None:
+        """Add what a sensor does to targets on a stretch of the step just made: see kernels.sweep_targets.expose."""
+        sweep_targets.expose(
+            kept, self.batch, self.plan, self._ensemble.seed, self._coast, step, kind, track, table, scale, unit,
+            exposure, passed,
+        )  # fmt: skip
 
     def born(self, tries: Device) -> None:
         """Draw where and when targets begin and go adrift: see kernels.steer.born."""

@@ -6,24 +6,46 @@ zones. All of it is kept on the device, in columns that go when the sortie is ov
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from drift.motion.forcing import Forcing
+from drift.motion.scene import Begin
+from drift.motion.steer import Helm
 from drift.particles.ensemble import Ensemble
-from drift.search import laws, markers, sensor_path
+from drift.search import laws, markers, patterns, sensor_path
 from drift.search.markers import Marker, Tracked
 from drift.search.records import Sortie
 from geo import notation
 from geo.array import Array
 from kernels import runtime, sweep
+from kernels.advance import Step
 
 Device = Any
 
 CERTAIN = 1 - 1e-12  # highest chance of detection of a watch that has a finite hazard
+
+
+@dataclass(frozen=True)
+class Exposed:
+    """What a sortie has done to each particle, on the device."""
+
+    adrift: Device  # exposure while it was adrift (n,); logs of misses by factor of the sweep width (factors * n,)
+    inside: Device | None  # share of the time in its area (n,), where exposure is another quantity
+    under_way: Device | None  # exposure while it was under way (n,); None: nothing steers, or passes have been written
+    passed: Device | None  # number of the leg on which a target under way has last been passed (n,)
+
+    @property
+    def columns(self) -> list[Device]:
+        """Its columns."""
+        return [column for column in (self.adrift, self.inside, self.under_way, self.passed) if column is not None]
+
+    def copy(self) -> "Exposed":
+        """Return a copy."""
+        return Exposed(*(None if column is None else runtime.copy(column) for column in vars(self).values()))
 
 
 class SortieExposure:
@@ -50,7 +72,7 @@ class SortieExposure:
         if sortie.frame == "datum":
             self._datum, self._ways = self._drifting(start, seas)
         self._seen = self.begin  # the time [s] up to which its columns count
-        self.columns: list[Device] = []  # exposure; where that is another quantity, also the share of time in its area
+        self.exposed: Exposed | None = None  # what it has done to each particle; None: nothing yet
 
     def _drifting(
         self, start: int, seas: Sequence[tuple[int, ...]]
@@ -87,79 +109,131 @@ class SortieExposure:
                 marker.drift(forcing, elapsed, duration)
 
     def expose(
-        self, ensemble: Ensemble, before: tuple[Device, Device], step: tuple[int, int], until: int, keep: bool = True
-    ) -> list[Device]:
-        """Return its columns with what it does until a time within the step (elapsed, duration) that was just made.
+        self, ensemble: Ensemble, begin: Begin, helm: Helm | None, step: Step, until: int, keep: bool = True
+    ) -> Exposed:
+        """Return what it has done to each particle until a time within the step that was just made.
 
-        keep: whether its own columns change. They stay as they were for one who merely looks, so that its legs are not
-        cut there.
+        begin: where particles began the step; helm: what steers them. keep: whether its own columns change. They stay
+        as they were for one who merely looks, so that its legs are not cut there.
         """
-        if not self.columns:
-            several = len(self.factors) if self._kind == sweep.ABEAM else 1
-            self.columns = [runtime.empty(ensemble.n * several)]
-            if self._kind in (sweep.CUBE, sweep.ABEAM) and self._place is not None:
-                self.columns.append(runtime.empty(ensemble.n))
-        begin, end = max(self._seen, step[0], self.begin), min(until, self.end)
-        if begin >= end:
-            return self.columns
-        columns = self.columns if keep else [runtime.copy(column) for column in self.columns]
+        if self.exposed is None:
+            self.exposed = self._empty(ensemble, helm is not None)
+        first, last = max(self._seen, step.elapsed, self.begin), min(until, self.end)
+        if first >= last:
+            return self.exposed
+        exposed = self.exposed if keep else self.exposed.copy()
         if keep:
-            self._seen = end
+            self._seen = last
         share = np.array([1 / (self.end - self.begin)])
+        times, before = (step.elapsed, step.duration), (begin.lon, begin.lat)
         for scenarios, marker in self._ways:
             own, moved = ensemble.batch(scenarios), marker.where if marker else None
+            steered = helm.some(scenarios) if helm and begin.helm else None
             if self._path is not None and self._looks:
-                track = self._path.between(begin, end, step[0], moved, self._datum)
+                track = self._path.between(first, last, step.elapsed, moved, self._datum)
                 if track is not None:
-                    sweep.expose(ensemble, own, before, *step, self._kind, track, *self._tables, columns[0])
-            if self._place is not None:
-                track = self._place.between(begin, end, step[0], moved, self._datum)
-                sweep.expose(ensemble, own, before, *step, sweep.INSIDE, track, self._ring, share, columns[-1])
-        return columns
+                    sweep.expose(ensemble, own, before, *times, self._kind, track, *self._tables, exposed.adrift)
+                    if steered and begin.helm:
+                        column = exposed.adrift if self._kind == sweep.ABEAM else exposed.under_way
+                        steered.expose(
+                            begin.helm, step, self._kind, track, *self._tables_under_way, self._unit, column,
+                            exposed.passed,
+                        )  # fmt: skip
+            if self._place is not None and self._ring is not None:
+                track = self._place.between(first, last, step.elapsed, moved, self._datum)
+                apart = exposed.inside is not None
+                inside = exposed.inside if apart else exposed.adrift
+                sweep.expose(ensemble, own, before, *times, sweep.INSIDE, track, self._ring, share, inside)
+                if steered and begin.helm and track is not None:
+                    column = exposed.inside if apart else exposed.under_way
+                    steered.expose(
+                        begin.helm, step, sweep.INSIDE, track, self._ring, share, self._unit, column, exposed.passed
+                    )
+        return exposed
+
+    def _empty(self, ensemble: Ensemble, steers: bool) -> Exposed:
+        several = len(self.factors) if self._kind == sweep.ABEAM else 1
+        apart = self._kind in (sweep.CUBE, sweep.ABEAM) and self._place is not None
+        return Exposed(
+            runtime.empty(ensemble.n * several),
+            runtime.empty(ensemble.n) if apart else None,
+            runtime.empty(ensemble.n) if steers and self._kind != sweep.ABEAM else None,
+            runtime.empty(ensemble.n) if steers else None,
+        )
 
     @property
     def _looks(self) -> bool:
         """Whether there is anything that it may see along its path."""
-        return bool(self.sortie.watch) or max(self.sortie.sweep_width) > 0
+        return bool(self.sortie.watch) or max(*self.sortie.sweep_width, *self._width_under_way) > 0
+
+    @property
+    def _width_under_way(self) -> tuple[float, ...]:
+        return self.sortie.width_under_way or self.sortie.sweep_width
+
+    @cached_property
+    def _unit(self) -> Array:
+        """The range [m], by scenario, below which nothing finer matters to it."""
+        if self.sortie.watch:
+            return np.full(self._scenarios, min(self.sortie.watch.outer))
+        if self._path is None and self.sortie.area is not None:
+            return np.full(self._scenarios, math.sqrt(patterns.square_metres(self.sortie.area)) / 4)
+        return np.maximum(self._width_under_way, 1.0)
 
     @cached_property
     def _tables(self) -> tuple[Array, Array]:
         """The kernel's table and scale, the latter by scenario unless it is the same for all."""
+        return self._tables_of(self.sortie.sweep_width)
+
+    @cached_property
+    def _tables_under_way(self) -> tuple[Array, Array]:
+        """The same for targets under way."""
+        return self._tables_of(self._width_under_way)
+
+    def _tables_of(self, widths: Sequence[float]) -> tuple[Array, Array]:
         if self.sortie.watch:
             watch = self.sortie.watch
             chance = np.minimum(np.array(watch.pod), CERTAIN)
             rate = -np.log1p(-chance) * self.sortie.completed / (self.end - self.begin)
             return np.stack([watch.inner, watch.outer], axis=1).reshape(-1), rate
-        width = np.array(self.sortie.sweep_width)[:, None]
+        width = np.array(widths)[:, None]
         if self._kind == sweep.CUBE:
             return np.zeros(1), width > 0
         ranges, chances = laws.table(self.sortie.law)
         factors = np.where(width > 0, width, 1.0) * self.factors
         return np.stack([ranges, chances], axis=1).reshape(-1), np.where(width > 0, 1 / factors, 0.0)
 
-    def fail(self, ensemble: Ensemble, columns: list[Device], shared: Device, log_weight: Device) -> None:
+    def fail(self, ensemble: Ensemble, exposed: Exposed, shared: Device, log_weight: Device) -> None:
         """Multiply weights by the chance that it has missed each particle, in place.
 
-        columns: its exposure of them. shared: logs of the misses so far of all sorties that share its unknown factor of
-        sweep width.
+        exposed: what it has done to them. shared: logs of the misses so far of all sorties that share its unknown
+        factor of sweep width.
         """
         meaning, coefficient = self._coefficients
-        if coefficient.max() > 0:
-            sweep.fail(ensemble.scenario, meaning, columns[0], coefficient, self.chances, shared, log_weight)
+        also = None if exposed.under_way is None else (exposed.under_way, self._coefficients_under_way[1])
+        if max(coefficient.max(), also[1].max() if also else 0.0) > 0:
+            sweep.fail(ensemble.scenario, meaning, exposed.adrift, coefficient, self.chances, shared, log_weight, also)
 
     @cached_property
     def _coefficients(self) -> tuple[int, Array]:
         """What the exposure means, and what to multiply it by, (scenarios, factors of the sweep width)."""
+        return self._coefficients_of(self.sortie.sweep_width, self.sortie.coverage)
+
+    @cached_property
+    def _coefficients_under_way(self) -> tuple[int, Array]:
+        """The same for targets under way."""
+        return self._coefficients_of(self._width_under_way, self.sortie.coverage_under_way or self.sortie.coverage)
+
+    def _coefficients_of(self, widths: Sequence[float], coverages: Sequence[float]) -> tuple[int, Array]:
         sortie, kind = self.sortie, self._kind
         if kind == sweep.ZONES:
             return sweep.HAZARD, np.ones((self._scenarios, 1))
         if kind == sweep.INSIDE:
-            coverage = np.array(sortie.coverage)[:, None] * self.factors
+            coverage = np.array(coverages)[:, None] * self.factors
             if laws.of(sortie.law).detects == "anywhere":
                 return sweep.HAZARD, coverage * sortie.completed
             pod = [laws.pod(sortie.law, own) for own in coverage]
             return sweep.SHARE, np.array(pod) * sortie.completed
-        width = np.array(sortie.sweep_width)[:, None] * self.factors
+        width = np.array(widths)[:, None] * self.factors
         if kind == sweep.CUBE:
             return sweep.HAZARD, width**2 / (4 * math.pi)
         return sweep.MISS, np.repeat(width[:, :1] > 0, len(self.factors), axis=1)
@@ -169,7 +243,13 @@ class SortieExposure:
 
         That is in its area; of a watch, which has none, the share is 1 of all that came into a zone.
         """
+        assert self.exposed is not None
+        own = self.exposed
         if self._place is None:
-            exposed = self.columns[0].to_numpy().reshape(len(self.factors) if self._kind == sweep.ABEAM else 1, -1)
-            return np.asarray(exposed.any(axis=0), np.float64)
-        return np.asarray(self.columns[-1].to_numpy(), np.float64)
+            adrift = own.adrift.to_numpy().reshape(len(self.factors) if self._kind == sweep.ABEAM else 1, -1)
+            seen = adrift.any(axis=0)
+            return np.asarray(seen if own.under_way is None else seen | own.under_way.to_numpy().astype(bool), float)
+        if own.inside is not None:
+            return np.asarray(own.inside.to_numpy(), np.float64)
+        both = own.adrift.to_numpy() if own.under_way is None else own.adrift.to_numpy() + own.under_way.to_numpy()
+        return np.asarray(both, np.float64)

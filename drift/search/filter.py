@@ -23,7 +23,7 @@ from drift.particles.status import Status, on_map
 from drift.particles.weights import Weighed
 from drift.search import contacts as contact_laws
 from drift.search import debris
-from drift.search.exposure import SortieExposure
+from drift.search.exposure import Exposed, SortieExposure
 from drift.search.records import Contact, Resampling, Sortie
 from drift.search.standing import Standing, standing
 from drift.search.updates import Update, Updates
@@ -57,7 +57,7 @@ class Search:
         self._waiting = list(self._all)
         self._contacts = [(spec.period.elapsed(contact.time), contact) for contact in contacts]
         self._shared: dict[tuple[str, float], Device] = {}
-        self._step = (0, 0)
+        self._step: Step | None = None
         self._begin: Begin | None = None  # where the particles began the present step
         self._debris = debris.of_contacts(spec, self._contacts, scene)
         self._updates: list[Update] = []
@@ -91,7 +91,7 @@ class Search:
 
     def before(self, elapsed: int, duration: int) -> bool:
         """Take the markers of sorties over a step, for which the forcing is set; return whether any is flown in it."""
-        self._step, under_way = (elapsed, duration), self._flown(elapsed + duration)
+        under_way = self._flown(elapsed + duration)
         for flown in under_way:
             flown.drift(self._scene.forcing, elapsed, duration)
         return bool(under_way)
@@ -102,6 +102,7 @@ class Search:
 
     def advance(self, low: int, high: int, step: Step) -> None:
         """Move debris over a step."""
+        self._step = step
         for beside in self._debris.values():
             if beside.last > step.elapsed:
                 beside.begin = beside.scene.advance(beside.ensemble, low, high, step, keep=True)
@@ -110,9 +111,10 @@ class Search:
         """Return the sorties that have begun before a time and are not over."""
         return [flown for flown in self._waiting if flown.begin < until]
 
-    def _exposed(self, flown: SortieExposure, until: int, keep: bool) -> list[Device]:
+    def _exposed(self, flown: SortieExposure, until: int, keep: bool) -> Exposed:
         assert self._begin is not None
-        return flown.expose(self.ensemble, self._begin[:2], self._step, until, keep)
+        assert self._step is not None
+        return flown.expose(self.ensemble, self._begin, self._scene.helm(self.ensemble), self._step, until, keep)
 
     def take_effect(self, time: int, place: PositionsAt) -> None:
         """Change weights by all that ends or is seen at a time.
@@ -122,7 +124,7 @@ class Search:
         for flown in [f for f in self._waiting if f.end == time]:
             self._fail(flown)
             self._waiting.remove(flown)
-            flown.columns = []
+            flown.exposed = None
             if all(other.sortie.group != flown.sortie.group for other in self._waiting):
                 self._shared.pop((flown.sortie.group, flown.sortie.shape), None)
         for when, contact in [c for c in self._contacts if c[0] == time]:
@@ -131,9 +133,9 @@ class Search:
 
     def _fail(self, flown: SortieExposure) -> None:
         """Change weights because a sortie found nothing."""
-        sortie, columns = flown.sortie, self._exposed(flown, flown.end, keep=True)
+        sortie, exposed = flown.sortie, self._exposed(flown, flown.end, keep=True)
         before = self.ensemble.log_weight.to_numpy()
-        flown.fail(self.ensemble, columns, self._group(flown, self._shared), self.ensemble.log_weight)
+        flown.fail(self.ensemble, exposed, self._group(flown, self._shared), self.ensemble.log_weight)
         after = self.ensemble.log_weight.to_numpy()
         then, now = self._weighed(before), self._weighed(after)
         evidence = self._evidence(then, now, f'sortie "{sortie.name}"')
@@ -251,7 +253,8 @@ class Search:
         with np.errstate(invalid="ignore"):  # spare slots have no weight before or after
             own = self.unsearched[ancestors] - before[ancestors] + log_weight
         self.unsearched = np.where(log_weight > -np.inf, own, -np.inf)
-        columns = [column for flown in self._waiting for column in flown.columns] + list(self._shared.values())
+        begun = [flown.exposed.columns for flown in self._waiting if flown.exposed]
+        columns = [column for own in begun for column in own] + list(self._shared.values())
         for beside in self._debris.values():
             record.inherit(beside.ensemble, ancestors)
             self._wait_anew(beside.ensemble, until)

@@ -46,10 +46,12 @@ class Sortie:
     end: np.datetime64
     law: Law
     sweep_width: tuple[float, ...]  # [m], one per scenario; 0: its object is not seen
+    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
     shape: float = math.inf  # shape of the gamma distribution (mean 1) of the unknown factor of W; inf: W is known
     group: str = ""  # sorties of one group share that factor
     area: Area | None = None  # the area that it searched; with legs, the area that counts as searched
     coverage: tuple[float, ...] = ()  # C = W v t / A, one per scenario; of an area without legs
+    coverage_under_way: tuple[float, ...] = ()  # the same while it is under way
     legs: Legs | None = None  # tracks made good; of a watch, where its sensor was
     watch: Watch | None = None
     completed: float = 1.0  # share of the effort that was spent; legs are already cut

@@ -34,6 +34,7 @@ class Path:
     lat: Array
     course: Array  # east and north of the leg's direction at begin and end of each piece, (k, 4)
     searching: Array  # bool (k,)
+    leg: Array  # int (k,): number of the leg of which each piece is a part, from 1
 
     def between(
         self, begin: float, end: float, elapsed: int, moved: Moved | None, datum: tuple[float, float]
@@ -71,6 +72,7 @@ class Path:
             trig.astype(np.float32).reshape(-1),
             course.astype(np.float32).reshape(-1),
             self.searching[piece].astype(np.int32),
+            self.leg[piece].astype(np.int32),
         )
 
     def _at(self, time: Array) -> tuple[Array, Array]:
@@ -90,7 +92,7 @@ class Path:
 
 def of_legs(legs: Legs, start: int) -> Path:
     """Return the path of legs; start: of the run [s since 1970]."""
-    time, lon, lat, course, searching = [legs.time[0]], [legs.lon[0]], [legs.lat[0]], [], []
+    time, lon, lat, course, searching, leg = [legs.time[0]], [legs.lon[0]], [legs.lat[0]], [], [], []
     for k, seeks in enumerate(legs.searching):
         longest = PIECE * min(1.0, 1.9 / max(math.tan(math.radians(max(map(abs, legs.lat[k : k + 2])))), 1e-9))
         x, y = sphere.track(np.radians(legs.lon[k : k + 2]), np.radians(legs.lat[k : k + 2]), longest)
@@ -106,14 +108,19 @@ def of_legs(legs: Legs, start: int) -> Path:
         lon.extend(np.degrees(x[1:]))
         lat.extend(np.degrees(y[1:]))
         searching.extend([seeks] * pieces)
+        leg.extend([k + 1] * pieces)
     unwrapped = np.degrees(np.unwrap(np.radians(lon)))
-    return Path(np.array(time) - start, unwrapped, np.array(lat), np.concatenate(course), np.array(searching))
+    return Path(
+        np.array(time) - start, unwrapped, np.array(lat), np.concatenate(course), np.array(searching), np.array(leg)
+    )
 
 
 def standing(lon: float, lat: float, begin: float, end: float) -> Path:
     """Return the path of what stays at a place [deg] from begin to end [s after the run's start]."""
     course = np.array([[0.0, 1.0, 0.0, 1.0]])
-    return Path(np.array([begin, end]), np.array([lon, lon]), np.array([lat, lat]), course, np.array([True]))
+    return Path(
+        np.array([begin, end]), np.array([lon, lon]), np.array([lat, lat]), course, np.array([True]), np.array([1])
+    )
 
 
 def chart(at_lon: float, at_lat: float, lon: Array, lat: Array) -> tuple[Array, Array]:
