@@ -17,7 +17,7 @@ from kernels import batch, life, noise, sphere, steer, ways
 from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.itinerary import Chance, Plan
-from kernels.sweep import ABEAM, CUBE, INSIDE, ZONES, HostInts, HostReals, Track, apart, piece
+from kernels.sweep import ABEAM, CUBE, INSIDE, ZONES, HostInts, HostReals, Track, apart, chance, piece
 
 DEPTH = 14  # a step is halved so many times at most: an hour to 0.2 s
 STRAY = 0.25  # most that a bridge may stray within a part, in ranges
@@ -69,6 +69,37 @@ def _range(
         if (along_a < 0.0) != (along_b < 0.0):
             near = ti.max(beyond, 0.0)
     return near
+
+
+@ti.func
+def _pass(
+    a: f32x2,
+    b: f32x2,
+    first: ti.i32,
+    last: ti.i32,
+    number: ti.f32,
+    heading: ti.template(),
+    table: ti.template(),
+    scale: ti.template(),
+    own: ti.i32,
+    scales: ti.i32,
+    exposure: ti.template(),
+    passed: ti.template(),
+    size: ti.i32,
+    i: ti.i32,
+):
+    """Write the log of a miss where a part of a bridge from a to b comes abeam of a leg for the first time.
+
+    A bridge comes abeam without number; of each leg its first pass counts, at the range that it has then. number: of the
+    leg; the rest is as in kernels.sweep.piece.
+    """
+    along_a = a[0] * heading[first] + a[1] * heading[first + 1]
+    along_b = b[0] * heading[last] + b[1] * heading[last + 1]
+    if (along_a > 0.0) != (along_b > 0.0) and passed[i] != number:
+        passed[i] = number
+        at = a + along_a / (along_a - along_b) * (b - a)
+        for f in range(scales):
+            exposure[f * size + i] += ti.log(1.0 - chance(table, at.norm() * scale[own + f]))
 
 
 @ti.kernel
@@ -166,17 +197,12 @@ def _expose(
                                                 half = 0.5 * (s1 - s0 + f32x2(vx, vy) * (high - low))
                                                 middle = 0.5 * (a + b)
                                                 a, b = middle - half, middle + half
-                                            counts = True
-                                            if ti.static(kind == ABEAM):
-                                                # A bridge comes abeam without number: of each leg the first pass counts.
-                                                if k > 0.0:
-                                                    counts = passed[i] != ti.cast(leg_of[p], ti.f32)
-                                                    crossed = (
-                                                        a[0] * heading[4 * p] + a[1] * heading[4 * p + 1] > 0.0
-                                                    ) != (b[0] * heading[to_node] + b[1] * heading[to_node + 1] > 0.0)
-                                                    if counts and crossed:
-                                                        passed[i] = ti.cast(leg_of[p], ti.f32)
-                                            if counts:
+                                            if k > 0.0 and ti.static(kind == ABEAM):
+                                                _pass(
+                                                    a, b, 4 * p, to_node, ti.cast(leg_of[p], ti.f32), heading, table,
+                                                    scale, own, scales, exposure, passed, size, i,
+                                                )  # fmt: skip
+                                            else:
                                                 found += piece(
                                                     kind, a, b, a.norm(), b.norm(), high - low, 4 * p, to_node,
                                                     heading, table, scale, own, scales, exposure, size, i,
