@@ -68,7 +68,7 @@ STRENGTH = ((1.2, ""), (3.0, "weak"), (20.0, "positive"), (150.0, "strong"), (ma
 
 def draw(updates: Updates, path: Path, setting: Setting) -> None:
     """Draw the evidence of a search; of many scenarios the likeliest, and the others together."""
-    updates = together(updates)
+    every, updates = updates, together(updates)
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
@@ -88,7 +88,7 @@ def draw(updates: Updates, path: Path, setting: Setting) -> None:
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
     _cumulative(figure, updates, room)
-    sheet.head(on, setting.imprint, _account(updates, len(steps) - len(shown)))
+    sheet.head(on, setting.imprint, _account(every, len(steps) - len(shown)))
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:

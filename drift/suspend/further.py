@@ -92,6 +92,9 @@ def spread(mass: Array, swept: Array, cells: Array) -> Array:
     their areas [m2], (C,). At the optimum, a little more effort finds as much in every cell that has any, and less in
     the others; that worth and the shares which lead to it are both found by halving intervals.
     """
+    kinds, which = np.unique(swept, return_inverse=True)
+    if kinds.size < swept.size:  # what is swept alike is found alike
+        swept, mass = kinds, np.array([mass[which == kind].sum(axis=0) for kind in range(kinds.size)])
     rate = swept[:, None] / cells
 
     def gain(share: Array) -> Array:
