@@ -7,7 +7,9 @@ from typing import Any
 
 from drift.case.record import Case
 from drift.environment.environment import Environment
-from drift.forecast.starts import starts
+from drift.forecast import likeliest
+from drift.forecast.likeliest import Shown
+from drift.forecast.starts import others, starts
 from drift.maps.imprint import Imprint, Setting
 from drift.motion import forcing_error
 from drift.output import formats
@@ -42,14 +44,19 @@ def chapter(case: Case, where: Environment, numbers: Mapping[str, Any]) -> Chapt
     return Chapter(numbers, facts=attributes(case, where), warnings=tuple(numbers["warnings"]))
 
 
-def setting(case: Case, where: Environment) -> Setting:
-    """Return what every chart of a run shows, and what stands on it."""
+def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setting:
+    """Return what every chart of a run shows, and what stands on it.
+
+    shown: scenarios whose beginnings are drawn and named, by default the likeliest beforehand.
+    """
     source = attributes(case, where)
     known_as, short = ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
     stories = case.scenarios
     if case.spill:  # its classes of objects were released together
         known_as, short, stories = "Release", "release", (replace(case.scenarios[0], name="release"),)
-    marks, lines = starts(stories, known_as, short)
+    if shown is None or case.spill:
+        shown = likeliest.of([scenario.weight for scenario in stories])
+    marks, lines = starts(stories, known_as, short, shown)
     return Setting(
         Imprint(
             case.title,
@@ -61,6 +68,7 @@ def setting(case: Case, where: Environment) -> Setting:
         where.coast.polygons if where.coast is not None else (),
         marks,
         lines,
+        others(stories, shown),
         known_as,
         case.particles,
     )

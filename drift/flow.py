@@ -17,7 +17,7 @@ from drift.backtrack import chapter as backtrack_chapter
 from drift.case.record import Case
 from drift.forecast import build as forecast_build
 from drift.forecast import chapter as forecast_chapter
-from drift.forecast import effective, off_grid
+from drift.forecast import dataset, effective, off_grid
 from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Options, Report, in_turn, opened
@@ -171,7 +171,7 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
     job.tell("write", 0.0)
     with job.clock.phase("write"):
         case, where, after, updates = result.case, job.where, result.aftermath, result.updates
-        on = facts.with_coast(facts.setting(case, where))
+        on = facts.with_coast(facts.setting(case, where, dataset.shown(result.forecast.data)))
         failed = on
         if planned is not None:
             failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))

@@ -43,8 +43,8 @@ class Table(BaseModel):
         known = [field.alias or name for name, field in cls.model_fields.items()]
         twice = {old: new for old, new in cls.old_keys.items() if old in data and new in data}
         data = {cls.old_keys.get(key, key): value for key, value in data.items() if key not in twice}
-        unknown = {str(key): difflib.get_close_matches(str(key), known, n=1, cutoff=0.6) for key in data}
-        unknown = {key: near for key, near in unknown.items() if key not in known}
+        strange = [str(key) for key in data if str(key) not in known]
+        unknown = {key: difflib.get_close_matches(key, known, n=1, cutoff=0.6) for key in strange}
         if not unknown and not twice:
             return handler(data)
         wrong = [

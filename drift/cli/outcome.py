@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from drift.forecast import likeliest
 from drift.forecast.effective import Count
 from drift.planner import subareas
 from drift.planner import text as plan_text
@@ -16,6 +17,8 @@ WORTH_A_WARNING = 0.01  # share of the probability lost from which a line says s
 WORST = 5  # stretches of coast that are listed
 
 TIMES = ("time", "time_10", "time_50", "time_90")  # in the summary of an origin
+
+ALIKE = {"prior": 0.0}  # of what stands for many scenarios together
 
 Facts = dict[str, str]
 
@@ -37,13 +40,24 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     facts |= _search(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)
-    stories = numbers["scenario_weights"]
-    for name, story in stories.items():
+    return facts | _stories(numbers["scenario_weights"])
+
+
+def _stories(stories: dict[str, Any]) -> Facts:
+    """Return how likely each scenario is; of many the likeliest, and the others together."""
+    facts: Facts = {}
+    table = np.array([[story[key] for story in stories.values()] for key in ("prior", "posterior")], float)
+    shown = likeliest.of(table)
+    names = list(stories)
+    for name, story in ((names[k], stories[names[k]]) for k in shown.alone):
         remarks = [f"{_percent(story['posterior'])} (before: {_percent(story['prior'])})"] if len(stories) > 1 else []
         if story["prior_on_land"] > 0:
             remarks.append(f"{_percent(story['prior_on_land'])} of its prior was on land and left out")
         if remarks:
             facts[f'scenario "{name}"'] = "; ".join(remarks)
+    if shown.rest:
+        prior, posterior = shown.sums(table)[:, -1]
+        facts[shown.names(names)[-1]] = f"{_percent(posterior)} (before: {_percent(prior)}); see summary.json"
     return facts
 
 
@@ -60,9 +74,8 @@ def plan(planned: Plan) -> Facts:
         facts["not sent"] = ", ".join(planned.idle)
     facts |= {f"boats {k}": words for k, words in enumerate(planned.said, 1)}
     facts |= {f"warning {k}": words for k, words in enumerate(plan_text.warnings(planned, synthetic=False), 1)}
-    for scenario, pos in zip(planned.scenarios, planned.by_scenario, strict=True):
-        if len(planned.scenarios) > 1:
-            facts[f'POS if "{scenario}"'] = _percent(float(pos))
+    if len(planned.scenarios) > 1:
+        facts |= {f'POS if "{scenario}"': _percent(pos) for scenario, pos in subareas.stories(planned)}
     return facts
 
 
@@ -87,7 +100,7 @@ def _search(numbers: dict[str, Any]) -> Facts:
     dead: set[str] = set()
     for update in numbers.get("search", {}).get("updates", ()):
         for name, share in update["posterior"].items():
-            if share == 0 and name not in dead and numbers["scenario_weights"][name]["prior"] > 0:
+            if share == 0 and name not in dead and numbers["scenario_weights"].get(name, ALIKE)["prior"] > 0:
                 dead.add(name)
                 facts[f'note on "{name}"'] = (
                     f'{update["kind"]} "{update["name"]}" contradicts this scenario: nothing of it is left'

@@ -10,6 +10,7 @@ from drift.environment import domain, silence
 from drift.environment.environment import Environment
 from drift.motion.clock import Clock
 from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.forcing import Term
 from drift.motion.scene import Scene
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble
@@ -22,6 +23,8 @@ from geo.errors import UserError
 from geo.forcing.quantity import needed
 from geo.forcing.sources import Source
 
+MANY = 10  # scenarios of which a refusal tells
+
 
 def check_prior(
     spec: EnsembleSpec, where: Environment, max_lost: float, ensemble: Ensemble, scene: Scene, clock: Clock
@@ -33,37 +36,70 @@ def check_prior(
     # What is released later may find a value where a source has none yet, so the run itself judges it.
     probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
     _check_domain(where.box, max_lost, ensemble, probability)
-    blocks = ensemble.blocks
+    blocks, seas = ensemble.blocks, _seas(scene)
     for quantity in needed():
         missing, places = 0.0, []
-        for number, (scenario, sources, (first, last)) in enumerate(
-            zip(spec.scenarios, where.scenarios, ensemble.scenarios, strict=True)
-        ):
-            slots = np.arange(first, last)
+        for sea in seas:
+            slots = np.concatenate([np.arange(*ensemble.scenarios[number]) for number in sea])
             x, y, weight = lon[slots], lat[slots], probability[slots]
-            everywhere = np.ones(last - first, bool)  # whether all terms have a value there
-            for of, term, valid in silence.terms(scene.forcing, number, x, y):
-                lost = np.where(valid, 0.0, weight)
+            everywhere = np.ones(slots.size, bool)  # whether all terms have a value there
+            for of, term, valid in silence.terms(scene.forcing, sea[0], x, y):
                 if of == quantity:
                     everywhere &= valid
-                missed = blocks.total(lost, slots)
-                if of == quantity and missed > 0:
-                    share = missed / max(blocks.total(weight, slots), 1e-300)
-                    middle = _middle(blocks, x, y, lost, slots)
-                    silent = [source for source in sources.of(quantity) if source.name in term.names]
-                    away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
-                    places.append(
-                        f'{share:.0%} of {spec.story} "{scenario.name}", about {notation.position(*middle)}: {away}'
-                    )
+                    lost = np.where(valid, 0.0, weight)
+                    places += _without(spec, where, ensemble, quantity, term, sea, (x, y, weight, lost, slots))
             missing += blocks.total(np.where(everywhere, 0.0, weight), slots)
         if missing > max_lost:
             summed = any(key[0] == quantity for named in where.scenarios for key in named.added)
             raise UserError(
-                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({'; '.join(places)}); "
+                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({_some(places)}); "
                 f"at most {max_lost:.0%} may be lost (max_lost). "
                 + ("A sum has no value where one of its terms has none. " if summed else "")
                 + f"Add a source, or move the {spec.story}"
             )
+
+
+def _seas(scene: Scene) -> list[tuple[int, ...]]:
+    """Return the numbers of scenarios that see the same sources of all quantities that are needed, together."""
+    together: dict[tuple[Any, ...], list[int]] = {}
+    for number, ranges in enumerate(scene.forcing.ranges):
+        together.setdefault(tuple(ranges[quantity] for quantity in needed()), []).append(number)
+    return [tuple(sea) for sea in together.values()]
+
+
+def _without(
+    spec: EnsembleSpec,
+    where: Environment,
+    ensemble: Ensemble,
+    quantity: str,
+    term: Term,
+    sea: tuple[int, ...],
+    prior: tuple[npt.NDArray[Any], ...],
+) -> list[tuple[int, str]]:
+    """Return numbers of the scenarios of a sea that lie where a term has no value, and in words how much, and where.
+
+    prior: of the sea's slots lon, lat [binary angle], the probability, what of it has no value, and the slots.
+    """
+    x, y, weight, lost, slots = prior
+    if not lost.any():
+        return []
+    found, blocks = [], ensemble.blocks
+    missed, whole = blocks.partial(lost, weight, slots=slots).by_scenario[:, 0].T
+    for number in (number for number in sea if missed[number] > 0):
+        first, last = ensemble.scenarios[number]
+        own = (slots >= first) & (slots < last)
+        middle = _middle(blocks, x[own], y[own], lost[own], slots[own])
+        silent = [source for source in where.scenarios[number].of(quantity) if source.name in term.names]
+        away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
+        share, name = missed[number] / max(whole[number], 1e-300), spec.scenarios[number].name
+        found.append((number, f'{share:.0%} of {spec.story} "{name}", about {notation.position(*middle)}: {away}'))
+    return found
+
+
+def _some(places: list[tuple[int, str]]) -> str:
+    """Return what is lost of each scenario, in their order; of many only the first."""
+    words = [text for _, text in sorted(places, key=lambda place: place[0])]
+    return "; ".join([*words[:MANY], f"and {len(words) - MANY} more"] if len(words) > MANY else words)
 
 
 def check_end(

@@ -23,7 +23,7 @@ class Deposits:
 
     cells: their flat indices, (n,).
     mass, squares: weights and squared weights by group and medium (adrift; ashore if any is), shape (4, media, n).
-    scenario: weights by scenario and medium, shape (scenarios, media, n).
+    scenario: weights by scenario that is shown (drift.forecast.likeliest) and medium, shape (scenarios, media, n).
     """
 
     cells: Array
@@ -36,7 +36,7 @@ class Deposits:
 class Area:
     """Map of one snapshot on its own cells.
 
-    probability: by scenario and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
+    probability: by scenario that is shown and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
     containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
     areas: sizes [m2] of the areas that hold the shares; held_out: share of unseen particles inside each.
     thresholds: logarithm of the least density [1/m2] in each.

@@ -16,7 +16,8 @@ import shapely
 import xarray as xr
 from scipy import ndimage
 
-from drift.forecast import areas, containment, dataset, density, effective
+from drift.forecast import areas, containment, dataset, density, effective, likeliest
+from drift.forecast.likeliest import Shown
 from drift.forecast.shares import SHARES
 from drift.particles.snapshot import Snapshot, mapped
 from drift.particles.status import Status
@@ -128,14 +129,14 @@ def begin(
 
     `is_land` and `deposit`, which may need the device, are called before it is returned.
     """
-    centre = _reference(snapshots)
+    centre, shown = _reference(snapshots), _shown(snapshots, len(scenarios))
     clouds = [_cloud(snapshot, centre) for snapshot in snapshots]
     windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
     land = _Land(is_land, common)
     laid = [
         None
         if cloud is None or window is None
-        else _Laid(window, _deposits(snapshot, cloud, window, len(scenarios), deposit), land.on(window))
+        else _Laid(window, _deposits(snapshot, cloud, window, shown, deposit), land.on(window))
         for snapshot, cloud, window in zip(snapshots, clouds, windows, strict=True)
     ]
     bandwidths = None if grid is None else [None if cloud is None else cloud.spacing for cloud in clouds]
@@ -150,9 +151,17 @@ def begin(
             for share, size, outline in zip(shares, drawn[0].areas, drawn[1], strict=True)
         )
         without_outlines = [None if drawn is None else drawn[0] for drawn in maps]
-        return Forecast(dataset.build(snapshots, scenarios, common, without_outlines, shares, bandwidths), contours)
+        data = dataset.build(snapshots, scenarios, common, without_outlines, shares, bandwidths)
+        return Forecast(data, contours)
 
     return rest
+
+
+def _shown(snapshots: Sequence[Snapshot], scenarios: int) -> Shown:
+    """Return which scenarios have maps of their own, as `dataset.shown` will of what is made of these snapshots."""
+    if scenarios <= likeliest.MOST + 1:
+        return likeliest.of(np.ones(scenarios))
+    return likeliest.of([s.blocks.table(s.scenario, scenarios, s.probability) for s in snapshots])
 
 
 def _reference(snapshots: Sequence[Snapshot]) -> int:
@@ -323,7 +332,7 @@ def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.A
     return area, areas.contours(area)
 
 
-def _deposits(snapshot: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, deposit: Deposit) -> areas.Deposits:
+def _deposits(snapshot: Snapshot, cloud: _Cloud, window: Cells, shown: Shown, deposit: Deposit) -> areas.Deposits:
     """Return what lies in each cell of a snapshot's own."""
     index = cloud.index
     lon, lat, weight = snapshot.lon[index], snapshot.lat[index], snapshot.probability[index]
@@ -349,9 +358,9 @@ def _deposits(snapshot: Snapshot, cloud: _Cloud, window: Cells, scenarios: int, 
     mass = sums(code, 4 * media, amount).reshape(4, media, -1)
     squares = (mass if level else sums(code, 4 * media, square).reshape(4, media, -1)) * heaviest
     by_scenario = mass.sum(axis=0)[None]
-    if scenarios > 1:
-        of_scenario = snapshot.scenario[index].astype(np.int16) * media + ashore
-        by_scenario = sums(of_scenario, media * scenarios, amount).reshape(scenarios, media, -1)
+    if shown.size > 1:
+        of_scenario = shown.place.astype(np.int16)[snapshot.scenario[index]] * media + ashore
+        by_scenario = sums(of_scenario, media * shown.size, amount).reshape(shown.size, media, -1)
     return areas.Deposits(held, mass, squares, by_scenario)
 
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift.forecast import areas, effective
+from drift.forecast import areas, effective, likeliest
+from drift.forecast.likeliest import Shown
 from drift.particles.snapshot import Means, Snapshot, mapped, means
 from drift.particles.status import Status, under_way
 from geo import sphere
@@ -28,6 +29,7 @@ def _positions(name: str, dims: tuple[str, ...], words: str) -> dict[str, tuple[
 
 
 CELLWISE = ("time", "lat", "lon")
+MAPPED_ALONE = ("time", "mapped_scenario", "lat", "lon")  # of many scenarios: drift.forecast.likeliest
 # By name: dimensions, attributes. Each variable takes its values from `_maps` or `_numbers`.
 VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "probability": (
@@ -139,9 +141,11 @@ def build(
     them.
     """
     counted = [_counted(snapshot, len(scenarios)) for snapshot in snapshots]
+    numbers = _numbers(snapshots, len(scenarios), maps, len(shares))
+    mapped_alone = likeliest.of(numbers["scenario_probability"])
     values = {
-        **_maps(maps, grid, len(scenarios)),
-        **_numbers(snapshots, len(scenarios), maps, len(shares)),
+        **_maps(maps, grid, mapped_alone.size),
+        **numbers,
         **_effective(counted),
         **_tracks([means(snapshot, len(scenarios)) for snapshot in snapshots], grid),
     }
@@ -155,12 +159,22 @@ def build(
             ]
         )
     data = {name: (dims, values[name], attributes) for name, (dims, attributes) in VARIABLES.items() if name in values}
-    forecast = xr.Dataset(data, _coordinates([snapshot.time for snapshot in snapshots], scenarios, grid, shares))
+    coordinates = _coordinates([snapshot.time for snapshot in snapshots], scenarios, grid, shares)
+    if mapped_alone.rest:
+        data["probability_by_scenario"] = (MAPPED_ALONE, *data["probability_by_scenario"][1:])
+        names = np.array(mapped_alone.names(scenarios), object)
+        coordinates["mapped_scenario"] = ("mapped_scenario", names, {"long_name": "scenario, or all that have no map"})
+    forecast = xr.Dataset(data, coordinates)
     if "effective_worlds" in forecast:
         forecast["effective_worlds"].attrs["worlds"] = counted[0].drawn
     if not any(under_way(snapshot.status).any() for snapshot in snapshots):
         forecast = forecast.isel(status=slice(int(Status.UNDER_WAY)))  # nothing steers: it is the last three
     return forecast
+
+
+def shown(data: xr.Dataset) -> Shown:
+    """Return which scenarios of a forecast have maps of their own."""
+    return likeliest.of(data["scenario_probability"].values)
 
 
 def _maps(maps: Sequence[areas.Area | None], grid: Cells, scenarios: int) -> dict[str, Array]:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from drift.forecast import likeliest
 from drift.particles import partials, weights
 from drift.particles.partials import Blocks
 from geo import notation
@@ -72,8 +73,22 @@ def by(code: Array, many: int, weight: Array, family: Array | None = None, block
     family, blocks: as in `number`.
     """
     if family is not None:
-        return np.array([number(np.where(code == k, weight, 0.0), family, blocks) for k in range(many)])
+        return _by_family(code, many, weight, family)
     total, squares = (blocks or partials.whole(len(weight))).table(code, many, weight, weight**2)
+    return np.asarray(np.divide(total**2, squares, out=np.zeros(many), where=squares > 0))
+
+
+def _by_family(code: Array, many: int, weight: Array, family: Array) -> Array:
+    """Return the effective number of weights by code, where those of one family and code count as one."""
+    pair = family.astype(np.int64) * many + code
+    begin = np.flatnonzero(np.diff(pair, prepend=-1))  # offspring lie side by side, so that runs are few
+    pairs, which = np.unique(pair[begin], return_inverse=True)
+    mass: Array = np.bincount(which, np.add.reduceat(np.asarray(weight, np.float64), begin))
+    of = pairs % many
+    top = np.zeros(many)
+    np.maximum.at(top, of, mass)
+    mass = mass / np.where(top > 0, top, 1.0)[of]  # squares of the smallest weights would underflow
+    total, squares = np.bincount(of, mass, many), np.bincount(of, mass**2, many)
     return np.asarray(np.divide(total**2, squares, out=np.zeros(many), where=squares > 0))
 
 
@@ -127,7 +142,9 @@ def parts(data: Any, time: int) -> list[str]:
     named = [(PARTS[str(name)], p, n) for name, p, n in statuses if str(name) in PARTS]
     if output.sizes["scenario"] > 1 and "effective_worlds" not in data:  # classes of objects are no stories
         shares = output["probability_by_scenario"].sum(["lat", "lon"]).values
-        of = zip(output["scenario"].values, shares, output["scenario_effective"].values, strict=True)
+        alone = list(likeliest.of(data["scenario_probability"].values).alone)
+        names, counts = output["scenario"].values[alone], output["scenario_effective"].values[alone]
+        of = zip(names, shares[: len(alone)], counts, strict=True)
         named += [(f'of scenario "{name}"', p, n) for name, p, n in of]
     for name, share, many in named:
         count = Count(float(many))

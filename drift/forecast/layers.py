@@ -33,6 +33,10 @@ TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", chart.RED
 SHOWN = 0.995  # containment of the cells that are shaded
 ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
 PARTIAL: dict[str, Any] = {"color": TRACK, "linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": ".", "markersize": 3}
+OTHERS: dict[str, Any] = {
+    "linestyle": "none", "marker": "o", "markersize": 2.6, "color": "#55606b", "markeredgecolor": "white",
+    "markeredgewidth": 0.4,
+}  # fmt: skip
 PRIOR_COLOURS = ("#1b5e20", "#00a0b0", "#5d4037", "#8bc34a", "#000000")
 PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), "-")
 
@@ -272,6 +276,12 @@ def prior_line(ax: Axes, frame: Frame, line: Line, which: int) -> None:
     if line.closed:
         lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
     ax.plot(*frame.project(lon, lat), zorder=8, **prior_style(which))
+
+
+def others(ax: Axes, frame: Frame, places: Sequence[tuple[float, float]]) -> None:
+    """Draw the positions [deg] of many that have no mark of their own as dots."""
+    if places:
+        ax.plot(*frame.project(*np.array(places, float).T), zorder=8, **OTHERS)
 
 
 def mark_point(ax: Axes, frame: Frame, mark: Mark, size: float) -> None:

@@ -57,6 +57,7 @@ def draw_map(
     chart.graticule(ax, frame)
     for i, line in enumerate(setting.lines):
         layers.prior_line(ax, frame, line, i)
+    layers.others(ax, frame, setting.others)
     outlines = layers.areas_of(forecast, now, forecast.shares)
     layers.outline(ax, frame, forecast, outlines, count.few)
     for overlay in drawn_over:
@@ -238,7 +239,9 @@ def _rows(
     if setting.marks:
         many = len(setting.marks) > 1
         name = setting.known_as.replace("osition", "ositions") if many else setting.known_as
-        rows.append((layers.mark_symbol(8, 13), name))
+        rows.append((layers.mark_symbol(8, 13), f"{name} of the likeliest" if setting.others else name))
+    if setting.others:
+        rows.append((Line2D([], [], **layers.OTHERS), f"{len(setting.others):,} others"))
     for i, line in enumerate(setting.lines):
         kind = "area" if line.closed else "trackline"
         rows.append((Line2D([], [], **layers.prior_style(i)), f"Start {kind}: {line.label}"))

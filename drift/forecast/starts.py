@@ -4,17 +4,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drift.forecast.likeliest import Shown
 from drift.maps.marks import Line, Mark
 from drift.motion.scenario import Scenario
 
 
-def starts(scenarios: Sequence[Scenario], known_as: str, short: str) -> tuple[list[Mark], list[Line]]:
+def starts(
+    scenarios: Sequence[Scenario], known_as: str, short: str, shown: Shown | None = None
+) -> tuple[list[Mark], list[Line]]:
     """Return the priors of scenarios: positions as marks, areas and tracklines as lines.
 
     known_as: what a position is, where there is but one scenario; short: the same before the name of each of several.
+    shown: those that are drawn, by default all.
     """
     marks, lines = [], []
-    for scenario in scenarios:
+    for scenario in scenarios if shown is None else [scenarios[number] for number in shown.alone]:
         prior = scenario.prior
         if prior is None:
             lines += _ways(scenario)
@@ -34,3 +38,9 @@ def _ways(scenario: Scenario) -> list[Line]:
     return [
         Line(np.degrees(lon).tolist(), np.degrees(lat).tolist(), scenario.name) for lon, lat in scenario.itinerary.ways
     ]
+
+
+def others(scenarios: Sequence[Scenario], shown: Shown) -> tuple[tuple[float, float], ...]:
+    """Return the reported positions [deg] of the scenarios that are not drawn by themselves."""
+    priors = (scenarios[number].prior for number in shown.rest)
+    return tuple(prior.reported for prior in priors if prior is not None and prior.reported)

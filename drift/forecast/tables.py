@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from drift.forecast import dataset
 from drift.forecast.build import Forecast
+from drift.forecast.likeliest import Shown
 from drift.output import formats, geojson
 from geo import notation, sphere
 from geo.notation import NMI
@@ -40,15 +42,24 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
         "probability": dict(zip(status, at["status_probability"].values, strict=True)),
         **counts(data, i),
         "effective_by_status": dict(zip(status, at["status_effective"].values, strict=True)),
-        "scenarios": {
-            str(name): {
-                "probability": at["scenario_probability"].values[j],
-                "effective_particles": at["scenario_effective"].values[j],
-                "mean": _place(at["scenario_mean_lon"].values[j], at["scenario_mean_lat"].values[j]),
-            }
-            for j, name in enumerate(at["scenario"].values)
-        },
+        "scenarios": _scenarios(at, dataset.shown(data)),
     }
+
+
+def _scenarios(at: Any, shown: Shown) -> dict[str, Any]:
+    """Return how each scenario that has a map of its own stands at a time, and the probability of the others."""
+    names = [str(name) for name in at["scenario"].values]
+    scenarios: dict[str, Any] = {
+        names[j]: {
+            "probability": at["scenario_probability"].values[j],
+            "effective_particles": at["scenario_effective"].values[j],
+            "mean": _place(at["scenario_mean_lon"].values[j], at["scenario_mean_lat"].values[j]),
+        }
+        for j in shown.alone
+    }
+    if shown.rest:
+        scenarios[shown.names(names)[-1]] = {"probability": shown.sums(at["scenario_probability"].values)[-1]}
+    return scenarios
 
 
 def counts(data: Any, i: int) -> dict[str, float]:

@@ -25,5 +25,6 @@ class Setting:
     polygons: Iterable[Any] = ()  # of land, by Shapely [deg]
     marks: Sequence[Mark] = ()  # where the run began, as points
     lines: Sequence[Line] = ()  # the same, as areas and tracklines
+    others: Sequence[tuple[float, float]] = ()  # positions of those of many that have no mark of their own [deg]
     known_as: str = "Last known position"  # what the legend calls the marks
     particles: int | None = None  # particles in the run

@@ -326,7 +326,7 @@ def _panel(figure: Figure, plan: Plan) -> None:
     if not plan.taskings:
         say("No unit can search in this period.", 1.5, "bold")
     say("POS, had it been", 1.05, "bold")
-    for scenario, pos in zip(plan.scenarios, plan.by_scenario, strict=True):
+    for scenario, pos in subareas.stories(plan):
         say(f"{plan_text.chance(pos)}  {page.fit(scenario, 40)}")
     if plan.alternatives:
         say("", 0.3)

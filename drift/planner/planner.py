@@ -24,7 +24,9 @@ from drift.planner import chapter, fleet, follow, optimiser
 from drift.planner.bound import Bound
 from drift.planner.records import Alternative, Plan, Tasking
 from drift.search.records import Unit
+from drift.search.updates import Updates
 from drift.suspend.further import Planned
+from geo.array import Array
 from geo.errors import UserError
 from geo.notation import group
 from kernels import noise
@@ -171,11 +173,18 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
         unbounded=why,
         alternatives=rounds.alternatives if spec.rounds == 1 else (),
         scenarios=tuple(scenario.name for scenario in case.scenarios),
+        shares=_before(result.updates, updates[0].name),
         made_on=rounds.made_on,
         scored_on=scored_on,
         idle=tuple(unit.name for unit in case.units if unit.name not in sent),
         said=rounds.said,
     )
+
+
+def _before(updates: Updates, name: str) -> Array:
+    """Return the probability of each scenario before an update."""
+    number = [update.name for update in updates.all].index(name)
+    return np.asarray(updates.all[number - 1].posterior if number else updates.prior, float)
 
 
 def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:

@@ -58,6 +58,7 @@ class Plan:
     bound_error: float  # standard error of `bound` less `value`, each of which is a mean over particles of its own
     alternatives: tuple[Alternative, ...]
     scenarios: tuple[str, ...]
+    shares: Array | None = None  # (scenarios,) probability of each before the plan; None: not known
     idle: tuple[str, ...] = ()  # units that are not sent
     said: tuple[str, ...] = ()  # of boats: how they leave harbour, and why one cannot get there
     made_on: Count | None = None  # how many of the particles that it was made on count

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from drift.forecast import likeliest
 from drift.forecast.effective import Count
 from drift.planner.records import Plan, Tasking
 from drift.search import laws, patterns
@@ -245,3 +246,16 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
 
 def _place(lon: float, lat: float) -> dict[str, float]:
     return {"lon": sphere.wrap_degrees(lon), "lat": lat}
+
+
+def stories(plan: Plan) -> list[tuple[str, float]]:
+    """Return the POS had each scenario been; of many the likeliest before the plan, and the others together."""
+    names, (pos,) = told(plan, np.asarray(plan.by_scenario, float))
+    return list(zip(names, pos, strict=True))
+
+
+def told(plan: Plan, *values: Array) -> tuple[list[str], list[list[float]]]:
+    """Return the names of the scenarios that are told of by themselves, and values of each; of the others the mean."""
+    share = np.ones(len(plan.scenarios)) if plan.shares is None else plan.shares
+    shown = likeliest.of(share)
+    return shown.names(plan.scenarios), [shown.means(np.asarray(v, float), share).tolist() for v in values]

@@ -134,7 +134,7 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         )
         rows.append(("", loose))
     rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
-    for k, (name, pos) in enumerate(zip(plan.scenarios, plan.by_scenario, strict=True)):
+    for k, (name, pos) in enumerate(subareas.stories(plan)):
         rows.append(("POS, had it been" if k == 0 else "", f"{chance(pos):5} {name}"))
     return [line for row in rows for line in _row(*row)]
 
@@ -220,9 +220,10 @@ def _expected(plan: Plan, tasking: Tasking) -> list[str]:
     coverage, pod = subareas.coverages(tasking), subareas.pods(tasking)
     if np.ptp(coverage) < 1e-9 and np.ptp(width) < 1e-9:
         return _row("Expected POD", f"{chance(pod[0])} at W {width[0]:.2f} nmi, coverage {coverage[0]:.2f}", indent=6)
-    wide = max(map(len, plan.scenarios))
+    names, columns = subareas.told(plan, pod, width, coverage)
+    wide = max(map(len, names))
     rows = [f"{'':{wide}}   POD  W [nmi]  Coverage"]
-    for scenario, *figures in zip(plan.scenarios, pod, width, coverage, strict=True):
+    for scenario, *figures in zip(names, *columns, strict=True):
         rows.append(f"{scenario:{wide}} {chance(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}")
     return [f"      {'' if k else 'Expected POD':{LABEL}}{row}" for k, row in enumerate(rows)]
 

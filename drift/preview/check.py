@@ -5,8 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from drift import facts, start
 from drift.case.record import Case
+from drift.forecast import likeliest
 from drift.job import in_turn
 from drift.motion.scenario import Scenario
 from drift.preview import outlook
@@ -58,8 +61,15 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
     if case.spill and stretches:
         lines |= _spill(case.spill, stretches)
     story = "class" if case.spill else "scenario"
-    for scenario, dry in zip(case.scenarios, begin.dry, strict=True):
+    weights = np.array([scenario.weight for scenario in case.scenarios])
+    shown = likeliest.of(weights)
+    for scenario, dry in ((case.scenarios[k], begin.dry[k]) for k in shown.alone):
         lines[f'{story} "{scenario.name}"'] = _scenario(scenario, dry)
+    if shown.rest:
+        objects = {case.scenarios[k].object.name for k in shown.rest}
+        some = ", ".join(sorted(objects)[:3]) + (f" and {len(objects) - 3} more" if len(objects) > 3 else "")
+        name = shown.names([scenario.name for scenario in case.scenarios])[-1]
+        lines[name] = f"{shown.sums(weights)[-1]:.0%} together: {some}"
     return lines | _search(case)
 
 

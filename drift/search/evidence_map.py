@@ -25,7 +25,7 @@ from drift.maps.sheet import Badge, Row, Sheet
 from drift.search import particles_left
 from drift.search import shapes as search_shapes
 from drift.search import tables as search_tables
-from drift.search.updates import Update, Updates
+from drift.search.updates import Update, Updates, together
 from geo import notation
 from geo.array import Array
 
@@ -44,6 +44,9 @@ FILLS: tuple[dict[str, Any], ...] = (
     {"facecolor": "#a33b20", "hatch": ""},
     {"facecolor": "#dfe7d3", "hatch": "\\\\\\\\"},
     {"facecolor": "#3f6b3a", "hatch": ""},
+    {"facecolor": "#e7c3d4", "hatch": "xxxx"},
+    {"facecolor": "#7a1fa2", "hatch": ""},
+    {"facecolor": "#eeeeee", "hatch": ""},
 )
 STROKES: tuple[tuple[str, Any, str], ...] = (  # colour, dashes, marker
     ("#5b8db8", (0, (6, 2)), "s"),
@@ -54,6 +57,9 @@ STROKES: tuple[tuple[str, Any, str], ...] = (  # colour, dashes, marker
     ("#a33b20", (0, (4, 1, 1, 1, 1, 1)), "X"),
     ("#7f9464", (0, (8, 1, 2, 1)), "<"),
     ("#3f6b3a", (0, (3, 3)), ">"),
+    ("#c2557f", (0, (5, 1, 1, 1)), "p"),
+    ("#40507a", (0, (2, 1, 2, 4)), "h"),
+    ("#999999", (0, (1, 3)), "d"),
 )
 # Kass and Raftery (1995), Bayes factors, J. Am. Stat. Assoc. 90, 773-795, doi:10.1080/01621459.1995.10476572, section
 # 3.2
@@ -61,7 +67,8 @@ STRENGTH = ((1.2, ""), (3.0, "weak"), (20.0, "positive"), (150.0, "strong"), (ma
 
 
 def draw(updates: Updates, path: Path, setting: Setting) -> None:
-    """Draw the evidence of a search."""
+    """Draw the evidence of a search; of many scenarios the likeliest, and the others together."""
+    every, updates = updates, together(updates)
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
@@ -81,7 +88,7 @@ def draw(updates: Updates, path: Path, setting: Setting) -> None:
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
     _cumulative(figure, updates, room)
-    sheet.head(on, setting.imprint, _account(updates, len(steps) - len(shown)))
+    sheet.head(on, setting.imprint, _account(every, len(steps) - len(shown)))
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:

@@ -71,7 +71,7 @@ class Search:
         self._events = 0
         self._never: Array | None = None  # product over sorties of the share of time that a particle was not searched
         self._least = np.inf  # effective particles after any update
-        self._target = [_living(slots, ensemble) for slots in ensemble.scenarios]
+        self._target = _living(ensemble)
 
     @property
     def updates(self) -> Updates:
@@ -339,7 +339,8 @@ class Search:
         self._updates.append(replace(update, distinct=distinct))
 
 
-def _living(slots: tuple[int, int], ensemble: Ensemble) -> int:
-    """Return how many of a scenario's slots hold particles; others are to spare."""
-    status = ensemble.status.to_numpy()[slots[0] : slots[1]]
-    return int((status != Status.LEFT).sum())
+def _living(ensemble: Ensemble) -> list[int]:
+    """Return how many slots of each scenario hold particles; others are to spare."""
+    living = ensemble.status.to_numpy() != Status.LEFT
+    counts = np.bincount(ensemble.scenario.to_numpy()[living], minlength=len(ensemble.scenarios))
+    return [int(count) for count in counts]

@@ -12,7 +12,7 @@ import numpy as np
 from drift.output import formats, geojson
 from drift.search import shapes as search_shapes
 from drift.search.records import Contact, Sortie
-from drift.search.updates import Update, Updates
+from drift.search.updates import Update, Updates, together
 from geo import notation
 from geo.array import Array
 from geo.notation import NMI
@@ -109,16 +109,17 @@ def bayes_factors(update: Update, before: Array) -> Array:
 def numbers(updates: Updates) -> dict[str, Any]:
     """Return the numbers of the search for the summary.
 
-    They are each update, and how the search stands after all of them.
+    They are each update, and how the search stands after all of them. Of many scenarios the figures of each update are
+    those of the likeliest, and of all others together; the table of updates (`csv`) has all.
     """
-    names = updates.scenarios
-    done = [update for update in updates.all if update.cumulative is not None]
+    names, shown = updates.scenarios, together(updates)
+    done = [update for update in shown.all if update.cumulative is not None]
     last = updates.all[-1].posterior if updates.all else updates.prior
     return {
-        "updates": [_update(updates, update, before) for update, before in steps(updates)],
+        "updates": [_update(shown, update, before) for update, before in steps(shown)],
         "sorties": sum(update.kind == "sortie" for update in updates.all),
         "contacts": sum(update.kind == "contact" for update in updates.all),
-        "cumulative_pos": _by_scenario(names, done[-1].cumulative if done else None),
+        "cumulative_pos": _by_scenario(shown.scenarios, done[-1].cumulative if done else None),
         "scenarios": {
             name: {"prior": float(updates.prior[j]), "posterior": float(last[j])} for j, name in enumerate(names)
         },
@@ -167,16 +168,18 @@ def shapes(
 ) -> dict[str, Any]:
     """Return areas, legs as flown and contacts as a GeoJSON FeatureCollection (RFC 7946).
 
-    Shapes are cut at the antimeridian.
+    Shapes are cut at the antimeridian. Of many scenarios only the likeliest are told by name.
 
     A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its end), or of a
     contact point, region or line. What drifts with a marker is where it was over the ground if the marker's track is
     known.
     """
+    updates, of_case = together(updates), updates
     taken = {(update.kind, update.name): update for update in updates.all}
     features = []
     for sortie in sorties:
-        properties = _sortie(sortie, taken.get(("sortie", sortie.name)), updates.scenarios)
+        widths = {n: w for n, w in zip(of_case.scenarios, sortie.sweep_width, strict=True) if n in updates.scenarios}
+        properties = _sortie(sortie, taken.get(("sortie", sortie.name)), updates.scenarios, widths)
         if (ring := search_shapes.searched(sortie)) is not None:
             features.append(_feature(search_shapes.polygon([ring]), "area", properties))
         parts = search_shapes.flown(sortie)
@@ -211,7 +214,9 @@ def _feature(geometry: dict[str, Any], shape: str, properties: Mapping[str, Any]
     return geojson.feature(geometry, {"shape": shape, **properties})
 
 
-def _sortie(sortie: Sortie, update: Update | None, scenarios: Sequence[str]) -> dict[str, Any]:
+def _sortie(
+    sortie: Sortie, update: Update | None, scenarios: Sequence[str], widths: Mapping[str, float]
+) -> dict[str, Any]:
     properties = {
         "name": sortie.name,
         "kind": "sortie",
@@ -222,7 +227,7 @@ def _sortie(sortie: Sortie, update: Update | None, scenarios: Sequence[str]) -> 
         "frame": sortie.frame,
         "over_ground": sortie.frame == "ground" or sortie.marker is not None,
         "completed": sortie.completed,
-        "sweep_width_nmi": dict(zip(scenarios, (w / NMI for w in sortie.sweep_width), strict=True)),
+        "sweep_width_nmi": {name: width / NMI for name, width in widths.items()},
     }
     for name, values in () if update is None else (("pod", update.pod), ("poc", update.poc), ("pos", update.pos)):
         properties[name] = None if values is None else _finite(values[-1])

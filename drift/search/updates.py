@@ -1,10 +1,12 @@
 """What each sortie and contact did to the probability: the record behind tables, pictures and the debrief."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from drift.forecast import likeliest
+from drift.forecast.likeliest import Shown
 from drift.search.records import Sortie
 from drift.search.standing import Standing
 from geo.array import Array
@@ -58,3 +60,41 @@ class Updates:
     def log_evidence(self) -> float:
         """Log probability (density) of everything that was seen."""
         return float(sum(update.log_evidence[-1] for update in self.all))
+
+
+def shown_of(updates: Updates) -> Shown:
+    """Return which scenarios are shown: those that were the likeliest at any time."""
+    return likeliest.of([updates.prior, *(update.posterior for update in updates.all)])
+
+
+def together(updates: Updates) -> Updates:
+    """Return the same with the likeliest scenarios and all others as one, where there are many."""
+    shown = shown_of(updates)
+    if not shown.rest:
+        return updates
+    every: list[Update] = []
+    before, missed = np.asarray(updates.prior, float), np.ones(shown.size + 1)
+    for update in updates.all:
+        with np.errstate(divide="ignore", invalid="ignore"):  # nothing is known of what had no weight
+            evidence = np.log(_with_all(shown, np.exp(update.log_evidence), before))
+        poc, pos, alive = (
+            None if values is None else _with_all(shown, values, before)
+            for values in (update.poc, update.pos, update.alive)
+        )
+        if pos is not None:
+            missed = missed * (1 - pos)
+        every.append(
+            replace(
+                update, log_evidence=np.append(evidence[:-1], update.log_evidence[-1]), poc=poc, pos=pos, alive=alive,
+                posterior=shown.sums(np.asarray(update.posterior, float)),
+                cumulative=None if update.cumulative is None else 1 - missed,
+            )
+        )  # fmt: skip
+        before = np.asarray(update.posterior, float)
+    names = tuple(shown.names(updates.scenarios))
+    return replace(updates, scenarios=names, prior=shown.sums(np.asarray(updates.prior, float)), all=tuple(every))
+
+
+def _with_all(shown: Shown, values: Array, weight: Array) -> Array:
+    """Return means by scenario, then of all (scenarios + 1,), as those that are shown have them, (size + 1,)."""
+    return np.append(shown.means(np.nan_to_num(values[:-1]), weight), values[-1])

@@ -5,16 +5,17 @@ less sure than these say.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from drift.forecast import likeliest
 from drift.forecast.effective import Count
 from drift.motion.scenario import Scenario
 from drift.search.standing import Standing
-from drift.search.updates import Update, Updates
+from drift.search.updates import Update, Updates, shown_of, together
 from drift.suspend import further as searching_on
 from drift.suspend.alive import HOUR, alive_at, basis, seconds
 from drift.suspend.further import GONE, Further, Planned
@@ -87,7 +88,7 @@ def build(
         further, how = searching_on.by_plan(standing, plan, every, scenarios, start)
     else:
         further, how = searching_on.like_the_last(standing, scenarios, start, list(flown.values()), data)
-    return Suspension(
+    suspension = Suspension(
         now=standing.time,
         scenarios=tuple(scenario.name for scenario in scenarios),
         prior=begun.mass.sum(axis=1),
@@ -107,6 +108,50 @@ def build(
         how=how,
         planned=plan is not None,
     )
+    return _together(suspension, updates)
+
+
+def _together(suspension: Suspension, updates: Updates | None) -> Suspension:
+    """Return the same with the likeliest scenarios and all others as one, where there are many."""
+    shown = shown_of(updates) if updates else likeliest.of(suspension.prior)
+    if not shown.rest:
+        return suspension
+    weight, cumulative = suspension.share, suspension.cumulative
+    if updates:
+        names = {update.name for update, _ in suspension.sorties}
+        flown = [u for u in together(updates).all if u.name in names and u.cumulative is not None]
+        cumulative = np.asarray(flown[-1].cumulative) if flown else np.zeros(shown.size + 1)
+
+    def mean(values: Array) -> Array:
+        return np.concatenate([shown.means(values[..., :-1], weight), values[..., -1:]], axis=-1)
+
+    def error(values: Array) -> Array:
+        """Errors of scenarios are independent: their weighted squares add up."""
+        parts = shown.sums((values[..., :-1] * weight) ** 2)
+        return np.concatenate([np.sqrt(parts) / np.maximum(shown.sums(weight), 1e-300), values[..., -1:]], axis=-1)
+
+    return replace(
+        suspension,
+        scenarios=tuple(shown.names(suspension.scenarios)),
+        prior=shown.sums(suspension.prior),
+        share=shown.sums(suspension.share),
+        bases=(*(suspension.bases[k] for k in shown.alone), _basis([suspension.bases[k] for k in shown.rest])),
+        alive=mean(suspension.alive),
+        alive_error=error(suspension.alive_error),
+        ahead=tuple((time, mean(chance), error(wrong)) for time, chance, wrong in suspension.ahead),
+        cumulative=cumulative,
+        never=mean(suspension.never),
+    )
+
+
+def _basis(bases: Sequence[str | None]) -> str | None:
+    """Return the survival times of several scenarios in words, None where none has any."""
+    told = {words for words in bases if words is not None}
+    without = sum(words is None for words in bases)
+    if not told:
+        return None
+    words = told.pop() if len(told) == 1 else f"{len(told)} different survival times"
+    return f"{words}; {without} of them have none and count as alive for ever" if without else words
 
 
 def _ahead(scenarios: Sequence[Scenario], standing: Standing, now: float) -> list[int]:

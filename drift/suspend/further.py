@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 import xarray as xr
 
+from drift.forecast import dataset
 from drift.motion.scenario import Scenario
 from drift.search.records import Sortie
 from drift.search.standing import Standing
@@ -91,6 +92,9 @@ def spread(mass: Array, swept: Array, cells: Array) -> Array:
     their areas [m2], (C,). At the optimum, a little more effort finds as much in every cell that has any, and less in
     the others; that worth and the shares which lead to it are both found by halving intervals.
     """
+    kinds, which = np.unique(swept, return_inverse=True)
+    if kinds.size < swept.size:  # what is swept alike is found alike
+        swept, mass = kinds, np.array([mass[which == kind].sum(axis=0) for kind in range(kinds.size)])
     rate = swept[:, None] / cells
 
     def gain(share: Array) -> Array:
@@ -167,7 +171,7 @@ def like_the_last(
     later = np.flatnonzero(times >= standing.time)
     k = int(later[np.argmin(np.abs(times[later] - (standing.time + day / 2)))]) if len(later) else len(times) - 1
     mass, cells = _coarse(data["probability_by_scenario"].values[k].astype(float), data["cell_area"].values)
-    if not (mass.sum(axis=1) * total).any():
+    if not (mass.sum(axis=1) * _mapped(total, standing, data)).any():
         return (), "nothing is on the map that the sorties of the last 24 h could see"
     now = seconds(standing.time, start)
     parts = np.append((np.arange(STEPS) + 0.5) / STEPS, 1.0)  # of a day
@@ -178,6 +182,7 @@ def like_the_last(
         until.append(standing.time + (d + 1) * day)
         if chances[-1][-1] < GONE:
             break
+    swept, living = _mapped(total, standing, data), _mapped(np.array(alive), standing, data)
     watches = len(recent) - len(efforts)
     how = (
         f"{len(efforts)} sortie{'s' * (len(efforts) != 1)} of the last 24 h swept {total.max() / NMI**2:,.0f} nmi2: as "
@@ -185,7 +190,12 @@ def like_the_last(
         f"{np.datetime_as_string(times[k], 'm')}Z"
         + (f"; {watches} watch{'es' * (watches != 1)} not counted" if watches else "")
     )
-    return days(mass, total, cells, np.array(alive), standing.effective, until), how
+    return days(mass, swept, cells, living, standing.effective, until), how
+
+
+def _mapped(values: Array, standing: Standing, data: xr.Dataset) -> Array:
+    """Return values by scenario (..., S) as maps have them: those that share a map count by their mean."""
+    return dataset.shown(data).means(values, standing.mass.sum(axis=1))
 
 
 def by_plan(
