@@ -6,13 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from drift.search.records import Field
-from geo import sphere
+from geo import gnomonic, sphere
 from geo.array import Array
 from geo.polyline import LonLat
 from kernels import observe
 from kernels.observe import Shape
-
-LONGEST = math.radians(40)  # from the middle of a line to its points; the scale of its plane is off by 1 / cos^2
 
 
 def of_field(field: Field, *, stays: bool) -> Shape:
@@ -26,29 +24,9 @@ def of_field(field: Field, *, stays: bool) -> Shape:
 
 
 def of_line(points: Sequence[LonLat]) -> Shape:
-    """Return the shape of a line through two or more points [deg].
-
-    Its plane is the gnomonic one of its middle. Raises ValueError for a line without length, and for one that is too
-    long for such a plane.
-    """
-    lon, lat = np.radians(np.array(points, np.float64)).T
-    x, y, z = (v.mean() for v in (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)))
-    middle = math.atan2(y, x), math.atan2(z, math.hypot(x, y))
-    # The kernels' plane is that of the middle's binary angles.
-    middle = tuple(float(np.radians(sphere.to_degrees(sphere.to_binary(math.degrees(angle))))) for angle in middle)
-    east, north = sphere.offset(*middle, lon, lat)
-    arc = np.hypot(east, north) / sphere.RADIUS
-    if arc.max() > LONGEST:
-        raise ValueError(
-            f"it reaches {math.degrees(arc.max()):.0f} degrees from its middle; at most {math.degrees(LONGEST):.0f}: "
-            "make two of it"
-        )
-    scale = np.where(arc > 1e-9, np.tan(arc) / np.maximum(arc, 1e-9), 1.0)
-    plane = np.stack([east * scale, north * scale], axis=1).astype(np.float32)
-    keep = np.append(True, np.hypot(*np.diff(plane, axis=0).T) > 1.0)
-    if keep.sum() < 2:
-        raise ValueError("has no length: all its points are the same")
-    return _shape(observe.LINE, *middle, 0.0, np.ones(2), plane[keep], float(arc.max()) * sphere.RADIUS)
+    """Return the shape of a line through two or more points [deg], in the gnomonic plane of its middle."""
+    line = gnomonic.line(points)
+    return _shape(observe.LINE, line.lon, line.lat, 0.0, np.ones(2), line.corners, line.reach)
 
 
 def _shape(kind: int, lon: float, lat: float, turned: float, half: Array, corners: Array, reach: float) -> Shape:
