@@ -181,7 +181,12 @@ def _fits(sensor: ti.template(), known: f32x4, variance: ti.f32, begin: ti.f32, 
 
 @ti.func
 def observe(
-    kind: ti.template(), besides: ti.template(), piece: ti.template(), sensor: ti.template(), corners: ti.template(), key
+    kind: ti.template(),
+    besides: ti.template(),
+    piece: ti.template(),
+    sensor: ti.template(),
+    corners: ti.template(),
+    key,
 ) -> f32x3:
     """Return (stays, fits, when) of one piece of way.
 
@@ -300,9 +305,7 @@ def _drifting(
                 if ti.static(besides == WHEN):
                     if found[2] >= 0.0 and told[i] < 0.0:
                         told[i] = ti.cast(since, ti.f32) + found[2]
-        if ti.static(kind == IN_BOX or kind == IN_DISC):
-            stayed[i] = log_stayed + ti.log(stays)
-        elif stays < 1.0:
+        if stays < 1.0:
             stayed[i] = log_stayed + ti.log(stays)
 
 

@@ -176,7 +176,7 @@ def polyline(a: f32x2, b: f32x2, variance: ti.f32, corners: ti.template()) -> f3
             least, most = ti.min(begin, end) - reach, ti.max(begin, end) + reach
             at = along_a + likely * (along_b - along_a)
             if most >= 0.0 and least <= length:
-                if least >= 0.0 and most <= length or variance <= 0.0:
+                if (least >= 0.0 and most <= length) or variance <= 0.0:
                     many += 1
                     if likely < first or many == 1:
                         told, told_before, told_after, first = p, aside_a, aside_b, likely
@@ -185,7 +185,7 @@ def polyline(a: f32x2, b: f32x2, variance: ti.f32, corners: ti.template()) -> f3
                 if at >= 0.0 and at <= length and p > rough:
                     rough, rough_before, rough_after = p, aside_a, aside_b
     found = f32x4(ti.cast(FAR, ti.f32), 0.0, 1.0, 1.0)
-    if open_ == 1 or many > 1 and variance > 0.0:
+    if open_ == 1 or (many > 1 and variance > 0.0):
         found = f32x4(ti.cast(OPEN, ti.f32), rough, rough_before, rough_after)
     elif many > 0:
         found = f32x4(ti.cast(TOLD, ti.f32), told, told_before, told_after)

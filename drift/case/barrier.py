@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from drift.case import fields, units
 from drift.case.context import Run, build_each
@@ -11,6 +11,13 @@ from drift.search.records import Barrier, Line
 from geo import gnomonic, notation
 
 MOST_POINTS = 200
+
+
+def _false_rate(value: object) -> float:
+    """Return a rate of false reports [1/s]; a number without a unit would be taken for one a second."""
+    if not isinstance(value, str) or not any(letter.isalpha() for letter in value):
+        raise ValueError(f'{value!r} needs a unit here, like "0.01 /h"')
+    return fields.rate(value)
 
 
 class LineTable(fields.Table):
@@ -43,7 +50,7 @@ class BarrierTable(LineTable):
     detection: Detection
     reported: fields.Time | None = None
     error: fields.Duration | None = None
-    false_alarms: fields.Label | None = None
+    false_alarms: Annotated[float, BeforeValidator(_false_rate)] | None = None
 
     @model_validator(mode="after")
     def reports(self) -> "BarrierTable":
@@ -57,11 +64,6 @@ class BarrierTable(LineTable):
             ]
         elif self.error is None:
             wrong.append('error is missing: the standard deviation of the time reported, like "10 min"')
-        if self.false_alarms is not None:
-            try:
-                fields.rate(self.false_alarms)
-            except ValueError as error:
-                wrong.append(f"false_alarms: {error}")
         fields.refuse(self, wrong)
         return self
 
@@ -76,10 +78,8 @@ class BarrierTable(LineTable):
                 f"reported {notation.group(reported)} is not while it was manned, {notation.group(begin)} to "
                 f"{notation.group(over)}"
             )
-        false = 0.0 if self.false_alarms is None else fields.rate(self.false_alarms)
-        return Barrier(
-            name, begin, over, tuple(self.points), self.detection, reported, self.error or 0.0, false_rate=false
-        )
+        error, false = self.error or 0.0, self.false_alarms or 0.0
+        return Barrier(name, begin, over, tuple(self.points), self.detection, reported, error, false)
 
 
 def build(tables: list[BarrierTable], run: Run) -> tuple[Barrier, ...]:

@@ -193,7 +193,9 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
         contacts = contact_table.build(table.contact, run)
     sensors = _sensors(table, run, wrong)
     with wrong.gathered():
-        plan = table.plan.spec(run, sorties, contacts, sensors, asked=bool(table.unit) or "plan" in table.model_fields_set)
+        plan = table.plan.spec(
+            run, sorties, contacts, sensors, asked=bool(table.unit) or "plan" in table.model_fields_set
+        )
     # Without a plan, units are held against the longest that the run allows, so that their own mistakes show.
     longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_table.LEAST)
     with wrong.gathered():

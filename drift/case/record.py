@@ -65,7 +65,7 @@ class Case:
     plan: PlanSpec
     resampling: Resampling
     expect: Expect
-    sensors: Sensors = Sensors()  # looks, fields, barriers, lines
+    sensors: Sensors = field(default_factory=Sensors)  # looks, fields, barriers, lines
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included

@@ -39,7 +39,9 @@ class Crossing:
     line: Line
     probability: Array  # (scenarios + 1,) that it is crossed, or touched, in the run
     error: Array  # (scenarios + 1,) standard error of that, of the particles alone
-    first: Array  # datetime64[s] (scenarios + 1, 3): times by which 5, 50 and 95 % of the first crossings are; NaT: none
+    first: (
+        Array  # datetime64[s] (scenarios + 1, 3): times by which 5, 50 and 95 % of the first crossings are; NaT: none
+    )
     mass: Array  # (scenarios + 1, BINS): probability of a first crossing by part of the run; adds up to `probability`
 
 

@@ -25,9 +25,9 @@ from drift.search import contacts as contact_laws
 from drift.search import crossings, debris, looks
 from drift.search.exposure import SortieExposure
 from drift.search.observers import Observers
-from drift.search.records import Contact, Look, Resampling, Sensors, Sortie
+from drift.search.records import NO_SENSORS, Contact, Kind, Look, Resampling, Sensors, Sortie
 from drift.search.standing import Standing, standing
-from drift.search.updates import Kind, Update, Updates
+from drift.search.updates import Update, Updates
 from geo.array import Array
 from geo.errors import UserError
 from kernels import runtime
@@ -49,7 +49,7 @@ class Search:
         resampling: Resampling,
         ensemble: Ensemble,
         scene: Scene,
-        sensors: Sensors = Sensors(),
+        sensors: Sensors = NO_SENSORS,
     ) -> None:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`."""
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene

@@ -4,6 +4,7 @@ Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, eqs. 13 to 
 field's half size, max(2 |x| / W, 2 |y| / H) in a box and r / R in a circle.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -35,13 +36,13 @@ def said(chance: Array, positive: bool, detection: float, false_alarms: float) -
 
 def distance(field: Field, lon: Array, lat: Array) -> Array:
     """Return how far from the middle of a field binary angles lie, in units of its half size, (n,)."""
-    at = np.radians([field.lon, field.lat])
-    east, north = sphere.offset(*at, lon * sphere.UNIT, lat * sphere.UNIT)
+    at_lon, at_lat = math.radians(field.lon), math.radians(field.lat)
+    east, north = sphere.offset(at_lon, at_lat, lon * sphere.UNIT, lat * sphere.UNIT)
     if field.radius > 0:
         return np.asarray(np.hypot(east, north) / field.radius)
-    c, s = np.cos(field.turned), np.sin(field.turned)
+    c, s = math.cos(field.turned), math.sin(field.turned)
     x, y = east * c - north * s, east * s + north * c
-    return np.maximum(2 / field.width * np.abs(x), 2 / field.height * np.abs(y))
+    return np.asarray(np.maximum(2 / field.width * np.abs(x), 2 / field.height * np.abs(y)))
 
 
 def _cookie_cutter(sight: Sight, far: Array) -> Array:

@@ -17,7 +17,7 @@ from drift.motion.scene import Scene
 from drift.motion.simulate import PositionsAt
 from drift.particles.ensemble import Ensemble, Slots
 from drift.search import looks, sensor_shape
-from drift.search.records import Barrier, Line, Presence, Sensors
+from drift.search.records import Barrier, Kind, Line, Presence, Sensors
 from geo import notation
 from geo.array import Array
 from kernels import observe, runtime
@@ -73,9 +73,9 @@ class Observer:
             return np.asarray(np.log(missed))
 
     @property
-    def kind(self) -> str:
+    def kind(self) -> Kind:
         """What it is, as updates call it."""
-        return type(self.what).__name__.lower()
+        return "presence" if isinstance(self.what, Presence) else "barrier"
 
     @property
     def positive(self) -> bool:
@@ -111,7 +111,8 @@ class Observers:
     def __init__(self, spec: EnsembleSpec, sensors: Sensors, ensemble: Ensemble, scene: Scene) -> None:
         """Make ready for a run of an ensemble that has been drawn from `spec`, through a scene."""
         self._spec, self._ensemble, self._scene = spec, ensemble, scene
-        self._waiting = [observer(what, spec) for what in (*sensors.presences, *sensors.barriers)]
+        looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
+        self._waiting = [observer(what, spec) for what in looking]
         self.lines = [observer(line, spec) for line in sensors.lines]
         self._step: Step | None = None
         self._known: tuple[int, Places] | None = None  # when in the step, and where, its particles are known to be last

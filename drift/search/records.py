@@ -13,6 +13,8 @@ import numpy as np
 from drift.motion.leeway import Drifter
 from geo.polyline import Area, Legs
 
+Kind = Literal["sortie", "contact", "look", "presence", "barrier"]  # what changes weights
+
 
 @dataclass(frozen=True)
 class Law:
@@ -186,8 +188,11 @@ class Sensors:
     @property
     def times(self) -> list[np.datetime64]:
         """When anything of it begins or ends."""
-        both = [time for what in (*self.presences, *self.barriers) for time in (what.start, what.end)]
-        return [look.time for look in self.looks] + both
+        lasting: list[Presence | Barrier] = [*self.presences, *self.barriers]
+        return [look.time for look in self.looks] + [time for what in lasting for time in (what.start, what.end)]
+
+
+NO_SENSORS = Sensors()
 
 
 @dataclass(frozen=True)

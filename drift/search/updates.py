@@ -1,17 +1,13 @@
 """What each sortie, contact and sensor did to the probability: the record behind tables, pictures and the debrief."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from drift.search.crossings import Crossings
-from drift.search.records import Sortie
+from drift.search.records import Kind, Sortie
 from drift.search.standing import Standing
 from geo.array import Array
-
-
-Kind = Literal["sortie", "contact", "look", "presence", "barrier"]
 
 
 @dataclass(frozen=True)

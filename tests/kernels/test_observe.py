@@ -4,6 +4,7 @@ The places of coarse steps are some of the fine ones, so that every step sees th
 """
 
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -83,7 +84,7 @@ def crossed(path, corners):
     """Return which paths (n, m, 2), straight from place to place, cross a line of straight parts, (n,)."""
     a, b = path[:, :-1], path[:, 1:]
     found = np.zeros(len(path), bool)
-    for p, q in zip(corners[:-1], corners[1:], strict=True):
+    for p, q in itertools.pairwise(corners):
 
         def side(u, v, w):
             return (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1]) - (v[..., 1] - u[..., 1]) * (w[..., 0] - u[..., 0])
@@ -130,7 +131,7 @@ def test_the_step_does_not_matter(kind: int) -> None:
         seen = [1 - stayed for stayed in seen]
     last = seen[-1].mean()
     assert 0.1 < last < 0.9
-    for coarse, fine in zip(seen[:-1], seen[1:], strict=True):
+    for coarse, fine in itertools.pairwise(seen):
         change = coarse - fine
         error = change.std() / math.sqrt(len(change))
         assert error < 0.0035 * last  # so that a change of 1 % would be seen
@@ -141,7 +142,7 @@ def test_the_step_does_not_matter(kind: int) -> None:
 def _fine(kind):
     """Return what happens to fine paths, and the same paths in 4 steps."""
     n, fine = 6_000, 4 * 768
-    where, corners, spread, stays = KINDS[kind]
+    _, _, spread, stays = KINDS[kind]
     kept, straight, coarse = [], [], []
     for part in range(6):
         path = walks(n // 6, fine, spread, seed=100 * kind + part)
