@@ -90,9 +90,10 @@ def _crossing(spec: EnsembleSpec, seen: Observer, ensemble: Ensemble, weight: Ar
     return Crossing(seen.what, probability, error, first, mass)
 
 
-def csv(crossings: Crossings, run: str) -> str:
+def csv(crossings: Crossings | None, run: str) -> str:
     """Return a row for each line and scenario, and one for all together, as CSV; empty: it is not crossed."""
     rows = []
+    assert crossings is not None
     for crossing in crossings.all:
         for row, scenario in enumerate([*crossings.scenarios, ALL]):
             times = [None if np.isnat(time) else time for time in crossing.first[row]]
