@@ -54,8 +54,7 @@ def _search(matter: Matter, path: Path, page: int = 1) -> None:
 def _lines(matter: Matter, path: Path) -> None:
     from drift.search import crossings_map
 
-    assert matter.updates.crossings is not None
-    crossings_map.draw(matter.updates.crossings, path, matter.setting)
+    crossings_map.draw(matter.updates, path, matter.setting)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
