@@ -180,14 +180,15 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
             chapters.append(spill_chapter.chapter(spill_chapter.Matter(after, on)))
         if updates is not None:
             # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
-            search_matter = search_chapter.Matter(updates, case.contacts, result.forecast, failed)
+            search_matter = search_chapter.Matter(updates, case.contacts, result.forecast, failed, case.sensors)
             chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
         chapters += more
         if basis := suspension(result, planned):
             lost = decision.off_map(result.forecast.data)
             suspend_matter = suspend_chapter.Matter(basis, on.imprint, facts.synthetic(case), lost)
             chapters.append(suspend_chapter.chapter(suspend_matter))
-        searches = [partial(search_chapter.overlay, updates.sorties if updates else (), case.contacts)]
+        flown = updates.sorties if updates else ()
+        searches = [partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors)]
         forecast_matter = forecast_chapter.Matter(result.forecast, result.trajectories, failed, searches)
         chapters.append(forecast_chapter.chapter(forecast_matter))
         publish(job.out, chapters, overwrite=job.overwrite)

@@ -141,10 +141,11 @@ def renew(case: Case, where: Environment, before: Start, proposal: Proposal, num
 
 
 def search(case: Case, begin: Start) -> Search | None:
-    """Return the filter by what a case says was searched and seen; None where that is nothing."""
-    if not (case.sorties or case.contacts):
+    """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing."""
+    if not (case.sorties or case.contacts or case.sensors.telling or case.sensors.lines):
         return None
-    return Search(ensemble_spec(case), case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene)
+    spec, sensors = ensemble_spec(case), case.sensors
+    return Search(spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, sensors)
 
 
 def check_end(case: Case, where: Environment, begin: Start, end: Snapshot, search: Search | None) -> None:

@@ -19,6 +19,8 @@ shore    what the shore does to a step: landing, sliding, refloating
 advance  one step of all particles, composed of these
 bridge   where particles are inside a step
 sweep    what a sensor's track does to each particle: exposure, and the weights that it leaves
+touch    whether a Brownian bridge touches a line, stays in a box or a disc
+observe  what a line or a field tells of a piece of way, straight or a bridge
 deposit  weights to a grid, in fixed point
 allocate what effort that is spread over cells finds
 rectangles  what rectangles searched by parallel sweeps find

@@ -25,6 +25,7 @@ STREAM_AIM = 11  # way points, courses and legs that it draws on its way
 STREAM_WAY = 12  # how it wanders about its way
 STREAM_MIDWAY = 13  # the same at times within a piece of its way
 STREAM_LEVY = 15  # midpoints of ways, where a sensor looks closely
+STREAM_TOUCH = 14  # places that cut it in two, where a sensor asks closely what it touched
 STREAM_DEBRIS = 16  # the first of many: each class of debris has its own
 
 u32x4 = ti.types.vector(4, ti.u32)

@@ -11,9 +11,12 @@ from pydantic import BaseModel
 
 from drift.backtrack import chapter as backtrack_chapter
 from drift.case import scenario
+from drift.case.barrier import BarrierTable, LineTable
 from drift.case.contact import BearingTable, ContactTable, PlaceTable, RangeTable
+from drift.case.look import LookTable
 from drift.case.pattern import NEEDS, PatternTable, RegionTable
 from drift.case.plan import PlanTable, ResamplingTable, UnitTable
+from drift.case.presence import PresenceTable
 from drift.case.sensor import ConditionsTable, SensorTable
 from drift.case.sortie import MarkerTable, SortieTable, WatchTable
 from drift.drifters import chapter as drifters_chapter
@@ -45,12 +48,17 @@ HEADINGS: dict[str, type[BaseModel]] = {  # sections of search_keys.md, "chapter
     "[[contact]] / position": PlaceTable,
     "[[contact]] / bearing": BearingTable,
     "[[contact]] / range": RangeTable,
+    "[[look]]": LookTable,
+    "[[presence]]": PresenceTable,
+    "[[barrier]]": BarrierTable,
+    "[[line]]": LineTable,
     "[[unit]]": UnitTable,
     "[plan]": PlanTable,
     "[resampling]": ResamplingTable,
 }
 CHECKED: dict[str, type[BaseModel]] = {
-    "sortie": SortieTable, "contact": ContactTable, "unit": UnitTable, "plan": PlanTable, "resampling": ResamplingTable
+    "sortie": SortieTable, "contact": ContactTable, "look": LookTable, "presence": PresenceTable,
+    "barrier": BarrierTable, "line": LineTable, "unit": UnitTable, "plan": PlanTable, "resampling": ResamplingTable,
 }  # fmt: skip
 
 EVERY = {writer.SUMMARY, manifest.NAME}  # what every run writes
@@ -58,6 +66,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
     "README.md": {
         *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
         *search_chapter.FILES, *search_chapter.PICTURES, *search_chapter.MAPS,
+        *search_chapter.LINE_FILES, *search_chapter.LINE_PICTURES,
     },
     "docs/search.md": {*planner_chapter.FILES, *planner_chapter.PICTURES},
     "docs/spill.md": {

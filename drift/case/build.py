@@ -7,8 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drift.case import barrier as barrier_table
 from drift.case import contact as contact_table
+from drift.case import look as look_table
 from drift.case import plan as plan_table
+from drift.case import presence as presence_table
 from drift.case import sortie as sortie_table
 from drift.case import sources, subject, uncertainty, units
 from drift.case.context import Run
@@ -20,7 +23,7 @@ from drift.environment.environment_spec import Coast
 from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.motion.scenario import Scenario
-from drift.search.records import Contact, PlanSpec, Sortie, Unit
+from drift.search.records import Contact, PlanSpec, Sensors, Sortie, Unit
 from drift.spill.records import Spill
 from geo import notation
 from geo.errors import UserError
@@ -30,13 +33,14 @@ MOST_OUTPUTS = 1000
 
 
 class _Search(NamedTuple):
-    """What was searched and seen, what can be sent, and what is to be planned.
+    """What was searched, seen and said by sensors, what can be sent, and what is to be planned.
 
     There is no plan where the scenarios are at fault.
     """
 
     sorties: tuple[Sortie, ...] = ()
     contacts: tuple[Contact, ...] = ()
+    sensors: Sensors = Sensors()
     units: tuple[Unit, ...] = ()
     plan: PlanSpec | None = None
 
@@ -84,6 +88,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         spill=replace(spill, current_bias=current_error.bias) if spill else None,
         sorties=search.sorties,
         contacts=search.contacts,
+        sensors=search.sensors,
         units=search.units,
         plan=search.plan,
         resampling=table.resampling.resampling(),
@@ -186,8 +191,11 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
         sorties = sortie_table.build(table.sortie, run)
     with wrong.gathered():
         contacts = contact_table.build(table.contact, run)
+    sensors = _sensors(table, run, wrong)
     with wrong.gathered():
-        plan = table.plan.spec(run, sorties, contacts, asked=bool(table.unit) or "plan" in table.model_fields_set)
+        plan = table.plan.spec(
+            run, sorties, contacts, sensors, asked=bool(table.unit) or "plan" in table.model_fields_set
+        )
     # Without a plan, units are held against the longest that the run allows, so that their own mistakes show.
     longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_table.LEAST)
     with wrong.gathered():
@@ -195,7 +203,21 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     if len(wrong.lines) == before:
         with wrong.gathered():
             plan_table.check_groups(sorties, fleet)
-    return _Search(sorties, contacts, fleet, plan)
+    return _Search(sorties, contacts, sensors, fleet, plan)
+
+
+def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:
+    """Return looks, fields, barriers and lines; what is wrong with them is added to the mistakes."""
+    sensors = Sensors()
+    with wrong.gathered():
+        sensors = replace(sensors, looks=look_table.build(table.look, run))
+    with wrong.gathered():
+        sensors = replace(sensors, presences=presence_table.build(table.presence, run))
+    with wrong.gathered():
+        sensors = replace(sensors, barriers=barrier_table.build(table.barrier, run))
+    with wrong.gathered():
+        sensors = replace(sensors, lines=barrier_table.build_lines(table.line, run))
+    return sensors
 
 
 def _outputs(table: CaseTable, spill: Spill | None, search: _Search, wrong: Mistakes) -> NDArray[np.datetime64]:
@@ -207,7 +229,7 @@ def _outputs(table: CaseTable, spill: Spill | None, search: _Search, wrong: Mist
     seen = (
         [find.time for find in spill.finds if find.at_sea]
         if spill
-        else plan_table.times(search.sorties, search.contacts)
+        else plan_table.times(search.sorties, search.contacts) + search.sensors.times
     )
     sign = 1 if end > start else -1
     asked: list[np.datetime64] = []

@@ -11,7 +11,7 @@ from drift.case import fields, units
 from drift.case.context import Run, build_each
 from drift.case.mistakes import Mistakes
 from drift.case.sensor import VISUAL, Kind, SensorTable
-from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit
+from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
 from geo import notation
 from geo.errors import UserError
 
@@ -106,9 +106,11 @@ class PlanTable(fields.Table):
             raise ValueError(f"{value:,} must be {LEAST:,} to {MOST:,} particles")
         return value
 
-    def spec(self, run: Run, sorties: Sequence[Sortie], contacts: Sequence[Contact], asked: bool) -> PlanSpec:
+    def spec(
+        self, run: Run, sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sensors, asked: bool
+    ) -> PlanSpec:
         """Return the record; asked: whether there is something to plan, so that its times must leave room for it."""
-        past = [run.start, *(sortie.end for sortie in sorties), *(contact.time for contact in contacts)]
+        past = [run.start, *(sortie.end for sortie in sorties), *(contact.time for contact in contacts), *sensors.times]
         begin = max(past) if self.begin is None else units.resolve(self.begin, run.start)
         until = run.end if self.until is None else units.resolve(self.until, run.start)
         wrong = Mistakes()

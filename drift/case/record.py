@@ -15,7 +15,7 @@ from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.period import Period
 from drift.motion.scenario import Scenario
-from drift.search.records import Contact, PlanSpec, Resampling, Sortie, Unit
+from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
 from drift.spill.records import Spill
 from geo.box import Box
 from geo.cells import Cells
@@ -65,6 +65,7 @@ class Case:
     plan: PlanSpec
     resampling: Resampling
     expect: Expect
+    sensors: Sensors = field(default_factory=Sensors)  # looks, fields, barriers, lines
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included

@@ -10,10 +10,13 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift.case import fields, units
+from drift.case.barrier import BarrierTable, LineTable
 from drift.case.contact import ContactTable
 from drift.case.expect import Expect
 from drift.case.grid import GridTable
+from drift.case.look import LookTable
 from drift.case.plan import PlanTable, ResamplingTable, UnitTable
+from drift.case.presence import PresenceTable
 from drift.case.scenario import ScenarioTable
 from drift.case.sortie import SortieTable
 from drift.case.sources import SourceTable
@@ -23,6 +26,7 @@ from drift.forecast import shares
 from geo import notation, sphere
 from geo.box import Box
 
+SEARCH = ("sortie", "contact", "look", "presence", "barrier", "line", "unit")  # tables of a search for one object
 BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 92 on the device, the rest on the host
 
 
@@ -161,6 +165,10 @@ class CaseTable(fields.Table):
     patrol_unit: list[PatrolUnitTable] = Field(default_factory=list)
     sortie: list[SortieTable] = Field(default_factory=list)
     contact: list[ContactTable] = Field(default_factory=list)
+    look: list[LookTable] = Field(default_factory=list)
+    presence: list[PresenceTable] = Field(default_factory=list)
+    barrier: list[BarrierTable] = Field(default_factory=list)
+    line: list[LineTable] = Field(default_factory=list)
     unit: list[UnitTable] = Field(default_factory=list)
     plan: PlanTable = PlanTable()
     resampling: ResamplingTable = ResamplingTable()
@@ -207,7 +215,7 @@ class CaseTable(fields.Table):
 
     def _of_a_search(self) -> str:
         """Return the first table that belongs to a search, "" without one."""
-        given = [f"[[{key}]]" for key in ("sortie", "contact", "unit") if getattr(self, key)]
+        given = [f"[[{key}]]" for key in SEARCH if getattr(self, key)]
         given += [f"[{key}]" for key in ("plan", "resampling") if key in self.model_fields_set]
         return given[0] if given else ""
 

@@ -110,7 +110,9 @@ def _search(numbers: dict[str, Any]) -> Facts:
                 f"POS {_percent(update['pos']['all'])}, so far {_percent(update['cumulative_pos']['all'])}"
             )
         else:
-            facts[f'contact "{update["name"]}"'] = f"{Count(update['ess_after']).words} after it"
+            facts[f'{update["kind"]} "{update["name"]}"'] = f"{Count(update['ess_after']).words} after it"
+    for line in numbers.get("search", {}).get("lines", ()):
+        facts[f'line "{line["name"]}"'] = f"crossed with {_percent(line['probability']['all'])}"
     return facts
 
 

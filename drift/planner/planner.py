@@ -60,6 +60,7 @@ def plan(
         )
     known = [(sortie.end, f'sortie "{sortie.name}"') for sortie in case.sorties]
     known += [(contact.time, f'contact "{contact.name}"') for contact in case.contacts]
+    known += [(max(sensors), "the last look, presence or barrier") for sensors in [case.sensors.times] if sensors]
     last, what = max(known, default=(case.plan.begin, ""))
     if last > case.plan.begin:
         raise UserError(

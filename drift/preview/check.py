@@ -13,7 +13,7 @@ from drift.forecast import likeliest
 from drift.job import in_turn
 from drift.motion.scenario import Scenario
 from drift.preview import outlook
-from drift.search.records import Sortie
+from drift.search.records import Barrier, Field, Line, Look, Presence, Sortie
 from drift.spill import renewal
 from drift.spill.records import Spill
 from drift.suspend import alive
@@ -101,6 +101,8 @@ def _search(case: Case) -> dict[str, str]:
         if contact.false_density > 0:
             doubt = f"false {contact.false_density:.3g} per unit"
         lines[f'contact "{contact.name}"'] = f"{contact.kind}, {notation.group(contact.time)}, {doubt}"
+    for what in (*case.sensors.telling, *case.sensors.lines):
+        lines[f'{type(what).__name__.lower()} "{what.name}"'] = _sensor(what)
     for unit in case.units:
         lines[f'unit "{unit.name}"'] = (
             f"from {notation.position(*unit.base)}, ready {notation.group(unit.ready)}, "
@@ -112,6 +114,26 @@ def _search(case: Case) -> dict[str, str]:
         span = f"{notation.group(spec.begin)} to {notation.group(spec.until)}"
         lines["plan"] = f"{span}, for {spec.objective}, {spec.rounds} round(s)"
     return lines
+
+
+def _sensor(what: Look | Presence | Barrier | Line) -> str:
+    """Return what a sensor was, when it looked on, and what it said."""
+    if isinstance(what, Line):
+        return f"{len(what.points)} points; its first crossing is told"
+    if isinstance(what, Look):
+        sees = "something" if what.positive else "nothing"
+        return f"{_field(what.field)}, {notation.group(what.time)}, {what.sight.kind.replace('_', ' ')}, sees {sees}"
+    span = f"{notation.group(what.start)} to {notation.group(what.end)}, detection {what.detection:g}"
+    if isinstance(what, Presence):
+        return f"{_field(what.field)}, {span}, present {what.present}"
+    report = "reports nothing" if what.reported is None else f"reports {notation.group(what.reported)}"
+    return f"{len(what.points)} points, {span}, {report}"
+
+
+def _field(field: Field) -> str:
+    if field.radius > 0:
+        return f"{field.radius / NMI:g} nmi about {notation.position(field.lon, field.lat)}"
+    return f"{field.width / NMI:g} by {field.height / NMI:g} nmi about {notation.position(field.lon, field.lat)}"
 
 
 def _sortie(sortie: Sortie) -> str:

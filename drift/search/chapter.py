@@ -1,4 +1,4 @@
-"""What a search hands out: what each sortie and contact has done.
+"""What a search hands out: what each sortie, contact and sensor has done, and which lines are crossed.
 
 It comes as a table, as shapes for a GIS, and in pictures.
 """
@@ -12,8 +12,9 @@ from typing import Any
 from drift.forecast.build import Forecast
 from drift.maps.imprint import Setting
 from drift.output.chapter import Chapter, Contents, Stamped, bound
+from drift.search import crossings
 from drift.search import tables as search_tables
-from drift.search.records import Contact, Sortie
+from drift.search.records import NO_SENSORS, Contact, Sensors, Sortie
 from drift.search.updates import Updates
 
 
@@ -25,6 +26,7 @@ class Matter:
     contacts: Sequence[Contact]
     forecast: Forecast
     setting: Setting
+    sensors: Sensors = NO_SENSORS
 
 
 def _evidence(matter: Matter, path: Path) -> None:
@@ -37,13 +39,28 @@ def _search(matter: Matter, path: Path, page: int = 1) -> None:
     from drift.search import map as search_map
 
     sorties = matter.updates.sorties
-    search_map.draw(matter.forecast, sorties, matter.contacts, matter.updates, path, matter.setting, page=page)
+    search_map.draw(
+        matter.forecast,
+        sorties,
+        matter.contacts,
+        matter.updates,
+        path,
+        matter.setting,
+        page=page,
+        sensors=matter.sensors,
+    )
+
+
+def _lines(matter: Matter, path: Path) -> None:
+    from drift.search import crossings_map
+
+    crossings_map.draw(matter.updates, path, matter.setting)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
     "sorties.csv": lambda matter, stamped: search_tables.csv(matter.updates, stamped["run_id"]),
     "sorties.geojson": lambda matter, stamped: search_tables.shapes(
-        matter.updates.sorties, matter.contacts, matter.updates, stamped
+        matter.updates.sorties, matter.contacts, matter.updates, stamped, matter.sensors
     ),
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
@@ -53,21 +70,31 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 MAPS: dict[str, Callable[[Matter, Path], None]] = {
     "search.png": _search,
 }
+# Of lines whose first crossing is asked for.
+LINE_FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "lines.csv": lambda matter, stamped: crossings.csv(matter.updates.crossings, stamped["run_id"]),
+}
+LINE_PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "lines.png": _lines,
+}
 
 
 def chapter(matter: Matter, *, mapped: bool) -> Chapter:
     """Return the chapter of a search; mapped: whether the forecast has outputs at the times of its sorties."""
-    pictures = bound(PICTURES, matter)
+    told = bool(matter.updates.all or matter.updates.sorties)
+    files, pictures = (bound(FILES, matter), bound(PICTURES, matter)) if told else ({}, {})
+    if matter.updates.crossings is not None:
+        files, pictures = files | bound(LINE_FILES, matter), pictures | bound(LINE_PICTURES, matter)
     if mapped and matter.updates.sorties:
         from drift.search import map as search_map
 
         more = range(2, 1 + search_map.pages(matter.updates.sorties))
         pictures |= bound(MAPS, matter) | {f"search-{page}.png": partial(_search, matter, page=page) for page in more}
-    return Chapter({"search": search_tables.numbers(matter.updates)}, bound(FILES, matter), pictures)
+    return Chapter({"search": search_tables.numbers(matter.updates)}, files, pictures)
 
 
-def overlay(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any) -> Any:
+def overlay(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS) -> Any:
     """Return what the map of a forecast shows of a search at a time, a drift.maps.overlay.Overlay."""
     from drift.search import layers
 
-    return layers.reminder(sorties, contacts, time)
+    return layers.reminder(sorties, contacts, time, sensors)

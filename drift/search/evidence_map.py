@@ -133,10 +133,13 @@ def _quoted(names: list[str]) -> str:
 def _account(updates: Updates, hidden: int) -> str:
     """Return in a line what was done, and how the search stands."""
     sorties = [u for u in updates.all if u.kind == "sortie"]
-    contacts = len(updates.all) - len(sorties)
+    contacts = sum(u.kind == "contact" for u in updates.all)
+    sensors = len(updates.all) - len(sorties) - contacts
     parts = [f"{len(sorties)} sortie{'s' * (len(sorties) != 1)} that found nothing"]
     if contacts:
         parts.append(f"{contacts} contact{'s' * (contacts != 1)}")
+    if sensors:
+        parts.append(f"{sensors} report{'s' * (sensors != 1)} of sensors")
     done = [u.cumulative[-1] for u in sorties if u.cumulative is not None]
     if done:
         parts.append(f"cumulative POS {labels.percent(done[-1])}")
@@ -242,7 +245,7 @@ def _rows(
 
     write(-0.03, 0, begin, 8.5, GREY, ha="right")
     for k, (number, (update, _)) in enumerate(shown, 1):
-        what = update.name if update.kind == "sortie" else f"{page.fit(update.name, 18)} (contact)"
+        what = update.name if update.kind == "sortie" else f"{page.fit(update.name, 18)} ({update.kind})"
         write(-0.03, k - 0.15, f"{number}  {page.fit(what, 28)}", 9, weight="bold", ha="right")
         pos = "" if update.pos is None else f", POS {labels.percent(float(update.pos[-1]))}"
         left = effective.Count(update.ess_after)

@@ -1,4 +1,4 @@
-"""The filter: what sorties that found nothing, and contacts, do to the weights of an ensemble.
+"""The filter: what sorties that found nothing, contacts and sensors do to the weights of an ensemble.
 
 It works while the ensemble moves.
 
@@ -22,9 +22,10 @@ from drift.particles.ensemble import Ensemble
 from drift.particles.status import Status, on_map
 from drift.particles.weights import Weighed
 from drift.search import contacts as contact_laws
-from drift.search import debris
+from drift.search import crossings, debris, looks
 from drift.search.exposure import Exposed, SortieExposure
-from drift.search.records import Contact, Resampling, Sortie
+from drift.search.observers import Observers
+from drift.search.records import NO_SENSORS, Contact, Kind, Look, Resampling, Sensors, Sortie
 from drift.search.standing import Standing, standing
 from drift.search.updates import Update, Updates
 from geo.array import Array
@@ -38,7 +39,7 @@ FARTHEST = 20.0  # most that the log of the sum of weights may be off before wei
 
 
 class Search:
-    """Sorties and contacts of one run; `updates` tells afterwards what each did."""
+    """Sorties, contacts and sensors of one run; `updates` tells afterwards what each did."""
 
     def __init__(
         self,
@@ -48,6 +49,7 @@ class Search:
         resampling: Resampling,
         ensemble: Ensemble,
         scene: Scene,
+        sensors: Sensors = NO_SENSORS,
     ) -> None:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`."""
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
@@ -59,6 +61,8 @@ class Search:
         self._shared: dict[tuple[str, float], Device] = {}
         self._step: Step | None = None
         self._begin: Begin | None = None  # where the particles began the present step
+        self._looks = [(spec.period.elapsed(look.time), look) for look in sensors.looks]
+        self._observers = Observers(spec, sensors, ensemble, scene)
         self._debris = debris.of_contacts(spec, self._contacts, scene)
         self._updates: list[Update] = []
         first = self.ensemble.log_weight.to_numpy()
@@ -82,12 +86,13 @@ class Search:
         last = self._updates[-1].posterior if self._updates else self._prior
         likeliest = int(np.argmax(last))
         flown = tuple(sortie.as_flown(likeliest, self._start) for sortie in self._all)
-        return Updates(tuple(s.name for s in self._spec.scenarios), self._prior, tuple(self._updates), flown)
+        lines = crossings.build(self._spec, self._observers.lines, self.ensemble) if self._observers.lines else None
+        return Updates(tuple(s.name for s in self._spec.scenarios), self._prior, tuple(self._updates), flown, lines)
 
     def stops(self, after: int, until: int) -> list[int]:
         """Return the times in (after, until] at which something takes effect [s after start]."""
-        times = [flown.end for flown in self._waiting] + [time for time, _ in self._contacts]
-        return sorted({t for t in times if after < t <= until})
+        times = [flown.end for flown in self._waiting] + [time for time, _ in self._contacts + self._looks]
+        return sorted({t for t in times if after < t <= until} | self._observers.stops(after, until))
 
     def before(self, elapsed: int, duration: int) -> bool:
         """Take the markers of sorties over a step, for which the forcing is set; return whether any is flown in it."""
@@ -103,6 +108,7 @@ class Search:
     def advance(self, low: int, high: int, step: Step) -> None:
         """Move debris over a step."""
         self._step = step
+        self._observers.before(step)
         for beside in self._debris.values():
             if beside.last > step.elapsed:
                 beside.begin = beside.scene.advance(beside.ensemble, low, high, step, keep=True)
@@ -121,6 +127,9 @@ class Search:
 
         place: gives where an ensemble's particles were then.
         """
+        asked = [c for when, c in self._contacts + self._looks if when == time and not getattr(c, "drifter", None)]
+        if asked or self._observers.stops(time - 1, time):
+            self._observers.cut(time, place)
         for flown in [f for f in self._waiting if f.end == time]:
             self._fail(flown)
             self._waiting.remove(flown)
@@ -130,6 +139,13 @@ class Search:
         for when, contact in [c for c in self._contacts if c[0] == time]:
             self._contacts.remove((when, contact))
             self._see(contact, time, place)
+        for when, look in [c for c in self._looks if c[0] == time]:
+            self._looks.remove((when, look))
+            self._look(look, time, place)
+        for seen in self._observers.over(time):
+            likelihood = seen.likelihood(seen.ready(self.ensemble.n), over=True)
+            assert likelihood is not None
+            self._tell(seen.what.name, seen.kind, time, likelihood, seen.positive)
 
     def _fail(self, flown: SortieExposure) -> None:
         """Change weights because a sortie found nothing."""
@@ -166,7 +182,7 @@ class Search:
         likelihood = contact_laws.log_likelihood(contact, lon, lat)
         there = on_map(life.read(who).at(time))
         likelihood = np.where(there, likelihood, -np.inf)
-        before, current = self.ensemble.log_weight.to_numpy(), self.log_weight(time)
+        current = self.log_weight(time)
         # The mean likelihood under all that is known then, which includes sorties under way.
         mean = self._weighed(current + likelihood).log_sum - self._weighed(current).log_sum
         if contact.false_density > 0:
@@ -178,22 +194,24 @@ class Search:
                 with np.errstate(divide="ignore"):
                     doubt = np.log1p(-contact.belief) + mean
                     likelihood = np.logaddexp(np.log(contact.belief) + likelihood, doubt)
-        self.unsearched = self.unsearched + likelihood
+        self._tell(contact.name, "contact", time, likelihood, positive=True)
+
+    def _look(self, look: Look, time: int, place: PositionsAt) -> None:
+        """Change weights by what a look saw or did not see."""
+        lon, lat = place(self.ensemble, self._scene, None, time)
+        there = life.read(self.ensemble).at(time) <= Status.ASHORE
+        self._tell(look.name, "look", time, looks.log_likelihood(look, lon, lat, there), look.positive)
+
+    def _tell(self, name: str, kind: Kind, time: int, likelihood: Array, positive: bool) -> None:
+        """Change weights by the log likelihood (n,) of what was told at a time; positive: of something that was seen."""
+        if positive:
+            self.unsearched = self.unsearched + likelihood
+        before, when = self.ensemble.log_weight.to_numpy(), self._spec.period.time(time)
         after = before + likelihood
         then, now = self._weighed(before), self._weighed(after)
-        evidence = self._evidence(then, now, f'contact "{contact.name}"')
-        self._note(
-            Update(
-                contact.name,
-                "contact",
-                contact.time,
-                evidence,
-                now.scenarios,
-                then.ess,
-                now.ess,
-                standing=self._standing(contact.time, after, now.ess),
-            )
-        )
+        evidence = self._evidence(then, now, f'{kind} "{name}"')
+        standing = self._standing(when, after, now.ess)
+        self._note(Update(name, kind, when, evidence, now.scenarios, then.ess, now.ess, standing=standing))
         self._settle(after, changed=True)
 
     def _settle(self, log_weight: Array, changed: bool = False) -> None:
@@ -212,18 +230,21 @@ class Search:
 
         They include what sorties under way have missed until then.
         """
-        under_way = self._flown(time)
+        under_way, said = self._flown(time), self._observers.so_far(time)
         if not under_way:
-            return np.asarray(self.ensemble.log_weight.to_numpy())
+            only = np.asarray(self.ensemble.log_weight.to_numpy())
+            return only if said is None else (only + said).astype(np.float32)
         weight = runtime.copy(self.ensemble.log_weight)
         groups = {(flown.sortie.group, flown.sortie.shape) for flown in under_way}
         shared = {key: runtime.copy(column) for key, column in self._shared.items() if key in groups}
         for flown in under_way:
             flown.fail(self.ensemble, self._exposed(flown, time, keep=False), self._group(flown, shared), weight)
-        return np.asarray(weight.to_numpy())
+        failed = np.asarray(weight.to_numpy())
+        return failed if said is None else (failed + said).astype(np.float32)
 
     def watch(self, until: int) -> None:
-        """See what all sorties do until the end of the step that has just been made."""
+        """See what all sorties and sensors do until the end of the step that has just been made."""
+        self._observers.watch(until)
         for flown in self._flown(until):
             self._exposed(flown, until, keep=True)
 
@@ -255,6 +276,7 @@ class Search:
         self.unsearched = np.where(log_weight > -np.inf, own, -np.inf)
         begun = [flown.exposed.columns for flown in self._waiting if flown.exposed]
         columns = [column for own in begun for column in own] + list(self._shared.values())
+        columns += self._observers.columns
         for beside in self._debris.values():
             record.inherit(beside.ensemble, ancestors)
             self._wait_anew(beside.ensemble, until)

@@ -11,11 +11,11 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from drift.maps import marks
 from drift.maps.chart import Frame
-from drift.maps.marks import Line
 from drift.maps.overlay import Overlay
 from drift.search import shapes as search_shapes
-from drift.search.records import Contact, Sortie
+from drift.search.records import NO_SENSORS, Barrier, Contact, Line, Look, Presence, Sensors, Sortie
 from geo.array import Array
 
 AREA: dict[str, Any] = {"color": "#003b36", "linewidth": 1.6, "linestyle": "-"}
@@ -23,23 +23,37 @@ LEGS: dict[str, Any] = {"color": "#003b36", "linewidth": 0.7, "linestyle": "-"}
 TRANSIT: dict[str, Any] = {"color": "#003b36", "linewidth": 0.8, "linestyle": (0, (1, 2))}
 ZONES: dict[str, Any] = {"color": "#003b36", "linewidth": 1.0, "linestyle": (0, (8, 3))}
 CONTACT: dict[str, Any] = {"color": "#a30052", "linewidth": 1.1, "linestyle": (0, (5, 1.5, 1, 1.5))}
+SENSORS: dict[str, dict[str, Any]] = {
+    "Field, nothing there": {"color": "#003b36", "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
+    "Field, something there": {"color": "#a30052", "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
+    "Barrier, silent": {"color": "#003b36", "linewidth": 2.6, "linestyle": (0, (1.2, 0.8))},
+    "Barrier, reported": {"color": "#a30052", "linewidth": 2.6, "linestyle": (0, (1.2, 0.8))},
+    "Line asked about": {"color": "#333333", "linewidth": 1.4, "linestyle": (0, (7, 2, 1, 2))},
+}
 POINT: dict[str, Any] = {"marker": "D", "linestyle": "none", "markeredgewidth": 1.4, "markerfacecolor": "white"}
 LIGHT = 0.55  # width of lines, as a share of the usual, where searches are only a reminder
+Sensor = Look | Presence | Barrier | Line
+
 WORDS = f"Contact, {100 * search_shapes.NEAR_ALL:g} % of its error"
 
 
-def reminder(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any) -> Overlay:
+def reminder(
+    sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS
+) -> Overlay:
     """Return what the map of a forecast shows of a search: in thin lines, what had begun by the map's time."""
     begun = [sortie for sortie in sorties if sortie.start <= time]
     seen = [contact for contact in contacts if contact.time <= time]
+    heard = begun_sensors(sensors, time)
 
     def draw(ax: Axes, frame: Frame) -> None:
         for past in begun:
             sortie(ax, frame, past, time, light=True)
         for report in seen:
             contact(ax, frame, report, 0.75)
+        for what in heard:
+            sensor(ax, frame, what, LIGHT)
 
-    return Overlay(draw, places(seen, begun), key(begun, seen, LIGHT))
+    return Overlay(draw, places(seen, begun) | sensor_places(heard), key(begun, seen, LIGHT) + sensor_key(heard, LIGHT))
 
 
 def sortie(ax: Axes, frame: Frame, flown: Sortie, time: Any, *, light: bool = False) -> None:
@@ -68,6 +82,41 @@ def contact(ax: Axes, frame: Frame, seen: Contact, scale: float = 1.0) -> None:
             _line(ax, frame, points, CONTACT, scale, zorder=6)
 
 
+def begun_sensors(sensors: Sensors, time: Any) -> list[Sensor]:
+    """Return the looks that were made by a time, the presences and barriers that had begun, and all lines."""
+    looks = [look for look in sensors.looks if look.time <= time]
+    lasting: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
+    return [*looks, *(what for what in lasting if what.start <= time), *sensors.lines]
+
+
+def sensor(ax: Axes, frame: Frame, what: Sensor, scale: float = 1.0) -> None:
+    """Draw the field of a look or a presence, a barrier, or a line."""
+    _line(ax, frame, search_shapes.sensor(what), SENSORS[_sort(what)], scale, zorder=6)
+
+
+def _sort(what: Sensor) -> str:
+    """Return as what a sensor is drawn."""
+    if isinstance(what, Line):
+        return "Line asked about"
+    if isinstance(what, Barrier):
+        return "Barrier, silent" if what.reported is None else "Barrier, reported"
+    silent = what.present == "never" if isinstance(what, Presence) else not what.positive
+    return "Field, nothing there" if silent else "Field, something there"
+
+
+def sensor_places(sensors: Sequence[Sensor]) -> dict[str, list[Array]]:
+    """Return the shapes of sensors by name, for beyond.left_out; lines may lie anywhere."""
+    told = [what for what in sensors if not isinstance(what, Line)]
+    return {f'{type(what).__name__.lower()} "{what.name}"': [search_shapes.sensor(what)] for what in told}
+
+
+def sensor_key(sensors: Sequence[Sensor], scale: float = 1.0) -> list[tuple[Any, str]]:
+    """Return symbols and texts of a legend for what is drawn of sensors."""
+    sorts = {_sort(what) for what in sensors}
+    styles = {words: {**style, "linewidth": scale * style["linewidth"]} for words, style in SENSORS.items()}
+    return [(Line2D([], [], **style), words) for words, style in styles.items() if words in sorts]
+
+
 def _line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], scale: float, zorder: float) -> None:
     width = scale * style["linewidth"]
     # Thin lines lie close together: wide halos would hide what they cross.
@@ -77,7 +126,7 @@ def _line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], scale: f
     ax.plot(x, y, zorder=zorder, path_effects=halo, scalex=False, scaley=False, **{**style, "linewidth": width})
 
 
-def extent(sorties: Sequence[Sortie]) -> list[Line]:
+def extent(sorties: Sequence[Sortie]) -> list[marks.Line]:
     """Return what a chart must show of sorties: areas and searching legs, but no transits and no zones."""
     lines = []
     for sortie in sorties:
@@ -85,7 +134,7 @@ def extent(sorties: Sequence[Sortie]) -> list[Line]:
         shapes += [
             ring for time in (sortie.start, sortie.end) if (ring := search_shapes.searched(sortie, time)) is not None
         ]
-        lines += [Line(points[:, 0].tolist(), points[:, 1].tolist(), sortie.name) for points in shapes]
+        lines += [marks.Line(points[:, 0].tolist(), points[:, 1].tolist(), sortie.name) for points in shapes]
     return lines
 
 

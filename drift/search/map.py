@@ -24,7 +24,7 @@ from drift.maps.chart import INK, Frame
 from drift.maps.imprint import Setting
 from drift.maps.sheet import Badge, Row, Sheet
 from drift.search import layers as search_layers
-from drift.search.records import Contact, Sortie
+from drift.search.records import NO_SENSORS, Contact, Look, Sensors, Sortie
 from drift.search.updates import Update, Updates
 from geo import notation
 
@@ -50,6 +50,7 @@ def draw(
     setting: Setting,
     *,
     page: int,
+    sensors: Sensors = NO_SENSORS,
 ) -> None:
     """Draw one page (from 1) of a search's maps.
 
@@ -61,6 +62,7 @@ def draw(
     times = list(part.data["time"].values)
     seen = [[c for c in contacts if sortie.start - RECENT <= c.time <= sortie.end] for sortie in on_page]
     every_seen = list(chain(*seen))
+    heard = [_heard(sensors, sortie) for sortie in on_page]
     places = search_layers.places([*dict.fromkeys(every_seen)])
     frame = layers.extent(part, times, setting.marks, search_layers.extent(on_page), WIDE / HIGH, places.values())
     tops = [layers.scale_top(part.data.isel(time=i)) for i in range(len(times))]
@@ -88,6 +90,8 @@ def draw(
             time = forecast.data["time"].values[i]
             for contact in (c for c in seen[row] if c.time <= time):
                 search_layers.contact(ax, frame, contact, 0.8)
+            for what in (w for w in heard[row] if w in search_layers.begun_sensors(sensors, time)):
+                search_layers.sensor(ax, frame, what, 0.8)
             _titles(ax, column, time, wanted, update)
             if row == column == 0:
                 chart.scale_bar(ax, frame, corner, small=True)
@@ -98,9 +102,25 @@ def draw(
         sheet.rough(on, effective.banner(least, "areas and shares are rough", when))
     if out:
         sheet.say(on, sheet.warning(1 - (0.93 + 0.3 * least.few) / size[1], 9, size[0] * 12), out)
-    _key(on.figure, size, forecast, search_layers.key(on_page, every_seen, 0.9), bool(setting.marks))
+    _key(
+        on.figure,
+        size,
+        forecast,
+        search_layers.key(on_page, every_seen, 0.9) + search_layers.sensor_key([*chain(*heard)], 0.9),
+        bool(setting.marks),
+    )
     _bar(on.figure, size, mesh)
     sheet.end(on, path, setting.imprint)
+
+
+def _heard(sensors: Sensors, sortie: Sortie) -> list[search_layers.Sensor]:
+    """Return the sensors that are drawn with a sortie: those that told something about its time, and all lines."""
+    told: list[search_layers.Sensor] = list(sensors.lines)
+    for what in sensors.telling:
+        begin, end = (what.time, what.time) if isinstance(what, Look) else (what.start, what.end)
+        if begin <= sortie.end and end >= sortie.start - RECENT:
+            told.append(what)
+    return told
 
 
 def _sheet(width: float, height: float) -> Sheet:

@@ -1,4 +1,4 @@
-"""Records of a search: what was looked for where and how, what was seen, and what can be sent next.
+"""Records of a search: what was looked for where and how, what was seen, what sensors said, what can be sent next.
 
 The engine takes these. All is SI and UTC; positions are degrees, their longitudes running on along one shape. What
 depends on the object that is looked for has one entry per scenario, in the order of the case.
@@ -12,6 +12,8 @@ import numpy as np
 
 from drift.motion.leeway import Drifter
 from geo.polyline import Area, Legs
+
+Kind = Literal["sortie", "contact", "look", "presence", "barrier"]  # what changes weights
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,99 @@ class Contact:
     zones: Watch | None = None  # chance of detection by range; None: the same at all ranges
     area: Area | None = None
     drifter: Drifter | None = None  # how it drifts, if it is debris; None: it is the object itself
+
+
+@dataclass(frozen=True)
+class Field:
+    """A box or a circle about a place, in the tangent plane of that place."""
+
+    lon: float  # [deg]
+    lat: float
+    radius: float = 0.0  # [m] of a circle; 0: it is a box
+    width: float = 0.0  # [m] of a box, east to west before it is turned
+    height: float = 0.0
+    turned: float = 0.0  # [rad] clockwise
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How likely a look sees what lies at a distance, in units of the field's half size: 1 is its edge."""
+
+    kind: str = "cookie_cutter"  # an entry of drift.search.looks.SIGHTS
+    number: float = 1.0  # alpha of linear, beta of exponential
+    distances: tuple[float, ...] = ()  # of a table, ascending from 0
+    chances: tuple[float, ...] = ()  # of detection there; straight in between, none beyond
+
+
+@dataclass(frozen=True)
+class Look:
+    """A look at a field at one time, which saw something or nothing."""
+
+    name: str
+    time: np.datetime64
+    field: Field
+    positive: bool
+    sight: Sight = Sight()
+    false_alarms: float = 0.0  # probability of seeing something where there is nothing
+
+
+@dataclass(frozen=True)
+class Presence:
+    """A field that was listened in from one time to another, and what it said."""
+
+    name: str
+    start: np.datetime64
+    end: np.datetime64
+    field: Field
+    present: Literal["throughout", "sometime", "never"]  # that the object was in the field
+    detection: float = 1.0  # probability that it says so where it is so
+    false_alarms: float = 0.0  # probability that it says so all the same
+
+
+@dataclass(frozen=True)
+class Barrier:
+    """A line manned from one time to another, which detects an object that touches it at most once."""
+
+    name: str
+    start: np.datetime64
+    end: np.datetime64
+    points: tuple[tuple[float, float], ...]  # (lon, lat) [deg], two or more, great circles between them
+    detection: float
+    reported: np.datetime64 | None = None  # when it reported a crossing; None: it reported none
+    error: float = 0.0  # [s] standard deviation of that time
+    false_rate: float = 0.0  # of false reports [1/s]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line whose first crossing is told; it changes no weights."""
+
+    name: str
+    points: tuple[tuple[float, float], ...]  # as of a barrier
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """What tells of the object besides sorties and contacts, and lines whose crossing is told."""
+
+    looks: tuple[Look, ...] = ()  # by time
+    presences: tuple[Presence, ...] = ()
+    barriers: tuple[Barrier, ...] = ()
+    lines: tuple[Line, ...] = ()
+
+    @property
+    def telling(self) -> tuple[Look | Presence | Barrier, ...]:
+        """What changes weights."""
+        return (*self.looks, *self.presences, *self.barriers)
+
+    @property
+    def times(self) -> list[np.datetime64]:
+        """When anything of it begins or ends."""
+        lasting: list[Presence | Barrier] = [*self.presences, *self.barriers]
+        return [look.time for look in self.looks] + [time for what in lasting for time in (what.start, what.end)]
+
+
+NO_SENSORS = Sensors()
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from drift.output import geojson
-from drift.search.records import Contact, Sortie
+from drift.search.records import Barrier, Contact, Line, Look, Presence, Sortie
 from geo import polyline, sphere
 from geo.array import Array
 from geo.polyline import Area, Legs
@@ -108,6 +108,22 @@ def contact(seen: Contact) -> list[Shape]:
     Shapes are "point" (1, 2), "region" (closed) or "line". A bearing without a far end is drawn to FARTHEST.
     """
     return CONTACTS[seen.kind](seen)
+
+
+def sensor(what: Look | Presence | Barrier | Line) -> Array:
+    """Return the closed outline of a look's or a presence's field, or the line of a barrier, (n, 2)."""
+    if isinstance(what, Barrier | Line):
+        lon, lat = np.array(what.points).T
+        return curve(lon, lat)
+    field = what.field
+    if field.radius > 0:
+        return circle(field.lon, field.lat, field.radius)
+    x, y = np.array([-1, 1, 1, -1, -1]) * field.width / 2, np.array([-1, -1, 1, 1, -1]) * field.height / 2
+    # Sides are straight in the tangent plane of the middle: between corners they are followed there.
+    share = np.linspace(0, 4, 4 * 16 + 1)
+    x, y = np.interp(share, np.arange(5), x), np.interp(share, np.arange(5), y)
+    c, s = math.cos(field.turned), math.sin(field.turned)
+    return _about(field.lon, field.lat, x * c + y * s, y * c - x * s)
 
 
 def _area(contact: Contact) -> list[Shape]:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from drift.output import formats, geojson
+from drift.search import crossings
 from drift.search import shapes as search_shapes
-from drift.search.records import Contact, Sortie
+from drift.search.records import NO_SENSORS, Barrier, Contact, Line, Look, Presence, Sensors, Sortie
 from drift.search.updates import Update, Updates, together
 from geo import notation
 from geo.array import Array
@@ -49,7 +50,7 @@ def csv(updates: Updates, run: str) -> str:
     run: the run_id for the last column.
 
     prior and posterior are a scenario's probability before and after the update, bayes_factor its odds after over its
-    odds before. A contact has no POD, POC and POS; empty: does not apply, or nothing known.
+    odds before. A contact or a sensor has no POD, POC and POS; empty: does not apply, or nothing known.
     """
     rows = []
     for number, (update, before) in enumerate(steps(updates), 1):
@@ -119,6 +120,8 @@ def numbers(updates: Updates) -> dict[str, Any]:
         "updates": [_update(shown, update, before) for update, before in steps(shown)],
         "sorties": sum(update.kind == "sortie" for update in updates.all),
         "contacts": sum(update.kind == "contact" for update in updates.all),
+        "sensors": sum(update.kind not in ("sortie", "contact") for update in updates.all),
+        "lines": crossings.numbers(updates.crossings) if updates.crossings else [],
         "cumulative_pos": _by_scenario(shown.scenarios, done[-1].cumulative if done else None),
         "scenarios": {
             name: {"prior": float(updates.prior[j]), "posterior": float(last[j])} for j, name in enumerate(names)
@@ -164,14 +167,18 @@ def _by_scenario(names: Sequence[str], values: Array | None) -> dict[str, Any] |
 
 
 def shapes(
-    sorties: Sequence[Sortie], contacts: Sequence[Contact], updates: Updates, attributes: Mapping[str, Any]
+    sorties: Sequence[Sortie],
+    contacts: Sequence[Contact],
+    updates: Updates,
+    attributes: Mapping[str, Any],
+    sensors: Sensors = NO_SENSORS,
 ) -> dict[str, Any]:
-    """Return areas, legs as flown and contacts as a GeoJSON FeatureCollection (RFC 7946).
+    """Return areas, legs as flown, contacts, fields and lines as a GeoJSON FeatureCollection (RFC 7946).
 
     Shapes are cut at the antimeridian. Of many scenarios only the likeliest are told by name.
 
     A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its end), or of a
-    contact point, region or line. What drifts with a marker is where it was over the ground if the marker's track is
+    contact point, region or line, of a look or a presence field, of a barrier or a line line. What drifts with a marker is where it was over the ground if the marker's track is
     known.
     """
     updates, of_case = together(updates), updates
@@ -207,7 +214,33 @@ def shapes(
             else:
                 geometry = geojson.point(*points[0])
             features.append(_feature(geometry, shape, properties))
+    for what in (*sensors.telling, *sensors.lines):
+        features.append(_sensor(what, updates))
     return geojson.collection(features, attributes)
+
+
+def _sensor(what: Look | Presence | Barrier | Line, updates: Updates) -> dict[str, Any]:
+    """Return the feature of a look, a presence, a barrier or a line."""
+    kind = type(what).__name__.lower()
+    properties: dict[str, Any] = {"name": what.name, "kind": kind}
+    if isinstance(what, Look):
+        properties |= {"time": notation.iso(what.time), "sees": "something" if what.positive else "nothing"}
+    elif not isinstance(what, Line):
+        properties |= {"start": notation.iso(what.start), "end": notation.iso(what.end)}
+    if isinstance(what, Presence):
+        properties["present"] = what.present
+    if isinstance(what, Barrier):
+        properties["reported"] = None if what.reported is None else notation.iso(what.reported)
+    if isinstance(what, Line):
+        told = updates.crossings.all if updates.crossings else ()
+        properties["probability"] = next((float(c.probability[-1]) for c in told if c.line == what), None)
+    else:
+        update = next((u for u in updates.all if (u.kind, u.name) == (kind, what.name)), None)
+        properties["log_evidence"] = _finite(update.log_evidence[-1]) if update else None
+    points = search_shapes.sensor(what)
+    if isinstance(what, Look | Presence):
+        return _feature(search_shapes.polygon([points]), "field", properties)
+    return _feature(search_shapes.lines([points]), "line", properties)
 
 
 def _feature(geometry: dict[str, Any], shape: str, properties: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,28 +1,28 @@
-"""What each sortie and contact did to the probability: the record behind tables, pictures and the debrief."""
+"""What each sortie, contact and sensor did to the probability: the record behind tables, pictures and the debrief."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from drift.forecast import likeliest
 from drift.forecast.likeliest import Shown
-from drift.search.records import Sortie
+from drift.search.crossings import Crossings
+from drift.search.records import Kind, Sortie
 from drift.search.standing import Standing
 from geo.array import Array
 
 
 @dataclass(frozen=True)
 class Update:
-    """One sortie or contact, when it took effect.
+    """One sortie, contact or word of a sensor, when it took effect.
 
     Arrays, unless they say otherwise, have shape (scenarios + 1,): each scenario, then all together.
     """
 
     name: str
-    kind: Literal["sortie", "contact"]
+    kind: Kind
     time: np.datetime64
-    log_evidence: Array  # log probability (density) of the sortie's failure, or of the contact, given all before
+    log_evidence: Array  # log probability (density) of the sortie's failure, or of what was told, given all before
     posterior: Array  # (scenarios,) probability of each scenario afterwards
     ess_before: float
     ess_after: float
@@ -55,6 +55,7 @@ class Updates:
     prior: Array  # (scenarios,) probability of each scenario before the first
     all: tuple[Update, ...]
     sorties: tuple[Sortie, ...] = ()  # the sorties as they were flown
+    crossings: Crossings | None = None  # of the lines that were asked for
 
     @property
     def log_evidence(self) -> float:

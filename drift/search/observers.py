@@ -1,0 +1,209 @@
+"""Sensors that look on over a time: fields, barriers, and lines whose first crossing is told.
+
+While the ensemble moves, each keeps for every particle the probability that things have stayed as they were: that the
+field or the line has not been touched, or that the field has not been left. Steps are cut where something else asks
+where the particles are, for their ways are tied down there.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.scene import Scene
+from drift.motion.simulate import PositionsAt
+from drift.particles.ensemble import Ensemble, Slots
+from drift.search import looks, sensor_shape
+from drift.search.records import Barrier, Kind, Line, Presence, Sensors
+from geo import notation
+from geo.array import Array
+from kernels import observe, runtime
+from kernels.advance import Step
+from kernels.observe import Shape, Window
+
+Device = Any
+Places = tuple[Device, Device]  # lon and lat
+
+FOR_EVER = 2**31 - 1  # [s] when a line is no longer looked at
+
+
+@dataclass
+class Observer:
+    """One sensor in one run; times are seconds after the run's start."""
+
+    what: Presence | Barrier | Line
+    begin: int
+    end: int
+    shape: Shape
+    besides: int = observe.WHETHER
+    report: tuple[float, float] = (0.0, 1.0)  # time [s] and error [s]
+    columns: list[Device] = field(default_factory=list)  # see kernels.observe.drifting: stayed, told
+
+    def ready(self, n: int) -> list[Device]:
+        """Return its columns of n particles, which it has from when it begins."""
+        if not self.columns:
+            told = np.full(n if self.besides else 1, -1.0 if self.besides == observe.WHEN else 0.0, np.float32)
+            self.columns = [runtime.empty(n), runtime.upload(told)]
+        return self.columns
+
+    def likelihood(self, columns: list[Device], over: bool) -> Array | None:
+        """Return the log likelihood of what it says, float64 (n,); None where it has said nothing yet.
+
+        over: whether it is over. Until then what has always been so is known: that a field or barrier says nothing, or that
+        a field says that the object is still in it.
+        """
+        stayed = columns[0].to_numpy().astype(np.float64)
+        if isinstance(self.what, Presence):
+            throughout = self.what.present == "throughout"
+            if self.what.present == "sometime" and not over:
+                return None
+            chance = np.exp(stayed) if throughout else -np.expm1(stayed)
+            return looks.said(chance, self.what.present != "never", self.what.detection, self.what.false_alarms)
+        if isinstance(self.what, Line):
+            return None
+        missed = 1 + self.what.detection * np.expm1(stayed)
+        if self.what.reported is not None:
+            if not over:
+                return None
+            missed = self.what.detection * columns[1].to_numpy() + self.what.false_rate * missed
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(missed))
+
+    @property
+    def kind(self) -> Kind:
+        """What it is, as updates call it."""
+        return "presence" if isinstance(self.what, Presence) else "barrier"
+
+    @property
+    def positive(self) -> bool:
+        """Whether it says that the object was there, rather than that it was not."""
+        if isinstance(self.what, Presence):
+            return self.what.present != "never"
+        return isinstance(self.what, Barrier) and self.what.reported is not None
+
+
+class Way(NamedTuple):
+    """A part of the step just made, and where its particles were at both ends of it."""
+
+    window: Window
+    before: Places
+    after: Places
+
+
+def _drifting(spec: EnsembleSpec, ensemble: Ensemble, slots: Slots, way: Way, seen: Observer, columns: Any) -> None:
+    """Let a sensor see what drifts: each particle makes one piece, about which it walks as its diffusivity has it."""
+    k = math.sqrt(2 * spec.errors.diffusivity)
+    observe.drifting(
+        ensemble, slots, way.before, way.after, way.window, k, seen.shape, seen.besides, seen.report, *columns
+    )
+
+
+# How the particles of each model of motion are seen; each calls kernels.observe.observe for all pieces of their ways.
+WAYS: Mapping[str, Callable[[EnsembleSpec, Ensemble, Slots, Way, Observer, Any], None]] = {"drift": _drifting}
+
+
+class Observers:
+    """All sensors of a run that look on over a time."""
+
+    def __init__(self, spec: EnsembleSpec, sensors: Sensors, ensemble: Ensemble, scene: Scene) -> None:
+        """Make ready for a run of an ensemble that has been drawn from `spec`, through a scene."""
+        self._spec, self._ensemble, self._scene = spec, ensemble, scene
+        looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
+        self._waiting = [observer(what, spec) for what in looking]
+        self.lines = [observer(line, spec) for line in sensors.lines]
+        self._step: Step | None = None
+        self._known: tuple[int, Places] | None = None  # when in the step, and where, its particles are known to be last
+        self._cuts = 0  # parts of the step so far
+
+    @property
+    def columns(self) -> list[Device]:
+        """All that particles drawn anew have from their ancestors."""
+        every = [*self._waiting, *self.lines]
+        return [column for seen in every for column in seen.columns if column.shape[0] == self._ensemble.n]
+
+    def stops(self, after: int, until: int) -> set[int]:
+        """Return the times in (after, until] at which one of them begins or is over [s after start]."""
+        times = {time for seen in self._waiting for time in (seen.begin, seen.end)}
+        return {time for time in times if after < time <= until}
+
+    def before(self, step: Step) -> None:
+        """Remember where a step begins, if one of them looks on in it."""
+        self._step, self._known, self._cuts = step, None, 0
+        end = step.elapsed + step.duration
+        if self.lines or any(seen.begin < end for seen in self._waiting):
+            # Nothing moves before the run begins, though its first step may.
+            self._known = max(step.elapsed, 0), self._now()
+
+    def _now(self) -> Places:
+        return runtime.copy(self._ensemble.lon), runtime.copy(self._ensemble.lat)
+
+    def cut(self, time: int, place: PositionsAt) -> None:
+        """See what has happened until a time at which it is asked where particles are: from there their ways go on."""
+        if self._known is None or time <= self._known[0]:
+            return
+        lon, lat = place(self._ensemble, self._scene, None, time)
+        places = runtime.upload(lon.astype(np.int32)), runtime.upload(lat.astype(np.int32))
+        self._see(time, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(time)])
+        self._known, self._cuts = (time, places), self._cuts + 1
+
+    def watch(self, until: int) -> None:
+        """See what happens until the end of the step that has just been made."""
+        if self._known is not None and until > self._known[0]:
+            places = self._ensemble.lon, self._ensemble.lat
+            self._see(until, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(until)])
+        self._known = None
+
+    def _open(self, until: int) -> list[Observer]:
+        """Return those that look on from when places were last known until a time."""
+        assert self._known is not None
+        return [seen for seen in (*self._waiting, *self.lines) if seen.begin <= self._known[0] and until <= seen.end]
+
+    def _see(self, until: int, places: Places, every: list[tuple[Observer, list[Device]]]) -> None:
+        assert self._step is not None
+        assert self._known is not None
+        since, before = self._known
+        way = Way(Window(self._step.number, self._cuts, since, until - since), before, places)
+        for seen, columns in every:
+            for scenario, slots in zip(self._spec.scenarios, self._ensemble.slots, strict=True):
+                WAYS[scenario.model](self._spec, self._ensemble, slots, way, seen, columns)
+
+    def over(self, time: int) -> list[Observer]:
+        """Return those that are over at a time, for the last time."""
+        over = [seen for seen in self._waiting if seen.end == time]
+        self._waiting = [seen for seen in self._waiting if seen.end != time]
+        return over
+
+    def so_far(self, time: int) -> Array | None:
+        """Return the log likelihood (n,) of what those that are not over have said until a time; None: nothing.
+
+        At a time within a step it is what they have said until they last saw where particles are.
+        """
+        total: Array | None = None
+        looking = [seen for seen in self._waiting if seen.begin < time]
+        at_end = self._step is not None and time == self._step.elapsed + self._step.duration
+        for seen in looking:
+            columns = seen.columns
+            if at_end and self._known is not None and time > self._known[0] and seen in self._open(time):
+                columns = [runtime.copy(column) for column in seen.ready(self._ensemble.n)]
+                self._see(time, (self._ensemble.lon, self._ensemble.lat), [(seen, columns)])
+            likelihood = seen.likelihood(columns, over=False) if columns else None
+            if likelihood is not None:
+                total = likelihood if total is None else total + likelihood
+        return total
+
+
+def observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
+    """Return a sensor made ready for a run."""
+    if isinstance(what, Line):
+        return Observer(what, 0, FOR_EVER, sensor_shape.of_line(what.points), observe.WHEN)
+    begin, end = spec.period.elapsed(what.start), spec.period.elapsed(what.end)
+    if isinstance(what, Presence):
+        return Observer(what, begin, end, sensor_shape.of_field(what.field, stays=what.present == "throughout"))
+    shape = sensor_shape.of_line(what.points)
+    if what.reported is None:
+        return Observer(what, begin, end, shape)
+    report = float(notation.epoch(what.reported) - spec.period.epoch), what.error
+    return Observer(what, begin, end, shape, observe.REPORT, report)
