@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import life, noise, shore, sphere, touch
+from kernels import batch, life, noise, shore, sphere, touch
+from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.itinerary import Chance
 
@@ -261,9 +262,12 @@ def _first(known: f32x4, variance: ti.f32, normal: ti.f32, uniform: ti.f32) -> t
 def _drifting(
     kind: ti.template(),
     besides: ti.template(),
+    listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
-    shift: ti.i32,
+    slots: Ints,
+    shift: Ints,
+    scenario: Ints,
     before_lon: Ints,
     before_lat: Ints,
     lon: Ints,
@@ -272,6 +276,7 @@ def _drifting(
     release: Ints,
     status_since: Ints,
     moving_since: Ints,
+    there_since: Ints,
     since: ti.i32,
     lasting: ti.i32,
     k: ti.f32,
@@ -284,20 +289,23 @@ def _drifting(
     stayed: Reals,
     told: Reals,
 ):
-    for i in range(first, last):
+    for nth in range(first, last):
+        i = batch.slot(listed, slots, nth)
         stays, log_stayed = 1.0, stayed[i]
         if ti.static(kind == IN_BOX or kind == IN_DISC):
-            stays = 0.0
-        if status[i] != life.PENDING and log_stayed > -ti.math.inf:
+            if status[i] <= life.PENDING:  # else it is still under way: kernels.observe_targets
+                stays = 0.0
+        if status[i] < life.PENDING and log_stayed > -ti.math.inf:
             times = life.behind(status[i], release[i], status_since[i], moving_since[i], since, lasting)
             seen, left, finish, gone = times[0], times[1], times[2], times[3]
             there = gone > seen
             if ti.static(kind == IN_BOX or kind == IN_DISC):
-                there = seen <= since and gone >= since + lasting
+                there = there_since[i] <= since and gone >= since + lasting
             if there:
                 begin, end = ti.cast(left - since, ti.f32), ti.cast(ti.max(finish, left) - since, ti.f32)
                 piece = Piece(before_lon[i], before_lat[i], lon[i], lat[i], begin, end, k)
-                key = Chance(seed0, seed1, i + shift, i + shift, step, count)
+                slot = i + shift[scenario[i]]
+                key = Chance(seed0, seed1, slot, slot, step, count)
                 found = observe(kind, besides, piece, sensor, corners, key)
                 stays = found[0]
                 if ti.static(besides == REPORT):
@@ -334,7 +342,7 @@ class Window(NamedTuple):
 
 def drifting(
     ensemble: Any,
-    slots: tuple[int, int, int],
+    own: Batch,
     before: tuple[Any, Any],
     after: tuple[Any, Any],
     window: Window,
@@ -347,22 +355,25 @@ def drifting(
 ) -> None:
     """Add what a sensor tells of the way of slots over a part of the step just made; each goes one piece in it.
 
-    ensemble: a drift.particles.ensemble.Ensemble; slots: the first, the one after the last, and the number of the first
-    in the whole run. before, after: lon and lat at both ends of the part, on the device. k: K of their bridges
+    ensemble: a drift.particles.ensemble.Ensemble; own: the slots. before, after: lon and lat at both ends of the part, on the device. k: K of their bridges
     [m/sqrt(s)]. besides: WHETHER, REPORT or WHEN. report: its time [s after the run's start] and its error [s].
     stayed: device (n,), the log of the probability that things have stayed as they were. told: device (n,), of REPORT
     the sum of the fits [1/s], of WHEN the time of the first touch [s], -1 before it; it may be any column of WHETHER.
     """
     e = ensemble
-    first, last, number = slots
+    _drifting(
+        shape.kind, besides, own.listed, own.first, own.last, own.slots, own.shift, e.scenario, *before, *after, e.status,
+        e.release, e.status_since, e.moving_since, e.own.get("departure", e.release), window.since, window.lasting,
+        float(k), sensor(shape, window, report), shape.corners, *noise.key(e.seed), window.step, window.count, stayed,
+        told,
+    )  # fmt: skip
+
+
+def sensor(shape: Shape, window: Window, report: tuple[float, float]) -> Any:
+    """Return a sensor as the kernels take it, with times from the window's begin on; report: its time and error [s]."""
     west, south, width, height = shape.box
-    sensor = Sensor(
+    return Sensor(
         lon=shape.lon, lat=shape.lat, turn_cos=shape.turn_cos, turn_sin=shape.turn_sin, half_width=shape.half_width,
         half_height=shape.half_height, west=west, south=south, width=width, height=height,
         tau=float(report[0] - window.since), error=float(report[1]),
-    )  # fmt: skip
-    _drifting(
-        shape.kind, besides, first, last, number - first, *before, *after, e.status, e.release, e.status_since,
-        e.moving_since, window.since, window.lasting, float(k), sensor, shape.corners, *noise.key(e.seed), window.step,
-        window.count, stayed, told,
     )  # fmt: skip

@@ -15,9 +15,10 @@ from drift.motion.period import Period
 from drift.particles.ensemble import NEVER, Column, Device, Ensemble
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import runtime, steer, sweep_targets
+from kernels import observe_targets, runtime, steer, sweep_targets
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
+from kernels.observe import Shape, Window
 from kernels.sweep import Track
 
 COLUMNS = (
@@ -112,6 +113,25 @@ class Helm:
     def keep(self) -> dict[str, Device]:
         """Return the columns as they are now, from which ways inside the step that comes are made again."""
         return {name: runtime.copy(column) for name, column in columns(self._ensemble).items()}
+
+    def observe(
+        self,
+        kept: Mapping[str, Device],
+        step: kernel.Step,
+        before: tuple[Device, Device],
+        after: tuple[Device, Device],
+        window: Window,
+        shape: Shape,
+        besides: int,
+        report: tuple[float, float],
+        stayed: Device,
+        told: Device,
+    ) -> None:
+        """Add what a sensor that stands still tells of the targets: see kernels.observe_targets.steering."""
+        observe_targets.steering(
+            kept, self.batch, self.plan, self._ensemble.seed, self._coast, step, before, after, window, shape, besides,
+            report, stayed, told,
+        )  # fmt: skip
 
     def inside(
         self,

@@ -99,11 +99,12 @@ class Search:
         under_way = self._flown(elapsed + duration)
         for flown in under_way:
             flown.drift(self._scene.forcing, elapsed, duration)
-        return bool(under_way)
+        return bool(under_way) or self._observers.looking(elapsed + duration)
 
     def moved(self, begin: Begin | None) -> None:
         """Take note of where the particles began the step that has just been made."""
         self._begin = begin
+        self._observers.moved(begin)
 
     def advance(self, low: int, high: int, step: Step) -> None:
         """Move debris over a step."""

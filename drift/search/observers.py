@@ -6,16 +6,15 @@ where the particles are, for their ways are tied down there.
 """
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.scene import Scene
+from drift.motion.scene import Begin, Scene
 from drift.motion.simulate import PositionsAt
-from drift.particles.ensemble import Ensemble, Slots
+from drift.particles.ensemble import Ensemble
 from drift.search import looks, sensor_shape
 from drift.search.records import Barrier, Kind, Line, Presence, Sensors
 from geo import notation
@@ -93,18 +92,6 @@ class Way(NamedTuple):
     after: Places
 
 
-def _drifting(spec: EnsembleSpec, ensemble: Ensemble, slots: Slots, way: Way, seen: Observer, columns: Any) -> None:
-    """Let a sensor see what drifts: each particle makes one piece, about which it walks as its diffusivity has it."""
-    k = math.sqrt(2 * spec.errors.diffusivity)
-    observe.drifting(
-        ensemble, slots, way.before, way.after, way.window, k, seen.shape, seen.besides, seen.report, *columns
-    )
-
-
-# How the particles of each model of motion are seen; each calls kernels.observe.observe for all pieces of their ways.
-WAYS: Mapping[str, Callable[[EnsembleSpec, Ensemble, Slots, Way, Observer, Any], None]] = {"drift": _drifting}
-
-
 class Observers:
     """All sensors of a run that look on over a time."""
 
@@ -115,6 +102,7 @@ class Observers:
         self._waiting = [observer(what, spec) for what in looking]
         self.lines = [observer(line, spec) for line in sensors.lines]
         self._step: Step | None = None
+        self._begin: Begin | None = None
         self._known: tuple[int, Places] | None = None  # when in the step, and where, its particles are known to be last
         self._cuts = 0  # parts of the step so far
 
@@ -129,11 +117,19 @@ class Observers:
         times = {time for seen in self._waiting for time in (seen.begin, seen.end)}
         return {time for time in times if after < time <= until}
 
+    def looking(self, until: int) -> bool:
+        """Return whether one of them looks on before a time."""
+        return bool(self.lines) or any(seen.begin < until for seen in self._waiting)
+
+    def moved(self, begin: Begin | None) -> None:
+        """Take note of where the particles began the step that has just been made."""
+        self._begin = begin
+
     def before(self, step: Step) -> None:
         """Remember where a step begins, if one of them looks on in it."""
         self._step, self._known, self._cuts = step, None, 0
         end = step.elapsed + step.duration
-        if self.lines or any(seen.begin < end for seen in self._waiting):
+        if self.looking(end):
             # Nothing moves before the run begins, though its first step may.
             self._known = max(step.elapsed, 0), self._now()
 
@@ -166,9 +162,23 @@ class Observers:
         assert self._known is not None
         since, before = self._known
         way = Way(Window(self._step.number, self._cuts, since, until - since), before, places)
+        helm, e = self._scene.helm(self._ensemble), self._ensemble
+        k = math.sqrt(2 * self._spec.errors.diffusivity)  # what drifts walks about its way as its diffusivity has it
+        drifts = e.batch([number for number, own in enumerate(self._spec.scenarios) if own.model in own.models])
         for seen, columns in every:
-            for scenario, slots in zip(self._spec.scenarios, self._ensemble.slots, strict=True):
-                WAYS[scenario.model](self._spec, self._ensemble, slots, way, seen, columns)
+            which = way.window, seen.shape, seen.besides, seen.report, *columns
+            if helm and self._begin and self._begin.helm:
+                helm.observe(self._begin.helm, self._step, way.before, way.after, *which)
+            observe.drifting(e, drifts, self._adrift_from(since, before), way.after, way.window, k, *which[1:])
+
+    def _adrift_from(self, since: int, places: Places) -> Places:
+        """Return where each particle's drift begins: where it was, or where it went adrift since [s]."""
+        if self._begin is None or self._begin.helm is None:
+            return places
+        later = self._ensemble.release.to_numpy() > since
+        began = self._begin.lon, self._begin.lat
+        lon, lat = (np.where(later, new.to_numpy(), old.to_numpy()) for new, old in zip(began, places, strict=True))
+        return runtime.upload(lon), runtime.upload(lat)
 
     def over(self, time: int) -> list[Observer]:
         """Return those that are over at a time, for the last time."""
