@@ -14,7 +14,7 @@ from drift.motion import simulate
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble
 from drift.search.filter import Search
-from drift.search.records import Law, Sortie, Watch
+from drift.search.records import NO_SENSORS, Barrier, Field, Law, Line, Presence, Sensors, Sortie, Watch
 from geo import sphere
 from geo.array import Array
 from geo.polyline import Area, Legs
@@ -55,13 +55,15 @@ def seconds(hours: float) -> float:
     return float(at(hours).astype("datetime64[s]").astype(np.int64))
 
 
-def run(tmp_path: Path, text: str, sorties: tuple[Sortie, ...], **head: Any) -> tuple[Search, Ensemble]:
+def run(
+    tmp_path: Path, text: str, sorties: tuple[Sortie, ...] = (), sensors: Sensors = NO_SENSORS, **head: Any
+) -> tuple[Search, Ensemble]:
     path = tmp_path / "case.toml"
     path.write_text(HEAD.format(**head) + text)
     runtime.start()
     case: Case = case_file.load(path)
     begin = start.prepare(case, start.open_for(case))
-    search = Search(start.ensemble_spec(case), sorties, (), case.resampling, begin.ensemble, begin.scene)
+    search = Search(start.ensemble_spec(case), sorties, (), case.resampling, begin.ensemble, begin.scene, sensors)
     list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.empty(0), search=search))
     begin.scene.forcing.close()
     return search, begin.ensemble
@@ -199,3 +201,61 @@ def test_a_leg_sees_the_bend_inside_a_step(tmp_path: Path, step: int) -> None:
     # The way inside the step is straight in binary angles where it is a great circle: at most 4 m off in 16 km.
     assert pod(search) == pytest.approx(1 - np.exp(-hazard), rel=4e-3)
     assert record.probability(ensemble).sum() == pytest.approx(1)
+
+
+FIGURE_4A = """
+[[scenario]]
+name = "paper"
+vessel = {{ land = "ignore" }}
+[[scenario.phase]]
+bridge = {{ k = "{k} nmi/sqrt(h)", points = [
+    {{ at = [-40.0, {south}], time = "+0 h" }}, {{ at = [-30.0, {north}], time = "+100 h" }} ] }}
+"""
+
+
+@pytest.mark.parametrize(("k", "exact"), [(12, 5.576e-4), (24, 0.1537)])
+@pytest.mark.parametrize("hours", [4, 1])
+def test_equation_10_with_any_step(tmp_path: Path, k: int, exact: float, hours: int) -> None:
+    """A line 323 nmi from the departure and 167 nmi from the arrival of a bridge of 100 h, 25 and 100 steps."""
+    degree = sphere.RADIUS * np.pi / 180 / NMI  # [nmi]
+    text = FIGURE_4A.format(k=k, south=-323 / degree, north=-167 / degree)
+    n = 20_000
+    lines = Sensors(lines=(Line("equator", ((-60.0, 0.0), (-10.0, 0.0))),))
+    search, _ = run(tmp_path, text, sensors=lines, n=n, hours=100, step=hours * 3600)
+    crossings = search.updates.crossings
+    assert crossings is not None
+    found = crossings.all[0].probability[-1]
+    assert abs(found - exact) < 3 * np.sqrt(exact * (1 - exact) / n)
+
+
+def test_presence_and_barriers_on_a_bridge(tmp_path: Path) -> None:
+    """In a box throughout, never in a circle, past a barrier with a near end: against fine paths, at three steps.
+
+    Paths that are looked at every dt miss touches; they are as likely as if edges were moved by 0.5826 K sqrt(dt)
+    (Siegmund 1985, Sequential Analysis, eq. 10.15).
+    """
+    import shapely
+
+    n, paths, dt, begin, end = 40_000, 6_000, 4.0, 18.5, 21.25
+    path = wander(np.random.default_rng(31), paths, begin, end, dt).astype(float)
+    moved = 0.5826 * K * np.sqrt(dt)
+    place = (-38.2, 30.42)
+    wide, high, turned = 66 * NMI, 50 * NMI, np.radians(20.0)
+    x, y = path - plane(*place)[:, None, None]
+    u, v = x * np.cos(turned) - y * np.sin(turned), x * np.sin(turned) + y * np.cos(turned)
+    stayed = ((np.abs(u) < wide / 2 - moved) & (np.abs(v) < high / 2 - moved)).all(axis=1).mean()
+    untouched = (np.hypot(x, y) > 14 * NMI + moved).all(axis=1).mean()
+    line = shapely.LineString([plane(-38.6, 30.2), plane(-38.15, 30.5)]).buffer(moved)
+    touched = shapely.intersects(line, shapely.linestrings(path.transpose(1, 2, 0))).mean()
+    times = at(begin), at(end)
+    sensors = {
+        "box": Sensors(presences=(Presence("p", *times, Field(*place, 0, wide, high, turned), "throughout"),)),
+        "circle": Sensors(presences=(Presence("p", *times, Field(*place, radius=14 * NMI), "never"),)),
+        "barrier": Sensors(barriers=(Barrier("b", *times, ((-38.6, 30.2), (-38.15, 30.5)), 0.8),)),
+    }
+    truth = {"box": stayed, "circle": untouched, "barrier": 1 - 0.8 * touched}
+    for name, expected in truth.items():
+        error = np.sqrt(expected * (1 - expected)) * np.hypot(1 / np.sqrt(paths), 1 / np.sqrt(n))
+        for step in (10_800, 3600, 900):
+            search, _ = run(tmp_path, BRIDGE, sensors=sensors[name], n=n, hours=41, step=step)
+            assert abs(np.exp(search.updates.all[0].log_evidence[-1]) - expected) < 3 * error, (name, step)
