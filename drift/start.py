@@ -142,7 +142,8 @@ def renew(case: Case, where: Environment, before: Start, proposal: Proposal, num
 
 def search(case: Case, begin: Start) -> Search | None:
     """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing."""
-    if not (case.sorties or case.contacts or case.sensors.telling or case.sensors.lines):
+    overdue = any(s.itinerary and s.itinerary.overdue is not None for s in case.scenarios)
+    if not (overdue or case.sorties or case.contacts or case.sensors.telling or case.sensors.lines):
         return None
     spec, sensors = ensemble_spec(case), case.sensors
     return Search(spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, sensors)

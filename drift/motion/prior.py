@@ -80,7 +80,7 @@ def _dry(spec: EnsembleSpec, number: int, slots: Slots, tried: Array, coast: Dev
             f'scenario "{spec.scenarios[number].name}": {fault}: {failed} of {many} particles found no place '
             "in many tries; move or widen it, or check [coast] source"
         )
-    return 1.0 - many / float(drawn)
+    return 1.0 - many / float(drawn) if drawn else 0.0  # what begins where another object goes adrift is not drawn
 
 
 def _counts(spec: EnsembleSpec) -> list[int]:

@@ -46,11 +46,11 @@ class Filter(Protocol):
     def before(self, elapsed: int, duration: int) -> bool:
         """Make ready for a step, for which the forcing is set; return whether it has to know where the step began."""
 
-    def advance(self, low: int, high: int, step: kernel.Step) -> None:
-        """Move what else moves over a step."""
+    def ready(self, step: kernel.Step) -> None:
+        """Make ready for a step that is about to be made."""
 
     def moved(self, begin: Begin | None) -> None:
-        """Take note of where the particles began the step that has just been made."""
+        """Take note of where the particles began the step that has just been made, and move what else moves over it."""
 
     def take_effect(self, time: int, place: PositionsAt) -> None:
         """Change weights by what ends or is seen at a time; place: gives where an ensemble's particles were then."""
@@ -136,7 +136,7 @@ def run(
         if search:
             scene.forcing.set(low, high)
             inside |= search.before(step.elapsed, step.duration)
-            search.advance(low, high, step)
+            search.ready(step)
         begin = scene.advance(ensemble, low, high, step, keep=inside)
         within = _Within(ensemble, clock, step, begin)
         if search:

@@ -6,6 +6,8 @@ they are last asked for. Where they are reweights the object's particles.
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from drift.motion import drift, models, prior
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import Drifter
@@ -13,6 +15,7 @@ from drift.motion.scene import Begin, Scene
 from drift.particles.ensemble import Ensemble
 from drift.search.records import Contact
 from kernels import noise
+from kernels.advance import Step
 from kernels.noise import Purpose
 
 
@@ -26,11 +29,31 @@ class Debris:
     ensemble: Ensemble
     scene: Scene
     last: int  # [s after start] when it is last asked for
+    start: int  # of the run [s since 1970]
+    steered: tuple[int, ...] = ()  # numbers of the scenarios whose objects steer before they go adrift
     begin: Begin | None = None  # where its particles began the present step
 
+    def advance(self, beside: Ensemble, begin: Begin | None, step: Step) -> None:
+        """Move it over the step that the objects beside it have just made.
 
-def of_contacts(spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: Scene) -> dict[Drifter, Debris]:
+        begin: where they began the step, and where those that steer went adrift in it: there their debris begins.
+        """
+        if begin is not None and begin.helm is not None:
+            release = beside.release.to_numpy()
+            fresh = np.isin(beside.scenario.to_numpy(), self.steered)
+            fresh &= (release >= step.elapsed) & (release < step.elapsed + step.duration)
+            for own, place in ((self.ensemble.lon, begin.lon), (self.ensemble.lat, begin.lat)):
+                own.from_numpy(np.where(fresh, place.to_numpy(), own.to_numpy()))
+        low = self.start + step.direction * step.elapsed
+        low, high = (low, low + step.duration) if step.direction > 0 else (low - step.duration, low)
+        self.begin = self.scene.advance(self.ensemble, low, high, step, keep=True)
+
+
+def of_contacts(
+    spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: Scene, beside: Ensemble
+) -> dict[Drifter, Debris]:
     """Return the debris that contacts tell of, by class; spec: what the objects beside it are drawn from."""
+    steered = tuple(number for number, scenario in enumerate(spec.scenarios) if scenario.itinerary)
     debris: dict[Drifter, Debris] = {}
     for time, contact in contacts:
         drifter = contact.drifter
@@ -41,12 +64,16 @@ def of_contacts(spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: 
             continue
         number = len(debris) + 1
         # Debris drifts, however the object beside it moves.
-        drifting = tuple(replace(s, object=drifter, model="drift", motion=None) for s in spec.scenarios)
+        drifting = tuple(replace(s, object=drifter, model="drift", motion=None, itinerary=None) for s in spec.scenarios)
         own = replace(spec, scenarios=drifting)
         ensemble = prior.draw(own, scene.place.coast).ensemble
         for slots in ensemble.slots:  # coefficients of its own
             drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
+        if steered:  # it goes adrift with its object
+            own_release, theirs = ensemble.release.to_numpy(), beside.release.to_numpy()
+            later = np.isin(beside.scenario.to_numpy(), steered)
+            ensemble.release.from_numpy(np.where(later, theirs, own_release))
         place = scene.place._replace(debris=number)
-        moved = replace(scene, motions=models.motions(own.errors, own.scenarios), place=place)
-        debris[drifter] = Debris(ensemble, moved, time)
+        moved = replace(scene, motions=models.motions(own.errors, own.scenarios), place=place, steering=None)
+        debris[drifter] = Debris(ensemble, moved, time, spec.period.epoch, steered)
     return debris

@@ -22,7 +22,7 @@ from drift.particles.ensemble import Ensemble
 from drift.particles.status import Status, on_map
 from drift.particles.weights import Weighed
 from drift.search import contacts as contact_laws
-from drift.search import crossings, debris, looks
+from drift.search import crossings, debris, looks, overdue
 from drift.search.exposure import Exposed, SortieExposure
 from drift.search.observers import Observers
 from drift.search.records import NO_SENSORS, Contact, Kind, Look, Resampling, Sensors, Sortie
@@ -63,7 +63,8 @@ class Search:
         self._begin: Begin | None = None  # where the particles began the present step
         self._looks = [(spec.period.elapsed(look.time), look) for look in sensors.looks]
         self._observers = Observers(spec, sensors, ensemble, scene)
-        self._debris = debris.of_contacts(spec, self._contacts, scene)
+        self._overdue = overdue.times(spec)
+        self._debris = debris.of_contacts(spec, self._contacts, scene, ensemble)
         self._updates: list[Update] = []
         first = self.ensemble.log_weight.to_numpy()
         self._prior = self._weighed(first).scenarios
@@ -92,6 +93,7 @@ class Search:
     def stops(self, after: int, until: int) -> list[int]:
         """Return the times in (after, until] at which something takes effect [s after start]."""
         times = [flown.end for flown in self._waiting] + [time for time, _ in self._contacts + self._looks]
+        times += self._overdue
         return sorted({t for t in times if after < t <= until} | self._observers.stops(after, until))
 
     def before(self, elapsed: int, duration: int) -> bool:
@@ -99,20 +101,22 @@ class Search:
         under_way = self._flown(elapsed + duration)
         for flown in under_way:
             flown.drift(self._scene.forcing, elapsed, duration)
-        return bool(under_way) or self._observers.looking(elapsed + duration)
+        debris = any(beside.last > elapsed for beside in self._debris.values())
+        return bool(under_way) or debris or self._observers.looking(elapsed + duration)
 
     def moved(self, begin: Begin | None) -> None:
         """Take note of where the particles began the step that has just been made."""
         self._begin = begin
         self._observers.moved(begin)
+        assert self._step is not None
+        for beside in self._debris.values():
+            if beside.last > self._step.elapsed:
+                beside.advance(self.ensemble, begin, self._step)
 
-    def advance(self, low: int, high: int, step: Step) -> None:
-        """Move debris over a step."""
+    def ready(self, step: Step) -> None:
+        """Make ready for a step."""
         self._step = step
         self._observers.before(step)
-        for beside in self._debris.values():
-            if beside.last > step.elapsed:
-                beside.begin = beside.scene.advance(beside.ensemble, low, high, step, keep=True)
 
     def _flown(self, until: int) -> list[SortieExposure]:
         """Return the sorties that have begun before a time and are not over."""
@@ -143,6 +147,9 @@ class Search:
         for when, look in [c for c in self._looks if c[0] == time]:
             self._looks.remove((when, look))
             self._look(look, time, place)
+        if time in self._overdue:
+            missing = overdue.log_likelihood(self._spec, time, self.ensemble)
+            self._tell(overdue.name(self._spec, time), "overdue", time, missing, positive=True)
         for seen in self._observers.over(time):
             likelihood = seen.likelihood(seen.ready(self.ensemble.n), over=True)
             assert likelihood is not None
@@ -200,7 +207,7 @@ class Search:
     def _look(self, look: Look, time: int, place: PositionsAt) -> None:
         """Change weights by what a look saw or did not see."""
         lon, lat = place(self.ensemble, self._scene, None, time)
-        there = life.read(self.ensemble).at(time) <= Status.ASHORE
+        there = on_map(life.read(self.ensemble).at(time))
         self._tell(look.name, "look", time, looks.log_likelihood(look, lon, lat, there), look.positive)
 
     def _tell(self, name: str, kind: Kind, time: int, likelihood: Array, positive: bool) -> None:

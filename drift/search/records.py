@@ -13,7 +13,7 @@ import numpy as np
 from drift.motion.leeway import Drifter
 from geo.polyline import Area, Legs
 
-Kind = Literal["sortie", "contact", "look", "presence", "barrier"]  # what changes weights
+Kind = Literal["sortie", "contact", "look", "presence", "barrier", "overdue"]  # what changes weights
 
 
 @dataclass(frozen=True)

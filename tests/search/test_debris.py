@@ -11,6 +11,7 @@ from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.models import MODELS
 from drift.motion.scene import Scene
+from drift.particles import ensemble as record
 from drift.search import debris
 from geo.forcing import sources
 from kernels import advance as kernel
@@ -41,7 +42,9 @@ def test_debris_drifts_however_its_object_moves(tmp_path: Path, monkeypatch: pyt
     forcing = Forcing([Sources({"current": (sources.constant("current", 1.0, 0.0),)})], 1)
     scene = Scene(forcing, (), kernel.Surroundings(kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)))
     times = (3 * 3600, 5 * 3600, 2 * 3600)  # contacts of one class, in any order
-    (only,) = debris.of_contacts(spec, [(time, case.contacts[0]) for time in times], scene).values()
+    (only,) = debris.of_contacts(
+        spec, [(time, case.contacts[0]) for time in times], scene, record.empty(1, (0, 1))
+    ).values()
     forcing.close()
     assert only.last == 5 * 3600
     assert [motion.model for motion in only.scene.motions] == [DRIFT]

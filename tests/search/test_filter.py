@@ -646,7 +646,9 @@ def test_debris_has_coefficients_of_its_own(tmp_path):
     case = dataclasses.replace(bare, contacts=seen)
     runtime.start()
     begin = start.prepare(case, start.open_for(case))
-    found = debris.of_contacts(start.ensemble_spec(case), [(7200, contact) for contact in seen], begin.scene)
+    found = debris.of_contacts(
+        start.ensemble_spec(case), [(7200, contact) for contact in seen], begin.scene, begin.ensemble
+    )
     begin.scene.forcing.close()
     whole = [begin.ensemble, *(one.ensemble for one in found.values())]
     assert len(whole) == 3
