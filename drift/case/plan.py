@@ -77,6 +77,7 @@ class UnitTable(SensorTable):
             endurance=self.endurance,
             law=self.law,
             sweep_width=self.widths(self.kind, self.search_speed, run.scenarios),
+            width_under_way=self.widths_under_way(self.kind, self.search_speed, run.scenarios),
             shape=self.shape(),
             group=self.group(self.kind),
             altitude=self.height(),

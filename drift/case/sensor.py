@@ -8,6 +8,7 @@ import difflib
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
@@ -173,6 +174,7 @@ class SensorTable(fields.Table):
     sensor: Sensor = VISUAL
     law: Annotated[Law, BeforeValidator(_law)] = Law()
     sweep_width: Annotated[Any, PlainValidator(_width)] = None
+    sweep_width_under_way: Annotated[Any, PlainValidator(_width)] = None
     sweep_width_uncertainty: Annotated[float, BeforeValidator(_unknown)] = 0.0
     sweep_group: fields.Label | None = None
     altitude: fields.Length | None = None
@@ -220,6 +222,30 @@ class SensorTable(fields.Table):
                 "integral); leave sweep_width out, or give one for each scenario, to which the curve is stretched"
             )
         return (float(given),) * len(scenarios)
+
+    def widths_under_way(self, kind: str, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
+        """Return the sweep width [m] for each scenario while its vessel is under way; (): nothing steers.
+
+        It is the one given for that; by the tables it is that of the vessel; else it is the same as adrift.
+        """
+        given = self.sweep_width_under_way
+        steer = [scenario.itinerary is not None for scenario in scenarios]
+        if not any(steer):
+            if given is not None:
+                raise ValueError(
+                    "sweep_width_under_way: no scenario is under way; leave it out, or add [[scenario.phase]]"
+                )
+            return ()
+        if given is None and not isinstance(self.sweep_width, ConditionsTable):
+            return self.widths(kind, speed, scenarios)
+        under_way = [
+            replace(scenario, search_object=scenario.itinerary.search_object or scenario.search_object)
+            if scenario.itinerary
+            else scenario
+            for scenario in scenarios
+        ]
+        table = self if given is None else self.model_copy(update={"sweep_width": given})
+        return table.widths(kind, speed, under_way)
 
     def _tabulated(self, seen: ConditionsTable, kind: str, speed: float, scenario: Scenario) -> float:
         if self.sensor != VISUAL:

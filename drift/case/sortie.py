@@ -177,11 +177,13 @@ class SortieTable(SensorTable):
         run.check(begin, finish)
         speed = self._speed(legs)
         widths = self._widths(speed, run.scenarios)
+        under_way = () if self.watch else self.widths_under_way(self.unit, speed, run.scenarios)
         if self.actual is not None or self.track is not None:
             assert legs is not None
             legs = polyline.thinned(legs, _fineness(widths))
-        if area is None and legs is not None and self.watch is None and max(widths) > 0:
-            area = polyline.strip(legs, max(widths))
+        widest = max((*widths, *under_way))
+        if area is None and legs is not None and self.watch is None and widest > 0:
+            area = polyline.strip(legs, widest)
         sortie = Sortie(
             name,
             self.unit,
@@ -189,10 +191,14 @@ class SortieTable(SensorTable):
             finish,
             self.law,
             widths,
+            under_way,
             shape=self.shape(),
             group="" if self.watch else self.group(self.unit),
             area=area,
             coverage=self._coverage(widths, area, begin, finish, run.scenarios) if legs is None else (),
+            coverage_under_way=(
+                self._coverage(under_way, area, begin, finish, run.scenarios) if legs is None and under_way else ()
+            ),
             legs=legs,
             watch=self.watch.zones if self.watch else None,
             completed=self.completed,

@@ -154,7 +154,7 @@ def _scenario(
         table.jibe_rate(drifter),
         prior,
         chosen,
-        search_object=table.search_object,
+        search_object=table.search_object or (itinerary.search_object if itinerary and not adrift else None),
         model=table.motion,
         motion=PARAMETERS[table.motion](table),
         survival=alive,

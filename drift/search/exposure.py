@@ -164,7 +164,7 @@ class SortieExposure:
     @property
     def _looks(self) -> bool:
         """Whether there is anything that it may see along its path."""
-        return bool(self.sortie.watch) or max(*self.sortie.sweep_width, *self._width_under_way) > 0
+        return bool(self.sortie.watch) or max((*self.sortie.sweep_width, *self._width_under_way)) > 0
 
     @property
     def _width_under_way(self) -> tuple[float, ...]:

@@ -211,6 +211,7 @@ class Unit:
     endurance: float  # [s] on scene; 85 % of it is search
     law: Law
     sweep_width: tuple[float, ...]  # [m], one per scenario
+    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
     shape: float = math.inf
     group: str = ""
     altitude: float = math.nan  # [m]
