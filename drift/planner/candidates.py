@@ -107,12 +107,17 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
         # Every other leg of a pattern is a cross leg, which is not counted.
         cut = tuple(sorted({k // 2 + 1 for k in sailed.cut if k % 2 == 0}))
     end = min(start + float(flown.duration[0]), crew.available.spans[-1][1]) if crew.random else legs.time[-1]
-    coverage = tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in unit.sweep_width)
+    coverage, under_way = (
+        tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in widths)
+        for widths in (unit.sweep_width, unit.width_under_way)
+    )
     first, last = availability.moment(start), availability.moment(math.ceil(end))
     sortie = Sortie(
         name=unit.name, kind=unit.kind, start=first, end=last, law=unit.law,
-        sweep_width=unit.sweep_width, shape=unit.shape, group=unit.group, area=laid.pattern.area,
-        coverage=coverage if crew.random else (), legs=None if crew.random else legs,
+        sweep_width=unit.sweep_width, width_under_way=unit.width_under_way, shape=unit.shape, group=unit.group,
+        area=laid.pattern.area,
+        coverage=coverage if crew.random else (),
+        coverage_under_way=under_way if crew.random else (), legs=None if crew.random else legs,
         speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
     )  # fmt: skip
     ends = [(legs.lon[k], legs.lat[k]) for k in (0, -1)]
