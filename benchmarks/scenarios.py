@@ -5,11 +5,13 @@
 The many are reports scattered as the one is: normal, 25 nmi, in the Gulf of Mexico, south of its coast; they differ in place, time, weight and
 object, and every other one sees another current. `drift`: nothing but the drift; `search`: four sorties (legs, an area, a pattern on a drifting
 datum, a curve with an unknown factor) and a contact, with resampling. Each runs in a process of its own after one that compiles its kernels.
-A row is a phase of the run; the last is the whole of it, from the case file to the last file.
+A row is a phase of the run by the clock [s]; `whole` is all of it, from the case file to the last file, `processor` the time that all its threads
+took together, which tells more where other programs share the machine.
 """
 
 import argparse
 import json
+import resource
 import subprocess
 import sys
 import tempfile
@@ -128,13 +130,15 @@ def written(count: int, particles: int, duration: str, search: bool) -> str:
 
 
 def run(case: Path, out: Path, threads: int) -> dict[str, float]:
-    """Return the wall time [s] of a run by phase."""
-    begin = time.perf_counter()
+    """Return the wall time [s] of a run by phase, and what all of it took."""
+    begin, used = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     words = ["run", str(case), "--out", str(out), "--overwrite", "--threads", str(threads)]
     subprocess.run([sys.executable, "-m", "drift", *words], check=True, capture_output=True)
-    whole = time.perf_counter() - begin
+    whole, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor = after.ru_utime + after.ru_stime - used.ru_utime - used.ru_stime
     phases = json.loads((out / "summary.json").read_text())["wall_time_s"]
-    return {**phases, "files [MB]": sum(f.stat().st_size for f in out.rglob("*") if f.is_file()) / 1e6, "whole": whole}
+    size = sum(file.stat().st_size for file in out.rglob("*") if file.is_file()) / 1e6
+    return {**phases, "whole": whole, "processor": processor, "files [MB]": size}
 
 
 def main() -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift.case import fields, units
 from drift.case.context import Run, build_each
@@ -140,6 +140,7 @@ class ResamplingTable(fields.Table):
 
     method: Literal["systematic", "kahn"] = "systematic"
     below: fields.Share = 0.0
+    across_scenarios: bool = False
 
     @field_validator("below")
     @classmethod
@@ -151,7 +152,19 @@ class ResamplingTable(fields.Table):
 
     def resampling(self) -> Resampling:
         """Return the record."""
-        return Resampling(self.method, self.below)
+        return Resampling(self.method, self.below, self.across_scenarios)
+
+    @model_validator(mode="after")
+    def whole(self) -> "ResamplingTable":
+        """Refuse slots that change hands while their number floats, and that never do."""
+        if self.across_scenarios and self.method == "kahn":
+            raise ValueError(
+                'across_scenarios = true needs method = "systematic": with "kahn" the number of particles of a scenario '
+                "floats, and cannot be given to another"
+            )
+        if self.across_scenarios and self.below == 0:
+            raise ValueError("across_scenarios = true needs below, such as 0.5: with below = 0 nothing is drawn anew")
+        return self
 
 
 def build(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit, ...]:

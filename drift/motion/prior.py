@@ -26,7 +26,6 @@ from kernels import noise, runtime
 from kernels import prior as kernel
 from kernels.coast import DeviceCoast, open_sea
 
-LEAST_SHARE = 0.1  # least particles of a scenario, as a share of an equal share
 PIECE = 20_000.0  # [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N
 
 
@@ -86,7 +85,7 @@ def _dry(spec: EnsembleSpec, number: int, slots: Slots, tried: Array, coast: Dev
 def _counts(spec: EnsembleSpec) -> list[int]:
     """Return how many particles each scenario gets."""
     weights = np.array([scenario.weight for scenario in spec.scenarios])
-    share = np.maximum(weights, LEAST_SHARE / weights.size)
+    share = np.maximum(weights, resample.LEAST_SHARE / weights.size)
     inner = np.rint(np.cumsum(share / share.sum()) * spec.particles).astype(int)
     return [int(x) for x in np.diff(inner, prepend=0)]
 

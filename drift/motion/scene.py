@@ -69,23 +69,25 @@ class Scene:
         if self.steering is None:
             return None
         key = id(self), id(ensemble), 0
-        if key not in self.forcing.movers:
-            self.forcing.movers[key] = (
-                (self, ensemble),
-                Helm(ensemble, self.steering, self.place.domain, self.place.coast),
-            )
+        if key not in self.forcing.movers or self.forcing.movers[key][0][2] is not ensemble.layout:
+            helm_of = Helm(ensemble, self.steering, self.place.domain, self.place.coast)
+            self.forcing.movers[key] = (self, ensemble, ensemble.layout), helm_of
         helm: Helm = self.forcing.movers[key][1]
         return helm
 
     def _movers(self, ensemble: Ensemble, direction: int) -> tuple[kernel.Move, ...]:
-        """Return what moves an ensemble, one a group. It is made once and kept until the forcing is closed."""
+        """Return what moves an ensemble, one a group.
+
+        It is made once for a layout of the ensemble, and kept until the forcing is closed.
+        """
         key = id(self), id(ensemble), direction
-        if key not in self.forcing.movers:
+        if key not in self.forcing.movers or self.forcing.movers[key][0][2] is not ensemble.layout:
             movers = tuple(
                 model.mover(ensemble, group, Waters(self.forcing.tiles, ranges, self.place), direction)
                 for model, ranges, group in self.groups(ensemble)
             )
-            self.forcing.movers[key] = (self, ensemble), movers  # both are kept alive, for an id() may be given again
+            # They are kept alive, for an id() may be given again.
+            self.forcing.movers[key] = (self, ensemble, ensemble.layout), movers
         moves: tuple[kernel.Move, ...] = self.forcing.movers[key][1]
         return moves
 

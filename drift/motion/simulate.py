@@ -11,7 +11,7 @@ from typing import Protocol
 from drift.motion.clock import Clock
 from drift.motion.scene import Begin, Kept, Scene
 from drift.particles import life
-from drift.particles.ensemble import Ensemble
+from drift.particles.ensemble import Ensemble, Layout
 from geo.array import Array
 from kernels import advance as kernel
 
@@ -27,6 +27,7 @@ class Moment:
     lon: Array  # int32 binary angle (n,)
     lat: Array
     status: Array  # int32 (n,)
+    layout: Layout  # which slots belong to which scenario
     log_weight: Array | None = None  # float32 (n,) at that time; None: those of the end of the run
     ancestors: Array | None = None  # int64 (n,): of the moment before, where particles have been drawn anew since
 
@@ -159,4 +160,4 @@ def run(
 def _moment(ensemble: Ensemble, places: tuple[Array, Array], time: int, search: Filter | None) -> Moment:
     """Return positions, with each particle's status and weight as they were known at that time."""
     weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)
-    return Moment(time, *places, life.read(ensemble).at(time), weight, ancestors)
+    return Moment(time, *places, life.read(ensemble).at(time), ensemble.layout, weight, ancestors)

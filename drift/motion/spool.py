@@ -16,7 +16,7 @@ from drift.motion.period import Period
 from drift.motion.simulate import Moment
 from drift.particles import ensemble as record
 from drift.particles import weights
-from drift.particles.ensemble import Ensemble
+from drift.particles.ensemble import Ensemble, Layout
 from drift.particles.snapshot import Snapshot
 from geo.array import Array
 from geo.errors import UserError
@@ -64,6 +64,7 @@ class Spool(Sequence[Snapshot]):
             raise _refusal(error.strerror or str(error)) from error
         self._times = []
         self._weighted: list[bool] = []
+        self._layouts: list[Layout] = []
         # By time: whose offspring the particles are, among those of the time before and of the beginning.
         self.ancestors: list[Array | None] = []
         self._families: list[Array | None] = []
@@ -78,12 +79,11 @@ class Spool(Sequence[Snapshot]):
                 self._keep(np.ascontiguousarray(column, kind))
             self._times.append(period.time(moment.elapsed))
             self._weighted.append(moment.log_weight is not None)
+            self._layouts.append(moment.layout)
             self.ancestors.append(moment.ancestors)
             self._families.append(_descent(self._families[-1] if self._families else None, moment.ancestors))
-        self._n, self._blocks = ensemble.n, ensemble.blocks
-        self._probability = record.probability(ensemble)
-        kinds = np.arange(len(ensemble.scenarios), dtype=np.int32)
-        self._scenario = np.repeat(kinds, np.diff(ensemble.bounds))
+        self._n, self._probability = ensemble.n, record.probability(ensemble)
+        self._scenarios: dict[tuple[int, ...], Array] = {}  # the scenario of each slot, by the bounds of scenarios
         self._world = ensemble.world.to_numpy() if worlds else None
 
     def __enter__(self) -> "Spool":
@@ -125,10 +125,12 @@ class Spool(Sequence[Snapshot]):
         self._file.seek(at * self._n * BYTES)
         lon, lat = (np.frombuffer(self._file.read(4 * self._n), np.int32) for _ in range(2))
         status = np.frombuffer(self._file.read(self._n), np.uint8).astype(np.int32)
-        probability = self._probability
+        probability, layout = self._probability, self._layouts[at]
         if self._weighted[at]:
-            probability = weights.normalised(np.frombuffer(self._file.read(4 * self._n), np.float32), self._blocks)
-        own = self._scenario, self._families[at], self._world, self._blocks
+            probability = weights.normalised(np.frombuffer(self._file.read(4 * self._n), np.float32), layout.blocks)
+        if layout.bounds not in self._scenarios:
+            self._scenarios = {layout.bounds: record.owners(layout.bounds)}  # those of one layout: it rarely changes
+        own = self._scenarios[layout.bounds], self._families[at], self._world, layout.blocks
         return Snapshot(self._times[at], lon, lat, probability, status, *own)
 
     def __iter__(self) -> Iterator[Snapshot]:

@@ -79,9 +79,12 @@ class Layout:
         return self._batches[scenarios]
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Ensemble:
-    """All particles: CORE as fields of shape (n,), then the columns of the models by which they move, by name."""
+    """All particles: CORE as fields of shape (n,), then the columns of the models by which they move, by name.
+
+    What columns hold changes in place, and `lay` gives slots to other scenarios; nothing else of it changes.
+    """
 
     seed: int
     layout: Layout
@@ -161,14 +164,27 @@ def empty(
         return {column.name: runtime.upload(np.full(bounds[-1], column.first, column.dtype)) for column in columns}
 
     numbers, block = numbers or bounds[:-1], block or (partials.BLOCK,) * (len(bounds) - 1)
-    scenario = runtime.upload(np.repeat(np.arange(len(bounds) - 1, dtype=np.int32), np.diff(bounds)))
+    scenario = runtime.upload(owners(bounds))
     return Ensemble(seed, Layout(bounds, numbers, block), own=filled(own), **filled(CORE) | {"scenario": scenario})
+
+
+def owners(bounds: tuple[int, ...]) -> Array:
+    """Return the number of the scenario to which each slot belongs, int32 (n,), by the bounds of scenarios."""
+    return np.repeat(np.arange(len(bounds) - 1, dtype=np.int32), np.diff(bounds))
 
 
 def inherit(ensemble: Ensemble, ancestors: Array) -> None:
     """Give every slot what its ancestor has, in all columns, in place; ancestors: slots, (n,)."""
     for column in ensemble.columns.values():
         column.from_numpy(np.ascontiguousarray(column.to_numpy()[ancestors]))
+
+
+def lay(ensemble: Ensemble, bounds: tuple[int, ...]) -> None:
+    """Take up which slots belong to which scenario, of a whole run, in place; the columns stay as they are.
+
+    bounds: the first slot of each scenario and, last, n.
+    """
+    ensemble.layout = Layout(bounds, bounds[:-1], ensemble.layout.block)
 
 
 def weighed(ensemble: Ensemble) -> Weighed:

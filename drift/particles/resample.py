@@ -1,21 +1,24 @@
 """Drawing particles anew in proportion to their weights: who has how many offspring.
 
-Within a scenario, so that no story dies by chance. Systematic: N offspring, the smallest spread (Kitagawa 1996; Douc,
+Within a scenario, so that no story dies by chance; or across scenarios, where those that have become likely take slots
+of the others, of which each keeps a few. Systematic: N offspring, the smallest spread (Kitagawa 1996; Douc,
 Cappe and Moulines 2005, arXiv:cs/0507025). Kahn's Russian roulette and splitting (Kahn 1955, RAND P-766): each particle
 on its own, so that their number floats; held at N it would be biased. Either way a particle's expected offspring are N
-times its share.
+times its share, and the weights of its offspring add up to its own in the mean.
 """
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from drift.particles import weights
 from geo.array import Array
 from kernels import noise
 from kernels.noise import Purpose
 
+LEAST_SHARE = 0.1  # least slots of a scenario, as a share of an equal share
 SPARE = 4.0  # slots to spare for Kahn's way, in units of sqrt(N); the spread is at most half of one
 
 
@@ -93,6 +96,44 @@ def offspring(
         spare[first + len(drawn) : last] = True
         new[first : first + len(drawn)] = scale + np.log(total / number)
     return ancestors, new, spare
+
+
+def across(
+    log_weight: Array, scenarios: list[tuple[int, int]], number: int, seeds: tuple[int, int]
+) -> tuple[Array, Array, tuple[int, ...]]:
+    """Return each slot's ancestor, its log weight, (n,) each, and the bounds of the scenarios afterwards.
+
+    Scenarios have slots by `counts` and draw systematically, each from its own particles: so a particle's offspring are
+    expected to be the number of its scenario's slots times its share of the scenario, and weigh as much together as it
+    did. number: of all slots, n; scenarios: first and last slot of each; seeds: of the run, and number of the event. A
+    scenario without weight has no slots left.
+    """
+    weight, scale = weights.relative(log_weight), float(log_weight.max())
+    totals = np.array([weight[first:last].sum() for first, last in scenarios])
+    slots = counts(totals, number)
+    bounds = np.concatenate([[0], np.cumsum(slots)])
+    ancestors, new = np.empty(number, np.int64), np.empty(number, np.float32)
+    for scenario in np.flatnonzero(slots):
+        (first, last), (begin, end) = scenarios[scenario], bounds[scenario : scenario + 2]
+        uniform = generator(*seeds, int(scenario)).random()
+        ancestors[begin:end] = first + systematic(weight[first:last], int(slots[scenario]), uniform)
+        new[begin:end] = scale + np.log(totals[scenario] / slots[scenario])
+    return ancestors, new, tuple(int(bound) for bound in bounds)
+
+
+def counts(weight: Array, number: int) -> npt.NDArray[np.int64]:
+    """Return how many of a number of slots each scenario gets, (scenarios,), in proportion to its weight.
+
+    None that has any weight gets fewer than about LEAST_SHARE of an equal share, or than one; number: at least as many
+    as there are of these.
+    """
+    alive = weight > 0
+    share = np.where(alive, np.maximum(weight / weight.sum(), LEAST_SHARE / alive.sum()), 0.0)
+    slots = np.diff(np.rint(np.cumsum(share / share.sum()) * number).astype(np.int64), prepend=0)
+    for scenario in np.flatnonzero(alive & (slots == 0)):
+        slots[np.argmax(slots)] -= 1
+        slots[scenario] = 1
+    return np.asarray(slots, np.int64)
 
 
 def generator(seed: int, event: int, scenario: int) -> np.random.Generator:

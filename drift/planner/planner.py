@@ -16,7 +16,7 @@ import numpy as np
 from drift import facts, flow
 from drift.case.record import Case
 from drift.flow import Result
-from drift.forecast import effective
+from drift.forecast import effective, likeliest
 from drift.forecast.effective import Count
 from drift.job import Job, Options, Report, in_turn, opened
 from drift.planner import bound as bounds
@@ -70,7 +70,8 @@ def plan(
     job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
     proposed, executed, result = scheme(job)
     if job.out is not None:
-        setting = facts.with_coast(facts.setting(executed, job.where))
+        shown = None if proposed.shares is None else likeliest.of(proposed.shares)
+        setting = facts.with_coast(facts.setting(executed, job.where, shown))
         taken = [sortie.name for sortie in case.sorties]
         land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
         matter = chapter.Matter(proposed, result.forecast, setting, taken, land, facts.synthetic(case))

@@ -144,7 +144,7 @@ def _sortie(sortie: Sortie) -> str:
         zones = zip(sortie.watch.inner, sortie.watch.outer, sortie.watch.pod, strict=True)
         how = "zones " + ", ".join(f"{a / NMI:g} to {b / NMI:g} nmi {pod:.0%}" for a, b, pod in zones)
     elif sortie.coverage:
-        how = f"{law}, coverage {', '.join(f'{c:.2f}' for c in sortie.coverage)}"
+        how = f"{law}, coverage {_by_scenario(sortie.coverage, '')}"
     else:
         how = f"{law}, W {_widths(sortie.sweep_width)}"
     return f"{kind}, {notation.group(sortie.start)} to {notation.group(sortie.end)}, {how}"
@@ -153,7 +153,16 @@ def _sortie(sortie: Sortie) -> str:
 def _widths(widths: Sequence[float]) -> str:
     """Return sweep widths [m] in words; once where they are the same for all scenarios."""
     words = [f"{width / NMI:.2f} nmi" for width in widths]
-    return words[0] if len(set(words)) == 1 else ", ".join(words)
+    return words[0] if len(set(words)) == 1 else _by_scenario([width / NMI for width in widths], " nmi")
+
+
+def _by_scenario(values: Sequence[float], unit: str) -> str:
+    """Return a number of each scenario in words; from least to most where they are many."""
+    words = [f"{value:.2f}{unit}" for value in values]
+    if not likeliest.of(values).rest:
+        return ", ".join(words)
+    least, most = f"{min(values):.2f}", f"{max(values):.2f}{unit}"
+    return most if f"{least}{unit}" == most else f"{least} to {most}"
 
 
 def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:

@@ -266,19 +266,25 @@ class Search:
         ess = record.weighed(self.ensemble).ess
         if ess >= rule.below * sum(self._target):
             return
-        ancestors = self._draw(rule.method, until)
+        ancestors = self._draw(until)
         self._lineage = self._lineage[ancestors]
         self._ancestors = ancestors if self._ancestors is None else self._ancestors[ancestors]
         weight = self.ensemble.log_weight.to_numpy()
         distinct = len(np.unique(self._lineage[weight > -np.inf])) / sum(self._target)
         self._updates[-1] = replace(self._updates[-1], ess_resampled=self._weighed(weight).ess, distinct=distinct)
 
-    def _draw(self, method: str, until: int) -> Array:
+    def _draw(self, until: int) -> Array:
         """Replace all particles by offspring, in place; return their ancestors (n,)."""
-        e = self.ensemble
+        e, rule = self.ensemble, self._resampling
         seeds = self._spec.seed, self._events
         before = e.log_weight.to_numpy()
-        ancestors, log_weight, spare = resample.offspring(before, e.scenarios, self._target, method, seeds)
+        if rule.across:
+            ancestors, log_weight, bounds = resample.across(before, e.scenarios, e.n, seeds)
+            spare = np.zeros(e.n, bool)
+            for which in (e, *(beside.ensemble for beside in self._debris.values())):
+                record.lay(which, bounds)
+        else:
+            ancestors, log_weight, spare = resample.offspring(before, e.scenarios, self._target, rule.method, seeds)
         with np.errstate(invalid="ignore"):  # spare slots have no weight before or after
             own = self.unsearched[ancestors] - before[ancestors] + log_weight
         self.unsearched = np.where(log_weight > -np.inf, own, -np.inf)

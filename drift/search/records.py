@@ -245,3 +245,4 @@ class Resampling:
 
     method: Literal["systematic", "kahn"] = "systematic"
     below: float = 0.0  # share of the particles; with fewer effective ones they are drawn anew; 0: never
+    across: bool = False  # whether slots may go from one scenario to another, or each keeps its own

@@ -663,6 +663,11 @@ UNITS = {
     "no rounds": (UNIT + WIDTH + "[plan]\nrounds = 0\n", "plan.rounds"),
     "few particles": (UNIT + WIDTH + "[plan]\nparticles = 10\n", "1,000 to 1,000,000"),
     "always resampling": ("[resampling]\nbelow = 1\n", "must be below 1"),
+    "slots that float and change hands": (
+        '[resampling]\nmethod = "kahn"\nbelow = 0.5\nacross_scenarios = true\n',
+        'across_scenarios = true needs method = "systematic"',
+    ),
+    "slots that never change hands": ("[resampling]\nacross_scenarios = true\n", "needs below, such as 0.5"),
     "another resampling": ('[resampling]\nmethod = "residual"\n', "'residual' is not allowed"),
 }
 

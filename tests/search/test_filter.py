@@ -717,7 +717,7 @@ def test_copies_ashore_begin_their_waits_anew_debris_too(tmp_path):
     for ensemble in (begin.ensemble, beside.ensemble):
         ensemble.status.from_numpy(np.where(np.arange(2000) % 3 == 0, int(Status.ASHORE), 0).astype(np.int32))
         ensemble.status_since.fill(17)
-    search._draw("systematic", 7200)
+    search._draw(7200)
     for ensemble in (begin.ensemble, beside.ensemble):
         ashore = ensemble.status.to_numpy() == Status.ASHORE
         assert 0 < ashore.sum() < 2000
