@@ -114,6 +114,7 @@ class Observers:
         looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
         self._waiting = [observer(what, spec) for what in looking]
         self.lines = [observer(line, spec) for line in sensors.lines]
+        self._models = _by_model(spec, ensemble)
         self._step: Step | None = None
         self._known: tuple[int, Places] | None = None  # when in the step, and where, its particles are known to be last
         self._cuts = 0  # parts of the step so far
@@ -167,8 +168,8 @@ class Observers:
         since, before = self._known
         way = Way(Window(self._step.number, self._cuts, since, until - since), before, places)
         for seen, columns in every:
-            for scenario, slots in zip(self._spec.scenarios, self._ensemble.slots, strict=True):
-                WAYS[scenario.model](self._spec, self._ensemble, slots, way, seen, columns)
+            for model, slots in self._models:
+                WAYS[model](self._spec, self._ensemble, slots, way, seen, columns)
 
     def over(self, time: int) -> list[Observer]:
         """Return those that are over at a time, for the last time."""
@@ -193,6 +194,19 @@ class Observers:
             if likelihood is not None:
                 total = likelihood if total is None else total + likelihood
         return total
+
+
+def _by_model(spec: EnsembleSpec, ensemble: Ensemble) -> list[tuple[str, Slots]]:
+    """Return the models of motion with the slots that move by them; scenarios that lie side by side are one launch."""
+    found: list[tuple[str, Slots]] = []
+    for scenario, own in zip(spec.scenarios, ensemble.slots, strict=True):
+        if found:
+            model, slots = found[-1]
+            if (scenario.model, own.first, own.number - own.first) == (model, slots.last, slots.number - slots.first):
+                found[-1] = model, slots._replace(last=own.last)
+                continue
+        found.append((scenario.model, own))
+    return found
 
 
 def observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
