@@ -287,3 +287,20 @@ def test_noise_is_that_of_its_key() -> None:
     apart = one.astype(float) - other
     assert abs(apart.mean()) < 3 * apart.std() / math.sqrt(len(apart))
     assert noise.STREAM_TOUCH < 16
+
+
+def test_what_is_passed_over_as_far_away_touches_nothing() -> None:
+    """At any latitude and across the antimeridian: the same bits as where nothing is passed over."""
+    random = np.random.default_rng(12)
+    for at in ((179.8, 84.0), (-31.0, -71.5), (12.0, 0.4), (-179.7, -33.0)):
+        n = 4_000
+        begin = random.normal(size=(n, 1, 2)) * 50 * NMI
+        path = np.concatenate([begin, begin + random.normal(size=(n, 1, 2)) * 40 * NMI], axis=1)
+        near = sensor(30 * NMI, at=at)
+        everywhere = sensor(30 * NMI, at=at)
+        everywhere.west, everywhere.width, everywhere.south, everywhere.height = -(2**31), 2**32 - 1, -(2**30), 2**31
+        for k in (0.0, K / 4, K):
+            one, other = (told(observe.LINE, path, 1.0, where, BENT, k, at=at)[:, 0] for where in (near, everywhere))
+            assert 0.01 < (one < 1).mean() < 0.6
+            # what is passed over would have touched with at most exp(-18) = 2e-8 a part
+            np.testing.assert_allclose(one, other, atol=1e-6)
