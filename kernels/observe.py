@@ -246,6 +246,23 @@ def observe(
 
 
 @ti.func
+def told_by(besides: ti.template(), log_stayed: ti.f32, told: ti.f32, found: f32x3, since: ti.f32) -> ti.f32:
+    """Return what a sensor tells of a way with one more piece.
+
+    log_stayed: the log of the probability that things had stayed as they were before the piece. told: what it has told
+    of the way before, 0 (REPORT) or -1 (WHEN) at first. found: of the piece, see `observe`; since: what the times of
+    the piece count from [s after the run's start].
+    """
+    now = told
+    if ti.static(besides == REPORT):
+        now += ti.exp(log_stayed) * found[1]
+    if ti.static(besides == WHEN):
+        if found[2] >= 0.0 and told < 0.0:
+            now = since + found[2]
+    return now
+
+
+@ti.func
 def _words(key, node: ti.i32):
     """Return the random words of a node of a piece of way: 1 is the whole, 2 n and 2 n + 1 the halves of n."""
     return noise.further(key.seed0, key.seed1, noise.STREAM_TOUCH, key.slot, key.step, key.count * NODES + node)
@@ -308,11 +325,8 @@ def _drifting(
                 key = Chance(seed0, seed1, slot, slot, step, count)
                 found = observe(kind, besides, piece, sensor, corners, key)
                 stays = found[0]
-                if ti.static(besides == REPORT):
-                    told[i] += ti.exp(log_stayed) * found[1]
-                if ti.static(besides == WHEN):
-                    if found[2] >= 0.0 and told[i] < 0.0:
-                        told[i] = ti.cast(since, ti.f32) + found[2]
+                if ti.static(besides != WHETHER):
+                    told[i] = told_by(besides, log_stayed, told[i], found, ti.cast(since, ti.f32))
         if stays < 1.0:
             stayed[i] = log_stayed + ti.log(stays)
 

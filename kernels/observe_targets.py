@@ -81,11 +81,9 @@ def _steering(
                     own = Piece(ax, ay, bx, by, ti.cast(begin - since, ti.f32), ti.cast(close - since, ti.f32), k)
                     look = Chance(key.seed0, key.seed1, key.birth, key.slot, step, key.count * CUTS + count)
                     found = observe.observe(kind, besides, own, sensor, corners, look)
-                    if ti.static(besides == observe.REPORT):
-                        told[i] += ti.exp(log_stayed) * stays * found[1]
-                    if ti.static(besides == observe.WHEN):
-                        if found[2] >= 0.0 and told[i] < 0.0:
-                            told[i] = ti.cast(since, ti.f32) + found[2]
+                    if ti.static(besides != observe.WHETHER):
+                        so_far = log_stayed + ti.log(stays)
+                        told[i] = observe.told_by(besides, so_far, told[i], found, ti.cast(since, ti.f32))
                     stays *= found[0]
                 if state == life.UNDER_WAY:
                     state = state_then

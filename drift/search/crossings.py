@@ -17,7 +17,8 @@ from geo.array import Array
 
 ALL = "all"
 PERCENTS = (5, 50, 95)
-BINS = 240  # of the run, in which first crossings are counted
+BINS = 240  # parts of the run, in which first crossings are counted
+PARTS = 10  # parts of each, between which percentiles are told
 HEADER = [
     "line",
     "scenario",
@@ -56,38 +57,45 @@ class Crossings:
 
 def build(spec: EnsembleSpec, lines: Sequence[Observer], ensemble: Ensemble) -> Crossings:
     """Return the first crossings of lines by the weights of an ensemble at the end of its run."""
-    edges = np.linspace(0, spec.period.duration, BINS + 1)
     weight = weights.normalised(ensemble.log_weight.to_numpy(), ensemble.blocks)
-    found = [_crossing(spec, seen, ensemble, weight, edges) for seen in lines]
-    times = spec.period.start + np.round(edges).astype("timedelta64[s]")
-    return Crossings(tuple(s.name for s in spec.scenarios), times, tuple(found))
+    found = [_crossing(spec, seen, ensemble, weight) for seen in lines]
+    edges = np.round(np.linspace(0, spec.period.duration, BINS + 1)).astype("timedelta64[s]")
+    return Crossings(tuple(s.name for s in spec.scenarios), spec.period.start + edges, tuple(found))
 
 
-def _crossing(spec: EnsembleSpec, seen: Observer, ensemble: Ensemble, weight: Array, edges: Array) -> Crossing:
+def _crossing(spec: EnsembleSpec, seen: Observer, ensemble: Ensemble, weight: Array) -> Crossing:
     assert isinstance(seen.what, Line)
     stayed, when = (column.to_numpy().astype(np.float64) for column in seen.ready(ensemble.n))
-    chance = -np.expm1(stayed)
-    rows = [*ensemble.scenarios, (0, ensemble.n)]
-    probability, error = np.zeros(len(rows)), np.zeros(len(rows))
-    mass, first = np.zeros((len(rows), BINS)), np.full((len(rows), len(PERCENTS)), "NaT", "datetime64[s]")
-    for row, (a, b) in enumerate(rows):
-        total = weight[a:b].sum()
-        if total == 0:
-            continue
-        own = weight[a:b] / total
-        probability[row] = own @ chance[a:b]
-        error[row] = np.sqrt((own**2) @ (chance[a:b] - probability[row]) ** 2)
-        hit = when[a:b] >= 0
-        counted = own[hit].sum()
-        if counted == 0:
-            continue
-        # Times are drawn, so that they say how the probability is spread, and the probability itself how much there is.
-        mass[row] = np.histogram(when[a:b][hit], edges, weights=own[hit])[0] * probability[row] / counted
-        order = np.argsort(when[a:b][hit], kind="stable")
-        running = np.cumsum(own[hit][order]) / counted
-        at = np.minimum(np.searchsorted(running, np.array(PERCENTS) / 100), order.size - 1)
-        first[row] = spec.period.start + np.round(when[a:b][hit][order][at]).astype("timedelta64[s]")
+    chance, square = -np.expm1(stayed), weight**2
+    values = weight, weight * chance, square, square * chance, square * chance**2
+    sums = ensemble.blocks.partial(*values)
+    total, hit, squares, cross, both = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
+    probability = _ratio(hit, total)
+    spread = both - 2 * probability * cross + probability**2 * squares
+    error = _ratio(np.sqrt(np.maximum(spread, 0.0)), total)
+    # Times are drawn: they say how the probability is spread, and the probability itself how much there is.
+    bins = np.where(when < 0, PARTS * BINS, np.minimum(when / spec.period.duration * PARTS * BINS, PARTS * BINS - 1))
+    drawn = ensemble.blocks.partial(weight, code=bins.astype(np.int64), many=PARTS * BINS + 1)
+    spread_out = np.concatenate([drawn.by_scenario[:, :-1, 0], drawn.total[None, :-1, 0]])
+    share = _ratio(spread_out, spread_out.sum(axis=1)[:, None])
+    mass = (share * probability[:, None]).reshape(-1, BINS, PARTS).sum(axis=2)
+    first = np.stack([_times(spec, row) for row in share])
     return Crossing(seen.what, probability, error, first, mass)
+
+
+def _ratio(over: Array, under: Array) -> Array:
+    """Return a quotient, 0 where there is nothing below."""
+    return np.asarray(np.divide(over, under, out=np.zeros(over.shape), where=under > 0))
+
+
+def _times(spec: EnsembleSpec, share: Array) -> Array:
+    """Return the times by which PERCENTS of the first crossings are, from their shares by part of the run."""
+    if share.sum() == 0:
+        return np.full(len(PERCENTS), "NaT", "datetime64[s]")
+    edges, running = np.linspace(0, spec.period.duration, share.size + 1), np.append(0.0, np.cumsum(share))
+    rises = np.append(True, np.diff(running) > 0)
+    at = np.interp(np.array(PERCENTS) / 100, running[rises], edges[rises])
+    return np.asarray(spec.period.start + np.round(at).astype("timedelta64[s]"))
 
 
 def csv(crossings: Crossings | None, run: str) -> str:

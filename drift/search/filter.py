@@ -341,8 +341,8 @@ class Search:
             names = ", ".join(f'"{s.name}"' for s in self._spec.scenarios)
             raise UserError(
                 f"{what} contradicts every scenario ({names}): after it no particle has any weight, and nothing can be "
-                "said. Check its place, time and error, or allow for doubt: a POD below 1, a belief below 1, or a "
-                "wider prior"
+                "said. Check its place, time and error, or allow for doubt: a POD or detection below 1, a belief below "
+                "1, false alarms, or a wider prior"
             )
         return np.array([*sums, whole])
 

@@ -121,13 +121,13 @@ def numbers(updates: Updates) -> dict[str, Any]:
         "sorties": sum(update.kind == "sortie" for update in updates.all),
         "contacts": sum(update.kind == "contact" for update in updates.all),
         "sensors": sum(update.kind not in ("sortie", "contact") for update in updates.all),
-        "lines": crossings.numbers(updates.crossings) if updates.crossings else [],
         "cumulative_pos": _by_scenario(shown.scenarios, done[-1].cumulative if done else None),
         "scenarios": {
             name: {"prior": float(updates.prior[j]), "posterior": float(last[j])} for j, name in enumerate(names)
         },
         "log_evidence": updates.log_evidence,
         "distinct": updates.all[-1].distinct if updates.all else 1.0,
+        **({"lines": crossings.numbers(updates.crossings)} if updates.crossings else {}),
     }
 
 

@@ -76,7 +76,7 @@ def build(
     """
     planned = plan.names if plan else frozenset()
     every = updates.all if updates else ()
-    past = [update for update in every if update.kind == "contact" or update.name not in planned]
+    past = [update for update in every if update.kind != "sortie" or update.name not in planned]
     standing = past[-1].standing if past and past[-1].standing is not None else begun
     flown = {s.name: s for s in (updates.sorties if updates else ()) if s.name not in planned}
     searched = [update for update in past if update.kind == "sortie"]

@@ -123,9 +123,9 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_step_does_not_matter(kind: int) -> None:
-    """The mean over 60,000 paths seen in 3, 6 and 12 steps changes by less than 1 % of what happens."""
+    """The mean over 40,000 paths seen in 3, 6 and 12 steps changes by less than 1 % of what happens."""
     where, corners, spread, _ = KINDS[kind]
-    path = walks(60_000, 12, spread, seed=kind + 31)
+    path = walks(40_000, 12, spread, seed=kind + 31)
     seen = [told(kind, path[:, ::every], HOURS, where, corners)[:, 0].astype(float) for every in (4, 2, 1)]
     if kind in (observe.LINE, observe.BOX, observe.DISC):
         seen = [1 - stayed for stayed in seen]
@@ -134,14 +134,14 @@ def test_the_step_does_not_matter(kind: int) -> None:
     for coarse, fine in itertools.pairwise(seen):
         change = coarse - fine
         error = change.std() / math.sqrt(len(change))
-        assert error < 0.0035 * last  # so that a change of 1 % would be seen
-        assert abs(change.mean()) < 0.003 * last + 2 * error < 0.01 * last
+        assert error < 0.0045 * last  # so that a change of 1 % would be seen
+        assert abs(change.mean()) < 0.003 * last + 1.5 * error < 0.01 * last
 
 
 @functools.cache
 def _fine(kind):
     """Return what happens to fine paths, and the same paths in 4 steps."""
-    n, fine = 6_000, 4 * 768
+    n, fine = 4_000, 4 * 512
     _, _, spread, stays = KINDS[kind]
     kept, straight, coarse = [], [], []
     for part in range(6):
@@ -154,20 +154,20 @@ def _fine(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_paths_in_fine_steps_do_the_same(kind: int) -> None:
-    """What paths of 3,072 steps miss falls as the root of the step: by twice that of 3,072 less that of 768 it is gone."""
+    """What paths of 2,048 steps miss falls as the root of the step: by twice that of 2,048 less that of 512 it is gone."""
     where, corners, _, _ = KINDS[kind]
     path, fine, coarse = _fine(kind)
     stayed = told(kind, path, HOURS, where, corners)[:, 0].astype(float)
     limit = 2.0 * fine - coarse
     error = (stayed - limit).std() / math.sqrt(len(limit))
-    assert error < 0.01
+    assert error < 0.012
     assert abs((stayed - limit).mean()) < 3 * error
 
 
 @pytest.mark.parametrize("steps", [1, 5])
 def test_five_hours_in_a_box_on_the_way(steps: int) -> None:
     """A bridge of 100 h, 12 nmi a root hour, in a box of 60 nmi over hours 35 to 40: quadrature says 0.01640."""
-    n, half = 100_000, 30 * NMI
+    n, half = 60_000, 30 * NMI
     random = np.random.default_rng(8)
     times = np.linspace(35, 40, steps + 1)
     path, here, before = [], np.zeros((n, 2)), 0.0
@@ -183,13 +183,14 @@ def test_five_hours_in_a_box_on_the_way(steps: int) -> None:
     exact = _in_strip(2 * half) ** 2
     assert exact == pytest.approx(0.0164, abs=1e-4)
     error = stayed.std() / math.sqrt(n)
-    assert error < 0.024 * exact
+    assert error < 0.031 * exact
     assert abs(stayed.mean() - exact) < 3 * error
 
 
+@functools.cache
 def _in_strip(width):
     """Return the probability that one component of that bridge is in a strip over hours 35 to 40, by quadrature."""
-    n, m = 1500, np.arange(-6, 7)[:, None, None]
+    n, m = 500, np.arange(-4, 5)[:, None, None]
     a = (np.arange(n) + 0.5) / n * width
     walk = K * math.sqrt(3600 * 5)
     there = (stats.norm.pdf(a - a[:, None] + 2 * m * width, 0, walk)).sum(axis=0)
@@ -200,10 +201,10 @@ def _in_strip(width):
 
 
 @pytest.mark.parametrize(("k", "exact"), [(12, 5.576e-4), (24, 0.1537)])
-@pytest.mark.parametrize("steps", [25, 100])
+@pytest.mark.parametrize("steps", [25, 100, 500])
 def test_a_bridge_crosses_a_line_with_the_probability_of_equation_10(k: int, exact: float, steps: int) -> None:
     """323 nmi off the equator at the begin, 167 nmi at the end, 100 h apart; the time of the touch as equation 11 has it."""
-    n, wanders, end = 40_000, k * NMI / 60, 100 * 3600.0
+    n, wanders, end = 30_000 if steps < 500 else 10_000, k * NMI / 60, 100 * 3600.0
     random = np.random.default_rng(k + steps)
     time = np.linspace(0, end, steps + 1)
     path = np.zeros((n, steps + 1, 2))
@@ -233,7 +234,7 @@ def test_a_report_finds_the_first_touch_in_time() -> None:
     where, corners, spread, _ = KINDS[observe.LINE]
     tau, error = 2.4 * 3600, 900.0
     where = sensor(30 * NMI, tau=tau, error=error)
-    path = walks(40_000, 12, spread, seed=77)
+    path = walks(25_000, 12, spread, seed=77)
     fits = [
         told(observe.LINE, path[:, ::every], HOURS, where, corners, besides=observe.REPORT)[:, 1].astype(float)
         for every in (4, 2, 1)
@@ -286,3 +287,20 @@ def test_noise_is_that_of_its_key() -> None:
     apart = one.astype(float) - other
     assert abs(apart.mean()) < 3 * apart.std() / math.sqrt(len(apart))
     assert noise.STREAM_TOUCH < 16
+
+
+def test_what_is_passed_over_as_far_away_touches_nothing() -> None:
+    """At any latitude and across the antimeridian: the same bits as where nothing is passed over."""
+    random = np.random.default_rng(12)
+    for at in ((179.8, 84.0), (-31.0, -71.5), (12.0, 0.4), (-179.7, -33.0)):
+        n = 4_000
+        begin = random.normal(size=(n, 1, 2)) * 50 * NMI
+        path = np.concatenate([begin, begin + random.normal(size=(n, 1, 2)) * 40 * NMI], axis=1)
+        near = sensor(30 * NMI, at=at)
+        everywhere = sensor(30 * NMI, at=at)
+        everywhere.west, everywhere.width, everywhere.south, everywhere.height = -(2**31), 2**32 - 1, -(2**30), 2**31
+        for k in (0.0, K / 4, K):
+            one, other = (told(observe.LINE, path, 1.0, where, BENT, k, at=at)[:, 0] for where in (near, everywhere))
+            assert 0.01 < (one < 1).mean() < 0.6
+            # what is passed over would have touched with at most exp(-18) = 2e-8 a part
+            np.testing.assert_allclose(one, other, atol=1e-6)

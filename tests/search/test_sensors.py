@@ -56,8 +56,8 @@ def at(east, north):
 
 @functools.cache
 def paths():
-    """Return (places, release) of 2 x 5,000 paths in steps of 45 s [nmi], (2, n, m + 1, 2), and [h], (2, n)."""
-    n, dt = 5_000, 45.0
+    """Return (places, release) of 2 x 4,000 paths in steps of 45 s [nmi], (2, n, m + 1, 2), and [h], (2, n)."""
+    n, dt = 4_000, 45.0
     steps = round(HOURS * 3600 / dt)
     random = np.random.default_rng(41)
     release = np.stack([np.zeros(n), random.uniform(1, 6, n)])
@@ -174,11 +174,12 @@ def test_what_a_sensor_says_is_as_likely_as_on_fine_paths(tmp_path, name: str, s
     assert update.kind == ("barrier" if "barrier" in name else "presence")
     for scenario in range(2):
         mean, spread = exact[scenario].mean(), exact[scenario].std() / math.sqrt(exact.shape[1])
-        # the run's particles are 4 times as many and give probabilities, which spread no more than what happens
+        # the run's particles are more and give probabilities, which spread no more than what happens
         slots = ensemble.bounds[scenario + 1] - ensemble.bounds[scenario]
         error = spread * math.sqrt(1 + exact.shape[1] / slots)
-        assert error < 0.06 * mean
-        assert abs(math.exp(update.log_evidence[scenario]) - mean) < 3 * error, scenario
+        assert error < 0.07 * mean
+        # 3.5, for of twenty comparisons one in twenty suites would have one beyond 3
+        assert abs(math.exp(update.log_evidence[scenario]) - mean) < 3.5 * error, scenario
     whole = np.exp(update.log_evidence[:2]) @ [0.7, 0.3]
     assert math.exp(update.log_evidence[2]) == pytest.approx(whole, rel=1e-4)  # of float32 weights
     assert update.posterior[0] == pytest.approx(0.7 * math.exp(update.log_evidence[0]) / whole, rel=1e-4)
