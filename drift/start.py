@@ -23,10 +23,13 @@ from drift.motion.step_size import Trial
 from drift.particles.ensemble import Ensemble
 from drift.particles.snapshot import Snapshot
 from drift.particles.weights import shares
+from drift.posterior.beliefs import Beliefs
 from drift.search.filter import Search
+from drift.search.updates import Update
 from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
 from drift.spill.worlds import Proposal, Worlds
+from geo.array import Array
 from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.coast.shore import Shore
@@ -140,11 +143,27 @@ def renew(case: Case, where: Environment, before: Start, proposal: Proposal, num
     return replace(before, ensemble=ensemble, scene=again, worlds=worlds)
 
 
-def search(case: Case, begin: Start) -> Search | None:
-    """Return the filter by what a case says was searched and seen; None where that is nothing."""
+def beliefs(case: Case, begin: Start) -> Beliefs | None:
+    """Return what takes down the posteriors of what is not position; None where nothing steers and nothing was seen."""
+    if case.spill or not (case.sorties or case.contacts or begin.scene.steering):
+        return None
+    return Beliefs(ensemble_spec(case), begin.ensemble, begin.scene.steering)
+
+
+def search(case: Case, begin: Start, beliefs: Beliefs | None = None) -> Search | None:
+    """Return the filter by what a case says was searched and seen; None where that is nothing.
+
+    beliefs: takes down what is believed after each update.
+    """
     if not (case.sorties or case.contacts):
         return None
-    return Search(ensemble_spec(case), case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene)
+
+    def note(update: Update, log_weight: Array) -> None:
+        assert beliefs is not None
+        beliefs.note(update.name, update.kind, update.time, log_weight)
+
+    spec, noted = ensemble_spec(case), note if beliefs else None
+    return Search(spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, noted)
 
 
 def check_end(case: Case, where: Environment, begin: Start, end: Snapshot, search: Search | None) -> None:

@@ -7,7 +7,7 @@ ends; an output in between sees what it has done so far. Evidence is the mean we
 that does nothing changes no bit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -34,6 +34,8 @@ from kernels.advance import Step
 
 Device = Any
 
+Noted = Callable[[Update, Array], None]
+
 FARTHEST = 20.0  # most that the log of the sum of weights may be off before weights are brought back
 
 
@@ -48,8 +50,13 @@ class Search:
         resampling: Resampling,
         ensemble: Ensemble,
         scene: Scene,
+        noted: Noted | None = None,
     ) -> None:
-        """Make ready for a run through a scene of an ensemble that has been drawn from `spec`."""
+        """Make ready for a run through a scene of an ensemble that has been drawn from `spec`.
+
+        noted: is told of each update as it takes effect, with the log weights (n,) after it.
+        """
+        self._noted = noted
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
         self._start = spec.period.epoch
         seas = scene.seas("current")
@@ -150,7 +157,8 @@ class Search:
                 sortie.name, "sortie", sortie.end, evidence, now.scenarios, then.ess, now.ess,
                 poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive,
                 cumulative=1 - self._missed, standing=self._standing(sortie.end, after, now.ess),
-            )
+            ),
+            after,
         )  # fmt: skip
         self._settle(after.astype(np.float64))
 
@@ -190,7 +198,8 @@ class Search:
                 then.ess,
                 now.ess,
                 standing=self._standing(contact.time, after, now.ess),
-            )
+            ),
+            after,
         )
         self._settle(after, changed=True)
 
@@ -331,9 +340,12 @@ class Search:
         self._least = min(self._least, ess)
         return standing(time, self.ensemble, log_weight, self._never, self._least)
 
-    def _note(self, update: Update) -> None:
+    def _note(self, update: Update, log_weight: Array) -> None:
+        """Take an update down, with the log weights (n,) after it."""
         distinct = self._updates[-1].distinct if self._updates else 1.0
         self._updates.append(replace(update, distinct=distinct))
+        if self._noted is not None:
+            self._noted(self._updates[-1], log_weight)
 
 
 def _living(slots: tuple[int, int], ensemble: Ensemble) -> int:
