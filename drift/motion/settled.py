@@ -36,9 +36,9 @@ def read(ensemble: Ensemble, steering: Steering) -> Settled:
     plan = itinerary_tables.plan(steering.itineraries, steering.period)
     own = ensemble.batch(steering.scenarios)
     kernel.settle(ensemble.columns, own, plan, ensemble.seed, runtime.upload(wanted.reshape(-1)), out)
-    return Settled(
-        *(out[name].to_numpy() for name in kernel.FIELDS), has=dict(zip(kernel.FIELDS, wanted.T >= 0, strict=True))
-    )
+    has = dict(zip(kernel.FIELDS, wanted.T >= 0, strict=True))
+    speed, course, destination, k, arrival = (out[name].to_numpy() for name in kernel.FIELDS)
+    return Settled(speed, course, destination, k, arrival, has)
 
 
 def phases(itineraries: Sequence[Itinerary | None]) -> Array:

@@ -31,10 +31,10 @@ from geo.array import Array
 A_BAND = 4  # quantities beside each other
 MOST_ROWS = 12  # of more updates the first row and the last are shown
 MOST_VALUES = 12  # of a category; of more the likeliest, and all others together
-LEFT, PANEL, BESIDE, GAP = 2.35, 1.95, 0.9, 0.2  # [in]: names of rows, a chart, its figures, what parts two charts
+LEFT, PANEL, BESIDE, GAP = 2.35, 1.95, 0.9, 0.34  # [in]: names of rows, a chart, its figures, what parts two charts
 ROW, OVER, UNDER = 0.5, 0.42, 0.36  # [in]: a row, the heading over a band, the numbers under it
-HEAD, FOOT = 1.28, 0.8  # [in] over and under all bands
-LETTER = 0.058  # [in] of a value's name, upright
+HEAD, FOOT = 1.08, 0.72  # [in] over and under all bands
+LETTER = 0.053  # [in] of a value's name, upright
 TALL = 0.72  # of a row that its highest bar takes
 SLICES = (8, 44)  # fewest and most bars of a histogram
 TAILS = 0.004  # share on each side that a chart may leave out
@@ -71,7 +71,7 @@ def draw(posteriors: Posteriors, path: Path, setting: Setting) -> None:
             width, height, 120, left=0.28 / width, title=sheet.heading(1 - 0.4 / height, 14, letters * 0.45),
             beside=letters * 0.28, lines=(Row(1 - 0.68 / height, 9.5, letters * 0.85),),
             caution=Badge(1 - 0.2 / width, 1 - 0.4 / height, side="right"),
-            rough=Badge(0.32 / width, 1 - 1.26 / height), footer=sheet.small(0.09 / height, 7, letters),
+            rough=Badge(0.32 / width, 1 - 1.3 / height), footer=sheet.small(0.09 / height, 7, letters),
         )
     )  # fmt: skip
     sheet.head(on, setting.imprint, _account(posteriors, stages))
@@ -323,8 +323,8 @@ def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
 
 def _explained() -> str:
     return (
-        "A histogram is as high as its row, and the outline of the first one is drawn to the same scale; bars of scenarios, destinations "
-        "and sides are shares in %, on one scale.\n"
+        "A histogram is as high as its row, with the outline of the first one to the same scale; bars of scenarios, destinations "
+        "and sides are shares in %.\n"
         "Beside a histogram: the median, 5 to 95 %, and in which share of the probability it means anything. "
         "By scenario and in full: posteriors.csv."
     )
