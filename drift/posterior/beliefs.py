@@ -80,7 +80,6 @@ def _marginal(told: Told, drawn: Drawn, own: Weighted) -> Marginal:
     assert found is not None
     if told.quantity.kind == "category":
         return marginal.of_category(own, found.values, found.holds, len(told.labels))
-    values = np.where(found.holds, found.values, told.low).astype(np.float64)
     if told.quantity.kind == "circular":
-        return marginal.of_angle(own, values, found.holds)
-    return marginal.of_number(own, values, found.holds, told.low, told.high)
+        return marginal.of_angle(own, found.values, found.holds)
+    return marginal.of_number(own, found.values, found.holds, told.low, told.high)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drift.particles.partials import Blocks
+from drift.particles.partials import Blocks, Partial
 from geo.array import Array
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -36,15 +36,23 @@ class Weighted(NamedTuple):
     """Weights of all particles, and what they add up to."""
 
     weight: Array  # float64 (n,), the largest is 1
-    squared: Array  # (n,)
     total: Array  # (rows,)
     scenario: Array  # (n,) int
     blocks: Blocks
 
 
+class _Held(NamedTuple):
+    """The particles for which a quantity means anything, in the order of their slots."""
+
+    weight: Array  # (m,)
+    scenario: Array  # (m,)
+    blocks: Blocks  # of these m alone
+    total: Array  # (rows,) of all particles
+
+
 def weighted(weight: Array, scenario: Array, blocks: Blocks) -> Weighted:
     """Return weights, float64 (n,), as the other functions take them."""
-    return Weighted(weight, weight**2, _rows(blocks, weight)[:, 0], scenario, blocks)
+    return Weighted(weight, _rows(blocks, weight)[:, 0], scenario, blocks)
 
 
 def of_category(own: Weighted, number: Array, holds: Array, many: int) -> Marginal:
@@ -52,66 +60,81 @@ def of_category(own: Weighted, number: Array, holds: Array, many: int) -> Margin
 
     number: of each particle's value, 0 to many - 1 where it `holds`, (n,).
     """
-    weight, squared = _only(own, holds)
-    part = own.blocks.partial(weight, squared, code=np.where(holds, number, 0), many=many)
-    sums = np.concatenate([part.by_scenario, part.total[None]])
+    held, number = _held(own, number, holds)
+    sums = _coded(held, number, many)
     total = own.total[:, None]
-    table = np.divide(sums[:, :, 0], total, out=np.full(sums.shape[:2], np.nan), where=total > 0)
-    both = sums.sum(axis=1)
+    table = np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
+    both = _rows(held.blocks, held.weight, held.weight**2)
     return Marginal(table.sum(axis=1), _ess(both[:, 0], both[:, 1]), table)
 
 
 def of_number(own: Weighted, values: Array, holds: Array, low: float, high: float) -> Marginal:
-    """Return the distribution of numbers, float64 (n,), where they hold.
+    """Return the distribution of numbers (n,), where they hold.
 
     low, high: ends of the histogram, to whose first and last bin what lies outside is added.
     """
-    weight, squared = _only(own, holds)
+    held, values = _held(own, values, holds)
+    values = values.astype(np.float64)
     middle = (low + high) / 2  # of which squares are small enough to be subtracted
     off = values - middle
-    first = weight * off
-    sums = _rows(own.blocks, weight, squared, first, first * off)
-    share, mean = _over(sums[:, 0], own.total), _over(sums[:, 2], sums[:, 0])
+    first = held.weight * off
+    sums = _rows(held.blocks, held.weight, held.weight**2, first, first * off)
+    mean = _over(sums[:, 2], sums[:, 0])
     variance = np.maximum(_over(sums[:, 3], sums[:, 0]) - mean**2, 0.0)
-    quantiles, table = _quantiles(own, weight, values, low, high)
-    ess = _ess(sums[:, 0], sums[:, 1])
-    return Marginal(share, ess, table, mean + middle, np.sqrt(variance), quantiles)
+    quantiles, table = _quantiles(held, values, low, high)
+    shares = _over(sums[:, 0], own.total), _ess(sums[:, 0], sums[:, 1])
+    return Marginal(*shares, _over(table[-1], own.total[-1])[None], mean + middle, np.sqrt(variance), quantiles)
 
 
 def of_angle(own: Weighted, values: Array, holds: Array) -> Marginal:
-    """Return the distribution of angles [rad], float64 (n,), where they hold; its histogram is of one turn from 0."""
-    weight, squared = _only(own, holds)
-    sums = _rows(own.blocks, weight, squared, weight * np.sin(values), weight * np.cos(values))
+    """Return the distribution of angles [rad] (n,), where they hold; its histogram is of one turn from 0."""
+    held, values = _held(own, values, holds)
+    values = values.astype(np.float64)
+    weight = held.weight
+    sums = _rows(held.blocks, weight, weight**2, weight * np.sin(values), weight * np.cos(values))
     mean = np.where(sums[:, 0] > 0, np.arctan2(sums[:, 2], sums[:, 3]) % TURN, np.nan)
     length = np.minimum(_over(np.hypot(sums[:, 2], sums[:, 3]), sums[:, 0]), 1.0)
     with np.errstate(divide="ignore"):
         std = np.sqrt(-2 * np.log(length))
     # Quantiles are those of the angle from the mean, -pi to pi: the turn is cut opposite it.
     centre = np.nan_to_num(mean)
-    by_scenario, _ = _quantiles(own, weight, _from(values, centre[own.scenario]), -np.pi, np.pi)
-    together, _ = _quantiles(own, weight, _from(values, centre[-1]), -np.pi, np.pi)
-    quantiles = np.concatenate([by_scenario[:-1], together[-1:]]) + centre[:, None]
-    table = _over(own.blocks.table(_bins(values % TURN, 0.0, TURN), BINS, weight), own.total[-1])
-    return Marginal(
-        _over(sums[:, 0], own.total), _ess(sums[:, 0], sums[:, 1]), table[None], mean, std, quantiles % TURN
-    )
+    by_scenario = _quantiles(held, _from(values, centre[held.scenario]), -np.pi, np.pi)[0]
+    together = _quantiles(held, _from(values, centre[-1]), -np.pi, np.pi)[0]
+    quantiles = (np.concatenate([by_scenario[:-1], together[-1:]]) + centre[:, None]) % TURN
+    shares = _over(sums[:, 0], own.total), _ess(sums[:, 0], sums[:, 1])
+    turned = _coded(held, _bins(values % TURN, 0.0, TURN), BINS)
+    return Marginal(*shares, _over(turned[-1], own.total[-1])[None], mean, std, quantiles)
 
 
 def _from(values: Array, centre: Array) -> Array:
     return np.asarray((values - centre + np.pi) % TURN - np.pi)
 
 
-def _only(own: Weighted, holds: Array) -> tuple[Array, Array]:
-    """Return weights and their squares (n,), 0 where a quantity means nothing."""
+def _held(own: Weighted, values: Array, holds: Array) -> tuple[_Held, Array]:
+    """Return the particles for which values (n,) mean anything, and their values (m,)."""
     if holds.all():
-        return own.weight, own.squared
-    return np.where(holds, own.weight, 0.0), np.where(holds, own.squared, 0.0)
+        return _Held(own.weight, own.scenario, own.blocks, own.total), values
+    slots = np.flatnonzero(holds)
+    blocks = own.blocks
+    first = np.searchsorted(slots, blocks.first)
+    some = np.diff(first, append=slots.size) > 0  # blocks that hold any
+    part = Blocks(slots.size, blocks.scenarios, first[some], blocks.scenario[some], blocks.number[some])
+    return _Held(own.weight[slots], own.scenario[slots], part, own.total), values[slots]
 
 
 def _rows(blocks: Blocks, *values: Array) -> Array:
     """Return the sums of values by scenario and, last, of all, (scenarios + 1, values)."""
-    part = blocks.partial(*values)
-    return np.concatenate([part.by_scenario[:, 0], part.total])
+    return _with_all(blocks.partial(*values))[:, 0]
+
+
+def _coded(held: _Held, code: Array, many: int) -> Array:
+    """Return the sums of weights by scenario and, last, of all, of each code 0 to many - 1, (scenarios + 1, many)."""
+    return _with_all(held.blocks.partial(held.weight, code=code, many=many))[:, :, 0]
+
+
+def _with_all(part: Partial) -> Array:
+    by_scenario = part.by_scenario
+    return np.concatenate([by_scenario, np.add.accumulate(by_scenario, axis=0)[-1:]])  # as Partial.total
 
 
 def _over(part: Array, whole: Array) -> Array:
@@ -126,43 +149,47 @@ def _ess(total: Array, squares: Array) -> Array:
 def _bins(values: Array, low: float, high: float) -> Array:
     """Return the bin of each value, int (n,); outside of low and high the first and the last."""
     scale = BINS / (high - low) if high > low else 0.0
-    return np.clip((values - low) * scale, 0, BINS - 1).astype(np.int64)
+    bins = ((values - low) * scale).astype(np.int64)
+    return np.clip(bins, 0, BINS - 1, out=bins)
 
 
-def _quantiles(own: Weighted, weight: Array, values: Array, low: float, high: float) -> tuple[Array, Array]:
-    """Return the quantiles of values (rows, LEVELS), and the shares of bins of all together (1, BINS).
+def _quantiles(held: _Held, values: Array, low: float, high: float) -> tuple[Array, Array]:
+    """Return the quantiles of values (rows, LEVELS), and the weights of bins between low and high (rows, BINS).
 
     A quantile is the least value up to and with which the weights add up to its level.
     """
-    bins, many = _bins(values, low, high), own.blocks.scenarios
-    part = own.blocks.partial(weight, code=bins, many=BINS)
-    table, together = part.by_scenario[:, :, 0], part.total[:, 0]
-    quantiles = np.full((many + 1, len(LEVELS)), np.nan)
-    quantiles[-1:] = _within(weight, values, bins, together[None])
-    quantiles[:-1] = quantiles[-1] if many == 1 else _within(weight, values, own.scenario * BINS + bins, table)
-    return quantiles, _over(together, own.total[-1])[None]
-
-
-def _within(weight: Array, values: Array, cell: Array, table: Array) -> Array:
-    """Return the quantiles of each group (groups, LEVELS).
-
-    cell: of each particle, (n,): its group * BINS + its bin. table: weight of each bin, (groups, BINS).
-    """
+    bins = _bins(values, low, high)
+    table = _coded(held, bins, BINS)
     up_to = np.cumsum(table, axis=1)
-    total = up_to[:, -1]
-    aim = np.asarray(LEVELS) * total[:, None]
-    last = np.where(table > 0, np.arange(BINS), 0).max(axis=1)  # rounding must not lead beyond the last weight
-    bins = np.minimum((up_to[:, None, :] < aim[:, :, None]).sum(axis=-1), last[:, None])
-    wanted = np.arange(len(table))[:, None] * BINS + bins
-    chosen = np.zeros(table.size, bool)
-    chosen[wanted] = True
-    slots = np.flatnonzero(chosen[cell] & (weight > 0))
-    slots = slots[np.lexsort((values[slots], cell[slots]))]
-    cells, ordered, running = cell[slots], values[slots], np.cumsum(weight[slots])
-    found = np.full(aim.shape, np.nan)
-    for group, level in np.argwhere(np.broadcast_to(total[:, None] > 0, aim.shape)):
-        a, b = np.searchsorted(cells, wanted[group, level] + np.array([0, 1]))
-        below = up_to[group, bins[group, level]] - table[group, bins[group, level]]
-        before = running[a - 1] if a else 0.0
-        found[group, level] = ordered[min(a + np.searchsorted(running[a:b], before + aim[group, level] - below), b - 1)]
+    aim = np.asarray(LEVELS) * up_to[:, -1:]
+    end = np.where(table > 0, np.arange(BINS), 0).max(axis=1)  # rounding must not lead beyond the last weight
+    wanted = np.minimum((up_to[:, None, :] < aim[:, :, None]).sum(axis=-1), end[:, None])
+    # Only the particles of bins that hold a quantile, of their scenario or of all, are sorted.
+    chosen = np.zeros((len(table), BINS), bool)
+    np.put_along_axis(chosen, wanted, True, axis=1)
+    chosen = chosen[:-1] | chosen[-1]
+    slots = np.flatnonzero(chosen.reshape(-1)[held.scenario * BINS + bins])
+    slots = slots[held.weight[slots] > 0]
+    slots = slots[np.argsort(values[slots], kind="stable")]
+    ranked, weight, place = values[slots], held.weight[slots], bins[slots]
+    quantiles = np.full(wanted.shape, np.nan)
+    order = np.argsort(held.scenario[slots], kind="stable")
+    edges = np.searchsorted(held.scenario[slots][order], np.arange(len(table)))
+    for row in np.flatnonzero(up_to[:, -1] > 0):
+        own = order[edges[row] : edges[row + 1]] if row < len(table) - 1 else slice(None)
+        rest = aim[row] - (up_to - table)[row, wanted[row]]
+        quantiles[row] = _within(ranked[own], weight[own], place[own], wanted[row], rest)
+    return quantiles, table
+
+
+def _within(values: Array, weight: Array, bins: Array, wanted: Array, rest: Array) -> Array:
+    """Return the values at which the weights within bins add up to what is wanted, (LEVELS,).
+
+    values: ascending, (m,), with their weights and bins. wanted: the bin of each level, rest: the weight within it.
+    """
+    found = np.empty(len(wanted))
+    first, last = np.searchsorted(bins, wanted), np.searchsorted(bins, wanted, side="right") - 1
+    for level, (a, b) in enumerate(zip(first, last, strict=True)):
+        reached = np.searchsorted(np.cumsum(weight[a : b + 1]), rest[level])
+        found[level] = values[min(a + reached, b)]
     return found

@@ -10,7 +10,6 @@ import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.itinerary import Course, InRing, Itinerary, Loiter, Place, Ways
-from drift.particles import life
 from drift.particles.status import Status
 from drift.posterior.quantity import Drawn, Quantity, Values
 from geo import notation
@@ -67,7 +66,8 @@ def _adrift(drawn: Drawn) -> Values:
     holds = release <= drawn.spec.period.duration
     if drawn.settled is not None:
         holds &= release < drawn.settled.arrival
-        holds &= ~np.isin(status, (Status.ARRIVED, Status.AGROUND)) & ~(life.over(status) & (since < release))
+        lost = ((status == Status.LEFT) | (status == Status.OUTSIDE)) & (since < release)
+        holds &= ~(lost | (status == Status.ARRIVED) | (status == Status.AGROUND))
     return Values(release, holds)
 
 
