@@ -28,6 +28,9 @@ from drift.output.chapter import Chapter, joined
 from drift.particles import ensemble as record
 from drift.particles import life
 from drift.particles.ensemble import Ensemble
+from drift.posterior import chapter as posterior_chapter
+from drift.posterior import tables as posterior_tables
+from drift.posterior.records import Posteriors
 from drift.search import chapter as search_chapter
 from drift.search import particles_left
 from drift.search import tables as search_tables
@@ -57,6 +60,7 @@ class Result:
     aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
     updates: Updates | None = None  # what sorties and contacts did
     begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
+    posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
 
     @property
     def probability(self) -> xr.DataArray:
@@ -99,7 +103,7 @@ def forecasted(job: Job) -> Result:
         stretches = start.stretches(case, where, begin)
     begun = _begun(case, begin.ensemble)
     with contextlib.ExitStack() as stack:
-        (done, updates), after = _drifted(job, begin, stack), None
+        (done, updates, posteriors), after = _drifted(job, begin, stack), None
         if case.spill and where.coast and stretches:
 
             def renewed(proposal: Proposal, number: int) -> Drifted:
@@ -128,7 +132,9 @@ def forecasted(job: Job) -> Result:
         summary["warnings"] = [*renewal.warnings(after), *([] if few else summary["warnings"])]
     if updates is not None:
         summary |= {"search": search_tables.numbers(updates)}
-    return Result(case, forecast, tracks, summary, after, updates, begun)
+    if posteriors is not None:
+        summary |= {"posteriors": posterior_tables.numbers(posteriors)}
+    return Result(case, forecast, tracks, summary, after, updates, begun, posteriors)
 
 
 def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
@@ -141,8 +147,8 @@ def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
     return standing(case.start, ensemble, ensemble.log_weight.to_numpy(), None, record.weighed(ensemble).ess)
 
 
-def _drifted(job: Job, begin: Start, stack: contextlib.ExitStack) -> tuple[Drifted, Updates | None]:
-    """Return an ensemble moved through the run, and what sorties and contacts did; close the forcing.
+def _drifted(job: Job, begin: Start, stack: contextlib.ExitStack) -> tuple[Drifted, Updates | None, Posteriors | None]:
+    """Return an ensemble moved through the run, what sorties and contacts did, and what they tell; close the forcing.
 
     What it was like at every output can be read as long as the stack is open.
     """
@@ -150,14 +156,16 @@ def _drifted(job: Job, begin: Start, stack: contextlib.ExitStack) -> tuple[Drift
     outputs = case.period.seconds(case.outputs)
     with job.clock.phase("drift"), contextlib.closing(begin.scene.forcing):
         landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
-        search = start.search(case, begin)
+        beliefs = start.beliefs(case, begin)
+        search = start.search(case, begin, beliefs)
         moments = simulate.run(
             begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), landings.watch, search
         )
         spool = Spool(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
         snapshots = stack.enter_context(spool)
         start.check_end(case, job.where, begin, snapshots[-1], search)
-    return Drifted(begin.ensemble, snapshots, landings, begin.worlds), search.updates if search else None
+    done = Drifted(begin.ensemble, snapshots, landings, begin.worlds)
+    return done, search.updates if search else None, beliefs.posteriors if beliefs else None
 
 
 def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Planned | None = None) -> None:
@@ -182,6 +190,8 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
             # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
             search_matter = search_chapter.Matter(updates, case.contacts, result.forecast, failed, case.sensors)
             chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
+        if result.posteriors is not None:
+            chapters.append(posterior_chapter.chapter(posterior_chapter.Matter(result.posteriors, failed)))
         chapters += more
         if basis := suspension(result, planned):
             lost = decision.off_map(result.forecast.data)

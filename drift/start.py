@@ -23,10 +23,13 @@ from drift.motion.step_size import Trial
 from drift.particles.ensemble import Ensemble
 from drift.particles.snapshot import Snapshot
 from drift.particles.weights import shares
+from drift.posterior.beliefs import Beliefs
 from drift.search.filter import Search
+from drift.search.updates import Update
 from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
 from drift.spill.worlds import Proposal, Worlds
+from geo.array import Array
 from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.coast.shore import Shore
@@ -140,13 +143,34 @@ def renew(case: Case, where: Environment, before: Start, proposal: Proposal, num
     return replace(before, ensemble=ensemble, scene=again, worlds=worlds)
 
 
-def search(case: Case, begin: Start) -> Search | None:
-    """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing."""
-    overdue = any(s.itinerary and s.itinerary.overdue is not None for s in case.scenarios)
-    if not (overdue or case.sorties or case.contacts or case.sensors.telling or case.sensors.lines):
+def beliefs(case: Case, begin: Start) -> Beliefs | None:
+    """Return what takes down the posteriors of what is not position; None where nothing steers and nothing was seen."""
+    if case.spill or not (begin.scene.steering or _is_searched(case)):
         return None
-    spec, sensors = ensemble_spec(case), case.sensors
-    return Search(spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, sensors)
+    return Beliefs(ensemble_spec(case), begin.ensemble, begin.scene.steering)
+
+
+def search(case: Case, begin: Start, beliefs: Beliefs | None = None) -> Search | None:
+    """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing.
+
+    beliefs: takes down what is believed after each update.
+    """
+    if not (_is_searched(case) or case.sensors.lines):
+        return None
+
+    def note(update: Update, log_weight: Array) -> None:
+        assert beliefs is not None
+        beliefs.note(update.name, update.kind, update.time, log_weight)
+
+    return Search(
+        ensemble_spec(case), case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
+        note if beliefs else None,
+    )  # fmt: skip
+
+
+def _is_searched(case: Case) -> bool:
+    overdue = any(s.itinerary and s.itinerary.overdue is not None for s in case.scenarios)
+    return bool(overdue or case.sorties or case.contacts or case.sensors.telling)
 
 
 def check_end(case: Case, where: Environment, begin: Start, end: Snapshot, search: Search | None) -> None:

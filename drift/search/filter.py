@@ -7,7 +7,7 @@ ends; an output in between sees what it has done so far. Evidence is the mean we
 that does nothing changes no bit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -35,6 +35,8 @@ from kernels.advance import Step
 
 Device = Any
 
+Noted = Callable[[Update, Array], None]
+
 FARTHEST = 20.0  # most that the log of the sum of weights may be off before weights are brought back
 
 
@@ -50,8 +52,13 @@ class Search:
         ensemble: Ensemble,
         scene: Scene,
         sensors: Sensors = NO_SENSORS,
+        noted: Noted | None = None,
     ) -> None:
-        """Make ready for a run through a scene of an ensemble that has been drawn from `spec`."""
+        """Make ready for a run through a scene of an ensemble that has been drawn from `spec`.
+
+        noted: is told of each update as it takes effect, with the log weights (n,) after it.
+        """
+        self._noted = noted
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
         self._start = spec.period.epoch
         seas = scene.seas("current")
@@ -176,7 +183,8 @@ class Search:
                 sortie.name, "sortie", sortie.end, evidence, now.scenarios, then.ess, now.ess,
                 poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive,
                 cumulative=1 - self._missed, standing=self._standing(sortie.end, after, now.ess),
-            )
+            ),
+            after,
         )  # fmt: skip
         self._settle(after.astype(np.float64))
 
@@ -219,7 +227,8 @@ class Search:
         then, now = self._weighed(before), self._weighed(after)
         evidence = self._evidence(then, now, f'{kind} "{name}"')
         standing = self._standing(when, after, now.ess)
-        self._note(Update(name, kind, when, evidence, now.scenarios, then.ess, now.ess, standing=standing))
+        update = Update(name, kind, when, evidence, now.scenarios, then.ess, now.ess, standing=standing)
+        self._note(update, after)
         self._settle(after, changed=True)
 
     def _settle(self, log_weight: Array, changed: bool = False) -> None:
@@ -370,9 +379,12 @@ class Search:
         self._least = min(self._least, ess)
         return standing(time, self.ensemble, log_weight, self._never, self._least)
 
-    def _note(self, update: Update) -> None:
+    def _note(self, update: Update, log_weight: Array) -> None:
+        """Take an update down, with the log weights (n,) after it."""
         distinct = self._updates[-1].distinct if self._updates else 1.0
         self._updates.append(replace(update, distinct=distinct))
+        if self._noted is not None:
+            self._noted(self._updates[-1], log_weight)
 
 
 def _living(ensemble: Ensemble) -> list[int]:
