@@ -188,6 +188,8 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
             suspend_matter = suspend_chapter.Matter(basis, on.imprint, facts.synthetic(case), lost)
             chapters.append(suspend_chapter.chapter(suspend_matter))
         searches = [partial(search_chapter.overlay, updates.sorties if updates else (), case.contacts)]
+        if any(scenario.itinerary for scenario in case.scenarios):
+            searches.insert(0, partial(forecast_chapter.itineraries, case.scenarios))
         forecast_matter = forecast_chapter.Matter(result.forecast, result.trajectories, failed, searches)
         chapters.append(forecast_chapter.chapter(forecast_matter))
         publish(job.out, chapters, overwrite=job.overwrite)

@@ -24,7 +24,9 @@ from drift.particles.status import Status
 CASES = ROOT / "cases"
 OURS = 24_000  # particles in all
 THEIRS = {"cast_submarine": 40_000, "medsearch_transit": 8_000, "smuggler_bridge": 40_000}  # of the oracle, a scenario
-COMPARED = 400  # numbers that this file compares; together they are as sure as three standard errors hold one (Bonferroni)
+COMPARED = (
+    400  # numbers that this file compares; together they are as sure as three standard errors hold one (Bonferroni)
+)
 SIGMAS = stats.norm.isf(stats.norm.sf(3.0) / COMPARED)  # 4.5
 Array = np.ndarray
 
@@ -87,9 +89,7 @@ def cast_ways(rng: np.random.Generator, n: int, hours: Sequence[float]) -> list[
         fix["orientation"],
     )  # fmt: skip
     course, speed = spread(rng, n, motion["course"]), spread(rng, n, motion["speed"])
-    told = [
-        [Where(*passages.rhumb(lon, lat, course, speed * time), np.full(n, Status.UNDER_WAY)) for time in moments]
-    ]
+    told = [[Where(*passages.rhumb(lon, lat, course, speed * time), np.full(n, Status.UNDER_WAY)) for time in moments]]
 
     track, patrol = second["phase"][0]["track"], second["phase"][1]["loiter"]
     begin = rng.uniform(*(number(one[1:]) for one in track["start"]), n)
@@ -230,7 +230,7 @@ def cast_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[
     """
     case = table("cast_submarine")
     begin, end = 12.0, 16.0
-    watched = np.linspace(begin, end, 97)
+    watched = np.linspace(begin, end, 25)
     middles = (watched[1:] + watched[:-1]) / 2
     assert {(one["start"], one["end"]) for one in case["sortie"]} == {("+12 h", "+16 h")}
     (contact,) = case["contact"]
@@ -255,5 +255,7 @@ def cast_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[
         far = np.asarray(passages.GEOD.inv(x, y, seen.lon, seen.lat)[2])
         likely.append(np.where(seen.status != Status.PENDING, np.exp(-0.5 * (far / std) ** 2), 0.0))
     mean = sum(w @ p for w, p in zip(weights, likely, strict=True)) / sum(w.sum() for w in weights)
-    believed = [w * (contact["belief"] * p / mean + 1 - contact["belief"]) for w, p in zip(weights, likely, strict=True)]
+    believed = [
+        w * (contact["belief"] * p / mean + 1 - contact["belief"]) for w, p in zip(weights, likely, strict=True)
+    ]
     return [places[-1] for places in ways], believed
