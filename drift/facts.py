@@ -7,6 +7,7 @@ from typing import Any
 
 from drift.case.record import Case
 from drift.environment.environment import Environment
+from drift.environment.environment_spec import Coast
 from drift.forecast import likeliest
 from drift.forecast.likeliest import Shown
 from drift.forecast.starts import others, starts
@@ -20,6 +21,11 @@ from drift.start import Start
 from geo.files import digest
 from kernels import runtime
 
+LAND = {  # what land means to a target under way, in words
+    "refuse": "lanes, voyages and areas that touch land are refused",
+    "stop": "what meets the shore under way runs aground there",
+    "ignore": "ways lead over land",
+}
 PACKAGES = ("casp-drift", "taichi", "numpy", "xarray", "netCDF4", "roaring-landmask")
 
 
@@ -61,7 +67,7 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
         Imprint(
             case.title,
             # The errors come first: without them an area means nothing.
-            f"Errors: {source['uncertainty']}. {source['source']}, seed {source['seed']}",
+            f"{_errors_first(source['uncertainty'])}{source['source']}, seed {source['seed']}",
             {**source, "run_id": formats.run_id(source)},
             caution(case),
         ),
@@ -93,8 +99,21 @@ def caution(case: Case) -> str:
     return forcing_error.switched_off(case.current_error, case.wind_error if felt else None)
 
 
+def _errors_first(told: str) -> str:
+    return f"Errors: {told}. " if told else ""
+
+
+def drifts(case: Case) -> bool:
+    """Whether anything drifts: what steers and never goes adrift feels no current and no wind."""
+    return any(contact.drifter is not None for contact in case.contacts) or any(
+        scenario.itinerary is None or scenario.itinerary.distress is not None for scenario in case.scenarios
+    )
+
+
 def errors(case: Case) -> str:
-    """Return which errors of current and wind a run has, in a line, and who says so."""
+    """Return which errors of current and wind a run has, in a line, and who says so; "" where nothing drifts."""
+    if not drifts(case):
+        return ""
     wind = case.wind_error if case.forcing["wind"] else None
     return forcing_error.words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
 
@@ -104,6 +123,14 @@ def behaviour(case: Case) -> str:
     coast = case.coast
     if coast.source == "none":
         return "none: particles pass over land"
+    steering = [scenario.itinerary for scenario in case.scenarios if scenario.itinerary is not None]
+    ways = dict.fromkeys(LAND[itinerary.land] for itinerary in steering)
+    if not drifts(case):
+        return "; ".join(ways)
+    return "; ".join([_strands(coast), *(f"under way: {words}" for words in ways)])
+
+
+def _strands(coast: Coast) -> str:
     if coast.behaviour == "slide":
         return "slide: what reaches the shore goes on along it"
     if coast.behaviour == "refloat":

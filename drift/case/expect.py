@@ -10,6 +10,7 @@ from drift.case import fields
 from geo import sphere
 from geo.notation import NMI
 
+SHARES = ("adrift", "ashore", "outside", "left", "under_way", "arrived", "aground")
 ROUNDING = 1e-12  # by which a sum of shares may exceed 1 in float64 (the largest seen was 7e-16)
 
 
@@ -37,6 +38,9 @@ class Expect(fields.Table):
     ashore: fields.ShareRange | None = None
     outside: fields.ShareRange | None = None
     left: fields.ShareRange | None = None
+    under_way: fields.ShareRange | None = None
+    arrived: fields.ShareRange | None = None
+    aground: fields.ShareRange | None = None
     area_50: fields.AreaRange | None = None  # [m2]
     area_95: fields.AreaRange | None = None
     areas: dict[Percent, fields.AreaRange] = Field(default_factory=dict)  # of any shares of output.areas [%]
@@ -54,7 +58,7 @@ def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
     end: that output as in `forecast.tables.numbers`.
     """
     missed = []
-    values = {name: end["probability"][name] for name in ("adrift", "ashore", "outside", "left")}
+    values = {name: end["probability"].get(name, 0.0) for name in SHARES}  # where nothing steers, nothing is under way
     spans = {name: getattr(expected, name) for name in values}
     for percent, span in expected.by_percent().items():
         values[f"area_{percent:g}"] = _square_metres(end["area_nmi2"][f"{percent:g}%"])

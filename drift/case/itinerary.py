@@ -7,6 +7,7 @@ lanes, voyage, loiter and bridge.
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,6 +29,7 @@ from drift.motion.itinerary import (
     InBox,
     InDisc,
     InRing,
+    Lanes,
     Loiter,
     Moment,
     Near,
@@ -373,7 +375,8 @@ class LanesTable(fields.Table):
         route = self.route.route(chart.network)
         columns = (x.tolist() for x in (route.lon, route.lat, route.half, route.toward))
         places = [Abeam(*at) for at in zip(*columns, strict=True)]
-        return _by_speed(places, np.diff(route.along, prepend=0.0), self.entry, self.speed, start)
+        ways = _by_speed(places, np.diff(route.along, prepend=0.0), self.entry, self.speed, start)
+        return replace(ways, lanes=Lanes(lanes.followed(chart.network, [route]), route))
 
 
 def _start(law: Times, start: np.datetime64) -> tuple[np.datetime64, Spread]:

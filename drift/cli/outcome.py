@@ -27,7 +27,9 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     """Return where, how sure and what ended how, at the end of the run; numbers: those of the summary."""
     end = numbers["outputs"][-1]
     facts = {"time": end["date_time_group"]}
-    for name, key in (("mean position", "mean"), ("datum (mean of those adrift)", "datum")):
+    moving = [name for name in ("adrift", "under_way") if end["probability"].get(name, 0.0) > 0]
+    afloat = " or ".join(name.replace("_", " ") for name in moving) or "adrift"
+    for name, key in (("mean position", "mean"), (f"datum (mean of those {afloat})", "datum")):
         if end[key]:
             facts[name] = end[key]["text"]
     for share, area in end["area_nmi2"].items():
@@ -35,7 +37,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     for status, share in numbers["account"].items():
         if share > 0:
             facts[status.replace("_", " ")] = _percent(share)
-    facts["errors"] = numbers["uncertainty"]["told"]
+    facts |= {"errors": told} if (told := numbers["uncertainty"]["told"]) else {}
     facts |= _warnings(numbers["warnings"])
     facts |= _search(numbers)
     facts |= _lost(numbers)

@@ -1,9 +1,15 @@
-"""What a chart shows of a lane network: corridors as a wash of colour, the lanes' middles, and arrows on one-way lanes."""
+"""What a chart shows of where targets may go: lane networks and itineraries.
+
+Of a network: corridors as a wash of colour, the lanes' middles, and arrows on one-way lanes. Of an itinerary: its way,
+where its way points may be, and where it loiters; what several scenarios share is drawn once.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -12,14 +18,21 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 
 from drift.environment import corridors
+from drift.maps import labels
 from drift.maps.chart import Frame
 from drift.maps.overlay import Overlay
+from drift.motion.itinerary import InBox, InDisc, InRing, Itinerary, Near, Place, Ways
 from drift.motion.lanes import Network
+from drift.motion.scenario import Scenario
 from geo import polyline, sphere
 from geo.array import Array
 
 INK, WASH = "#1f4e8c", "#a9c4e6"  # of lanes and their corridors
 AREA: dict[str, Any] = {"color": "#7a1f6b", "linewidth": 1.5, "linestyle": (0, (6, 2))}
+WAY_COLOURS = ("#1b5e20", "#00838f", "#5d4037", "#9e7b00", "#b0306a")
+WAY_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), (0, (5, 1.5)), "-")
+HALF = np.sqrt(2 * np.log(2))  # standard deviations within which half of a round normal law lies
+NAMED = 3  # scenarios that a row of the legend names
 FINE = 20_000.0  # [m] between points of great circles as drawn
 Ring = Sequence[tuple[float, float]]  # corners (lon, lat) [deg]
 
@@ -86,3 +99,148 @@ def key(areas: bool = True) -> list[tuple[Any, str]]:
         (Patch(facecolor=WASH, alpha=0.75), "Its corridor, joints included"),
     ]
     return [*rows, (Line2D([], [], **AREA), "Area of patrol")] if areas else rows
+
+
+def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
+    """Return the itineraries of scenarios as a layer of a chart: lanes, ways, way points and areas of patrol."""
+    stories = [(scenario.name, own) for scenario in scenarios if (own := scenario.itinerary) is not None]
+    networks = [
+        phase.lanes.network for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes
+    ]
+    network = joined(networks) if networks else None
+    groups = list(_ways(stories).items())
+    rings = list(dict.fromkeys(ring for _, own in stories for ring in own.rings))
+    corners = [list(zip(np.degrees(ring.lon).tolist(), np.degrees(ring.lat).tolist(), strict=True)) for ring in rings]
+
+    def draw(ax: Axes, frame: Frame) -> None:
+        if network is not None:
+            lanes(ax, frame, network)
+        for number, (shapes, _) in enumerate(groups):
+            _draw_ways(ax, frame, shapes, _style(number))
+        patrols(ax, frame, corners)
+
+    rows: list[tuple[Any, str]] = [
+        (Line2D([], [], **_style(number)), f"Way: {_names(names)}") for number, (_, names) in enumerate(groups)
+    ]
+    if any(shapes.outlines for shapes, _ in groups):
+        rows.append(
+            (Patch(facecolor="none", edgecolor=WAY_COLOURS[0]), "A way point lies in it, or half of its law does")
+        )
+    rows += key(areas=False) if network is not None else []
+    rows += [(Line2D([], [], **AREA), "Area of patrol")] if rings else []
+    places: dict[str, Sequence[Array]] = {f"the way of {_names(names)}": shapes.arrays for shapes, names in groups}
+    if network is not None:
+        places["the lanes"] = middles(network)
+    if rings:
+        places["the areas of patrol"] = [np.array([*ring, ring[0]]) for ring in corners]
+    return Overlay(draw, places, rows)
+
+
+@dataclass(frozen=True)
+class _Shapes:
+    """What is drawn of one way: rows (lon, lat) [deg]; equal ones are drawn once."""
+
+    lines: tuple[tuple[tuple[float, float], ...], ...]
+    outlines: tuple[tuple[tuple[float, float], ...], ...]  # closed: where its way points may be
+    odds: tuple[tuple[float, float, float], ...]  # lon, lat and probability of its destinations
+
+    @property
+    def arrays(self) -> list[Array]:
+        """All of its shapes, each (n, 2)."""
+        return [np.array(shape) for shape in (*self.lines, *self.outlines)]
+
+
+def _ways(stories: Sequence[tuple[str, Itinerary]]) -> dict[_Shapes, list[str]]:
+    """Return the ways off lanes, and the names of the scenarios that take each."""
+    found: dict[_Shapes, list[str]] = {}
+    for name, own in stories:
+        lines = tuple(
+            _rows(np.degrees(line))
+            for phase in own.phases
+            if isinstance(phase, Ways) and phase.lanes is None
+            for line in Itinerary((phase,)).ways
+        )
+        outlines = tuple(_rows(outline) for place, _ in own.places if (outline := _outline(place)) is not None)
+        odds = tuple((*_middle(place), share) for place, share in own.places if share < 1)
+        if lines:
+            found.setdefault(_Shapes(lines, outlines, odds), []).append(name)
+    return found
+
+
+def _rows(lonlat: npt.ArrayLike) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in np.asarray(lonlat).T)
+
+
+def _outline(place: Place) -> Array | None:
+    """Return (lon, lat) [deg] of the edge of where a way point may be, or holds half of its law; None: it is a point."""
+    turn = np.linspace(0, 2 * np.pi, 73)
+    match place:
+        case InRing():
+            return np.degrees([[*place.lon, place.lon[0]], [*place.lat, place.lat[0]]])
+        case InDisc():
+            along, across, to = place.radius * np.cos(turn), place.radius * np.sin(turn), 0.0
+        case Near() if place.minor > 0:
+            along, across, to = HALF * place.major * np.cos(turn), HALF * place.minor * np.sin(turn), place.orientation
+        case InBox():
+            along = place.length / 2 * np.array([1, 1, -1, -1, 1])
+            across, to = place.width / 2 * np.array([1, -1, -1, 1, 1]), place.orientation
+        case _:
+            return None
+    s, c = np.sin(to), np.cos(to)
+    lon, lat = sphere.destination(place.lon, place.lat, along * s + across * c, along * c - across * s)
+    return np.array([polyline.unwrap(np.degrees(lon)), np.degrees(lat)])
+
+
+def _middle(place: Place) -> tuple[float, float]:
+    if isinstance(place, InRing):
+        return float(np.degrees(np.mean(place.lon))), float(np.degrees(np.mean(place.lat)))
+    return float(np.degrees(place.lon)), float(np.degrees(place.lat))
+
+
+def _draw_ways(ax: Axes, frame: Frame, shapes: _Shapes, style: dict[str, Any]) -> None:
+    """Draw a way, where its way points may be, and the odds of its destinations."""
+    for line in shapes.lines:
+        ax.plot(*frame.project(*np.array(line).T), zorder=8, scalex=False, scaley=False, **style)
+    thin = {"color": style["color"], "linewidth": 0.9, "zorder": 8}
+    for outline in shapes.outlines:
+        ax.plot(*frame.project(*np.array(outline).T), scalex=False, scaley=False, **thin)
+    for lon, lat, share in shapes.odds:
+        x, y = frame.project(lon, lat)
+        text = f"goes here: {labels.percent(share)}"
+        ax.annotate(
+            text, (float(x), float(y)), (0, -16), textcoords="offset points", ha="center", fontsize=8,
+            color=style["color"], path_effects=labels.HALO, zorder=14, annotation_clip=True,
+        )  # fmt: skip
+
+
+def _style(number: int) -> dict[str, Any]:
+    return {
+        "color": WAY_COLOURS[number % len(WAY_COLOURS)],
+        "linestyle": WAY_DASHES[number % len(WAY_DASHES)],
+        "linewidth": 1.3,
+    }
+
+
+def _names(names: Sequence[str]) -> str:
+    """Return the names of the scenarios that take a way, the first few of many."""
+    rest = len(names) - NAMED
+    return f"{', '.join(names[:NAMED])} and {rest} more" if rest > 0 else ", ".join(names)
+
+
+def joined(networks: Sequence[Network]) -> Network:
+    """Return one network of the lanes of several, each lane once; nodes are told apart by name and place."""
+    place: dict[tuple[str, float, float], int] = {}
+    rows: dict[tuple[int, int], tuple[float, bool]] = {}
+    for network in networks:
+        number = [
+            place.setdefault((name, float(x), float(y)), len(place))
+            for name, x, y in zip(network.name, network.lon, network.lat, strict=True)
+        ]
+        for lane, (a, b) in enumerate(zip(network.start, network.end, strict=True)):
+            rows[number[a], number[b]] = float(network.width[lane]), bool(network.one_way[lane])
+    used = sorted({node for ends in rows for node in ends})
+    nodes = [list(place)[k] for k in used]
+    start, end = (np.searchsorted(used, [ends[k] for ends in rows]) for k in (0, 1))
+    width, one_way = (np.array(column) for column in zip(*rows.values(), strict=True))
+    lon, lat = (np.array([node[k] for node in nodes], float) for k in (1, 2))
+    return Network(tuple(node[0] for node in nodes), lon, lat, start, end, width, one_way)

@@ -13,6 +13,7 @@ from drift.forecast import tracks as forecast_tracks
 from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
 from drift.maps.imprint import Setting
+from drift.motion.scenario import Scenario
 from drift.output.chapter import Chapter, Contents, Stamped, bound
 
 
@@ -24,6 +25,13 @@ class Matter:
     tracks: Trajectories
     setting: Setting
     overlays: Sequence[Callable[[Any], Any]] = ()  # what other topics draw on the map: drift.maps.overlay.AtTime
+
+
+def itineraries(scenarios: Sequence[Scenario], now: Any) -> Any:
+    """Return what is drawn of itineraries on a map, of any time: a drift.maps.overlay.Overlay."""
+    from drift.environment import layers  # imported here, for Matplotlib takes a second
+
+    return layers.itineraries(scenarios)
 
 
 def _map(matter: Matter, path: Path) -> None:

@@ -162,8 +162,7 @@ def _small_map(
     layers.ashore_marks(ax, frame, forecast, i, scale=0.5)
     for mark in setting.marks:
         layers.mark_point(ax, frame, mark, 6)
-    times = forecast.data["time"].values
-    waiting = "not yet released" if times[-1] < times[0] else "not yet adrift"
+    waiting = forecast_words.waiting(forecast.data)
     ax.set_title(notation.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
     ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
     notes = [_off_map(at, waiting)] if forecast_words.missing(at) and np.isfinite(at["mean_lat"]) else []
@@ -234,7 +233,7 @@ def _rows(
             )
         )
     if np.isfinite(forecast.data["mean_lat"].values[:first]).any():
-        rows.append((Line2D([], [], **layers.PARTIAL), "Mean of the part adrift so far"))
+        rows.append((Line2D([], [], **layers.PARTIAL), f"Mean of the part {_afloat(forecast)} so far"))
     rows.append((Line2D([], [], linestyle="none", markersize=7, **style), "Mean position at the valid time"))
     if setting.marks:
         many = len(setting.marks) > 1
@@ -253,6 +252,11 @@ def _rows(
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
     return rows
+
+
+def _afloat(forecast: Forecast) -> str:
+    """Return in words what moves while a part of it has not begun to."""
+    return "under way" if forecast_words.steers(forecast.data) else "adrift"
 
 
 def _legend(figure: Figure, rows: Sequence[tuple[Any, str]]) -> None:
@@ -279,7 +283,12 @@ def _panel(figure: Figure, at: Any, mesh: Any) -> None:
     mean = notation.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
     datum = notation.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
     figure.text(
-        0.738, 0.36, f"Mean position   {mean}\nDatum (adrift)   {datum}", fontsize=9.5, color=INK, linespacing=1.6
+        0.738,
+        0.36,
+        f"Mean position   {mean}\nDatum ({forecast_words.afloat(at)})   {datum}",
+        fontsize=9.5,
+        color=INK,
+        linespacing=1.6,
     )
     bar, unit = sheet.density_bar(figure, (0.745, 0.27, 0.215, 0.022), mesh)
     bar.set_title(f"Probability density [% per {unit}]", fontsize=9, loc="left", color=INK)
@@ -287,7 +296,7 @@ def _panel(figure: Figure, at: Any, mesh: Any) -> None:
     figure.text(
         0.738,
         0.145,
-        "Areas are the smallest that hold the stated\nshare of the probability adrift or ashore.\n"
+        f"Areas are the smallest that hold the stated\nshare of the probability {forecast_words.mapped(at)}.\n"
         f"Shaded: {100 * layers.SHOWN:g} %. Islands and holes of under\n"
         f"{100 * layers.ISLAND:g} % of an area are not drawn.",
         fontsize=8,

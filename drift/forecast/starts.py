@@ -21,8 +21,8 @@ def starts(
     for scenario in scenarios if shown is None else [scenarios[number] for number in shown.alone]:
         prior = scenario.prior
         if prior is None:
-            lines += _ways(scenario)
-        elif prior.reported:
+            continue  # its way, which begins there, is a layer of its own: drift.environment.layers
+        if prior.reported:
             label = known_as if len(scenarios) == 1 else f"{short}, {scenario.name}"
             marks.append(Mark(*prior.reported, label))
         else:
@@ -30,14 +30,6 @@ def starts(
             closed = not prior.moving  # an area has an outline, a voyage a beginning and an end
             lines.append(Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
     return marks, lines
-
-
-def _ways(scenario: Scenario) -> list[Line]:
-    """Return the ways of a scenario that begins on them, from way point to way point."""
-    assert scenario.itinerary is not None
-    return [
-        Line(np.degrees(lon).tolist(), np.degrees(lat).tolist(), scenario.name) for lon, lat in scenario.itinerary.ways
-    ]
 
 
 def others(scenarios: Sequence[Scenario], shown: Shown) -> tuple[tuple[float, float], ...]:

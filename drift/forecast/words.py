@@ -21,6 +21,8 @@ STATUS = {
     "aground": "aground",
 }
 
+STEERING = {"pending": "not yet departed"}  # words where targets steer
+OFF_MAP_STEERING = {"pending": "has not yet departed"}
 OFF_MAP = {"outside": "ran out of forcing", "left": "left the domain", "sunk": "sank", "pending": "is not yet released"}
 REST = "areas are shares of the rest"
 
@@ -32,21 +34,50 @@ def statuses(at: Any) -> dict[str, float]:
     return {str(k): float(v) for k, v in zip(at["status"].values, at["status_probability"].values, strict=True)}
 
 
+def steers(data: Any) -> bool:
+    """Whether targets steer in a forecast."""
+    return "under_way" in data["status"].values
+
+
+def afloat(at: Any) -> str:
+    """Return what those are that move at a time, in words: adrift, under way, or either; of nothing, as it was before."""
+    if not steers(at):
+        return "adrift"
+    now = statuses(at)
+    kinds = [STATUS[name] for name in ("adrift", "under_way") if now[name] > 0]
+    return " or ".join(kinds) or "under way"
+
+
+def mapped(at: Any) -> str:
+    """Return in words what is on a map."""
+    return "on the map" if steers(at) else "adrift or ashore"
+
+
+def waiting(data: Any) -> str:
+    """Return in words what the pending are, in a few words for small maps."""
+    times = data["time"].values
+    if steers(data):
+        return STEERING["pending"]
+    return "not yet released" if times.size > 1 and times[-1] < times[0] else "not yet adrift"
+
+
 def account(at: Any) -> str:
     """Return the account in words: what is adrift, ashore, and lost to the map."""
-    parts = [f"{STATUS[name]} {labels.percent(value)}" for name, value in statuses(at).items() if value > 0]
+    called = STATUS | STEERING if steers(at) else STATUS
+    parts = [f"{called[name]} {labels.percent(value)}" for name, value in statuses(at).items() if value > 0]
     return "Account:  " + "   ·   ".join(parts)
 
 
 def missing(at: Any) -> str:
     """Return a warning of the probability that is not on the map; empty if that is at most TELLING."""
     off = {name: value for name, value in statuses(at).items() if name in OFF_MAP and value > 0}
+    told = OFF_MAP | OFF_MAP_STEERING if steers(at) else OFF_MAP
     if sum(off.values()) <= TELLING:
         return ""
     if len(off) == 1:
         ((name, value),) = off.items()
-        return f"{labels.percent(value)} of the probability {OFF_MAP[name]} and is not on the map; {REST}"
-    parts = ", ".join(f"{labels.percent(value)} {OFF_MAP[name]}" for name, value in off.items())
+        return f"{labels.percent(value)} of the probability {told[name]} and is not on the map; {REST}"
+    parts = ", ".join(f"{labels.percent(value)} {told[name]}" for name, value in off.items())
     return f"{labels.percent(sum(off.values()))} of the probability is not on the map: {parts}; {REST}"
 
 

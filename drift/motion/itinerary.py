@@ -10,6 +10,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from drift.motion.lanes import Network, Route
 from geo import sphere
 from geo.array import Array
 
@@ -112,6 +113,14 @@ class WayPoint:
 
 
 @dataclass(frozen=True)
+class Lanes:
+    """The lanes that a way follows: the network with no others, and the route along them."""
+
+    network: Network
+    route: Route
+
+
+@dataclass(frozen=True)
 class Ways:
     """A phase along way points. The first one of a first phase is where the target begins."""
 
@@ -124,6 +133,7 @@ class Ways:
     k_spread: float = 0.0  # standard deviation of the logarithm of k
     slowest: float = 0.0  # [m/s] made good between way points that have times
     fastest: float = np.inf
+    lanes: Lanes | None = None  # those it follows, where it follows any
 
 
 @dataclass(frozen=True)
@@ -195,6 +205,22 @@ class Itinerary:
     def ways(self) -> list[tuple[Array, Array]]:
         """The lines (lon, lat) [rad] along which its way points lead."""
         return [line for phase in self.phases if isinstance(phase, Ways) for line in _lines(phase)]
+
+    @property
+    def rings(self) -> list[InRing]:
+        """The polygons in which it loiters."""
+        return [phase.ring for phase in self.phases if isinstance(phase, Loiter)]
+
+    @property
+    def places(self) -> list[tuple[Place, float]]:
+        """Its way points off lanes and voyages, each with the probability that it leads there."""
+        return [
+            (point.place, probability)
+            for phase in self.phases
+            if isinstance(phase, Ways)
+            for point, probability in (*((point, 1.0) for point in phase.points), *phase.destinations)
+            if not isinstance(point.place, Abeam)
+        ]
 
     def extents(self, spreads: float) -> list[tuple[Array, Array, float]]:
         """Return the places (lon, lat) [rad], without jumps, of each phase, and how far [m] it leads from them.

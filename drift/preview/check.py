@@ -56,6 +56,7 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         "errors": facts.errors(case),
         "coast": f"{where.coast.source}; {facts.behaviour(case)}" if where.coast else "none in the domain",
     }
+    lines = {name: text for name, text in lines.items() if text}
     lines |= {f"coast, note {k}": note for k, note in enumerate(where.notes, 1)}
     lines |= {f"{source.quantity} {source.name}": _source(case, source) for source in where.sources}
     if case.spill and stretches:

@@ -1,0 +1,261 @@
+"""Shipped cases of targets that steer, against a second opinion in plain float64 (tests/oracles/passages.py).
+
+Without sorties and contacts: at two times, by scenario, what has become of them, where they are on average, and second moments.
+overdue_yacht goes on adrift: it stands in test_case_oracles.py.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import passages
+import pytest
+import tomllib
+from oracle import HOUR, KNOT, NMI, R
+from places import ROOT
+from scipy import stats
+
+from drift import flow
+from drift.case import file as case_file
+from drift.particles.status import Status
+
+CASES = ROOT / "cases"
+OURS = 24_000  # particles in all
+THEIRS = {"cast_submarine": 40_000, "medsearch_transit": 8_000, "smuggler_bridge": 40_000}  # of the oracle, a scenario
+COMPARED = (
+    400  # numbers that this file compares; together they are as sure as three standard errors hold one (Bonferroni)
+)
+SIGMAS = stats.norm.isf(stats.norm.sf(3.0) / COMPARED)  # 4.5
+Array = np.ndarray
+
+
+def table(name: str) -> dict[str, Any]:
+    """Return a case's tables as written."""
+    return tomllib.loads((CASES / f"{name}.toml").read_text())
+
+
+def place(text: str) -> tuple[float, float]:
+    """Return longitude and latitude [deg] of a text like 46 20N 027 40W."""
+    (lat, ns), (lon, ew) = re.findall(r"([\d. ]+)([NSEW])", text)
+    degrees = [sum(float(part) / 60**k for k, part in enumerate(one.split())) for one in (lat, lon)]
+    return degrees[1] * (-1 if ew == "W" else 1), degrees[0] * (-1 if ns == "S" else 1)
+
+
+def number(value: Any) -> float:
+    """Return a quantity in SI, or a bare number."""
+    if not isinstance(value, str):
+        return float(value)
+    size, unit = value.split()
+    return float(size) * {"nmi": NMI, "kn": KNOT, "h": HOUR, "nmi/sqrt(h)": NMI / HOUR**0.5}[unit]
+
+
+def spread(rng: np.random.Generator, n: int, told: Any) -> Array:
+    """Draw an uncertain number as a case has it: a value, [low, high], or a truncated triangle."""
+    if isinstance(told, dict):
+        low, best, high = (number(told[k]) for k in told if k != "ratio")
+        return passages.triangle(rng, n, low, best, high, told["ratio"])
+    low, high = told if isinstance(told, list) else (told, told)
+    return rng.uniform(number(low), number(high), n)
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where the particles of a scenario are, and what has become of each."""
+
+    lon: Array  # (n,) [deg]
+    lat: Array
+    status: Array  # (n,) of Status
+
+
+def probable(std: Any) -> float:
+    """Return the semi-axis of an ellipse [standard deviations] that holds a probability."""
+    return float(np.sqrt(-2 * np.log1p(-std)))
+
+
+def cast_submarine(rng: np.random.Generator, n: int, hours: float) -> list[Where]:
+    """A fix with course and speed, and a track with a random start that ends in a patrol."""
+    return [places[0] for places in cast_ways(rng, n, [hours])]
+
+
+def cast_ways(rng: np.random.Generator, n: int, hours: Sequence[float]) -> list[list[Where]]:
+    """Return where the same submarines are at each of some times, by scenario."""
+    first, second = table("cast_submarine")["scenario"]
+    fix, motion, moments = first["position"]["ellipse"], first["phase"][0]["course"], [h * HOUR for h in hours]
+    scale = probable(fix["probability"])
+    lon, lat = passages.about(
+        rng, place(first["position"]["at"]), n, number(fix["major"]) / scale, number(fix["minor"]) / scale,
+        fix["orientation"],
+    )  # fmt: skip
+    course, speed = spread(rng, n, motion["course"]), spread(rng, n, motion["speed"])
+    told = [[Where(*passages.rhumb(lon, lat, course, speed * time), np.full(n, Status.UNDER_WAY)) for time in moments]]
+
+    track, patrol = second["phase"][0]["track"], second["phase"][1]["loiter"]
+    begin = rng.uniform(*(number(one[1:]) for one in track["start"]), n)
+    a, b, c = track["points"]
+    wide = probable(b["ellipse"]["probability"])
+    far, to = number(c["radius"]) * np.sqrt(rng.uniform(size=n)), rng.uniform(0, 360, n)
+    points = [
+        passages.about(rng, place(a["at"]), n, number(a["std"]), number(a["std"])),
+        passages.about(
+            rng, place(b["at"]), n, number(b["ellipse"]["major"]) / wide, number(b["ellipse"]["minor"]) / wide,
+            b["ellipse"]["orientation"],
+        ),
+        passages.off(place(c["at"]), far * np.cos(np.radians(to)), far * np.sin(np.radians(to)), 0.0),
+    ]  # fmt: skip
+    times = [begin + spread(rng, n, one["after"]) for one in track["points"]]
+    lon, lat = (np.stack([one[k] for one in points], axis=1) for k in (0, 1))
+    ring, pace = [place(one) for one in patrol["polygon"]], spread(rng, n, patrol["speed"])
+    ends = [time - times[-1] for time in moments]
+    patrols = passages.loiter(rng, ring, lon[:, -1], lat[:, -1], ends, pace, number(patrol["leg"]))
+    told.append([])
+    for time, left, there in zip(moments, ends, patrols, strict=True):
+        way = passages.passed(lon, lat, np.stack(times, axis=1), time)
+        x, y = (np.where(left > 0, b, a) for a, b in zip(way, there, strict=True))
+        told[-1].append(Where(x, y, np.where(begin < time, Status.UNDER_WAY, Status.PENDING)))
+    return told
+
+
+def medsearch_transit(rng: np.random.Generator, n: int, hours: float) -> list[Where]:
+    """Twelve routes along lanes, then an area of patrol."""
+    told = []
+    nodes, lanes = passages.network(CASES / "networks" / "mediterranean.toml")
+    for scenario in table("medsearch_transit")["scenario"]:
+        leg, patrol = scenario["phase"][0]["lanes"], scenario["phase"][1]["loiter"]
+        route = passages.shortest(nodes, lanes, [leg["route"]["from"], *leg["route"]["via"], leg["route"]["to"]])
+        width = [lanes[pair] for pair in zip(route[:-1], route[1:], strict=True)]
+        lon, lat, along = passages.aside([nodes[one] for one in route], width, rng.uniform(-1, 1, n))
+        entry = {k: v[1:] if isinstance(v, str) else v for k, v in leg["entry"].items()}
+        begin = spread(rng, n, entry)
+        time = begin[:, None] + along / spread(rng, n, leg["speed"])[:, None]
+        at = passages.passed(lon, lat, time, hours * HOUR)
+        pace, left = spread(rng, n, patrol["speed"]), hours * HOUR - time[:, -1]
+        (at,) = passages.loiter(rng, patrol["polygon"], *at, [left], pace, number(patrol["leg"]))
+        told.append(Where(*at, np.where(begin < hours * HOUR, Status.UNDER_WAY, Status.PENDING)))
+    return told
+
+
+def smuggler_bridge(rng: np.random.Generator, n: int, hours: float) -> list[Where]:
+    """Bridges from a box to one of three places."""
+    told, time = table("smuggler_bridge")["scenario"][0]["phase"][0]["bridge"], hours * HOUR
+
+    def anywhere(point: dict[str, Any]) -> tuple[Array, Array]:
+        at = place(point["at"])
+        if "box" in point:
+            along, across = (number(side) * rng.uniform(-0.5, 0.5, n) for side in point["box"])
+            return passages.off(at, along, across, point["orientation"])
+        if "radius" in point:
+            far, to = number(point["radius"]) * np.sqrt(rng.uniform(size=n)), rng.uniform(0, 2 * np.pi, n)
+            return passages.off(at, far * np.cos(to), far * np.sin(to), 0.0)
+        return passages.about(rng, at, n, number(point["std"]), number(point["std"]))
+
+    def moment(law: Any) -> Array:
+        if isinstance(law, dict):
+            return number(law["at"][1:]) + number(law["std"]) * rng.standard_normal(n)
+        return rng.uniform(*(number(one[1:]) for one in law), n)
+
+    (first,), ends = told["points"], told["destinations"]
+    begin = (*anywhere(first), moment(first["time"]))
+    chosen = rng.choice(len(ends), n, p=[end["probability"] for end in ends])
+    drawn = [(*anywhere(end), moment(end["time"])) for end in ends]
+    end = tuple(np.choose(chosen, [one[k] for one in drawn]) for k in range(3))
+    at = passages.bridge(rng, begin, (end[0], end[1], end[2]), number(told["k"]), time)
+    status = np.where(time < begin[2], Status.PENDING, np.where(time < end[2], Status.UNDER_WAY, Status.ARRIVED))
+    return [Where(*at, status)]
+
+
+ORACLES: dict[str, Callable[[np.random.Generator, int, float], list[Where]]] = {
+    "cast_submarine": cast_submarine,
+    "medsearch_transit": medsearch_transit,
+    "smuggler_bridge": smuggler_bridge,
+}
+MIDWAY = {"cast_submarine": 19.0, "medsearch_transit": 97.0, "smuggler_bridge": 71.0}  # [h]
+END = {"cast_submarine": 36.0, "medsearch_transit": 216.0, "smuggler_bridge": 100.0}
+
+
+def ours(name: str, hours: float) -> list[Where]:
+    """Return what drift.run says at a time, without sorties and contacts."""
+    settings = {"particles": str(OURS), "sortie": "[]", "contact": "[]", "duration": f"{hours:g} h", "expect": "{}"}
+    loaded = case_file.load(name, settings | {"output": '{ every = "100 d", trajectories = 1_000_000 }'})
+    tracks = flow.run(loaded).trajectories
+    told = []
+    for scenario in range(len(loaded.scenarios)):
+        here = tracks.scenario == scenario
+        lon, lat = (x[here, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat))
+        told.append(Where(lon, lat, tracks.status[here, -1]))
+    return told
+
+
+def numbers(told: Where, about: tuple[float, float]) -> tuple[list[str], Array, Array]:
+    """Return names, values and standard errors: shares by status, and mean and second moments [m] in a plane about a place."""
+    names, values, errors = [], [], []
+    n = told.lon.size
+    for status in Status:
+        share = float((told.status == status).mean())
+        names.append(status.name)
+        values.append(share)
+        errors.append(np.sqrt(share * (1 - share) / n))
+    there = told.status != Status.PENDING
+    x = (told.lon[there] - about[0]) * np.radians(R) * np.cos(np.radians(about[1]))
+    y = (told.lat[there] - about[1]) * np.radians(R)
+    a, b = x - x.mean(), y - y.mean()
+    for what, values_of in (("east", x), ("north", y), ("east 2", a * a), ("north 2", b * b), ("both", a * b)):
+        names.append(what)
+        values.append(float(values_of.mean()))
+        errors.append(float(values_of.std() / np.sqrt(there.sum())))
+    return names, np.array(values), np.array(errors)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "hours"), [*MIDWAY.items(), *END.items()])
+def test_case_is_where_a_second_opinion_says(name: str, hours: float) -> None:
+    rng = np.random.default_rng([20_260_603, int(hours)])
+    theirs = ORACLES[name](rng, THEIRS[name], hours)
+    found = ours(name, hours)
+    assert len(found) == len(theirs) == len(table(name)["scenario"])
+    for number_of, (mine, their) in enumerate(zip(found, theirs, strict=True)):
+        middle = float(their.lon.mean()), float(their.lat.mean())
+        names, a, e = numbers(mine, middle)
+        _, b, f = numbers(their, middle)
+        apart = (a - b) / np.maximum(np.hypot(e, f), 1e-300)
+        lines = [f"{what}: {p:.6g}, oracle {q:.6g}: {z:+.1f}" for what, p, q, z in zip(names, a, b, apart, strict=True)]
+        assert (np.abs(apart[a != b]) < SIGMAS).all(), (number_of, lines)
+
+
+def cast_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[Array]]:
+    """Return cast_submarine at its end, and the weights of its particles given what the buoys and the aircraft say.
+
+    A watch has a constant hazard while a target is in a zone, such that what stays in it throughout is heard with its chance.
+    """
+    case = table("cast_submarine")
+    begin, end = 12.0, 16.0
+    watched = np.linspace(begin, end, 25)
+    middles = (watched[1:] + watched[:-1]) / 2
+    assert {(one["start"], one["end"]) for one in case["sortie"]} == {("+12 h", "+16 h")}
+    (contact,) = case["contact"]
+    ways = cast_ways(rng, n, [*middles, number(contact["time"][1:]) / HOUR, END["cast_submarine"]])
+    weights = []
+    for scenario, places in zip(case["scenario"], ways, strict=True):
+        hazard = np.zeros(n)
+        for one in places[: middles.size]:
+            there = one.status != Status.PENDING
+            for sortie in case["sortie"]:
+                x, y = (np.full(n, v) for v in place(sortie["watch"]["at"]))
+                far = np.asarray(passages.GEOD.inv(x, y, one.lon, one.lat)[2])
+                for inner, outer, pod in sortie["watch"]["zones"]:
+                    inside = there & (far >= number(inner)) & (far <= number(outer))
+                    hazard -= inside * np.log1p(-pod) / middles.size
+        weights.append(scenario["weight"] * np.exp(-hazard) / n)
+    told, std = contact["position"], number(contact["position"]["std"])
+    likely = []
+    for places in ways:
+        seen = places[middles.size]
+        x, y = (np.full(n, v) for v in place(told["at"]))
+        far = np.asarray(passages.GEOD.inv(x, y, seen.lon, seen.lat)[2])
+        likely.append(np.where(seen.status != Status.PENDING, np.exp(-0.5 * (far / std) ** 2), 0.0))
+    mean = sum(w @ p for w, p in zip(weights, likely, strict=True)) / sum(w.sum() for w in weights)
+    believed = [
+        w * (contact["belief"] * p / mean + 1 - contact["belief"]) for w, p in zip(weights, likely, strict=True)
+    ]
+    return [places[-1] for places in ways], believed
