@@ -9,7 +9,7 @@ from typing import Any
 
 import taichi as ti
 
-from kernels import batch, itinerary, launch, life, noise, spreads, ways
+from kernels import batch, itinerary, launch, life, noise, runtime, sphere, spreads, ways
 from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_wet, open_sea
 from kernels.itinerary import (
@@ -236,6 +236,8 @@ def _inside(
     moment: ti.i32,
     at_lon: Ints,
     at_lat: Ints,
+    east: Reals,
+    north: Reals,
 ):
     for j in range(first, last):
         i = batch.slot(listed, slots, j)
@@ -265,6 +267,20 @@ def _inside(
                     else:
                         t.lon, t.lat, t.time = x, y, time
             at_lon[i], at_lat[i] = t.lon, t.lat
+            east[i], north[i] = 0.0, 0.0
+            if state == life.UNDER_WAY:
+                v = velocity(plan, t)
+                east[i], north[i] = v[0], v[1]
+
+
+@ti.func
+def velocity(plan: ti.template(), target: Target) -> f32x2:
+    """Return (east, north) [m/s] with which a target goes: on its course, or to its way point in time."""
+    found = target.speed * f32x2(ti.sin(target.course), ti.cos(target.course))
+    if plan.phases[target.phase * PHASE] != COURSE:
+        way = sphere.offset(target.lon, target.lat, target.to_lon, target.to_lat)
+        found = way / ti.max(ti.cast(target.to_time - target.time, ti.f32), 1.0)
+    return found
 
 
 @ti.kernel
@@ -387,14 +403,16 @@ def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
 def inside(
     before, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, begin, since: int, when: int,
     moment: int,
+    velocity=None,
 ) -> None:  # fmt: skip
     """Write where targets under way are at a time inside a step that has been made.
 
     before: the columns at the step's begin, by name, those of COLUMNS. begin: lon, lat [binary angle] at `since` [s], on
     the device, which are overwritten where a target is under way at `when` [s]. moment: together with seed and slot the
-    key of the noise there.
+    key of the noise there. velocity: east, north [m/s], float32 (n,) on the device, written likewise if it is asked for.
     """
+    east, north = velocity or (runtime.empty(begin[0].shape[0]), runtime.empty(begin[0].shape[0]))
     _inside(
         coast is not None, *slots_of(own), packed(before), plan, (coast or open_sea()).pack,
-        Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, when, since, moment, *begin,
+        Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, when, since, moment, *begin, east, north,
     )  # fmt: skip

@@ -126,6 +126,27 @@ def _object(value: object) -> object:
     return {"name": value} if isinstance(value, str) else value
 
 
+class CourseSeenTable(fields.Table):
+    """The course with which something was seen to move, and its error."""
+
+    value: fields.Direction
+    std: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "deg", "angle", "10 deg"))]
+
+    @model_validator(mode="after")
+    def proper(self) -> "CourseSeenTable":
+        """Refuse an error of zero."""
+        if not 0 < self.std <= 90:
+            raise ValueError(f"std {self.std:g} deg must be above 0 and at most 90 deg")
+        return self
+
+
+class SpeedSeenTable(fields.Table):
+    """The speed with which something was seen to move, and its error."""
+
+    value: fields.Speed
+    std: Annotated[fields.Speed, Field(gt=0)]
+
+
 class ContactTable(fields.Table):
     """A [[contact]] table as written."""
 
@@ -138,6 +159,8 @@ class ContactTable(fields.Table):
     range: RangeTable | None = None
     area: SeenInTable | None = None
     of: Annotated[ObjectTable, BeforeValidator(_object)] | None = None
+    course: CourseSeenTable | None = None
+    speed: SpeedSeenTable | None = None
 
     @model_validator(mode="after")
     def one_kind(self) -> "ContactTable":
@@ -146,6 +169,11 @@ class ContactTable(fields.Table):
         if self.belief is not None and self.false_density is not None:
             raise ValueError("give belief or false_density, not both: either says how a contact may be false")
         self.false()
+        if self.course is not None or self.speed is not None:
+            if self.false_density is not None:
+                raise ValueError("false_density is of places alone; with course or speed give belief")
+            if self.of is not None:
+                raise ValueError("course and speed are the object's own; leave them out of debris")
         return self
 
     def kind(self) -> str:
@@ -172,6 +200,14 @@ class ContactTable(fields.Table):
         more = getattr(self, self.kind()).details()
         belief = 1.0 if self.belief is None else self.belief
         drifter = self.of.drifter() if self.of is not None else None
+        if self.course is not None:
+            more |= {"course": math.radians(self.course.value), "course_std": math.radians(self.course.std)}
+        if self.speed is not None:
+            more |= {"speed": self.speed.value, "speed_std": self.speed.std}
+        if (self.course or self.speed) and time == run.start:
+            raise ValueError(
+                "course and speed are those of a way; at the start of the run there is none yet: start earlier"
+            )
         return Contact(name, time, self.kind(), belief, self.false(), drifter=drifter, **more)
 
 

@@ -16,6 +16,7 @@ from drift.motion.steer import Helm, Steering
 from drift.particles import life
 from drift.particles.ensemble import Device, Ensemble
 from drift.particles.status import Status
+from geo import sphere
 from geo.array import Array
 from kernels import advance as kernel
 from kernels import coast as device_coast
@@ -154,6 +155,27 @@ class Scene:
             mine = steers & (time < released)
             lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
         return lon, lat
+
+    def velocity(self, ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
+        """Return (east, north) [m/s] over ground of particles at a time inside the step just made, (n,).
+
+        What is adrift has the mean velocity of its way in the step; what lies still has none.
+        """
+        left, finish = life.read(ensemble).way(step.elapsed, step.elapsed + step.duration)
+        status = life.read(ensemble).at(time)
+        lon, lat = begin.lon.to_numpy(), begin.lat.to_numpy()
+        apart = sphere.offset(
+            lon * sphere.UNIT, lat * sphere.UNIT, ensemble.lon.to_numpy() * sphere.UNIT,
+            ensemble.lat.to_numpy() * sphere.UNIT,
+        )  # fmt: skip
+        moving = (status == Status.ADRIFT) & (finish > left)
+        east, north = (np.where(moving, way / np.maximum(finish - left, 1), 0.0) for way in apart)
+        helm = self.helm(ensemble)
+        if helm and begin.helm:
+            steers = status == Status.UNDER_WAY
+            own = helm.velocity(begin.helm, step, time)
+            east, north = (np.where(steers, new, old) for new, old in zip(own, (east, north), strict=True))
+        return east, north
 
 
 def land_of(scene: Scene) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[np.bool_]] | None:

@@ -133,6 +133,16 @@ class Helm:
             report, stayed, told,
         )  # fmt: skip
 
+    def velocity(self, kept: Mapping[str, Device], step: kernel.Step, time: int) -> tuple[Array, Array]:
+        """Return (east, north) [m/s] of targets at a time inside the step just made, (n,); 0 of what is not under way."""
+        e = self._ensemble
+        begin = runtime.copy(kept["lon"]), runtime.copy(kept["lat"])
+        found = runtime.empty(e.n), runtime.empty(e.n)
+        steer.inside(
+            kept, self.batch, self.plan, e.seed, self._domain, self._coast, step, begin, step.elapsed, time, 0, found
+        )
+        return found[0].to_numpy(), found[1].to_numpy()
+
     def inside(
         self,
         kept: Mapping[str, Device],

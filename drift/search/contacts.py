@@ -33,6 +33,21 @@ def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
         return LIKELIHOODS[contact.kind](contact, lon, lat)
 
 
+def log_motion(contact: Contact, east: Array, north: Array) -> Array:
+    """Return the log likelihood of the course and speed of a contact, of velocities (east, north) [m/s] (n,).
+
+    It is a density, per radian and per m/s. What lies still has any course.
+    """
+    speed = np.hypot(east, north)
+    total = np.zeros(speed.shape)
+    if contact.course_std > 0:
+        own = _normal(sphere.wrap(np.arctan2(east, north) - contact.course), contact.course_std)
+        total = total + np.where(speed > 0, own, -LOG_TURN)
+    if contact.speed_std > 0:
+        total = total + _normal(speed - contact.speed, contact.speed_std)
+    return np.asarray(total)
+
+
 def _area(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log of 1 / area inside it, and -inf outside."""
     assert contact.area is not None

@@ -108,8 +108,10 @@ class Search:
         under_way = self._flown(elapsed + duration)
         for flown in under_way:
             flown.drift(self._scene.forcing, elapsed, duration)
+        end = elapsed + duration
         debris = any(beside.last > elapsed for beside in self._debris.values())
-        return bool(under_way) or debris or self._observers.looking(elapsed + duration)
+        moving = any(elapsed < when <= end and contact.moves for when, contact in self._contacts)
+        return bool(under_way) or debris or moving or self._observers.looking(elapsed + duration)
 
     def moved(self, begin: Begin | None) -> None:
         """Take note of where the particles began the step that has just been made."""
@@ -196,6 +198,11 @@ class Search:
             who, its, begin = seen.ensemble, seen.scene, seen.begin
         lon, lat = place(who, its, begin, time)
         likelihood = contact_laws.log_likelihood(contact, lon, lat)
+        if contact.moves:
+            assert self._begin is not None
+            assert self._step is not None
+            velocity = self._scene.velocity(self.ensemble, self._begin, self._step, time)
+            likelihood = likelihood + contact_laws.log_motion(contact, *velocity)
         there = on_map(life.read(who).at(time))
         likelihood = np.where(there, likelihood, -np.inf)
         current = self.log_weight(time)

@@ -102,6 +102,15 @@ class Contact:
     zones: Watch | None = None  # chance of detection by range; None: the same at all ranges
     area: Area | None = None
     drifter: Drifter | None = None  # how it drifts, if it is debris; None: it is the object itself
+    course: float = 0.0  # [rad] over ground, clockwise from north, with which it was seen to move
+    course_std: float = 0.0  # 0: no course was seen
+    speed: float = 0.0  # [m/s] over ground
+    speed_std: float = 0.0  # 0: no speed was seen
+
+    @property
+    def moves(self) -> bool:
+        """Whether its course or speed was seen."""
+        return self.course_std > 0 or self.speed_std > 0
 
 
 @dataclass(frozen=True)

@@ -208,3 +208,37 @@ def test_resampled_yachts_go_on(tmp_path: Path) -> None:
 
 def plain_ess(plain: Any) -> float:
     return float(1 / (record.probability(plain[1]) ** 2).sum())
+
+
+def test_a_contact_carries_course_and_speed(tmp_path: Path) -> None:
+    """A radar contact at 9.2 h, inside a step: of yachts at one place it tells the fast from the slow, and the drifting."""
+    n = 30_000
+    course = float(np.degrees(np.arctan2(*sphere.offset(*np.radians(POINTS[0]), *np.radians(POINTS[1])))))
+    fix = Contact(
+        "c", BEGIN + np.timedelta64(33_120, "s"), "position", fixes=(Fix(-39.5, 43.22),), major=12e3, minor=9e3,
+        course=np.radians(course + 4), course_std=np.radians(9), speed=5.6 * KNOT, speed_std=0.5 * KNOT,
+    )  # fmt: skip
+    search, ensemble, _ = run(case_of(tmp_path, n, 7200, contacts=(fix,)))
+    oracle = Yachts(400_000, 21)
+    when = 33_120.0
+    here, later = oracle.at(when), oracle.at(when + 10)
+    way = np.array(sphere.offset(*here, *later)) / 10
+    moving = np.hypot(*way)
+    turn = np.arctan2(*way) - fix.course
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+
+    def normal(x: Any, std: float) -> Any:
+        return np.exp(-0.5 * (x / std) ** 2) / (std * np.sqrt(2 * np.pi)) * (np.abs(x) <= 6 * std)
+
+    north, east = sphere.offset(np.radians(-39.5), np.radians(43.22), *here)[::-1]
+    likelihood = normal(north, 12e3) * normal(east, 9e3) * (oracle.departure <= when)
+    likelihood = likelihood * normal(turn, fix.course_std) * normal(moving - fix.speed, fix.speed_std)
+    found = np.exp(search.updates.all[0].log_evidence[-1])
+    error = likelihood.std() * np.hypot(1 / np.sqrt(n), 1 / np.sqrt(likelihood.size))
+    assert abs(found - likelihood.mean()) < 3 * error
+    p = record.probability(ensemble)
+    speed = ensemble.own["speed"].to_numpy()
+    truth = (likelihood * oracle.speed).sum() / likelihood.sum()
+    spread = np.sqrt((likelihood * (oracle.speed - truth) ** 2).sum() / likelihood.sum())
+    effective = np.hypot(np.sqrt((p**2).sum()), np.sqrt((likelihood**2).sum()) / likelihood.sum())
+    assert abs((p * speed).sum() - truth) < 3 * spread * effective
