@@ -111,10 +111,16 @@ def law(table: ti.template(), first: ti.i32) -> f32x4:
 
 
 @ti.func
+def speed_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.f32:
+    """Return the speed [m/s] that is settled for a phase; words: those of number 0."""
+    speeds = law(plan.phase_laws, phase * PHASE_LAW + 4)
+    return spreads.triangle(speeds, noise.uniform(words[0]), noise.uniform(words[1]))
+
+
+@ti.func
 def own_speed(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
     """Return the speed [m/s] that is settled for a phase."""
-    w = settled(key, phase, 0)
-    return spreads.triangle(law(plan.phase_laws, phase * PHASE_LAW + 4), noise.uniform(w[0]), noise.uniform(w[1]))
+    return speed_of(plan, phase, settled(key, phase, 0))
 
 
 @ti.func
@@ -136,14 +142,20 @@ def own_k(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
 
 
 @ti.func
-def own_destination(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
-    """Return the number of a phase's destination, from 0."""
-    u = noise.uniform(settled(key, phase, 0)[3])
+def destination_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.i32:
+    """Return the number of a phase's destination, from 0; words: those of number 0."""
+    u = noise.uniform(words[3])
     first = plan.phases[phase * PHASE + 1] + plan.phases[phase * PHASE + 2]
     chosen = 0
     while chosen < plan.phases[phase * PHASE + 3] - 1 and u > plan.point_laws[(first + chosen) * POINT_LAW + 13]:
         chosen += 1
     return chosen
+
+
+@ti.func
+def own_destination(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
+    """Return the number of a phase's destination, from 0."""
+    return destination_of(plan, phase, settled(key, phase, 0))
 
 
 @ti.func
@@ -239,12 +251,13 @@ def aim(coastal: ti.template(), plan: ti.template(), key: Chance, story: ti.i32,
                 t = _course(plan, key, t)
             else:
                 point = -1
+                w = settled(key, t.phase, 0)
+                t.speed = speed_of(plan, t.phase, w)
                 if kind == WAY:
-                    t.speed = own_speed(plan, key, t.phase)
                     point = plan.phases[t.phase * PHASE + 1] + t.leg
                     if t.leg >= plan.phases[t.phase * PHASE + 2]:
                         point = plan.phases[t.phase * PHASE + 1] + plan.phases[t.phase * PHASE + 2]
-                        point += own_destination(plan, key, t.phase)
+                        point += destination_of(plan, t.phase, w)
                 else:
                     t, point = _loiter(plan, key, t)
                 if point >= 0:
@@ -332,8 +345,6 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
     row, first = t.phase * PHASE, t.phase * PHASE_LAW
     vertex, many = plan.phases[row + 4], plan.phases[row + 5]
     w = drawn(key, 0)
-    if t.leg == 0:
-        t.speed = own_speed(plan, key, t.phase)
     if t.leg < 2:
         t.course = 6.283185307179586 * noise.uniform(w[0])
     else:

@@ -69,8 +69,8 @@ def _steering(
                 k = ti.f32(0.0)
                 if state == life.UNDER_WAY:
                     key.count += 1
-                    x, y, time, state_then, _number = steer.stretch(coastal, plan, key, which, t, over, coast)
                     k = steer.wanders(plan, key, t)
+                    x, y, time, state_then, _number = steer.stretch(coastal, plan, key, which, t, k, over, coast)
                 if time > since:
                     ax, ay, begin = t.lon, t.lat, t.time
                     if begin < since:

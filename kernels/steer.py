@@ -85,8 +85,11 @@ def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
 
 
 @ti.func
-def piece(plan: ti.template(), key: Chance, target: Target, until: ti.i32):
-    """Return (lon, lat, time) where the next piece of a target's way ends: at `until` [s], or at its next event."""
+def piece(plan: ti.template(), key: Chance, target: Target, k: ti.f32, until: ti.i32):
+    """Return (lon, lat, time) where the next piece of a target's way ends: at `until` [s], or at its next event.
+
+    k: see `wanders`.
+    """
     end = ti.min(until, target.to_time)
     x, y = target.to_lon, target.to_lat
     if plan.phases[target.phase * PHASE] == COURSE:
@@ -95,9 +98,7 @@ def piece(plan: ti.template(), key: Chance, target: Target, until: ti.i32):
         w = noise.further(key.seed0, key.seed1, noise.STREAM_WAY, key.slot, key.step, key.count)
         dt, rest = ti.cast(end - target.time, ti.f32), ti.cast(target.to_time - end, ti.f32)
         normal = noise.normals(w[0], w[1])
-        x, y = ways.toward(
-            target.lon, target.lat, target.to_lon, target.to_lat, dt, rest, wanders(plan, key, target), normal
-        )
+        x, y = ways.toward(target.lon, target.lat, target.to_lon, target.to_lat, dt, rest, k, normal)
     return x, y, end
 
 
@@ -125,11 +126,12 @@ def stretch(
     key: Chance,
     scenario: ti.i32,
     target: Target,
+    k: ti.f32,
     until: ti.i32,
     coast: ti.template(),
 ):
     """Return (lon, lat, time, state, edge) at the end of a target's next piece, or where that meets the shore."""
-    x, y, time = piece(plan, key, target, until)
+    x, y, time = piece(plan, key, target, k, until)
     state, edge = life.UNDER_WAY, -1
     if ti.static(coastal):
         if plan.stories[scenario * STORY + 2] & STOPPED:
@@ -188,7 +190,9 @@ def _steer(
             state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
             while t.time < until and state == life.UNDER_WAY:
                 key.count += 1
-                x, y, time, state_then, number = stretch(coastal, plan, key, which, t, until, coast)
+                x, y, time, state_then, number = stretch(
+                    coastal, plan, key, which, t, wanders(plan, key, t), until, coast
+                )
                 state = state_then
                 if state == life.UNDER_WAY:
                     t = reached(coastal, plan, key, which, t, x, y, time, coast)
@@ -250,12 +254,13 @@ def _inside(
             state = life.UNDER_WAY
             while t.time < when and state == life.UNDER_WAY:
                 key.count += 1
-                x, y, time, state_then, _edge = stretch(coastal, plan, key, which, t, until, coast)
+                k = wanders(plan, key, t)
+                x, y, time, state_then, _edge = stretch(coastal, plan, key, which, t, k, until, coast)
                 if time > when:
                     if t.time < since and since < time:
                         t.lon, t.lat, t.time = at_lon[i], at_lat[i], since
                     w = noise.words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment)
-                    k, normal = wanders(plan, key, t), noise.normals(w[0], w[1])
+                    normal = noise.normals(w[0], w[1])
                     t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
                     t.time = when
                 else:

@@ -155,8 +155,8 @@ def _expose(
                 vx, vy = 0.0, 0.0
                 if state == life.UNDER_WAY:
                     key.count += 1
-                    x, y, over, state_then, _number = steer.stretch(coastal, plan, key, which, t, until, coast)
                     k = steer.wanders(plan, key, t)
+                    x, y, over, state_then, _number = steer.stretch(coastal, plan, key, which, t, k, until, coast)
                     if k > 0.0:  # the mean velocity of its leg
                         far = sphere.offset(t.lon, t.lat, t.to_lon, t.to_lat)
                         pace = 1.0 / ti.max(ti.cast(t.to_time - t.time, ti.f32), 1.0)

@@ -41,20 +41,25 @@ def toward(
     and across the way.
     """
     share = dt / (dt + rest)
-    way = sphere.offset(lon, lat, to_lon, to_lat)
-    x, y = sphere.exponential(lon, lat, share * way[0], share * way[1])
-    if k > 0.0 and rest > 0.0:
+    x, y = lon, lat
+    a = ti.f32(0.0)
+    # First along the way, then off it: in a loop, so that the long formulas are compiled once.
+    for stage in range(2 if k > 0.0 and rest > 0.0 else 1):
+        way = sphere.offset(x, y, to_lon, to_lat)
         length = ti.sqrt(way[0] * way[0] + way[1] * way[1])
-        a = length * ti.f32(1.0 / sphere.RADIUS)
-        b = a * (1.0 - share)
-        across = 1.0 - share
-        if a > SHORT:
-            across = ti.sin(b) * ti.sin(a - b) / ((a - b) * ti.sin(a))
-        along = k * ti.sqrt(dt * (1.0 - share)) * normal[0]
-        aside = k * ti.sqrt(dt * ti.max(across, 0.0)) * normal[1]
-        ahead = f32x2(0.0, 1.0)
-        if length > 1.0:
-            left = sphere.offset(x, y, to_lon, to_lat)
-            ahead = left / ti.max(ti.sqrt(left[0] * left[0] + left[1] * left[1]), 1e-6)
-        x, y = sphere.exponential(x, y, along * ahead[0] + aside * ahead[1], along * ahead[1] - aside * ahead[0])
+        east, north = share * way[0], share * way[1]
+        if stage == 0:
+            a = length * ti.f32(1.0 / sphere.RADIUS)
+        else:
+            b = a * (1.0 - share)
+            across = 1.0 - share
+            if a > SHORT:
+                across = ti.sin(b) * ti.sin(a - b) / ((a - b) * ti.sin(a))
+            along = k * ti.sqrt(dt * (1.0 - share)) * normal[0]
+            aside = k * ti.sqrt(dt * ti.max(across, 0.0)) * normal[1]
+            ahead = f32x2(0.0, 1.0)
+            if length > 1.0:
+                ahead = way / length
+            east, north = along * ahead[0] + aside * ahead[1], along * ahead[1] - aside * ahead[0]
+        x, y = sphere.exponential(x, y, east, north)
     return x, y
