@@ -23,7 +23,7 @@ from drift.forecast import shares
 from geo import notation, sphere
 from geo.box import Box
 
-BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 92 on the device, the rest on the host
+BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 96 on the device, the rest on the host
 
 
 class OutputTable(fields.Table):
