@@ -27,7 +27,7 @@ from geo import notation, sphere
 from geo.box import Box
 
 SEARCH = ("sortie", "contact", "look", "presence", "barrier", "line", "unit")  # tables of a search for one object
-BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 92 on the device, the rest on the host
+BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 96 on the device, the rest on the host
 
 
 class OutputTable(fields.Table):
