@@ -86,6 +86,36 @@ name = "flare"
 time = "+5 h"
 belief = 0.6
 bearing = { from = "60 00N 004 00E", bearing = 40, std = 12, far = "40 nmi" }
+[[look]]
+name = "dip"
+time = "+3 h"
+at = "60 10N 004 20E"
+width = "5 nmi"
+height = "3 nmi"
+turned = 20
+sees = "nothing"
+law = { table = [[0, 0.9], [1.5, 0.1]] }
+false_alarms = 0.05
+[[presence]]
+name = "buoys"
+start = "+2 h"
+end = "+5 h"
+at = "60 12N 004 25E"
+radius = "2 nmi"
+present = "never"
+detection = 0.8
+[[barrier]]
+name = "picket"
+start = "+1 h"
+end = "+6 h"
+points = ["60 00N 004 30E", "60 20N 004 45E"]
+detection = 0.7
+reported = "+4 h"
+error = "2 h"
+false_alarms = "0.1 /h"
+[[line]]
+name = "sound"
+points = ["60 00N 004 20E", "60 20N 004 20E"]
 [resampling]
 below = 0.1
 """

@@ -14,14 +14,15 @@ from drift.search import records
 from drift.search.records import Look, Sight
 from geo.notation import NMI
 
+LEAST = 10.0  # [m]
 LARGEST = 1000 * NMI  # [m] size of a field, whose plane is that of its middle
 STEEPEST = 100.0  # beta beyond which a sight is a cookie cutter's
 
 
 def _side(value: object) -> float:
     number = units.quantity(value, "m", "distance", "30 nmi")
-    if not 0 < number <= LARGEST:
-        raise ValueError(f"{value!r} must be above 0 and at most {LARGEST / NMI:g} nmi")
+    if not LEAST <= number <= LARGEST:
+        raise ValueError(f'{value!r} must be {LEAST:g} m to {LARGEST / NMI:g} nmi; write its unit, like "30 nmi"')
     return number
 
 

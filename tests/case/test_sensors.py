@@ -102,7 +102,7 @@ WRONG = {
     ),
     "a box of width 0": (
         LOOK + 'width = "0 nmi"\nheight = "4 nmi"\n',
-        "look \"dip\".width: '0 nmi' must be above 0 and at most 1000 nmi",
+        "look \"dip\".width: '0 nmi' must be 10 m to 1000 nmi; write its unit, like \"30 nmi\"",
     ),
     "an unknown law": (
         LOOK + BOX + 'law = "cookie_cuter"\n',
