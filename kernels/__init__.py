@@ -18,6 +18,7 @@ integrate  Runge-Kutta along a velocity, and its divergence
 shore    what the shore does to a step: landing, sliding, refloating
 advance  one step of all particles, composed of these
 bridge   where particles are inside a step
+settled  what is settled at the birth of a target that steers, and stands in no column
 sweep    what a sensor's track does to each particle: exposure, and the weights that it leaves
 deposit  weights to a grid, in fixed point
 allocate what effort that is spread over cells finds
