@@ -164,11 +164,12 @@ def _chart(ax: Axes, own: Panel, many: int) -> None:
     # Shares are told by their heights, from row to row; a histogram has a row's height, but for bars that stand out of it.
     lone = np.zeros(len(own.edges) - 1, bool) if own.lone is None else own.lone
     top = np.where(lone, 0.0, density).max(axis=1)
+    tall = TALL * (0.72 if lone.any() else 1.0)  # above them there is room for what is said of such a bar
     top = np.full(many, top.max()) if category else np.where(top > 0, top, density.max(axis=1))
     ax.set_xlim(own.edges[0], own.edges[-1])
     ax.set_ylim(many, 0)
     for k in range(many):
-        base, scale = k + 0.82 + 0.06 * category, TALL / top[k] if top[k] > 0 else 0.0
+        base, scale = k + 0.82 + 0.06 * category, tall / top[k] if top[k] > 0 else 0.0
         ax.axhline(base, color=LIGHT, linewidth=0.8, zorder=1)
         first, now = (np.minimum(row * scale, TALL * 1.06) for row in (density[0], density[k]))
         colour = NOW if k else BEFORE
@@ -183,8 +184,8 @@ def _chart(ax: Axes, own: Panel, many: int) -> None:
             ax.stairs(base - now, own.edges, baseline=base, fill=True, color=colour, zorder=3)
             if k:
                 ax.stairs(base - first, own.edges, baseline=base, color=INK, linewidth=0.7, zorder=4)
-            for j in np.flatnonzero(lone & (now > TALL)):
-                _lone(ax, own, k, int(j), base - now[j])
+            for j in np.flatnonzero(lone & (now > tall)):
+                _lone(ax, own, k, int(j), (base - now[j], base - TALL))
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=0.8, visible=False)
     ax.spines["bottom"].set_visible(True)
@@ -200,13 +201,13 @@ def _stand_out(rows: Array) -> Array:
     )
 
 
-def _lone(ax: Axes, own: Panel, row: int, bar: int, y: float) -> None:
-    """Break a bar that stands out of its row, and write beside it the share that it has."""
+def _lone(ax: Axes, own: Panel, row: int, bar: int, y: tuple[float, float]) -> None:
+    """Break a bar that stands out of its row, and write beside it the share that it has; y: its top, and of the words."""
     middle, right = float(own.edges[bar : bar + 2].mean()), bar < 0.8 * own.rows.shape[1]
-    ax.plot(middle, y + 0.1, "_", color="white", markersize=9, markeredgewidth=2.5, zorder=5)
+    ax.plot(middle, y[0] + 0.1, "_", color="white", markersize=9, markeredgewidth=2.5, zorder=5)
     gap = 0.03 * (own.edges[-1] - own.edges[0]) * (1 if right else -1)
     text = _percentage(float(own.rows[row, bar]))
-    ax.text(middle + gap, y + 0.07, text, ha="left" if right else "right", va="center", fontsize=7, color=INK, zorder=6)
+    ax.text(middle + gap, y[1], text, ha="left" if right else "right", va="center", fontsize=7, color=INK, zorder=6)
 
 
 def _percent(ax: Axes, share: float, x: float, y: float, many: int) -> None:

@@ -531,6 +531,9 @@ def test_the_picture(four: Posteriors, tmp_path: Path) -> None:
             share = stage.marginals[k].share[-1]
             assert share * (1 - 2.01 * posterior_map.TAILS) <= row.sum() <= share * (1 + 1e-9)
         assert (np.diff(own.edges) > 0).all()
+        # Those that keep a course all depart at once, and stand out of the departures.
+        alone = [] if own.lone is None else np.flatnonzero(own.lone).tolist()
+        assert alone == ([0] if told.quantity.name == "departure" else [])
         if told.quantity.name == "course":
             low, high = np.degrees(own.edges[[0, -1]])
             assert low < 360 < high or low < 0 < high  # north is inside, and so is no turn of nothing
