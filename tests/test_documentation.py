@@ -25,6 +25,8 @@ from drift.output import manifest, writer
 from drift.patrols import chapter as patrols_chapter
 from drift.planner import chapter as planner_chapter
 from drift.planner import unit_sheet
+from drift.posterior import chapter as posterior_chapter
+from drift.posterior.quantities import QUANTITIES
 from drift.search import chapter as search_chapter
 from drift.spill import chapter as spill_chapter
 from drift.suspend import chapter as suspend_chapter
@@ -67,6 +69,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
         *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
         *search_chapter.FILES, *search_chapter.PICTURES, *search_chapter.MAPS,
         *search_chapter.LINE_FILES, *search_chapter.LINE_PICTURES,
+        *posterior_chapter.FILES, *posterior_chapter.PICTURES,
     },
     "docs/search.md": {*planner_chapter.FILES, *planner_chapter.PICTURES},
     "docs/spill.md": {
@@ -144,6 +147,12 @@ def test_keys_of_a_scenario() -> None:
     described = rows(sections()["[[scenario]]"], "key")
     assert set(described) == {"search_object", "survival"} <= keys(scenario.ScenarioTable)
     assert keys(scenario.SurvivalTable) <= set(re.findall(r"\w+", " ".join(described["survival"])))
+
+
+def test_quantities_of_posteriors() -> None:
+    """The table names each quantity, and no other."""
+    page = (DOCS / "targets.md").read_text(encoding="utf-8")
+    assert set(rows(page, "quantity")) == {quantity.name for quantity in QUANTITIES}
 
 
 def test_kinds_of_pattern() -> None:

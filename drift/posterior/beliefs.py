@@ -42,7 +42,8 @@ class Beliefs:
         own = marginal.weighted(weights.relative(log_weight), self._scenario, self._ensemble.blocks)
         told = tuple(_marginal(told, drawn, own) for told in self._told)
         ess = weights.effective(own.weight)
-        self._stages.append(Stage(len(self._stages), name, kind, time, ess, told))
+        scenarios = own.total[:-1] / own.total[-1]
+        self._stages.append(Stage(len(self._stages), name, kind, time, ess, scenarios, told))
 
     @property
     def posteriors(self) -> Posteriors | None:

@@ -51,6 +51,7 @@ class Panel:
     edges: Array  # (bars + 1,)
     rows: Array  # (rows, bars) shares
     names: tuple[str, ...] = ()  # of a category's values
+    lone: Array | None = None  # (bars,) bool: which bars of a histogram are one value with much of the probability
 
 
 def draw(posteriors: Posteriors, path: Path, setting: Setting) -> None:
@@ -68,8 +69,8 @@ def draw(posteriors: Posteriors, path: Path, setting: Setting) -> None:
     letters = width * 15
     on = sheet.begin(
         Sheet(
-            width, height, 120, left=0.28 / width, title=sheet.heading(1 - 0.4 / height, 14, letters * 0.45),
-            beside=letters * 0.28, lines=(Row(1 - 0.68 / height, 9.5, letters * 0.85),),
+            width, height, 120, left=0.28 / width, title=sheet.heading(1 - 0.4 / height, 14, (width - 0.5) / 0.118),
+            beside=(width - 4.7) / 0.118, lines=(Row(1 - 0.68 / height, 9.5, letters * 0.85),),
             caution=Badge(1 - 0.2 / width, 1 - 0.4 / height, side="right"),
             rough=Badge(0.32 / width, 1 - 1.3 / height), footer=sheet.small(0.09 / height, 7, letters),
         )
@@ -124,7 +125,9 @@ def panel(posteriors: Posteriors, stages: list[Stage], k: int) -> Panel:
     wide = -(-(b + 1 - a) // bars)
     b = min(a + wide * -(-(b + 1 - a) // wide), BINS)
     starts = np.arange(a, b, wide)
-    return Panel(told, edges[np.append(starts, b)], np.add.reduceat(table[:, :b], starts, axis=1))
+    rows = np.add.reduceat(table[:, :b], starts, axis=1)
+    single = np.maximum.reduceat(table[:, :b], starts, axis=1) > 0.9 * rows
+    return Panel(told, edges[np.append(starts, b)], rows, lone=np.any(single & _stand_out(rows), axis=0))
 
 
 def _of_category(told: Told, table: Array) -> Panel:
@@ -157,17 +160,18 @@ def _short(name: str) -> str:
 def _chart(ax: Axes, own: Panel, many: int) -> None:
     """Draw the bars of all rows, and the first row's outline over each."""
     category = bool(own.names)
-    wide = np.diff(own.edges)
-    density = own.rows if category else own.rows / wide
-    top = density.max(axis=1)
-    if category:  # shares are told by their heights, from row to row
-        top = np.full(len(top), top.max())
+    density = own.rows if category else own.rows / np.diff(own.edges)
+    # Shares are told by their heights, from row to row; a histogram has a row's height, but for bars that stand out of it.
+    lone = np.zeros(len(own.edges) - 1, bool) if own.lone is None else own.lone
+    top = np.where(lone, 0.0, density).max(axis=1)
+    tall = TALL * (0.72 if lone.any() else 1.0)  # above them there is room for what is said of such a bar
+    top = np.full(many, top.max()) if category else np.where(top > 0, top, density.max(axis=1))
     ax.set_xlim(own.edges[0], own.edges[-1])
     ax.set_ylim(many, 0)
     for k in range(many):
-        base, scale = k + 0.82 + 0.06 * category, TALL / top[k] if top[k] > 0 else 0.0
+        base, scale = k + 0.82 + 0.06 * category, tall / top[k] if top[k] > 0 else 0.0
         ax.axhline(base, color=LIGHT, linewidth=0.8, zorder=1)
-        first, now = (np.minimum(row * scale, TALL * 1.12) for row in (density[0], density[k]))
+        first, now = (np.minimum(row * scale, TALL * 1.06) for row in (density[0], density[k]))
         colour = NOW if k else BEFORE
         if category:
             x, thick = np.arange(len(own.names)), 0.74
@@ -180,11 +184,30 @@ def _chart(ax: Axes, own: Panel, many: int) -> None:
             ax.stairs(base - now, own.edges, baseline=base, fill=True, color=colour, zorder=3)
             if k:
                 ax.stairs(base - first, own.edges, baseline=base, color=INK, linewidth=0.7, zorder=4)
+            for j in np.flatnonzero(lone & (now > tall)):
+                _lone(ax, own, k, int(j), (base - now[j], base - TALL))
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=0.8, visible=False)
     ax.spines["bottom"].set_visible(True)
     ax.set_yticks([])
     _ticks(ax, own)
+
+
+def _stand_out(rows: Array) -> Array:
+    """Return which bars of histograms (rows, bars) would make all others flat."""
+    beside = np.pad(rows, ((0, 0), (1, 1)))
+    return np.asarray(
+        (rows > 0.1 * rows.sum(axis=1, keepdims=True)) & (rows > 4 * np.maximum(beside[:, :-2], beside[:, 2:]))
+    )
+
+
+def _lone(ax: Axes, own: Panel, row: int, bar: int, y: tuple[float, float]) -> None:
+    """Break a bar that stands out of its row, and write beside it the share that it has; y: its top, and of the words."""
+    middle, right = float(own.edges[bar : bar + 2].mean()), bar < 0.8 * own.rows.shape[1]
+    ax.plot(middle, y[0] + 0.1, "_", color="white", markersize=9, markeredgewidth=2.5, zorder=5)
+    gap = 0.03 * (own.edges[-1] - own.edges[0]) * (1 if right else -1)
+    text = _percentage(float(own.rows[row, bar]))
+    ax.text(middle + gap, y[1], text, ha="left" if right else "right", va="center", fontsize=7, color=INK, zorder=6)
 
 
 def _percent(ax: Axes, share: float, x: float, y: float, many: int) -> None:
@@ -231,7 +254,7 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
         begin = notation.epoch(posteriors.period.start)
         sign = posteriors.period.direction
         first, last = sorted((begin + sign * low, begin + sign * high))
-        times = labels.round_times(first, last, 3)
+        times = labels.round_times(first, last, 4)
         ax.set_xticks((times - begin) * sign, [notation.day_time(np.datetime64(round(t), "s")) for t in times])
     beside = blended_transform_factory(ax.transAxes, ax.transData)
     partial = any(stage.marginals[number].share[-1] < 1 - 1e-9 for stage in stages)
@@ -282,8 +305,8 @@ def _names(ax: Axes, stages: list[Stage]) -> None:
     inch = 1 / (ax.get_position().width * ax.get_figure(root=True).get_figwidth())  # type: ignore[union-attr]
     for k, stage in enumerate(stages):
         count = effective.Count(stage.ess)
-        name = stage.name if stage.kind in ("prior", "sortie") else f"{page.fit(stage.name, 18)} ({stage.kind})"
-        head = page.fit(name, 28) if stage.number == 0 else f"{stage.number}  {page.fit(name, 28)}"
+        name = stage.name if stage.kind in ("prior", "sortie") else f"{page.fit(stage.name, 16)} ({stage.kind})"
+        head = page.fit(name, 26) if stage.number == 0 else f"{stage.number}  {page.fit(name, 26)}"
         below = f"{notation.group(stage.time)}, {count.words}"
         for y, text, size, colour, weight in (
             (0.45, head, 9.0, GREY if stage.number == 0 else INK, "normal" if stage.number == 0 else "bold"),
@@ -323,8 +346,8 @@ def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
 
 def _explained() -> str:
     return (
-        "A histogram is as high as its row, with the outline of the first one to the same scale; bars of scenarios, destinations "
-        "and sides are shares in %.\n"
+        "A histogram is as high as its row, with the outline of the first one to the same scale; a bar that is broken "
+        "stands out of it, and has its share beside it. Bars of scenarios, destinations and sides are shares in %.\n"
         "Beside a histogram: the median, 5 to 95 %, and in which share of the probability it means anything. "
         "By scenario and in full: posteriors.csv."
     )

@@ -7,6 +7,7 @@ import numpy as np
 from drift.motion.period import Period
 from drift.posterior.marginal import Marginal
 from drift.posterior.quantity import Quantity
+from geo.array import Array
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Stage:
     kind: str  # "prior", or what kind of update
     time: np.datetime64  # UTC
     ess: float  # effective number of all particles
+    scenarios: Array  # (scenarios,) probability of each
     marginals: tuple[Marginal, ...]  # one a quantity
 
 

@@ -17,13 +17,14 @@ HEADER = [
     *QUANTILES, "ess", "run_id",
 ]  # fmt: skip
 HOUR = 3600.0
+LEAST = 0.01  # probability that a scenario has at some time, if quantities are to be told of it by itself
 
 
 def csv(posteriors: Posteriors, run: str) -> str:
     """Return a row for each update, quantity and scenario, and one for all together; of a category one a value.
 
-    run: the run_id for the last column. A quantity that means nothing in a scenario has no row there. Times are ISO
-    8601, and their standard deviation is in hours.
+    run: the run_id for the last column. A quantity that means nothing in a scenario has no row there, and a scenario
+    that never has a probability of LEAST none but its own. Times are ISO 8601, and their standard deviation is in hours.
     """
     rows: list[list[Any]] = []
     for stage in posteriors.stages:
@@ -44,6 +45,7 @@ def unit(told: Told) -> str:
 def _scenarios(posteriors: Posteriors, k: int) -> list[tuple[int, str]]:
     """Return row and name of the scenarios in which quantity k means anything, and of all together."""
     ever = np.any([np.nan_to_num(stage.marginals[k].share) > 0 for stage in posteriors.stages], axis=0)
+    ever[:-1] &= np.max([stage.scenarios for stage in posteriors.stages], axis=0) >= LEAST
     names = posteriors.scenarios
     single = len(names) == 1 or posteriors.told[k].quantity.name == "scenario"  # then all together say it
     return [(j, name) for j, name in enumerate(names) if ever[j] and not single] + [(len(names), ALL)]
@@ -114,4 +116,4 @@ def _numbers(posteriors: Posteriors, told: Told, found: Marginal) -> dict[str, A
 
 def _text(value: float) -> str:
     """Return a number for CSV; empty for what is unknown."""
-    return f"{float(value):.8g}" if np.isfinite(value) else ""
+    return f"{float(value):.7g}" if np.isfinite(value) else ""

@@ -378,6 +378,49 @@ def test_a_contact_on_the_time_of_distress(tmp_path: Path) -> None:
     assert of(posteriors, 1, "adrift").mean[-1] < of(posteriors, 0, "adrift").mean[-1] - HOUR
 
 
+VOYAGE = """
+[[scenario]]
+name = "voyage"
+weight = {{weight}}
+object = "water"
+[scenario.trackline]
+waypoints = [[178.3, 43.1], [-176.9, 44.2]]
+departure = "+1 h"
+speed = "11 kn"
+cross_track = "1 m"
+[[sortie]]
+name = "ship"
+start = "+5 h"
+end = "+9.5 h"
+watch = {{{{ at = [{lon}, {lat}], zones = [["0 nmi", "25 nmi", 0.83]] }}}}
+"""
+
+
+def test_a_failed_sortie_on_the_time_of_distress(tmp_path: Path) -> None:
+    """A ship keeps watch in still water where a boat may have gone adrift on its voyage, and sees nothing.
+
+    What is inside its zone for a share of the watch is missed with a chance of (1 - POD) to that power: docs/search.md.
+    """
+    at = (179.77, 43.55)
+    text = CALM.replace("0.9 kn", "0 kn").format(n=60_000) + VOYAGE.format(lon=at[0], lat=at[1]).format(weight=1)
+    (tmp_path / "case.toml").write_text(text)
+    posteriors, _ = believed(case_file.load(tmp_path / "case.toml"))
+    length = float(apart(*(np.array([x]) for x in PORTS[0]), PORTS[1])[0])
+    time = HOUR + (np.arange(500_000) + 0.5) / 500_000 * length / (11 * KNOT)
+    near_ship = apart(*along((time - HOUR) * 11 * KNOT, *PORTS), at) < 25 * NMI
+    inside = np.clip(9.5 * HOUR - np.maximum(time, 5 * HOUR), 0, None) / (4.5 * HOUR)
+    missed = np.where(near_ship, (1 - 0.83) ** inside, 1.0)
+    prior, after = (of(posteriors, stage, "adrift") for stage in (0, 1))
+    for found, weight in ((prior, np.ones(time.size)), (after, missed)):
+        mean, std, _ = moments(time, weight)
+        assert abs(found.mean[-1] - mean) < 3 * std / np.sqrt(found.ess[-1])
+        below = np.array([weight[time <= q].sum() for q in found.quantiles[-1]]) / weight.sum()
+        level = np.array(marginal.LEVELS)
+        assert (np.abs(below - level) < 3 * np.sqrt(level * (1 - level) / found.ess[-1])).all()
+    assert after.mean[-1] - prior.mean[-1] > 600
+    assert posteriors.stages[1].kind == "sortie"
+
+
 def test_scenarios_by_the_product_of_their_evidence(tmp_path: Path) -> None:
     """Three boats lie still at known places; two contacts are normal about places: closed form.
 
@@ -488,6 +531,9 @@ def test_the_picture(four: Posteriors, tmp_path: Path) -> None:
             share = stage.marginals[k].share[-1]
             assert share * (1 - 2.01 * posterior_map.TAILS) <= row.sum() <= share * (1 + 1e-9)
         assert (np.diff(own.edges) > 0).all()
+        # Those that keep a course all depart at once, and stand out of the departures.
+        alone = [] if own.lone is None else np.flatnonzero(own.lone).tolist()
+        assert alone == ([0] if told.quantity.name == "departure" else [])
         if told.quantity.name == "course":
             low, high = np.degrees(own.edges[[0, -1]])
             assert low < 360 < high or low < 0 < high  # north is inside, and so is no turn of nothing
