@@ -21,6 +21,7 @@ from drift.environment import corridors
 from drift.maps import labels
 from drift.maps.chart import Frame
 from drift.maps.overlay import Overlay
+from drift.motion import lanes as network_of
 from drift.motion.itinerary import InBox, InDisc, InRing, Itinerary, Near, Place, Ways
 from drift.motion.lanes import Network
 from drift.motion.scenario import Scenario
@@ -107,7 +108,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     networks = [
         phase.lanes.network for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes
     ]
-    network = joined(networks) if networks else None
+    network = network_of.joined(networks) if networks else None
     groups = list(_ways(stories).items())
     rings = list(dict.fromkeys(ring for _, own in stories for ring in own.rings))
     corners = [list(zip(np.degrees(ring.lon).tolist(), np.degrees(ring.lat).tolist(), strict=True)) for ring in rings]
@@ -225,22 +226,3 @@ def _names(names: Sequence[str]) -> str:
     """Return the names of the scenarios that take a way, the first few of many."""
     rest = len(names) - NAMED
     return f"{', '.join(names[:NAMED])} and {rest} more" if rest > 0 else ", ".join(names)
-
-
-def joined(networks: Sequence[Network]) -> Network:
-    """Return one network of the lanes of several, each lane once; nodes are told apart by name and place."""
-    place: dict[tuple[str, float, float], int] = {}
-    rows: dict[tuple[int, int], tuple[float, bool]] = {}
-    for network in networks:
-        number = [
-            place.setdefault((name, float(x), float(y)), len(place))
-            for name, x, y in zip(network.name, network.lon, network.lat, strict=True)
-        ]
-        for lane, (a, b) in enumerate(zip(network.start, network.end, strict=True)):
-            rows[number[a], number[b]] = float(network.width[lane]), bool(network.one_way[lane])
-    used = sorted({node for ends in rows for node in ends})
-    nodes = [list(place)[k] for k in used]
-    start, end = (np.searchsorted(used, [ends[k] for ends in rows]) for k in (0, 1))
-    width, one_way = (np.array(column) for column in zip(*rows.values(), strict=True))
-    lon, lat = (np.array([node[k] for node in nodes], float) for k in (1, 2))
-    return Network(tuple(node[0] for node in nodes), lon, lat, start, end, width, one_way)
