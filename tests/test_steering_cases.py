@@ -4,6 +4,7 @@ Without sorties and contacts: at two times, by scenario, what has become of them
 overdue_yacht goes on adrift: it stands in test_case_oracles.py.
 """
 
+import itertools
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -124,7 +125,7 @@ def medsearch_transit(rng: np.random.Generator, n: int, hours: float) -> list[Wh
     for scenario in table("medsearch_transit")["scenario"]:
         leg, patrol = scenario["phase"][0]["lanes"], scenario["phase"][1]["loiter"]
         route = passages.shortest(nodes, lanes, [leg["route"]["from"], *leg["route"]["via"], leg["route"]["to"]])
-        width = [lanes[pair] for pair in zip(route[:-1], route[1:], strict=True)]
+        width = [lanes[pair] for pair in itertools.pairwise(route)]
         lon, lat, along = passages.aside([nodes[one] for one in route], width, rng.uniform(-1, 1, n))
         entry = {k: v[1:] if isinstance(v, str) else v for k, v in leg["entry"].items()}
         begin = spread(rng, n, entry)
