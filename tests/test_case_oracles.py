@@ -386,7 +386,9 @@ def overdue_yacht(rng: np.random.Generator, n: int) -> list[tuple[Array, Array, 
         fate = np.where(arrived < np.minimum(distress, until), Status.ARRIVED, Status.UNDER_WAY)
         if np.isfinite(distress).any():
             goes = distress < arrived
-            one = cloud(rng, (x[goes], y[goes]), distress[goes], story["object"], 0.08, None, lambda n: (x, y))
+            one = cloud(
+                rng, (x[goes], y[goes]), distress[goes], story["object"], 0.08, None, lambda n: (np.empty(n),) * 2
+            )
             x[goes], y[goes], became = oracle.run(rng, one, until, current, wind, MODEL, coast, 1800.0)
             fate[goes] = [FATES[str(kind)] for kind in became]
         found.append((x, y, fate, np.where(fate == Status.ARRIVED, arrived, np.inf)))
