@@ -260,3 +260,32 @@ def cast_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[
         w * (contact["belief"] * p / mean + 1 - contact["belief"]) for w, p in zip(weights, likely, strict=True)
     ]
     return [places[-1] for places in ways], believed
+
+
+@pytest.mark.slow
+def test_buoys_and_a_contact_say_what_a_second_opinion_says() -> None:
+    """Posterior of the story and mean position at the end, given that no buoy heard anything and what the aircraft saw."""
+    n = 20_000
+    theirs, chances = cast_posterior(np.random.default_rng(20_260_606), n)
+    settings = {"particles": "40_000", "resampling": "{}", "expect": "{}"}
+    loaded = case_file.load("cast_submarine", settings | {"output": '{ every = "100 d", trajectories = 1_000_000 }'})
+    tracks = flow.run(loaded).trajectories
+    mine = [tracks.scenario == k for k in range(2)]
+    lon, lat = (x[:, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat))
+    found = told([lon[k] for k in mine], [lat[k] for k in mine], [tracks.weight[k, -1].astype(float) for k in mine])
+    expected = told([where.lon for where in theirs], [where.lat for where in theirs], chances)
+    apart = (found[0] - expected[0]) / np.hypot(found[1], expected[1])
+    assert (np.abs(apart) < SIGMAS).all(), (found, expected, apart)
+    assert 0.6 - found[0][0] < -10 * found[1][0]  # they say something: it was 0.6 before
+
+
+def told(lon: list[Array], lat: list[Array], weight: list[Array]) -> tuple[Array, Array]:
+    """Return the share of the first story and the mean place, with standard errors: ratios of weighted sums, linearised by story."""
+    total = sum(float(w.sum()) for w in weight)
+    columns = [np.stack([np.full(x.size, k == 0), x, y], axis=1) for k, (x, y) in enumerate(zip(lon, lat, strict=True))]
+    value = sum(w @ c for w, c in zip(weight, columns, strict=True)) / total
+    variance = np.zeros(3)
+    for w, c in zip(weight, columns, strict=True):
+        left = w[:, None] * (c - value) / total
+        variance += w.size * left.var(axis=0)
+    return np.asarray(value), np.sqrt(variance)
