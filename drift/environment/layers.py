@@ -49,8 +49,11 @@ def overlay(network: Network, areas: Mapping[str, Ring]) -> Overlay:
     return Overlay(draw, {"the lanes": middles(network), **rings}, key(bool(areas)))
 
 
-def lanes(ax: Axes, frame: Frame, network: Network) -> None:
-    """Draw corridors with all their joints, the middles of lanes, and an arrow on the middle of each one-way lane."""
+def lanes(ax: Axes, frame: Frame, network: Network, alpha: float = 0.75) -> None:
+    """Draw corridors with all their joints, the middles of lanes, and an arrow on the middle of each one-way lane.
+
+    alpha: of the corridors, under which shading is to be seen where there is any.
+    """
     quads = [corners for found in corridors.swept(network).values() for corners in found]
     shapes = []
     for corners in quads:
@@ -61,7 +64,7 @@ def lanes(ax: Axes, frame: Frame, network: Network) -> None:
     rings = [np.array(ring.coords) for ring in shapely.get_rings(shapely.get_parts(whole))]
     codes = [[Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY] for ring in rings]
     wash = Outline(np.concatenate(rings), np.concatenate(codes))
-    ax.add_patch(PathPatch(wash, facecolor=WASH, edgecolor="none", alpha=0.75, zorder=5.5))
+    ax.add_patch(PathPatch(wash, facecolor=WASH, edgecolor="none", alpha=alpha, zorder=5.5))
     lines = [np.column_stack(frame.project(*line.T)) for line in middles(network)]
     ax.add_collection(LineCollection(lines, colors=INK, linewidths=0.7, zorder=6), autolim=False)
     for lane in np.flatnonzero(network.one_way):
@@ -115,7 +118,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
 
     def draw(ax: Axes, frame: Frame) -> None:
         if network is not None:
-            lanes(ax, frame, network)
+            lanes(ax, frame, network, alpha=0.3)
         for number, (shapes, _) in enumerate(groups):
             _draw_ways(ax, frame, shapes, _style(number))
         patrols(ax, frame, corners)
@@ -132,9 +135,19 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     places: dict[str, Sequence[Array]] = {f"the way of {_names(names)}": shapes.arrays for shapes, names in groups}
     if network is not None:
         places["the lanes"] = middles(network)
+        places["where the lanes begin"] = _beginnings(stories)
     if rings:
         places["the areas of patrol"] = [np.array([*ring, ring[0]]) for ring in corners]
     return Overlay(draw, places, rows)
+
+
+def _beginnings(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
+    """Return the first node of each route, points (lon, lat) [deg], (1, 2)."""
+    routes = [
+        phase.lanes.route for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes
+    ]
+    first = dict.fromkeys((float(route.lon[0]), float(route.lat[0])) for route in routes)
+    return [np.degrees([place]) for place in first]
 
 
 @dataclass(frozen=True)
@@ -207,7 +220,7 @@ def _draw_ways(ax: Axes, frame: Frame, shapes: _Shapes, style: dict[str, Any]) -
         ax.plot(*frame.project(*np.array(outline).T), scalex=False, scaley=False, **thin)
     for lon, lat, share in shapes.odds:
         x, y = frame.project(lon, lat)
-        text = f"goes here: {labels.percent(share)}"
+        text = f"prior {100 * share:.3g} %"
         ax.annotate(
             text, (float(x), float(y)), (0, -16), textcoords="offset points", ha="center", fontsize=8,
             color=style["color"], path_effects=labels.HALO, zorder=14, annotation_clip=True,
