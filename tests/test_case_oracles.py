@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import oracle
+import passages
 import pytest
 import shapely
 import tomllib
@@ -29,12 +30,13 @@ from drift.particles.status import Status
 CASES = ROOT / "cases"
 OURS, THEIRS = 20_000, 2_500  # particles, in all; a scenario
 HALF = np.sqrt(2 * np.log(2))  # radius that holds half of a round normal, in standard deviations
-COMPARED = 140  # numbers that this file compares; three standard errors on each would be exceeded by chance once in three files
+COMPARED = 170  # numbers that this file compares; three standard errors on each would be exceeded by chance once in three files
 SIGMAS = stats.norm.isf(
     stats.norm.sf(3.0) / COMPARED
 )  # 4.3: all of them together are as sure as three hold one (Bonferroni)
 START = {
     "overdue_boat": "2026-11-21T18:30",
+    "overdue_yacht": "2026-10-14T18:00",
     "gulf_containers": "1973-11-01T12:00",
     "norkyst_raft": "2015-11-16T00:00",
     "washington_piw": "2023-03-02T12:00",
@@ -343,6 +345,76 @@ def gulf_containers(rng: np.random.Generator, n: int) -> World:
     errors = Errors((0.12, 12 * HOUR), (1.5, 6 * HOUR), 10.0)
     current = oracle.gulf(zero, -99, 23, -83, 32)
     return World(clouds, 10 * DAY, current, oracle.breeze(zero, -91.0), errors, coast, 3600.0)
+
+
+def overdue_yacht(rng: np.random.Generator, n: int) -> list[tuple[Array, Array, Array, Array]]:
+    """Return where the yachts of three stories are at the end (lon, lat), what has become of each, and when it arrived [s]; never: inf.
+
+    Under way along great circles, until the distress; then adrift, where they were.
+    """
+    told, zero = table("overdue_yacht"), since_2000("overdue_yacht")
+    coast = oracle.gshhg(-92, 24, -81, 32)
+    current, wind = oracle.gulf(zero, -94, 22, -80, 32), oracle.breeze(zero, -88.7)
+    begin, until = start("overdue_yacht"), 84 * HOUR
+
+    def after(text: str) -> float:
+        day, hour, minute = int(text[:2]), int(text[2:4]), int(text[4:6])
+        return float((day - 14) * DAY + (hour - 18) * HOUR + minute * 60)
+
+    assert begin == np.datetime64("2026-10-14T18:00", "ns")
+    found = []
+    for story in told["scenario"]:
+        voyage = story["phase"][0]["voyage"]
+        points = [place(one) for one in voyage["waypoints"]]
+        side = rng.standard_normal(n)
+        lon, lat, along = passages.aside(points, [2 * metres(voyage["cross_track"])] * (len(points) - 1), side)
+        speed = voyage["speed"]
+        if isinstance(speed, dict):
+            low, best, high = (float(speed[k].split()[0]) for k in ("low", "best", "high"))
+            pace = passages.triangle(rng, n, low, best, high, speed["ratio"]) * KNOT
+        else:
+            pace = rng.uniform(*(float(one.split()[0]) for one in speed), n) * KNOT
+        time = rng.uniform(0, 3 * HOUR, n)[:, None] + along / pace[:, None]
+        distress, arrived = np.full(n, np.inf), time[:, -1]
+        if "part" in story.get("distress", {}):
+            distress = time[:, 0] + rng.uniform(0, 1, n) * along[-1] / pace
+        elif "distress" in story:
+            law = story["distress"]["between"]
+            times = (after(law[k]) for k in ("earliest", "best", "latest"))
+            distress = passages.triangle(rng, n, *times, law["ratio"])
+        x, y = passages.passed(lon, lat, time, np.minimum(distress, until))
+        fate = np.where(arrived < np.minimum(distress, until), Status.ARRIVED, Status.UNDER_WAY)
+        if np.isfinite(distress).any():
+            goes = distress < arrived
+            one = cloud(
+                rng, (x[goes], y[goes]), distress[goes], story["object"], 0.08, None, lambda n: (np.empty(n),) * 2
+            )
+            x[goes], y[goes], became = oracle.run(rng, one, until, current, wind, MODEL, coast, 1800.0)
+            fate[goes] = [FATES[str(kind)] for kind in became]
+        found.append((x, y, fate, np.where(fate == Status.ARRIVED, arrived, np.inf)))
+    return found
+
+
+@pytest.mark.slow
+def test_yachts_are_where_a_second_opinion_says() -> None:
+    """Shares, means and second moments 84 h after the departure, under way, adrift, ashore and in port."""
+    theirs = overdue_yacht(np.random.default_rng(20_260_605), 6_000)
+    settings = {"particles": "24_000", "expect": "{}", "output": '{ every = "100 d", trajectories = 1_000_000 }'}
+    tracks = flow.run(case_file.load("overdue_yacht", settings)).trajectories
+    kinds = (Status.ADRIFT, Status.ASHORE, Status.UNDER_WAY, Status.ARRIVED)
+
+    def told(lon: Array, lat: Array, fate: Array) -> tuple[Array, Array]:
+        x, y = flat(lon, lat, (-85.0, 28.8)).T
+        a, b = x - x.mean(), y - y.mean()
+        columns = np.stack([*(fate == kind for kind in kinds), x, y, a * a, b * b, a * b], axis=1)
+        return columns.mean(axis=0), columns.std(axis=0) / np.sqrt(lon.size)
+
+    for number, (x, y, fate, _) in enumerate(theirs):
+        mine = tracks.scenario == number
+        lon, lat = (at[mine, -1].astype(float) * 360 / 2**32 for at in (tracks.lon, tracks.lat))
+        (here, e), (there, f) = told(lon, lat, tracks.status[mine, -1]), told(x, y, fate)
+        apart = (here - there) / np.maximum(np.hypot(e, f), 1e-300)
+        assert (np.abs(apart[here != there]) < SIGMAS).all(), (number, here, there, apart)
 
 
 FATES = {

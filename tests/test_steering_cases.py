@@ -4,10 +4,10 @@ Without sorties and contacts: at two times, by scenario, what has become of them
 overdue_yacht goes on adrift: it stands in test_case_oracles.py.
 """
 
+import itertools
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -118,23 +118,46 @@ def cast_ways(rng: np.random.Generator, n: int, hours: Sequence[float]) -> list[
     return told
 
 
-def medsearch_transit(rng: np.random.Generator, n: int, hours: float) -> list[Where]:
-    """Twelve routes along lanes, then an area of patrol."""
-    told = []
+@dataclass(frozen=True)
+class Transit:
+    """Way points (lon, lat, time) (n, k) of submarines on a route, and the patrol after it."""
+
+    lon: Array
+    lat: Array
+    time: Array  # [s]
+    patrol: dict[str, Any]
+    pace: Array  # (n,) [m/s] on patrol
+
+    def at(self, time: float | Array) -> tuple[Array, Array]:
+        """Return where they are at a time [s] on their route."""
+        return passages.passed(self.lon, self.lat, self.time, time)
+
+
+def transits(rng: np.random.Generator, n: int) -> list[Transit]:
+    """Return the submarines of each scenario of medsearch_transit."""
+    found = []
     nodes, lanes = passages.network(CASES / "networks" / "mediterranean.toml")
     for scenario in table("medsearch_transit")["scenario"]:
         leg, patrol = scenario["phase"][0]["lanes"], scenario["phase"][1]["loiter"]
         route = passages.shortest(nodes, lanes, [leg["route"]["from"], *leg["route"]["via"], leg["route"]["to"]])
-        width = [lanes[pair] for pair in pairwise(route)]
+        width = [lanes[pair] for pair in itertools.pairwise(route)]
         lon, lat, along = passages.aside([nodes[one] for one in route], width, rng.uniform(-1, 1, n))
         entry = {k: v[1:] if isinstance(v, str) else v for k, v in leg["entry"].items()}
-        begin = spread(rng, n, entry)
-        time = begin[:, None] + along / spread(rng, n, leg["speed"])[:, None]
-        at = passages.passed(lon, lat, time, hours * HOUR)
-        pace, left = spread(rng, n, patrol["speed"]), hours * HOUR - time[:, -1]
-        (at,) = passages.loiter(rng, patrol["polygon"], *at, [left], pace, number(patrol["leg"]))
-        told.append(Where(*at, np.where(begin < hours * HOUR, Status.UNDER_WAY, Status.PENDING)))
-    return told
+        time = spread(rng, n, entry)[:, None] + along / spread(rng, n, leg["speed"])[:, None]
+        found.append(Transit(lon, lat, time, patrol, spread(rng, n, patrol["speed"])))
+    return found
+
+
+def medsearch_transit(rng: np.random.Generator, n: int, hours: float) -> list[Where]:
+    """Twelve routes along lanes, then an area of patrol."""
+    return [patrolled(rng, one, hours * HOUR) for one in transits(rng, n)]
+
+
+def patrolled(rng: np.random.Generator, one: Transit, time: float) -> Where:
+    """Return where submarines are at a time on their route or on patrol."""
+    left = time - one.time[:, -1]
+    (at,) = passages.loiter(rng, one.patrol["polygon"], *one.at(time), [left], one.pace, number(one.patrol["leg"]))
+    return Where(*at, np.where(one.time[:, 0] < time, Status.UNDER_WAY, Status.PENDING))
 
 
 def smuggler_bridge(rng: np.random.Generator, n: int, hours: float) -> list[Where]:
@@ -260,3 +283,103 @@ def cast_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[
         w * (contact["belief"] * p / mean + 1 - contact["belief"]) for w, p in zip(weights, likely, strict=True)
     ]
     return [places[-1] for places in ways], believed
+
+
+@pytest.mark.slow
+def test_buoys_and_a_contact_say_what_a_second_opinion_says() -> None:
+    """Posterior of the story and mean position at the end, given that no buoy heard anything and what the aircraft saw."""
+    n = 20_000
+    theirs, chances = cast_posterior(np.random.default_rng(20_260_606), n)
+    settings = {"particles": "40_000", "resampling": "{}", "expect": "{}"}
+    loaded = case_file.load("cast_submarine", settings | {"output": '{ every = "100 d", trajectories = 1_000_000 }'})
+    tracks = flow.run(loaded).trajectories
+    mine = [tracks.scenario == k for k in range(2)]
+    lon, lat = (x[:, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat))
+    found = told([lon[k] for k in mine], [lat[k] for k in mine], [tracks.weight[k, -1].astype(float) for k in mine])
+    expected = told([where.lon for where in theirs], [where.lat for where in theirs], chances)
+    apart = (found[0] - expected[0]) / np.hypot(found[1], expected[1])
+    assert (np.abs(apart) < SIGMAS).all(), (found, expected, apart)
+    assert 0.6 - found[0][0] < -10 * found[1][0]  # they say something: it was 0.6 before
+
+
+def told(lon: list[Array], lat: list[Array], weight: list[Array]) -> tuple[Array, Array]:
+    """Return the shares of all stories but the last, and the mean place, with standard errors.
+
+    They are ratios of weighted sums, linearised by story.
+    """
+    total = sum(float(w.sum()) for w in weight)
+    stories = np.eye(len(lon))[:, :-1]
+    columns = [
+        np.column_stack([np.tile(stories[k], (x.size, 1)), x, y]) for k, (x, y) in enumerate(zip(lon, lat, strict=True))
+    ]
+    value = sum(w @ c for w, c in zip(weight, columns, strict=True)) / total
+    variance = np.zeros(value.size)
+    for w, c in zip(weight, columns, strict=True):
+        left = w[:, None] * (c - value) / total
+        variance += w.size * left.var(axis=0)
+    return np.asarray(value), np.sqrt(variance)
+
+
+def across(one: Transit, points: list[str]) -> Array:
+    """Return when submarines first cross the great circle through two points [s], each of which lies beyond all lanes; never: inf.
+
+    A route crosses it once: at the leg whose ends lie on its two sides, found by halving.
+    """
+    normal = np.cross(*(vector(*place(text)) for text in points))
+    side = vector(one.lon, one.lat) @ normal > 0
+    leg = np.argmax(side[:, 1:] != side[:, :-1], axis=1)
+    row = np.arange(leg.size)
+    crosses = side[row, leg] != side[row, leg + 1]
+    low, high = one.time[row, leg], one.time[row, leg + 1]
+    for _ in range(30):
+        middle = (low + high) / 2
+        beyond = (vector(*one.at(middle)) @ normal > 0) != side[row, leg]
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    return np.where(crosses, high, np.inf)
+
+
+def vector(lon: Any, lat: Any) -> Array:
+    """Return positions [deg] as unit vectors, (..., 3)."""
+    lon, lat = np.radians(lon), np.radians(lat)
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
+
+
+def transit_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[Array]]:
+    """Return medsearch_transit at its end, and the weights of its particles given what the barriers say."""
+    case = table("medsearch_transit")
+    places, weights = [], []
+    for scenario, one in zip(case["scenario"], transits(rng, n), strict=True):
+        weight = np.full(n, scenario["weight"] / n)
+        for barrier in case["barrier"]:
+            begin, end = (number(barrier[key][1:]) for key in ("start", "end"))
+            touched = across(one, barrier["points"])
+            there = (touched >= begin) & (touched <= end)
+            silent = 1 - barrier["detection"] * there
+            if "reported" not in barrier:
+                weight = weight * silent
+                continue
+            size, unit = barrier["error"].split()
+            error = float(size) * {"min": 60.0, "h": HOUR}[unit]
+            false = float(barrier["false_alarms"].split()[0]) / HOUR
+            z = (touched - number(barrier["reported"][1:])) / error
+            with np.errstate(invalid="ignore"):
+                law = np.exp(-0.5 * z**2) / (error * np.sqrt(2 * np.pi))
+            weight = weight * (barrier["detection"] * np.where(there, law, 0.0) + false * silent)
+        weights.append(weight)
+        places.append(patrolled(rng, one, END["medsearch_transit"] * HOUR))
+    return places, weights
+
+
+@pytest.mark.slow
+def test_barriers_say_what_a_second_opinion_says() -> None:
+    """Posterior of each story and mean position at the end, given a barrier that was silent and one that reported."""
+    theirs, chances = transit_posterior(np.random.default_rng(20_260_607), 6_000)
+    settings = {"particles": "72_000", "resampling": "{}", "expect": "{}"}
+    loaded = case_file.load("medsearch_transit", settings | {"output": '{ every = "100 d", trajectories = 1_000_000 }'})
+    tracks = flow.run(loaded).trajectories
+    mine = [tracks.scenario == k for k in range(len(theirs))]
+    lon, lat = (x[:, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat))
+    found = told([lon[k] for k in mine], [lat[k] for k in mine], [tracks.weight[k, -1].astype(float) for k in mine])
+    expected = told([where.lon for where in theirs], [where.lat for where in theirs], chances)
+    apart = (found[0] - expected[0]) / np.maximum(np.hypot(found[1], expected[1]), 1e-300)
+    assert (np.abs(apart) < SIGMAS).all(), (found, expected, apart)

@@ -283,32 +283,44 @@ class LoiterTable(WindowedTable):
         return Loiter(InRing(tuple(lon.tolist()), tuple(lat.tolist())), self.speed, self.leg, *self.end(start))
 
 
-class TrackTable(fields.Table):
+class BoundedTable(fields.Table):
+    """Speeds made good between way points that have times."""
+
+    min_speed: fields.Speed = 0.0
+    max_speed: fields.ShipSpeed | None = None
+
+    @model_validator(mode="after")
+    def speeds_in_order(self) -> "BoundedTable":
+        """Refuse a lowest speed above the highest."""
+        if self.max_speed is not None and self.min_speed > self.max_speed:
+            raise ValueError(f"min_speed {self.min_speed:.3g} m/s is above max_speed {self.max_speed:.3g} m/s")
+        return self
+
+
+class TrackTable(BoundedTable):
     """Places at times after an uncertain start."""
 
     start: Time = AT_ONCE
     points: Annotated[list[PointTable], Field(min_length=2)]
-    min_speed: fields.Speed = 0.0
-    max_speed: fields.ShipSpeed | None = None
 
     def phase(self, start: np.datetime64, folder: Path) -> Ways:
         """Return the record."""
         earliest, after = _start(self.start, start)
+        points = _points(self.points, None, start)
+        _in_order(list(points), start, lambda seconds: f"after {seconds / 3600:g} h")
         return Ways(
-            _points(self.points, None, start), earliest, after,
+            points, earliest, after,
             slowest=self.min_speed, fastest=self.max_speed or math.inf,
         )  # fmt: skip
 
 
-class BridgeTable(fields.Table):
+class BridgeTable(BoundedTable):
     """Way points, and a Brownian bridge from each to the next."""
 
     k: fields.SpreadRate
     k_spread: Annotated[float, Field(ge=1, le=20)] = 1.0
     points: Annotated[list[PointTable], Field(min_length=1)]
     destinations: list[PointTable] = Field(default_factory=list)
-    min_speed: fields.Speed = 0.0
-    max_speed: fields.ShipSpeed | None = None
 
     @model_validator(mode="after")
     def somewhere(self) -> "BridgeTable":
@@ -371,7 +383,7 @@ class LanesTable(fields.Table):
 
     def phase(self, start: np.datetime64, folder: Path) -> Ways:
         """Return the record; raise UserError where the network or the route is at fault."""
-        chart = read(sources.one_file(self.network, folder, "lanes.network"))
+        chart = read(sources.one_file(self.network, folder, "network"))
         route = self.route.route(chart.network)
         columns = (x.tolist() for x in (route.lon, route.lat, route.half, route.toward))
         places = [Abeam(*at) for at in zip(*columns, strict=True)]
@@ -412,14 +424,16 @@ def _point(table: PointTable, before: Place | None, origin: np.datetime64 | None
     return WayPoint(table.place(before), table.time.seconds(origin, start))
 
 
-def _in_order(points: list[WayPoint], start: np.datetime64) -> None:
-    """Refuse a way point that is surely reached before the one before it."""
+def _in_order(points: list[WayPoint], start: np.datetime64, told: Callable[[float], str] | None = None) -> None:
+    """Refuse a way point that is surely reached before the one before it; told: how seconds are told, by default as times."""
+    told = told or (lambda seconds: notation.group(start + np.timedelta64(round(seconds), "s")))
     for a, b in itertools.pairwise(points):
         earliest = a.time.low if isinstance(a.time, Spread) else a.time.mean if a.time else 0.0
         latest = b.time.high if isinstance(b.time, Spread) else b.time.mean if b.time else math.inf
         if latest <= earliest:
-            first, last = (notation.group(start + np.timedelta64(round(t), "s")) for t in (earliest, latest))
-            raise ValueError(f"arrives {last}, before it departs, {first}; give times in the order of the way points")
+            raise ValueError(
+                f"arrives {told(latest)}, before it departs, {told(earliest)}; give times in the order of the way points"
+            )
 
 
 LAWS = ("course", "track", "lanes", "voyage", "loiter", "bridge")
@@ -436,6 +450,17 @@ class PhaseTable(fields.Table):
     bridge: BridgeTable | None = None
 
     @property
+    def kind(self) -> str:
+        """Its kind, the name of its table."""
+        return fields.one_of(self, LAWS)
+
+    @property
+    def endless(self) -> bool:
+        """Whether it goes on for as long as the run."""
+        own = self.course or self.loiter
+        return own is not None and own.until is None and own.lasting is None
+
+    @property
     def begins(self) -> bool:
         """Whether it says where it begins."""
         return self.course is None and self.loiter is None
@@ -447,12 +472,8 @@ class PhaseTable(fields.Table):
         return self
 
     def phase(self, start: np.datetime64, folder: Path) -> Phase:
-        """Return the record; refusals say of which kind the phase is."""
-        kind = fields.one_of(self, LAWS)
-        try:
-            phase: Phase = getattr(self, kind).phase(start, folder)
-        except ValueError as error:
-            raise ValueError(f"{kind}: {error}") from None
+        """Return the record."""
+        phase: Phase = getattr(self, self.kind).phase(start, folder)
         return phase
 
 
@@ -476,7 +497,7 @@ class DistressTable(fields.Table):
         if self.part is not None:
             first = phases[0]
             if not isinstance(first, Ways) or first.points[-1].time is not None:
-                raise ValueError("distress.part is one of a voyage or a route along lanes; give between or rate")
+                raise ValueError("part is that of a voyage or a route along lanes; give between or rate")
             return Part(self.part)
         assert self.between is not None
         return Between(*_start(self.between, start))

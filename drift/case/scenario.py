@@ -195,6 +195,12 @@ class ScenarioTable(fields.Table):
         adrift = not self.phase or self.distress is not None
         if adrift and self.object is None:
             yield "object is missing: what drifts? See: drift objects"
+        for number, phase in enumerate(self.phase[:-1], 1):
+            if phase.endless:
+                yield (
+                    f"phase {number} has no end, so that phase {number + 1} never comes; give {phase.kind}.until or "
+                    f"{phase.kind}.for, or leave the phases after it out"
+                )
         for name in () if self.phase else ("vessel", "distress", "overdue"):
             if getattr(self, name) is not None:
                 yield f"{name} belongs to what is under way first; add [[scenario.phase]]"
@@ -217,13 +223,17 @@ class ScenarioTable(fields.Table):
             return None
         phases, wrong = [], Mistakes()
         for number, table in enumerate(self.phase, 1):
-            with wrong.gathered(f"phase {number}"):
+            with wrong.gathered(f'scenario "{self.name}".phase {number}.{table.kind}'):
                 phases.append(table.phase(start, folder))
+        distress = None
+        if self.distress is not None and len(phases) == len(self.phase):
+            with wrong.gathered(f'scenario "{self.name}".distress'):
+                distress = self.distress.distress(tuple(phases), start)
         wrong.refuse()
         vessel = self.vessel or VesselTable()
         return Itinerary(
             tuple(phases),
-            self.distress.distress(tuple(phases), start) if self.distress else None,
+            distress,
             None if self.overdue is None else units.resolve(self.overdue, start),
             vessel.land,
             vessel.search_object,

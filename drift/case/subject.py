@@ -16,7 +16,7 @@ from drift.case.scenario import PARAMETERS, ScenarioTable
 from drift.case.schema import CaseTable
 from drift.case.spill import build as build_spill
 from drift.environment.forcing_spec import Forcing, ForcingSpec
-from drift.motion.itinerary import Itinerary, Ways
+from drift.motion.itinerary import Itinerary, Phase, Spread, Ways
 from drift.motion.leeway import WATER, Drifter
 from drift.motion.scenario import Scenario
 from drift.spill.records import Find, Patrol, Spill
@@ -129,7 +129,7 @@ def _scenario(
     itinerary: Itinerary | None = None
     with wrong.gathered(place):
         prior = table.prior(start)
-    with wrong.gathered(place):
+    with wrong.gathered():
         itinerary = table.itinerary(start, folder)
     with wrong.gathered():
         if prior is not None:
@@ -141,7 +141,7 @@ def _scenario(
         key = QUANTITIES[quantity].key
         with wrong.gathered():
             chosen[quantity] = _chosen(getattr(table, key), specs, f"{place}.{key}")
-    adrift = itinerary is None or itinerary.distress is not None
+    adrift = not table.phase or table.distress is not None
     if len(chosen) == len(forcing) and adrift and _forced(table.motion):
         with wrong.gathered():
             _check_sources(place, drifter, chosen)
@@ -184,12 +184,21 @@ def _check_itinerary(place: str, itinerary: Itinerary, start: np.datetime64, end
     """Refuse a target that steers in a backward run, or may be under way before the run."""
     if end < start:
         raise UserError(f"{place}: what steers runs forward; give an end after the start, or leave phases out")
-    first = itinerary.phases[0]
-    if isinstance(first, Ways) and not start <= first.start <= end:
-        raise UserError(
-            f"{place}: it may get under way at {notation.group(first.start)}, outside the run, {notation.group(start)} "
-            f"to {notation.group(end)}; change its times or the case's start and end"
-        )
+    span = f"outside the run, {notation.group(start)} to {notation.group(end)}; change its times or the case's start and end"
+    for time in _departures(itinerary.phases[0]):
+        if not start <= time <= end:
+            raise UserError(f"{place}: it may get under way at {notation.group(time)}, {span}")
+    if itinerary.overdue is not None and not start < itinerary.overdue <= end:
+        raise UserError(f"{place}.overdue: {notation.group(itinerary.overdue)} is {span}")
+
+
+def _departures(first: Phase) -> list[np.datetime64]:
+    """Return the earliest and the latest time at which a target gets under way on a way; of a normal law, the mean."""
+    if not isinstance(first, Ways):
+        return []
+    time = first.points[0].time
+    low, high = (time.low, time.high) if isinstance(time, Spread) else (time.mean, time.mean) if time else (0.0, 0.0)
+    return [first.start + np.timedelta64(round(t), "s") for t in (low + first.after.low, high + first.after.high)]
 
 
 def _check_sources(place: str, drifter: Drifter, named: Mapping[str, tuple[str, ...]]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from drift.environment import sailable
 from drift.environment.environment_spec import Coast
 from drift.motion import models
 from drift.motion.ensemble_spec import EnsembleSpec
@@ -42,7 +43,7 @@ def opened(
 ) -> tuple[Shore, shoreline.Coast | None]:
     """Return the land in a box and its coast, None where there is none.
 
-    Raises UserError for a position that was reported on land.
+    Raises UserError for a position that was reported on land, and for lanes, voyages and areas of patrol that touch it.
 
     seen: what of the land's detail is wanted, all of it unless a function says; shared: land and coast, where other
     runs have built them.
@@ -54,6 +55,7 @@ def opened(
         whole = shore.land(asked.source, box, asked.lakes)
         land = seen(whole) if seen and not spec.release else whole
         coast = shoreline.build(land, box) if land.polygons.size else None
+    _check_ways(spec, asked, box, whole, coast if land is whole else None)
     if coast is not None:
         for scenario in spec.scenarios:
             story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
@@ -88,6 +90,21 @@ def _about(lon: float, lat: float, land: Shore) -> shoreline.Coast:
     box = Box(west, south, west + 2 * NEAR, north)
     cut = box.grown(MARGIN, MARGIN)
     return shoreline.build(Shore(shore.clip(land.polygons, cut), land.source, box=cut), box)
+
+
+def _check_ways(spec: EnsembleSpec, asked: Coast, box: Box, whole: Shore, coast: shoreline.Coast | None) -> None:
+    """Refuse itineraries over land; whole: the land in the box; coast: in full detail, None where it is not built."""
+    need = sailable.box(spec.scenarios)
+    if need is None:
+        return
+    inside = box.south <= need.south and need.north <= box.north
+    inside &= sphere.wrap_degrees(need.west - box.west) % 360 + need.east - need.west <= box.east - box.west
+    if not inside:  # the case's own domain is smaller than its ways, or its sources are
+        whole, coast = shore.land(asked.source, need, asked.lakes), None
+    if coast is None and whole.polygons.size:
+        coast = shoreline.build(whole, box if inside else need)
+    if coast is not None:
+        sailable.refuse(spec.scenarios, coast)
 
 
 def _check_water(story: str, lon: float, lat: float, coast: shoreline.Coast) -> None:

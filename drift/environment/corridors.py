@@ -7,7 +7,7 @@ great circles, a straight one in the gnomonic projection about the lane's middle
 the full coast. So nothing is different at the antimeridian or near a pole.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,8 +47,22 @@ def refuse_lanes(network: Network, coast: Coast, routes: Sequence[Route] = ()) -
     routes: those that a case has; they matter where they turn back on a lane. Raises ValueError where the coast does
     not cover the network.
     """
-    edges = _edges(coast)
     wrong = []
+    for lane, width, where in touching(network, coast, routes):
+        a, b = (network.name[int(node[lane])] for node in (network.start, network.end))
+        wrong.append(
+            f'lane "{a} - {b}": its corridor, {width} wide, touches land {where}; make it narrower or move a node'
+        )
+    if wrong:
+        raise UserError(*wrong)
+
+
+def touching(network: Network, coast: Coast, routes: Sequence[Route] = ()) -> Iterator[tuple[int, str, str]]:
+    """Give the number of each lane whose corridor touches land, how wide that is and where, in words.
+
+    Raises ValueError where the coast does not cover the network.
+    """
+    edges = _edges(coast)
     for lane, corners in swept(network, routes).items():
         _known(coast, np.concatenate([corners.reshape(-1, 2), _halfway(corners)]))
         a, b = (int(node[lane]) for node in (network.start, network.end))
@@ -58,12 +72,7 @@ def refuse_lanes(network: Network, coast: Coast, routes: Sequence[Route] = ()) -
         lon, lat, away = touched or (float(network.lon[a]), float(network.lat[a]), 0.0)
         where = f"near [{np.degrees(sphere.wrap(lon)):.3f}, {np.degrees(lat):.3f}]"
         off = f"{away / NMI:.2g} nmi off its middle" if away > CLEAR else "on its middle"
-        wrong.append(
-            f'lane "{network.name[a]} - {network.name[b]}": its corridor, {_width(network, lane, corners)} wide, '
-            f"touches land {where}, {off}; make it narrower or move a node"
-        )
-    if wrong:
-        raise UserError(*wrong)
+        yield lane, _width(network, lane, corners), f"{where}, {off}"
 
 
 def refuse_area(place: str, ring: Sequence[tuple[float, float]], coast: Coast) -> None:

@@ -21,6 +21,7 @@ from drift.environment import corridors
 from drift.maps import labels
 from drift.maps.chart import Frame
 from drift.maps.overlay import Overlay
+from drift.motion import lanes as network_of
 from drift.motion.itinerary import InBox, InDisc, InRing, Itinerary, Near, Place, Ways
 from drift.motion.lanes import Network
 from drift.motion.scenario import Scenario
@@ -48,8 +49,11 @@ def overlay(network: Network, areas: Mapping[str, Ring]) -> Overlay:
     return Overlay(draw, {"the lanes": middles(network), **rings}, key(bool(areas)))
 
 
-def lanes(ax: Axes, frame: Frame, network: Network) -> None:
-    """Draw corridors with all their joints, the middles of lanes, and an arrow on the middle of each one-way lane."""
+def lanes(ax: Axes, frame: Frame, network: Network, alpha: float = 0.75) -> None:
+    """Draw corridors with all their joints, the middles of lanes, and an arrow on the middle of each one-way lane.
+
+    alpha: of the corridors, under which shading is to be seen where there is any.
+    """
     quads = [corners for found in corridors.swept(network).values() for corners in found]
     shapes = []
     for corners in quads:
@@ -60,7 +64,7 @@ def lanes(ax: Axes, frame: Frame, network: Network) -> None:
     rings = [np.array(ring.coords) for ring in shapely.get_rings(shapely.get_parts(whole))]
     codes = [[Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY] for ring in rings]
     wash = Outline(np.concatenate(rings), np.concatenate(codes))
-    ax.add_patch(PathPatch(wash, facecolor=WASH, edgecolor="none", alpha=0.75, zorder=5.5))
+    ax.add_patch(PathPatch(wash, facecolor=WASH, edgecolor="none", alpha=alpha, zorder=5.5))
     lines = [np.column_stack(frame.project(*line.T)) for line in middles(network)]
     ax.add_collection(LineCollection(lines, colors=INK, linewidths=0.7, zorder=6), autolim=False)
     for lane in np.flatnonzero(network.one_way):
@@ -107,14 +111,14 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     networks = [
         phase.lanes.network for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes
     ]
-    network = joined(networks) if networks else None
+    network = network_of.joined(networks) if networks else None
     groups = list(_ways(stories).items())
     rings = list(dict.fromkeys(ring for _, own in stories for ring in own.rings))
     corners = [list(zip(np.degrees(ring.lon).tolist(), np.degrees(ring.lat).tolist(), strict=True)) for ring in rings]
 
     def draw(ax: Axes, frame: Frame) -> None:
         if network is not None:
-            lanes(ax, frame, network)
+            lanes(ax, frame, network, alpha=0.3)
         for number, (shapes, _) in enumerate(groups):
             _draw_ways(ax, frame, shapes, _style(number))
         patrols(ax, frame, corners)
@@ -131,9 +135,19 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     places: dict[str, Sequence[Array]] = {f"the way of {_names(names)}": shapes.arrays for shapes, names in groups}
     if network is not None:
         places["the lanes"] = middles(network)
+        places["where the lanes begin"] = _beginnings(stories)
     if rings:
         places["the areas of patrol"] = [np.array([*ring, ring[0]]) for ring in corners]
     return Overlay(draw, places, rows)
+
+
+def _beginnings(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
+    """Return the first node of each route, points (lon, lat) [deg], (1, 2)."""
+    routes = [
+        phase.lanes.route for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes
+    ]
+    first = dict.fromkeys((float(route.lon[0]), float(route.lat[0])) for route in routes)
+    return [np.degrees([place]) for place in first]
 
 
 @dataclass(frozen=True)
@@ -206,7 +220,7 @@ def _draw_ways(ax: Axes, frame: Frame, shapes: _Shapes, style: dict[str, Any]) -
         ax.plot(*frame.project(*np.array(outline).T), scalex=False, scaley=False, **thin)
     for lon, lat, share in shapes.odds:
         x, y = frame.project(lon, lat)
-        text = f"goes here: {labels.percent(share)}"
+        text = f"prior {100 * share:.3g} %"
         ax.annotate(
             text, (float(x), float(y)), (0, -16), textcoords="offset points", ha="center", fontsize=8,
             color=style["color"], path_effects=labels.HALO, zorder=14, annotation_clip=True,
@@ -225,22 +239,3 @@ def _names(names: Sequence[str]) -> str:
     """Return the names of the scenarios that take a way, the first few of many."""
     rest = len(names) - NAMED
     return f"{', '.join(names[:NAMED])} and {rest} more" if rest > 0 else ", ".join(names)
-
-
-def joined(networks: Sequence[Network]) -> Network:
-    """Return one network of the lanes of several, each lane once; nodes are told apart by name and place."""
-    place: dict[tuple[str, float, float], int] = {}
-    rows: dict[tuple[int, int], tuple[float, bool]] = {}
-    for network in networks:
-        number = [
-            place.setdefault((name, float(x), float(y)), len(place))
-            for name, x, y in zip(network.name, network.lon, network.lat, strict=True)
-        ]
-        for lane, (a, b) in enumerate(zip(network.start, network.end, strict=True)):
-            rows[number[a], number[b]] = float(network.width[lane]), bool(network.one_way[lane])
-    used = sorted({node for ends in rows for node in ends})
-    nodes = [list(place)[k] for k in used]
-    start, end = (np.searchsorted(used, [ends[k] for ends in rows]) for k in (0, 1))
-    width, one_way = (np.array(column) for column in zip(*rows.values(), strict=True))
-    lon, lat = (np.array([node[k] for node in nodes], float) for k in (1, 2))
-    return Network(tuple(node[0] for node in nodes), lon, lat, start, end, width, one_way)

@@ -113,6 +113,25 @@ def followed(network: Network, routes: Sequence[Route]) -> Network:
     )
 
 
+def joined(networks: Sequence[Network]) -> Network:
+    """Return one network of the lanes of several, each lane once; nodes are told apart by name and place."""
+    place: dict[tuple[str, float, float], int] = {}
+    rows: dict[tuple[int, int], tuple[float, bool]] = {}
+    for network in networks:
+        number = [
+            place.setdefault((name, float(x), float(y)), len(place))
+            for name, x, y in zip(network.name, network.lon, network.lat, strict=True)
+        ]
+        for lane, (a, b) in enumerate(zip(network.start, network.end, strict=True)):
+            rows[number[a], number[b]] = float(network.width[lane]), bool(network.one_way[lane])
+    used = sorted({node for ends in rows for node in ends})
+    nodes = [list(place)[k] for k in used]
+    start, end = (np.searchsorted(used, [ends[k] for ends in rows]) for k in (0, 1))
+    width, one_way = (np.array(column) for column in zip(*rows.values(), strict=True))
+    lon, lat = (np.array([node[k] for node in nodes], float) for k in (1, 2))
+    return Network(tuple(node[0] for node in nodes), lon, lat, start, end, width, one_way)
+
+
 def across(arriving: Array, leaving: Array, before: Array, after: Array) -> tuple[Array, Array]:
     """Return (half, toward) [m, rad] of the line across the corridor at corners.
 

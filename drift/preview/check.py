@@ -12,7 +12,7 @@ from drift.case.record import Case
 from drift.forecast import likeliest
 from drift.job import in_turn
 from drift.motion.scenario import Scenario
-from drift.preview import outlook
+from drift.preview import outlook, voyage
 from drift.search.records import Barrier, Field, Line, Look, Presence, Sortie
 from drift.spill import renewal
 from drift.spill.records import Spill
@@ -84,8 +84,10 @@ def _source(case: Case, source: Source) -> str:
 
 def _scenario(scenario: Scenario, dry: float) -> str:
     """Return how a scenario was understood; dry: share of its prior that is on land."""
-    text = f"{scenario.weight:.0%}, {scenario.object.name}: {scenario.object.description}"
-    if scenario.object.lull > 0:
+    own = scenario.itinerary
+    adrift = f"{scenario.object.name}: {scenario.object.description}"
+    text = f"{scenario.weight:.0%}, {adrift if own is None else voyage.words(own, adrift)}"
+    if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if dry > 0:
         text += f"; {dry:.1%} of its prior is on land and left out"

@@ -1,0 +1,107 @@
+"""Refusals of itineraries that lead over land, where their vessel refuses land: lanes, voyages, areas to loiter in.
+
+Lanes are held against the full coast with their corridors, voyages with SPREADS standard deviations of their cross-track
+error, polygons as they are. A course, a track and a bridge lead anywhere, and are not refused: their way points lie in
+water.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drift.environment import corridors
+from drift.motion import lanes
+from drift.motion.itinerary import Abeam, InRing, Loiter, Ways
+from drift.motion.lanes import Network
+from drift.motion.scenario import Scenario
+from geo import sphere
+from geo.array import Array
+from geo.box import Box
+from geo.coast.edges import Coast
+from geo.errors import UserError
+
+SPREADS = 4.0  # standard deviations of a cross-track error: 1 target in 16,000 keeps farther off its voyage
+ROOM = 0.1  # [deg] of coast that must be known beyond what is held against it
+
+
+def box(scenarios: Sequence[Scenario]) -> Box | None:
+    """Return the box in which the coast must be known for `refuse`; None: nothing is held against it."""
+    places = [
+        (np.unwrap(lon), lat, far)
+        for scenario in scenarios
+        if scenario.itinerary is not None and scenario.itinerary.land == "refuse"
+        for phase, (lon, lat, far) in zip(scenario.itinerary.phases, _extents(scenario), strict=True)
+        if isinstance(phase, Loiter) or _voyage(phase) or (isinstance(phase, Ways) and phase.lanes)
+    ]
+    if not places:
+        return None
+    middle = places[0][0][0]
+    near = [lon - 2 * np.pi * np.round((lon.mean() - middle) / (2 * np.pi)) for lon, _, _ in places]
+    far = np.degrees(max(far for _, _, far in places) / sphere.RADIUS)
+    north, south = (np.degrees(f(np.concatenate([lat for _, lat, _ in places]))) for f in (np.max, np.min))
+    west, east = (np.degrees(f(np.concatenate(near))) for f in (np.min, np.max))
+    whole = Box(west, max(south, -90.0), east, min(north, 90.0))
+    high = far + ROOM
+    return whole.grown(high / np.cos(np.radians(min(max(abs(north), abs(south)) + high, 85.0))), high)
+
+
+def _extents(scenario: Scenario) -> list[tuple[Array, Array, float]]:
+    """Return the extent of each phase, that of a course among them, which has none."""
+    assert scenario.itinerary is not None
+    own = iter(scenario.itinerary.extents(SPREADS))
+    nothing = np.zeros(1), np.zeros(1), 0.0
+    return [next(own) if isinstance(phase, Ways | Loiter) else nothing for phase in scenario.itinerary.phases]
+
+
+def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
+    """Raise UserError, a line for each lane, leg and area, for those that touch land; the coast covers `box`."""
+    wrong: dict[str, None] = {}
+    stories = [(s.name, s.itinerary) for s in scenarios if s.itinerary is not None and s.itinerary.land == "refuse"]
+    followed = [
+        phase.lanes for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes is not None
+    ]
+    if followed:
+        routes = {route.node: route for _, route in ((own.network, own.route) for own in followed)}
+        try:
+            corridors.refuse_lanes(lanes.joined([own.network for own in followed]), coast, list(routes.values()))
+        except UserError as error:
+            wrong |= dict.fromkeys(error.lines)
+    seen: dict[InRing | Ways, None] = {}
+    for name, own in stories:
+        for number, phase in enumerate(own.phases, 1):
+            place = f'scenario "{name}".phase {number}'
+            if isinstance(phase, Loiter) and phase.ring not in seen:
+                seen[phase.ring] = None
+                corners = np.degrees([phase.ring.lon, phase.ring.lat]).T
+                try:
+                    corridors.refuse_area(f"{place}.loiter.polygon", [(float(x), float(y)) for x, y in corners], coast)
+                except UserError as error:
+                    wrong |= dict.fromkeys(error.lines)
+            elif isinstance(phase, Ways) and (legs := _voyage(phase)) is not None:
+                route = lanes.route(legs, legs.name)
+                for lane, width, where in corridors.touching(legs, coast, [route]):
+                    wrong[
+                        f"{place}.voyage: leg {lane + 1}, {width} wide with {SPREADS:g} standard deviations of "
+                        f'cross_track to each side, touches land {where}; move its waypoints, or say vessel.land = "stop" '
+                        'or "ignore"'
+                    ] = None
+    if wrong:
+        raise UserError(*wrong)
+
+
+def _voyage(phase: object) -> Network | None:
+    """Return a voyage as a network of lanes as wide as its cross-track error; None for other phases."""
+    if (
+        not isinstance(phase, Ways)
+        or phase.lanes is not None
+        or not all(isinstance(p.place, Abeam) for p in phase.points)
+    ):
+        return None
+    places = [point.place for point in phase.points if isinstance(point.place, Abeam)]
+    legs = np.arange(len(places) - 1)
+    # Half the line across a corner is longer than the error by the mitre, which the network puts on again.
+    width = np.full(legs.size, 2 * SPREADS * min(place.half for place in places))
+    return Network(
+        tuple(str(k + 1) for k in range(len(places))), np.array([p.lon for p in places]), np.array([p.lat for p in places]),
+        legs, legs + 1, width, np.ones(legs.size, np.bool_),
+    )  # fmt: skip

@@ -1,0 +1,109 @@
+"""How an itinerary was understood, in words: its phases in their order, its distress, when it is overdue."""
+
+import math
+
+import numpy as np
+
+from drift.motion.itinerary import Between, Course, Distress, Itinerary, Loiter, Moment, Part, Phase, Rate, Spread, Ways
+from geo import notation, sphere
+from geo.notation import NMI
+
+KNOT, HOUR = NMI / 3600, 3600.0
+
+
+def words(itinerary: Itinerary, adrift: str) -> str:
+    """Return an itinerary in words; adrift: the same of the object that it is in distress."""
+    text = "; then ".join(_phase(phase) for phase in itinerary.phases)
+    if itinerary.distress is not None:
+        text += f"; in distress {_distress(itinerary.distress)}, and then adrift as {adrift}"
+    if itinerary.overdue is not None:
+        text += f"; what has arrived by {notation.group(itinerary.overdue)} is not looked for"
+    return text
+
+
+def _phase(phase: Phase) -> str:
+    match phase:
+        case Course():
+            change = f", changed every {phase.change / HOUR:g} h on average" if phase.change else ""
+            return f"course {_course(phase.course)} at {_knots(phase.speed)}{change}{_until(phase)}"
+        case Loiter():
+            return f"to and fro in a polygon at {_knots(phase.speed)}, legs of {phase.leg / NMI:g} nmi{_until(phase)}"
+        case Ways():
+            return _way(phase)
+
+
+def _way(phase: Ways) -> str:
+    begin = f"from {_time(phase.start, phase.after)}"
+    if phase.lanes is not None:
+        nodes, along = phase.lanes.route.node, phase.lanes.route.along[-1]
+        return (
+            f"lanes from {nodes[0]} to {nodes[-1]} by {len(nodes) - 2} nodes, {along / NMI:,.0f} nmi, {begin}, at "
+            f"{_knots(phase.speed)}"
+        )
+    if phase.points[-1].time is None and not phase.destinations:
+        length = math.fsum(point.distance for point in phase.points)
+        return f"voyage of {length / NMI:,.0f} nmi by {len(phase.points)} way points, {begin}, at {_knots(phase.speed)}"
+    times = [point.time for point in phase.points]
+    first = times[0]
+    if phase.k > 0 or phase.destinations:
+        uncertain = f", known to a factor of {math.exp(phase.k_spread):.2g}" if phase.k_spread > 0 else ""
+        k = f"K = {phase.k * math.sqrt(HOUR) / NMI:.3g} nmi/sqrt(h){uncertain}"
+        ends = [point for point, _ in phase.destinations] or [phase.points[-1]]
+        odds = f" to one of {len(ends)} destinations" if len(ends) > 1 else ""
+        last = " or ".join(_moment(phase.start, end.time) for end in ends)
+        return f"bridge{odds}, {k}, from {_moment(phase.start, first)}, there {last}"
+    return f"track of {len(phase.points)} way points, {begin}, the last after {_hours(times[-1])}"
+
+
+def _until(phase: Course | Loiter) -> str:
+    ends = [] if phase.until is None else [f"until {notation.group(phase.until)}"]
+    ends += [f"for {phase.lasting / HOUR:g} h"] if math.isfinite(phase.lasting) else []
+    return f", {' or '.join(ends)}" if ends else ""
+
+
+def _distress(distress: Distress) -> str:
+    match distress:
+        case Between():
+            return _time(distress.earliest, distress.after)
+        case Rate():
+            return f"at a rate of {distress.rate * HOUR:.3g} / h"
+        case Part():
+            return f"after {_span(distress.part, 100)} % of its way"
+
+
+def _time(earliest: np.datetime64, after: Spread) -> str:
+    """Return an uncertain time in words."""
+    first, last = (notation.group(earliest + np.timedelta64(round(t), "s")) for t in (after.low, after.high))
+    if first == last:
+        return first
+    best = notation.group(earliest + np.timedelta64(round(after.mode), "s"))
+    return f"{first} to {last}" + (f" (best {best}, {after.ratio:g} times as likely)" if after.ratio != 1 else "")
+
+
+def _moment(start: np.datetime64, time: Spread | Moment | None) -> str:
+    if isinstance(time, Moment):
+        return f"{notation.group(start + np.timedelta64(round(time.mean), 's'))} +- {time.std / HOUR:.3g} h"
+    return _time(start, time or Spread(0.0, 0.0, 0.0))
+
+
+def _hours(time: Spread | Moment | None) -> str:
+    return f"{_span(time, 1 / HOUR)} h" if isinstance(time, Spread) else "none"
+
+
+def _knots(speed: Spread) -> str:
+    return f"{_span(speed, 1 / KNOT)} kn"
+
+
+def _course(course: Spread) -> str:
+    low, mode, high = (float(np.degrees(sphere.wrap(x))) % 360 for x in (course.low, course.mode, course.high))
+    if course.low == course.high:
+        return f"{low:03.0f}"
+    return f"{low:03.0f} to {high:03.0f}" + (f" (best {mode:03.0f})" if course.ratio != 1 else "")
+
+
+def _span(spread: Spread, unit: float) -> str:
+    """Return an uncertain number in words, in a unit."""
+    low, mode, high = (f"{x * unit:.3g}" for x in (spread.low, spread.mode, spread.high))
+    if low == high:
+        return low
+    return f"{low} to {high}" + (f" (best {mode})" if spread.ratio != 1 else "")

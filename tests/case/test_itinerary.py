@@ -1,0 +1,274 @@
+"""Itineraries of cases: what is refused, in one line that says where, and what is taken as it was meant."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases import __file__ as cases
+from drift import start
+from drift.case import file as case_file
+from drift.case.file import UserError
+from drift.motion.itinerary import Course, Loiter, Spread, Ways
+
+HEAD = 'title = "trial"\nstart = "2026-03-05T00:00Z"\nduration = "60 h"\n'
+OPEN = '[coast]\nsource = "none"\n'
+STILL = '[[current]]\nconstant = { speed = "0 kn", toward = 0 }\n'
+STORY = '[[scenario]]\nname = "one"\n'
+AT = 'position = { at = [-30.2, 45.1], std = "3 nmi" }\n'
+PHASE = "[[scenario.phase]]\n"
+NETWORK = Path(cases).parent / "networks" / "mediterranean.toml"
+VOYAGE = PHASE + 'voyage = {{ waypoints = [[-30.2, 45.1], [-31.4, 46.3]], speed = "5 kn", {} }}\n'
+
+
+def course(course: str = "30", speed: str = '"5 kn"') -> str:
+    """Return a phase by course and speed."""
+    return f"{PHASE}course = {{ course = {course}, speed = {speed} }}\n"
+
+
+def lanes(route: str, network: object = NETWORK) -> str:
+    """Return a phase along lanes."""
+    return f'{PHASE}lanes = {{ network = "{network}", route = {route}, speed = "9 kn" }}\n'
+
+
+def bridge(first: str, last: str, more: str = 'k = "12 nmi/sqrt(h)"') -> str:
+    """Return a phase of a bridge between two way points."""
+    return f"{PHASE}[scenario.phase.bridge]\n{more}\npoints = [{{ at = [-30.2, 45.1], {first} }}, {{ at = [-31.4, 46.3], {last} }}]\n"
+
+
+def loiter(polygon: str = "[[-30.1, 45.2], [-29.3, 45.3], [-29.2, 45.9]]", more: str = "") -> str:
+    """Return a phase of loitering."""
+    return f'{PHASE}loiter = {{ polygon = {polygon}, speed = "4 kn", leg = "9 nmi"{more} }}\n'
+
+
+def refused(tmp_path: Path, text: str) -> str:
+    """Return the one line by which a case is refused."""
+    path = tmp_path / "trial.toml"
+    path.write_text(text)
+    with pytest.raises(UserError) as told:
+        case_file.load(path)
+    (line,) = told.value.lines
+    return line
+
+
+BAD = {
+    "a ratio below 1": (
+        STORY + AT + course("{ low = 10, best = 30, high = 50, ratio = 0.5 }"),
+        'scenario "one".phase 1.course.course: ratio 0.5, of the highest to the lowest density, must be at least 1',
+    ),
+    "a best value beyond the others": (
+        STORY + AT + course(speed='{ low = "5 kn", best = "13 kn", high = "12 kn", ratio = 2 }'),
+        "scenario \"one\".phase 1.course.speed: best '13 kn' must lie between low '5 kn' and high '12 kn'",
+    ),
+    "a best course outside a sector through north": (
+        STORY + AT + course("{ low = 340, best = 50, high = 20, ratio = 3 }"),
+        'scenario "one".phase 1.course.course: best 410.0 must lie between',
+    ),
+    "a course without a place": (STORY + course(), "begins at a position or in an area; give one of them"),
+    "loitering without a place": (STORY + loiter(), "begins at a position or in an area; give one of them"),
+    "a place beside a voyage": (
+        STORY + AT + VOYAGE.format('departure = "+1 h"'),
+        "position: its first phase says where it begins",
+    ),
+    "a phase of two kinds": (
+        STORY + AT + course() + loiter().removeprefix(PHASE),
+        'scenario "one".phase 1: exactly one of course, track, lanes, voyage, loiter, bridge must be given; found course and',
+    ),
+    "a phase of no kind": (STORY + AT + PHASE, "must be given; found none"),
+    "a phase after one without end": (
+        STORY + AT + course() + course("90"),
+        "phase 1 has no end, so that phase 2 never comes; give course.until or course.for",
+    ),
+    "a route through a missing lane": (
+        STORY + lanes('["Cape Spartel", "Oran"]'),
+        'scenario "one".phase 1.lanes: route: no lane from "Cape Spartel" to "Oran"; from "Cape Spartel" lanes lead to',
+    ),
+    "a route to an unknown node": (
+        STORY + lanes('{ from = "Cape Spartel", to = "Orann" }'),
+        'scenario "one".phase 1.lanes: route: no node "Orann" in the network; nearest is "Oran"',
+    ),
+    "a network that is not there": (
+        STORY + lanes('["A", "B"]', "nowhere.toml"),
+        'scenario "one".phase 1.lanes: network: no file "nowhere.toml"',
+    ),
+    "an arrival before the departure": (
+        STORY + bridge('time = "+20 h"', 'time = ["+10 h", "+18 h"]'),
+        'scenario "one".phase 1.bridge: arrives 051800ZMAR26, before it departs, 052000ZMAR26; give times in the order',
+    ),
+    "a track that goes back in time": (
+        STORY + PHASE + 'track = { points = [{ at = [-30, 45], after = "9 h" }, { at = [-31, 46], after = "5 h" }] }\n',
+        'scenario "one".phase 1.track: arrives after 5 h, before it departs, after 9 h',
+    ),
+    "a K below 0": (
+        STORY + bridge('time = "+2 h"', 'time = "+18 h"', 'k = "-12 nmi/sqrt(h)"'),
+        "scenario \"one\".phase 1.bridge.k: spread rate '-12 nmi/sqrt(h)' must be at least 0 m/sqrt(s)",
+    ),
+    "a lowest speed above the highest": (
+        STORY + bridge('time = "+2 h"', 'time = "+18 h"', 'k = 5\nmin_speed = "9 kn"\nmax_speed = "3 kn"'),
+        'scenario "one".phase 1.bridge: min_speed 4.63 m/s is above max_speed 1.54 m/s',
+    ),
+    "probabilities that do not add up": (
+        STORY + PHASE + "[scenario.phase.bridge]\nk = 5\npoints = [{ at = [-30, 45], time = '+1 h' }]\ndestinations = ["
+        "{ at = [-31, 46], time = '+9 h', probability = 0.5 }, { at = [-31, 47], time = '+9 h', probability = 0.4 }]\n",
+        'scenario "one".phase 1.bridge: destinations: each has a probability, and they add up to 1',
+    ),
+    "a correlation with a place that is certain": (
+        STORY + bridge('time = "+2 h"', 'time = "+18 h", std = "3 nmi", correlation = 0.4'),
+        'scenario "one".phase 1.bridge: correlation: the way point before has no normal error',
+    ),
+    "a polygon that crosses itself": (
+        STORY + AT + loiter("[[-30.1, 45.2], [-29.3, 45.9], [-29.2, 45.1], [-30.3, 45.8]]"),
+        'scenario "one".phase 1.loiter: polygon crosses itself near [-29.787, 45.474]',
+    ),
+    "distress without an object": (
+        STORY + 'distress = { rate = "0.01/h" }\n' + VOYAGE.format('departure = "+1 h"') + STILL,
+        'scenario "one": object is missing: what drifts?',
+    ),
+    "an object without distress": (
+        STORY + 'object = "SKIFF-1"\n' + VOYAGE.format('departure = "+1 h"'),
+        'scenario "one": object belongs to what goes adrift; add distress, or leave object out',
+    ),
+    "distress after a part of a course": (
+        STORY + 'object = "water"\ndistress = { part = 0.5 }\n' + AT + course() + STILL,
+        'scenario "one".distress: part is that of a voyage or a route along lanes; give between or rate',
+    ),
+    "a departure before the run": (
+        STORY + VOYAGE.format('departure = ["-3 h", "+2 h"]'),
+        'scenario "one": it may get under way at 042100ZMAR26, outside the run, 050000ZMAR26 to 071200ZMAR26',
+    ),
+    "a departure after the run": (
+        STORY + VOYAGE.format('departure = ["+50 h", "+70 h"]'),
+        'scenario "one": it may get under way at 072200ZMAR26, outside the run',
+    ),
+    "a bridge that begins before the run": (
+        STORY + bridge('time = ["-5 h", "+1 h"]', 'time = "+30 h"'),
+        'scenario "one": it may get under way at 041900ZMAR26, outside the run',
+    ),
+    "times out of order": (
+        STORY + VOYAGE.format('departure = ["+9 h", "+2 h"]'),
+        'scenario "one".phase 1.voyage: times go from 050900ZMAR26 to 050200ZMAR26, or the best one lies outside',
+    ),
+    "times of distress out of order": (
+        STORY
+        + 'object = "water"\ndistress = { between = ["+9 h", "+2 h"] }\n'
+        + VOYAGE.format('departure = "+1 h"')
+        + STILL,
+        'scenario "one".distress: times go from 050900ZMAR26 to 050200ZMAR26',
+    ),
+    "overdue after the run": (
+        STORY + 'overdue = "+90 h"\n' + VOYAGE.format('departure = "+1 h"'),
+        'scenario "one".overdue: 081800ZMAR26 is outside the run',
+    ),
+    "overdue of what is adrift": (
+        STORY + 'object = "water"\noverdue = "+20 h"\n' + AT + STILL,
+        'scenario "one": overdue belongs to what is under way first; add [[scenario.phase]]',
+    ),
+    "a key that is not known": (
+        STORY + AT + PHASE + 'course = { corse = 30, speed = "5 kn" }\n',
+        'scenario "one".phase 1.course: unknown key "corse"; did you mean "course"?',
+    ),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_one_line_says_what_is_wrong_and_where(what: str, tmp_path: Path) -> None:
+    body, told = BAD[what]
+    assert told in refused(tmp_path, HEAD + OPEN + body)
+
+
+def test_all_mistakes_of_all_phases_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "trial.toml"
+    first = lanes('["Cape Spartel", "Oran"]')
+    path.write_text(
+        HEAD + OPEN + STORY + first + loiter(more=', until = "+30 h"') + bridge('time = "+9 h"', 'time = "+4 h"')
+    )
+    with pytest.raises(UserError) as told:
+        case_file.load(path)
+    assert [line.split(": ")[1] for line in told.value.lines] == [
+        'scenario "one".phase 1.lanes',
+        'scenario "one".phase 3.bridge',
+    ]
+
+
+def test_uncertain_numbers_are_as_meant(tmp_path: Path) -> None:
+    path = tmp_path / "trial.toml"
+    changing = '{ low = 340, best = 5, high = 20, ratio = 4 }, change = "7 h", for = "20 h"'
+    path.write_text(HEAD + OPEN + STORY + AT + course(changing, '["3 kn", "9 kn"]') + loiter())
+    first, second = case_file.load(path).scenarios[0].itinerary.phases  # type: ignore[union-attr]
+    assert isinstance(first, Course)
+    assert isinstance(second, Loiter)
+    knot = 1852 / 3600
+    np.testing.assert_allclose(np.degrees([first.course.low, first.course.mode, first.course.high]), [340, 365, 380])
+    assert first.course.ratio == 4
+    assert first.speed == Spread(pytest.approx(3 * knot), pytest.approx(9 * knot), pytest.approx(6 * knot))  # type: ignore[arg-type]
+    assert (first.change, first.lasting, second.leg) == (7 * 3600, 20 * 3600, 9 * 1852)
+
+
+ISLAND = [[-30.9, 45.5], [-30.6, 45.5], [-30.6, 45.8], [-30.9, 45.8], [-30.9, 45.5]]
+
+
+def on_an_island(tmp_path: Path, body: str) -> tuple[str, ...]:
+    """Return the lines by which a case is refused when it is opened in a sea with one island; none: it is not."""
+    land = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ISLAND]}}
+    (tmp_path / "island.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [land]}))
+    (tmp_path / "lanes.toml").write_text(
+        "".join(
+            f'[[node]]\nname = "{name}"\nat = {at}\n'
+            for name, at in {"South": [-30.2, 45.1], "North": [-31.4, 46.3], "East": [-30.1, 46.2]}.items()
+        )
+        + '[[lane]]\nthrough = ["South", "East", "North"]\nwidth = "6 nmi"\n'
+        + '[[lane]]\nfrom = "South"\nto = "North"\nwidth = "6 nmi"\n'
+    )
+    path = tmp_path / "trial.toml"
+    path.write_text(HEAD + '[coast]\nsource = "island.geojson"\n' + body)
+    case = case_file.load(path)
+    try:
+        start.open_for(case)
+    except UserError as told:
+        return told.lines
+    return ()
+
+
+STRAIGHT, ROUND = '["South", "North"]', '["South", "East", "North"]'
+OVER = "[[-30.8, 45.2], [-29.3, 45.3], [-29.2, 45.9], [-30.8, 45.9]]"
+
+
+def test_ways_over_land_are_refused_when_a_case_is_opened(tmp_path: Path) -> None:
+    (line,) = on_an_island(tmp_path, STORY + lanes(STRAIGHT, "lanes.toml"))
+    assert line.startswith('lane "South - North": its corridor, 6 nmi wide')
+    assert "touches land near" in line
+    assert on_an_island(tmp_path, STORY + lanes(ROUND, "lanes.toml")) == ()
+    lines = on_an_island(tmp_path, STORY + VOYAGE.format('cross_track = "0.5 nmi"') + loiter(OVER))
+    assert [line.split(":")[0] for line in lines] == [
+        'scenario "one".phase 1.voyage',
+        'scenario "one".phase 2.loiter.polygon',
+    ]
+    assert "leg 1, 4 nmi wide with 4 standard deviations of cross_track to each side, touches land near" in lines[0]
+
+
+@pytest.mark.parametrize("land", ["stop", "ignore"])
+def test_what_may_meet_land_is_not_refused(land: str, tmp_path: Path) -> None:
+    vessel = f'vessel = {{ land = "{land}" }}\n'
+    assert on_an_island(tmp_path, STORY + vessel + VOYAGE.format('departure = "+1 h"') + loiter(OVER)) == ()
+
+
+def test_bridges_and_courses_are_not_refused(tmp_path: Path) -> None:
+    assert on_an_island(tmp_path, STORY + bridge('time = "+2 h"', 'time = "+50 h"')) == ()
+    assert on_an_island(tmp_path, STORY + AT + course("320")) == ()
+
+
+def test_ways_are_held_against_land_beyond_the_domain(tmp_path: Path) -> None:
+    # The island lies outside the domain of the case, in which there is no coast.
+    small = '[domain]\nwest = "30 30W"\neast = "29W"\nsouth = "44N"\nnorth = "45 25N"\n'
+    (line,) = on_an_island(tmp_path, small + STORY + VOYAGE.format('cross_track = "0.5 nmi"'))
+    assert "touches land" in line
+
+
+def test_lanes_bring_their_network_along(tmp_path: Path) -> None:
+    path = tmp_path / "trial.toml"
+    path.write_text(HEAD + OPEN + STORY + lanes('{ from = "Cape Spartel", to = "Oran" }'))
+    (phase,) = case_file.load(path).scenarios[0].itinerary.phases  # type: ignore[union-attr]
+    assert isinstance(phase, Ways)
+    assert phase.lanes is not None
+    assert phase.lanes.network.start.size == len(phase.lanes.route.node) - 1
