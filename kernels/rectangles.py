@@ -145,6 +145,7 @@ class Swarm(NamedTuple):
     # Mean velocity [m/s] from each edge on, (m * edges,): that of a bridge's leg, whatever its noise; (0,): as tracks go.
     flow_x: np.ndarray
     flow_y: np.ndarray
+    k: np.ndarray  # spread rate of that bridge [m/sqrt(s)] (m * edges,), 0 where a track is straight; (0,): all are
 
 
 NEVER = -1e30  # [s] before all times
@@ -157,12 +158,12 @@ def swarm(
     value: np.ndarray,
     scenario: np.ndarray,
     turn: np.ndarray | None = None,
-    flow: tuple[np.ndarray, np.ndarray] | None = None,
+    flow: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> Swarm:
     """Return tracks at edges, x, y [m] and value (edges, m), for the kernels.
 
-    turn: when each particle goes adrift (m,), by default before all; flow: mean velocities [m/s] (edges, m), where they
-    are not those of the tracks.
+    turn: when each particle goes adrift (m,), by default before all; flow: mean velocities [m/s] and spread rates of
+    bridges [m/sqrt(s)], (edges, m) each.
     """
     box = np.stack(
         [
@@ -174,7 +175,7 @@ def swarm(
     )
     flat = [np.ascontiguousarray(v.T, np.float32).reshape(-1) for v in (x, y, value)]
     none = np.zeros(0, np.float32)
-    flows = (none, none) if flow is None else (np.ascontiguousarray(v.T, np.float32).reshape(-1) for v in flow)
+    flows = (none, none, none) if flow is None else (np.ascontiguousarray(v.T, np.float32).reshape(-1) for v in flow)
     turns = np.full(x.shape[1], NEVER, np.float32) if turn is None else np.asarray(turn, np.float32)
     boxes = box.astype(np.float32).reshape(-1)
     return Swarm(np.asarray(time, np.float32), *flat, boxes, scenario.astype(np.int32), turns, *flows)
@@ -206,7 +207,7 @@ def gains(
     arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, coverage)]
     last = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (curve, before, later)]
     edges = particles.time.shape[0]
-    moving, scenarios = particles[:-2], coverage.shape[-1]
+    moving, scenarios = particles[:-3], coverage.shape[-1]
     _gains(random, edges, *moving, *arrays, scenarios, np.asarray(factor, np.float32), 1 / step, *last, sums)
     return sums.astype(np.float64).reshape(len(rectangle), -1).sum(axis=1)
 
@@ -223,5 +224,5 @@ def found(
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
     arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, by_state(coverage), factor)]
     edges = particles.time.shape[0]
-    _found(random, edges, *particles[:-2], *arrays, 1 / step, np.asarray(curve, np.float32), b, worth)
+    _found(random, edges, *particles[:-3], *arrays, 1 / step, np.asarray(curve, np.float32), b, worth)
     return b.reshape(m, -1), worth

@@ -5,28 +5,50 @@ This is the exact detection that a plan is refined on.
 The mathematics is that of the search itself (kernels.sweep), in a plane instead of on the sphere: two straight motions
 at a time, of a leg and of a particle within a time bin. What is under way before a time of its own, its turn, is seen
 as such until then. A Brownian bridge is passed at the mean velocity of its leg, not along its noise, and abeam of a leg
-once, as in kernels.sweep_targets.
+once, as in kernels.sweep_targets. Near a sensor it is followed within a bin, at Levy's midpoints: if all of its hazard
+in a bin fell on one place, fewer particles would have more of it, and fewer would be found.
 """
 
 import numpy as np
 import taichi as ti
 
-from kernels import sweep
+from kernels import noise, sweep
 from kernels.allocate import HostInts, HostReals
 from kernels.rectangles import Swarm, by_state
 
 BLOCK = 128
 FAR = 5.0  # sweep widths from all legs beyond which comparisons leave a particle out: one leg finds 0.3 % there
+DEPTH = 5  # a bridge is halved so many times in a bin: five minutes to 9 s
+NEAR = 4.0  # strays of a bridge in a bin within which of a sensor it is followed, as in kernels.sweep_targets
+SEED = 20260601  # of the midpoints: they are the same for all legs that are compared
 AREA = 0.07957747154594767  # 1 / (4 pi): the hazard's coefficient is W^2 / (4 pi) (Koopman 1980, inverse cube)
 
 f32x2 = sweep.f32x2
 
 
 @ti.func
+def _bend(i: ti.i32, t: ti.i32, share: ti.f32, stray: ti.f32) -> f32x2:
+    """Return how far a bridge is off its chord at a share of bin t: midpoints of midpoints, straight in between.
+
+    stray: K sqrt(length of the bin) [m]; a midpoint's standard deviation is half of that of its part.
+    """
+    off = f32x2(0.0, 0.0)
+    for level in range(DEPTH):
+        cells = 1 << level
+        at = share * cells
+        cell = ti.min(ti.cast(at, ti.i32), cells - 1)
+        w = noise.further(ti.u32(SEED), ti.u32(0), noise.STREAM_LEVY, i, t, cells + cell)
+        hat = 1.0 - ti.abs(2.0 * (at - cell) - 1.0)
+        off += hat * 0.5 * stray / ti.sqrt(ti.f32(cells)) * noise.normals(w[0], w[1])
+    return off
+
+
+@ti.func
 def _exposure(
     cube: ti.template(), bridged: ti.template(), i: ti.i32, first: ti.i32, last: ti.i32, edges: ti.i32,
     time: ti.template(), x: ti.template(), y: ti.template(), value: ti.template(), turn: ti.f32, flow_x: ti.template(),
-    flow_y: ti.template(), node: ti.template(), table: ti.template(), scale: ti.f32, scale_under_way: ti.f32,
+    flow_y: ti.template(), spread: ti.template(), node: ti.template(), table: ti.template(), scale: ti.f32,
+    scale_under_way: ti.f32,
 ):  # fmt: skip
     """Return -log of the miss of nodes [first, last), and what finding the particle then is worth.
 
@@ -64,6 +86,20 @@ def _exposure(
                     py + dy * (now - time[t]) - sy - vy * (now - begin),
                 )
                 b = a + f32x2(dx - vx, dy - vy) * (till - now)
+                if ti.static(bridged):
+                    stray = spread[i * edges + t] * ti.sqrt(long)
+                    d = b - a
+                    nearest = ti.min(ti.max(-a.dot(d) / ti.max(d.dot(d), 1e-6), 0.0), 1.0)
+                    if stray > 0.0 and (a + nearest * d).norm() < NEAR * stray:
+                        next_part = ti.floor((now - time[t]) / long * (1 << DEPTH) + 1e-2) + 1.0
+                        part_ends = time[t] + next_part / (1 << DEPTH) * long
+                        if next_part < (1 << DEPTH) and part_ends > now:
+                            till = ti.min(till, part_ends)
+                        a += _bend(i, t, (now - time[t]) / long, stray)
+                        b = f32x2(
+                            px + dx * (till - time[t]) - sx - vx * (till - begin),
+                            py + dy * (till - time[t]) - sy - vy * (till - begin),
+                        ) + _bend(i, t, (till - time[t]) / long, stray)
                 more = 0.0
                 if ti.static(cube):
                     if ti.static(bridged):
@@ -117,7 +153,7 @@ def _scale(w: ti.f32, factor: ti.f32) -> ti.f32:
 @ti.kernel
 def _gains(
     cube: ti.template(), bridged: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals,
-    value: HostReals, box: HostReals, scenario: HostInts, turn: HostReals, flow_x: HostReals, flow_y: HostReals,
+    value: HostReals, box: HostReals, scenario: HostInts, turn: HostReals, flow_x: HostReals, flow_y: HostReals, spread: HostReals,
     start: HostInts, extent: HostReals, node: HostReals, table: HostReals, width: HostReals,
     factor: HostReals, before: HostReals, later: HostReals, sums: HostReals,
 ):  # fmt: skip
@@ -140,7 +176,7 @@ def _gains(
                     if ti.static(not cube) or k == 0:
                         h, steered, worth = _exposure(
                             cube, bridged, i, start[c], start[c + 1], edges, time, x, y, value, turn[i], flow_x,
-                            flow_y, node, table, _scale(w, factor[k]), _scale(w_under_way, factor[k]),
+                            flow_y, spread, node, table, _scale(w, factor[k]), _scale(w_under_way, factor[k]),
                         )  # fmt: skip
                     exponent = _hazard(cube, h, steered, w, w_under_way, factor[k])
                     total += before[i * nodes + k] * (worth - later[i * nodes + k]) * (1.0 - ti.exp(-exponent))
@@ -150,7 +186,7 @@ def _gains(
 @ti.kernel
 def _found(
     cube: ti.template(), bridged: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals,
-    value: HostReals, box: HostReals, scenario: HostInts, turn: HostReals, flow_x: HostReals, flow_y: HostReals,
+    value: HostReals, box: HostReals, scenario: HostInts, turn: HostReals, flow_x: HostReals, flow_y: HostReals, spread: HostReals,
     node: HostReals, table: HostReals, width: HostReals, factor: HostReals, found: HostReals, when: HostReals,
 ):  # fmt: skip
     nodes, scenarios = factor.shape[0], width.shape[0] // 2
@@ -162,7 +198,7 @@ def _found(
                 if ti.static(not cube) or k == 0:
                     h, steered, worth = _exposure(
                         cube, bridged, i, 0, node.shape[0] // 4, edges, time, x, y, value, turn[i], flow_x, flow_y,
-                        node, table, _scale(w, factor[k]), _scale(w_under_way, factor[k]),
+                        spread, node, table, _scale(w, factor[k]), _scale(w_under_way, factor[k]),
                     )  # fmt: skip
                     when[i] = ti.max(when[i], worth)
                 exponent = _hazard(cube, h, steered, w, w_under_way, factor[k])

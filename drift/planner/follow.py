@@ -93,22 +93,26 @@ def _on_lattice(span: int, particles: int, clock: Clock, first: int) -> Array:
 
 
 def _bridged(itineraries: list[Itinerary]) -> Array:
-    """Return which phases of all itineraries, in their order, follow a Brownian bridge, bool."""
-    return np.array([isinstance(phase, Ways) and phase.k > 0 for own in itineraries for phase in own.phases], bool)
+    """Return the spread rates [m/sqrt(s)] of all itineraries' phases, in their order; 0: it follows no bridge.
+
+    Where they are uncertain these are the middle ones.
+    """
+    return np.array([phase.k if isinstance(phase, Ways) else 0.0 for own in itineraries for phase in own.phases])
 
 
 def _flow(ensemble: Ensemble, bridged: Array, time: int) -> Array:
-    """Return the mean velocity [m/s] east and north of what follows a bridge, float32 (2, n), NaN for all else.
+    """Return the mean velocity [m/s] east and north of what follows a bridge, and its K, float32 (3, n), else NaN.
 
     time [s after the run's start]: that of the ensemble's columns.
     """
     phase, status, to_time = (ensemble.columns[name].to_numpy() for name in ("phase", "status", "to_time"))
-    mine = bridged[phase] & (status == Status.UNDER_WAY) & (to_time > time)
+    mine = (bridged[phase] > 0) & (status == Status.UNDER_WAY) & (to_time > time)
     lon, lat, to_lon, to_lat = (
         ensemble.columns[name].to_numpy()[mine] * sphere.UNIT for name in ("lon", "lat", "to_lon", "to_lat")
     )
-    flow = np.full((2, len(mine)), np.nan, np.float32)
-    flow[:, mine] = np.stack(sphere.offset(lon, lat, to_lon, to_lat)) / (to_time[mine] - time)
+    flow = np.full((3, len(mine)), np.nan, np.float32)
+    flow[2, mine] = bridged[phase[mine]]
+    flow[:2, mine] = np.stack(sphere.offset(lon, lat, to_lon, to_lat)) / (to_time[mine] - time)
     return flow
 
 

@@ -26,7 +26,7 @@ from geo.array import Array
 from kernels import noise, rectangles, sweeps
 
 BINS = 10  # most bins of time while legs are smeared out, where all drifts
-STEERED = 60  # the same where something steers, which turns
+STEERED = 30  # the same where something steers, which turns
 FEW, MORE, MANY = 2_500, 8_000, 10_000  # particles in the first, second and third stage
 BEGINNINGS = 3
 KICKS = 8  # times that two units of the best plan are tasked anew
@@ -180,7 +180,9 @@ def _swarm(tracks: Tracks, spec: PlanSpec, survival: Sequence[Survival | None], 
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     value = np.where(tracks.adrift, bound.worth(tracks, survival, spec.objective), -1.0)
     turn = None if tracks.turn is None else tracks.turn - tracks.time[0]
-    flow = None if tracks.flow is None else record.velocity(tracks, plane, x, y)
+    flow = None
+    if tracks.flow is not None:
+        flow = *record.velocity(tracks, plane, x, y), np.nan_to_num(tracks.flow[2])
     return rectangles.swarm(tracks.time - tracks.time[0], x, y, value, tracks.scenario, turn, flow)
 
 

@@ -26,8 +26,8 @@ class Tracks:
     # When a particle goes adrift that is under way until then [s since 1970] (m,); -inf: it drifts all along, inf: it
     # never does; None: nothing steers.
     turn: Array | None = None
-    # Mean velocity [m/s] east and north of the leg of a Brownian bridge, from each edge on, float32 (2, b + 1, m); NaN
-    # where the track itself tells it; None: nothing follows a bridge.
+    # Mean velocity [m/s] east and north of the leg of a Brownian bridge, and its spread rate [m/sqrt(s)], from each edge
+    # on, float32 (3, b + 1, m); NaN where the track itself tells them; None: nothing follows a bridge.
     flow: Array | None = None
 
     @property
@@ -119,7 +119,9 @@ def velocity(tracks: Tracks, plane: Plane, x: Array, y: Array) -> tuple[Array, A
         along.append(np.concatenate([pace, pace[-1:]]))
     if tracks.flow is None:
         return along[0], along[1]
-    there = sphere.destination(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT, *(MINUTE * v for v in tracks.flow))
+    there = sphere.destination(
+        tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT, *(MINUTE * v for v in tracks.flow[:2])
+    )
     further = zip(plane.flat(*there), (x, y), along, strict=True)
     east, north = (np.where(np.isnan(end), own, (end - v) / MINUTE) for end, v, own in further)
     return east, north
