@@ -39,7 +39,7 @@ from drift.planner.planning_tracks import Tracks
 from drift.search.records import Law, PlanSpec, Unit
 from geo import sphere
 from geo.errors import UserError
-from kernels import rectangles, runtime, sweeps
+from kernels import runtime, sweeps
 
 NMI, HOUR = 1852.0, 3600.0
 BEGIN = np.datetime64("2026-06-20T06:00:00", "s")

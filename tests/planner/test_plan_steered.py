@@ -161,7 +161,6 @@ def test_what_a_sortie_is_reckoned_to_find_it_finds_when_executed(mixture: tuple
         executed = np.asarray(result.updates.all[-1].pos)[:3]
         assert executed.min() > 0.03, name
         error = np.sqrt(2 * executed * (1 - executed) / np.bincount(tracks.scenario))
-        print(name, reckoned, executed, error)
         np.testing.assert_array_less(np.abs(reckoned - executed), [0.01, 0.01, 4 * error[2]], name)
 
 
@@ -245,7 +244,7 @@ def test_where_bins_cannot_follow_there_is_no_bound(mixture: tuple[Job, Tracks])
     )  # fmt: skip
     assert bound._steered_bins(burst, record.plane(burst)).coarse
     assert "too fast" in bound.silent(0.4, 5000, 0.01, 0.2, 0.2, True)
-    job, tracks = mixture
+    _, tracks = mixture
     assert not bound._steered_bins(tracks, record.plane(tracks)).coarse
 
 
