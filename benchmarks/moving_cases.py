@@ -152,6 +152,6 @@ def scaled(units: tuple[Unit, ...], factor: float) -> tuple[Unit, ...]:
             sweep_width=tuple(w * root for w in unit.sweep_width),
             width_under_way=tuple(w * root for w in unit.width_under_way),
             endurance=unit.endurance * root,
-        )  # fmt: skip
+        )
         for unit in units
     )
