@@ -230,7 +230,7 @@ def test_the_bound_counts_the_wider_of_both_states(mixture: tuple[Job, Tracks]) 
         assert 0.05 < limit[name] < limit["both"]
 
 
-def test_where_bins_cannot_follow_there_is_no_bound(mixture: tuple[Job, Tracks]) -> None:
+def test_where_bins_cannot_follow_there_is_no_bound() -> None:
     """Boats that leave one pier at 6 to 16 m/s by all courses: in five minutes they are far beyond their box."""
     rng = np.random.default_rng(3)
     time = np.arange(13) * 300.0
@@ -244,8 +244,10 @@ def test_where_bins_cannot_follow_there_is_no_bound(mixture: tuple[Job, Tracks])
     )  # fmt: skip
     assert bound._steered_bins(burst, record.plane(burst)).coarse
     assert "too fast" in bound.silent(0.4, 5000, 0.01, 0.2, 0.2, True)
-    _, tracks = mixture
-    assert not bound._steered_bins(tracks, record.plane(tracks)).coarse
+    x, y = (2000 * rng.standard_normal(1500) + time[:, None] * pace for pace in (7.0, -3.0))
+    lon, lat = sphere.destination(np.radians(179.98), np.radians(-41.0), x, y)
+    as_one = replace(burst, lon=sphere.to_binary(np.degrees(lon)), lat=sphere.to_binary(np.degrees(lat)))
+    assert not bound._steered_bins(as_one, record.plane(as_one)).coarse
 
 
 def test_a_plan_does_not_begin_before_it_is_known_what_is_overdue(tmp_path: Path) -> None:
