@@ -147,6 +147,11 @@ def scaled(units: tuple[Unit, ...], factor: float) -> tuple[Unit, ...]:
     """Return units whose sweep width times endurance is so many times as large, each by the root of it."""
     root = float(np.sqrt(factor))
     return tuple(
-        replace(unit, sweep_width=tuple(w * root for w in unit.sweep_width), endurance=unit.endurance * root)
+        replace(
+            unit,
+            sweep_width=tuple(w * root for w in unit.sweep_width),
+            width_under_way=tuple(w * root for w in unit.width_under_way),
+            endurance=unit.endurance * root,
+        )
         for unit in units
     )

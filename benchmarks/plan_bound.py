@@ -1,13 +1,14 @@
 """What plans find as a share of their bound, over random cases with motion; prints one table.
 
-    python benchmarks/plan_bound.py [--cases 20] [--first 0] [--particles 40000] [--threads N] [--moving [--file plan_moving.jsonl]]
+    python benchmarks/plan_bound.py [--cases 20] [--first 0] [--particles 40000] [--threads N] [--moving | --steered] [--file plan_moving.jsonl] [--hand]
 
 Objects: 1 to 4 normal clouds of 3 to 12 nmi, up to 40 nmi apart, drifting with up to 1.5 kn, the speed of each particle off by up to
 0.5 kn, 12 h. Units: 1 to 4, boats of 12 to 25 kn, helicopters and aircraft of 70 to 180 kn, sweep widths of 0.3 to 2 nmi, 1.5 to 8 h of search, from bases up to
 60 nmi away, ready within 3 h. Three in four cases sweep by inverse cube, one by any law.
 
 --moving: whole cases (benchmarks/moving_cases.py), planned and executed as `drift plan` does. Their effort is scaled so that the bound lies between 0.3 and 0.9: a bound
-near 1 cannot be beaten. A case that the file holds already is not run again.
+near 1 cannot be beaten. A case that the file holds already is not run again. --steered: the same for targets that steer (benchmarks/steered_cases.py); --hand: with legs
+laid by hand alone, which takes a fraction of the time.
 
 Beside the plan, legs by hand are scored on the same particles: they chase the densest spot, go to and fro against the drift of what they
 chase, or draw tiny expanding squares about it. Exits 1 if anything finds more than the bound.
@@ -27,6 +28,7 @@ from moving_cases import case as moving
 from moving_cases import scaled
 from rich.console import Console
 from rich.table import Table
+from steered_cases import case as steered
 
 from drift.case.record import Case
 from drift.job import Options, opened
@@ -37,7 +39,7 @@ from drift.planner.planning_tracks import Tracks
 from drift.search.records import Law, PlanSpec, Unit
 from geo import sphere
 from geo.errors import UserError
-from kernels import rectangles, runtime, sweeps
+from kernels import runtime, sweeps
 
 NMI, HOUR = 1852.0, 3600.0
 BEGIN = np.datetime64("2026-06-20T06:00:00", "s")
@@ -112,8 +114,7 @@ def by_hand(
     plane = record.plane(tracks)
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     time = tracks.time - tracks.time[0]
-    value = np.where(tracks.adrift, bound.worth(tracks, survival, spec.objective), -1.0)
-    swarm = rectangles.swarm(time, x, y, value, tracks.scenario)
+    swarm = optimiser._swarm(tracks, spec, survival, plane)
     factor, weights = joint.nodes(units)
     left, finds = tracks.weight.copy(), []
     few = np.linspace(0, tracks.m - 1, min(tracks.m, 4000)).astype(int)
@@ -123,7 +124,7 @@ def by_hand(
         can = availability.of_unit(unit, spec, (plane.lon, plane.lat))
         crew = rectangle.crew(unit, can, plane, float(tracks.time[0]), factor[u])
         base = np.array([float(v) for v in plane.flat(*np.radians(unit.base))])
-        width, speed = max(unit.sweep_width), unit.search_speed
+        width, speed = crew.widest, unit.search_speed
 
         def where(now: float, x=x, y=y, time=time, few=few) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
             k = min(int(np.searchsorted(time, now, side="right")) - 1, len(time) - 2)
@@ -201,23 +202,27 @@ def aimed(case: Case, tracks: Tracks, goal: float) -> Case:
     return replace(case, units=scaled(case.units, np.sqrt(low * high)))
 
 
-def move(number: int, particles: int, threads: int | None) -> dict[str, object]:
+def move(number: int, options: argparse.Namespace) -> dict[str, object]:
     """Return what a random case that moves comes to: planned, executed, bounded, searched by hand."""
-    made, data, told, goal = moving(number, particles)
-    job = opened(made, Options(datasets={"field": data}, threads=threads))
+    made, data, told, goal = (steered if options.steered else moving)(number, options.particles)
+    job = opened(made, Options(datasets={} if data is None else {"field": data}, threads=options.threads))
     tracks = follow.follow(made, job.where)
     made = aimed(made, tracks, goal)
     survival = [scenario.survival for scenario in made.scenarios]
     begun = time.perf_counter()
     several = [replace(unit, endurance=unit.endurance * made.plan.rounds) for unit in made.units]
-    limit = bound.bound(tracks, several, made.plan, survival).value
+    reckoned = bound.bound(tracks, several, made.plan, survival)
+    limit = reckoned.value
     middle = time.perf_counter()
-    plan, _, _ = planner.scheme(replace(job, case=made))
-    end = time.perf_counter()
     hands = {manner: by_hand(tracks, made.units, made.plan, manner, survival) for manner in MANNERS}
-    return {
-        "case": number, "told": told, "limit": limit, "seen": plan.seen, "executed": plan.value, "error": plan.bound_error,
-        "silent": plan.unbounded, "hands": hands, "plan_s": end - middle, "bound_s": middle - begun,
+    one = {"case": number, "told": told, "limit": limit, "hands": hands, "bound_s": middle - begun}
+    if options.hand:
+        best, words = max(hands.values()), "too fast" if reckoned.coarse else ""
+        return one | {"seen": best, "executed": 0.0, "error": 0.0, "silent": words, "plan_s": 0.0}
+    plan, _, _ = planner.scheme(replace(job, case=made))
+    return one | {
+        "seen": plan.seen, "executed": plan.value, "error": plan.bound_error, "silent": plan.unbounded,
+        "plan_s": time.perf_counter() - middle,
     }  # fmt: skip
 
 
@@ -236,7 +241,7 @@ def moved(options: argparse.Namespace) -> int:
         if number in known:
             continue
         try:
-            one = move(number, options.particles, options.threads)
+            one = move(number, options)
         except UserError as refused:  # no unit can search, or nothing is left to be found
             one = {"case": number, "refused": str(refused)}
         done.append(one)
@@ -273,10 +278,12 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=40_000)
     parser.add_argument("--threads", type=int)
     parser.add_argument("--moving", action="store_true")
+    parser.add_argument("--steered", action="store_true")
+    parser.add_argument("--hand", action="store_true")
     parser.add_argument("--file", default="plan_moving.jsonl")
     options = parser.parse_args()
     runtime.start("cpu", options.threads)
-    if options.moving:
+    if options.moving or options.steered:
         sys.exit(moved(options) > 0)
     table = Table("case", "units", "hours", "POS", "bound", "share", *MANNERS, "plan s", "bound s")
     shares, over = [], 0

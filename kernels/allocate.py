@@ -57,7 +57,7 @@ def _spend(
                 k = cell[t * m + i]
                 if k >= 0:
                     for u in range(units):
-                        r = _rate(sweep[scenario[i] * units + u], pace[t * m + i] * slowness[u])
+                        r = _rate(sweep[scenario[t * m + i] * units + u], pace[t * m + i] * slowness[u])
                         c += density[k * units + u] * r
                 gradient[t * m + i] = 0.0
                 if fall[t * m + i] > 0.0:
@@ -95,7 +95,7 @@ def _gain(
         for e in range(first[k], first[k + 1]):
             i = entry[e] % m
             for u in range(units):
-                r = _rate(sweep[scenario[i] * units + u], pace[entry[e]] * slowness[u])
+                r = _rate(sweep[scenario[entry[e]] * units + u], pace[entry[e]] * slowness[u])
                 if ti.static(squared):
                     gains[k * units + u] += weight[i] * r * r
                 else:
@@ -108,8 +108,8 @@ class Field:
     The arrays are on the host, as the kernels take them.
 
     cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much finding a particle after
-    a bin is worth less, (b, m) (POS: 1 at the last bin, else 0); pace: speed of a particle [m/s] (b, m); sweep: sweep
-    width times speed [m2/s] (scenarios, units); slowness: one over the speed of each unit [s/m], 0 where a particle's
+    a bin is worth less, (b, m) (POS: 1 at the last bin, else 0); pace: speed of a particle [m/s] (b, m); scenario: row of
+    `sweep` that a particle has, (m,), or in each bin (b, m); sweep: sweep width times speed [m2/s] (rows, units); slowness: one over the speed of each unit [s/m], 0 where a particle's
     own pace does not count; curve: value, slope and conjugate of drift.planner.concave, and its step of coverage.
     """
 
@@ -122,7 +122,8 @@ class Field:
         self.slowness = np.asarray(slowness, np.float32)
         self.cell, self.step = flat, step
         self.fall, self.pace = (np.ascontiguousarray(v.reshape(-1), np.float32) for v in (fall, pace))
-        self.scenario, self.weight = np.asarray(scenario, np.int32), np.asarray(weight, np.float32)
+        self.scenario = np.ascontiguousarray(np.broadcast_to(scenario, cell.shape), np.int32).reshape(-1)
+        self.weight = np.asarray(weight, np.float32)
         self.curve = tuple(np.asarray(v, np.float32) for v in curve)
         entry = np.argsort(flat, kind="stable")
         self.entry = entry[np.searchsorted(flat[entry], 0) :].astype(np.int32)

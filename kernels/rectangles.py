@@ -3,7 +3,7 @@
 Swept laws: the legs are smeared out into a front that creeps across the rectangle. A particle is covered where the
 front passes it, with W / S times the creep's speed over the front's speed past the particle: what drifts along with the
 creep is covered more. Random search: the share of the search time that the particle spends inside. Tracks are straight
-within a bin, in a plane.
+within a bin, in a plane. What is under way before a time of its own, its turn, is covered as such until then.
 """
 
 from typing import NamedTuple
@@ -22,14 +22,17 @@ FULL = 8.0  # coverage beyond which more is not counted
 @ti.func
 def _cover(
     random: ti.template(), i: ti.i32, c: ti.i32, edges: ti.i32, time: ti.template(), x: ti.template(), y: ti.template(),
-    value: ti.template(), box: ti.template(), rectangle: ti.template(),
+    value: ti.template(), box: ti.template(), turn: ti.f32, rectangle: ti.template(),
 ):  # fmt: skip
-    """Return the coverage of particle i, in units of the pattern's own, and what finding it then is worth."""
+    """Return the coverage of particle i while adrift and while under way, and what finding it then is worth.
+
+    Coverage is in units of the pattern's own. turn: when the particle goes adrift [s].
+    """
     p = c * PARAMETERS
     cx, cy, sin, cos = rectangle[p], rectangle[p + 1], rectangle[p + 2], rectangle[p + 3]
     half, wide, side = rectangle[p + 4] * 0.5, rectangle[p + 5] * 0.5, rectangle[p + 8]
     start, duration = rectangle[p + 6], rectangle[p + 7]
-    total, worth, weight = 0.0, 0.0, 0.0
+    total, under_way, worth, weight = 0.0, 0.0, 0.0, 0.0
     reach = half + wide + box[3 * i + 2]
     if ti.abs(box[3 * i] - cx) < reach and ti.abs(box[3 * i + 1] - cy) < reach:
         end = start + duration
@@ -62,7 +65,12 @@ def _cover(
                             high = -1.0
                     if high > low:
                         share = (high - low) * (last - first) / duration
-                        total += share
+                        steered = ti.min((turn - first - low * (last - first)) / duration, share)
+                        if steered > 0.0:
+                            under_way += steered
+                            total += share - steered
+                        else:
+                            total += share
                         at = s0 + 0.5 * (low + high) * (s1 - s0)
                         worth += share * (here + at * (there - here))
                         weight += share
@@ -73,21 +81,24 @@ def _cover(
                         f = q0 / (q0 - q1)
                         if ti.abs(a0 + f * (a1 - a0)) <= half:
                             more = ti.min(creep * (last - first) / ti.abs(q1 - q0), FULL)
-                            total += more
+                            if first + f * (last - first) < turn:
+                                under_way += more
+                            else:
+                                total += more
                             at = s0 + f * (s1 - s0)
                             worth += more * (here + at * (there - here))
                             weight += more
             t += 1
     if weight > 0.0:
         worth /= weight
-    return total, worth
+    return total, under_way, worth
 
 
 @ti.kernel
 def _gains(
     random: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals, value: HostReals, box: HostReals,
-    scenario: HostInts, rectangle: HostReals, coverage: HostReals, scenarios: ti.i32, factor: HostReals, steps: ti.f32,
-    curve: HostReals, before: HostReals, later: HostReals, sums: HostReals,
+    scenario: HostInts, turn: HostReals, rectangle: HostReals, coverage: HostReals, scenarios: ti.i32,
+    factor: HostReals, steps: ti.f32, curve: HostReals, before: HostReals, later: HostReals, sums: HostReals,
 ):  # fmt: skip
     m, nodes = scenario.shape[0], factor.shape[0]
     blocks = (m + BLOCK - 1) // BLOCK
@@ -95,9 +106,10 @@ def _gains(
         c, block = cb // blocks, cb % blocks
         total = 0.0
         for i in range(block * BLOCK, ti.min(block * BLOCK + BLOCK, m)):
-            share, worth = _cover(random, i, c, edges, time, x, y, value, box, rectangle)
-            if share > 0.0:
-                full = share * coverage[c * scenarios + scenario[i]]
+            share, steered, worth = _cover(random, i, c, edges, time, x, y, value, box, turn[i], rectangle)
+            if share + steered > 0.0:
+                own = 2 * c * scenarios + scenario[i]
+                full = share * coverage[own] + steered * coverage[own + scenarios]
                 for k in range(nodes):
                     total += (
                         before[i * nodes + k] * (worth - later[i * nodes + k]) * look(curve, full * factor[k] * steps)
@@ -108,15 +120,16 @@ def _gains(
 @ti.kernel
 def _found(
     random: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals, value: HostReals, box: HostReals,
-    scenario: HostInts, rectangle: HostReals, coverage: HostReals, factor: HostReals, steps: ti.f32,
+    scenario: HostInts, turn: HostReals, rectangle: HostReals, coverage: HostReals, factor: HostReals, steps: ti.f32,
     curve: HostReals, found: HostReals, when: HostReals,
 ):  # fmt: skip
-    nodes = factor.shape[0]
+    nodes, scenarios = factor.shape[0], coverage.shape[0] // 2
     for i in range(scenario.shape[0]):
-        share, worth = _cover(random, i, 0, edges, time, x, y, value, box, rectangle)
+        share, steered, worth = _cover(random, i, 0, edges, time, x, y, value, box, turn[i], rectangle)
         when[i] = worth
+        full = share * coverage[scenario[i]] + steered * coverage[scenarios + scenario[i]]
         for k in range(nodes):
-            found[i * nodes + k] = look(curve, share * coverage[scenario[i]] * factor[k] * steps)
+            found[i * nodes + k] = look(curve, full * factor[k] * steps)
 
 
 class Swarm(NamedTuple):
@@ -128,10 +141,30 @@ class Swarm(NamedTuple):
     value: np.ndarray  # what finding it is worth there; negative: it cannot be found
     box: np.ndarray  # (3 m,): middle of its box and the larger half of its sides [m]
     scenario: np.ndarray  # int32 (m,)
+    turn: np.ndarray  # [s] when a particle goes adrift that is under way until then (m,); NEVER: it drifts all along
+    # Mean velocity [m/s] from each edge on, (m * edges,): that of a bridge's leg, whatever its noise; (0,): as tracks go.
+    flow_x: np.ndarray
+    flow_y: np.ndarray
+    k: np.ndarray  # spread rate of that bridge [m/sqrt(s)] (m * edges,), 0 where a track is straight; (0,): all are
 
 
-def swarm(time: np.ndarray, x: np.ndarray, y: np.ndarray, value: np.ndarray, scenario: np.ndarray) -> Swarm:
-    """Return tracks at edges, x, y [m] and value (edges, m), for the kernels."""
+NEVER = -1e30  # [s] before all times
+
+
+def swarm(
+    time: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    value: np.ndarray,
+    scenario: np.ndarray,
+    turn: np.ndarray | None = None,
+    flow: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+) -> Swarm:
+    """Return tracks at edges, x, y [m] and value (edges, m), for the kernels.
+
+    turn: when each particle goes adrift (m,), by default before all; flow: mean velocities [m/s] and spread rates of
+    bridges [m/sqrt(s)], (edges, m) each.
+    """
     box = np.stack(
         [
             (x.max(0) + x.min(0)) / 2,
@@ -141,7 +174,20 @@ def swarm(time: np.ndarray, x: np.ndarray, y: np.ndarray, value: np.ndarray, sce
         axis=1,
     )
     flat = [np.ascontiguousarray(v.T, np.float32).reshape(-1) for v in (x, y, value)]
-    return Swarm(np.asarray(time, np.float32), *flat, box.astype(np.float32).reshape(-1), scenario.astype(np.int32))
+    none = np.zeros(0, np.float32)
+    flows = (none, none, none) if flow is None else (np.ascontiguousarray(v.T, np.float32).reshape(-1) for v in flow)
+    turns = np.full(x.shape[1], NEVER, np.float32) if turn is None else np.asarray(turn, np.float32)
+    boxes = box.astype(np.float32).reshape(-1)
+    return Swarm(np.asarray(time, np.float32), *flat, boxes, scenario.astype(np.int32), turns, *flows)
+
+
+def by_state(values: np.ndarray, leading: int = 0) -> np.ndarray:
+    """Return numbers by state, adrift and under way, and scenario: (..., 2, scenarios).
+
+    values: (..., scenarios), the same in both states, or (..., 2, scenarios); leading: how many dimensions ... are.
+    """
+    values = np.asarray(values)
+    return values if values.ndim == leading + 2 else np.repeat(values[..., None, :], 2, axis=-2)
 
 
 def gains(
@@ -152,16 +198,17 @@ def gains(
 
     This is the sum of before * (worth - later) * b over particles and nodes.
 
-    rectangle: (c, PARAMETERS), SI; coverage: (c, scenarios) of its pattern; factor: of the sweep width at each node;
+    rectangle: (c, PARAMETERS), SI; coverage: of its pattern, (c, scenarios), or by state (c, 2, scenarios); factor: of the sweep width at each node;
     curve: b at multiples of a step of coverage; before, later: (m, nodes), the weight that is left, and what it will
     still bring.
     """
-    m = particles.scenario.shape[0]
+    m, coverage = particles.scenario.shape[0], by_state(coverage, 1)
     sums = np.zeros(len(rectangle) * -(-m // BLOCK), np.float32)
     arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, coverage)]
     last = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (curve, before, later)]
     edges = particles.time.shape[0]
-    _gains(random, edges, *particles, *arrays, coverage.shape[1], np.asarray(factor, np.float32), 1 / step, *last, sums)
+    moving, scenarios = particles[:-3], coverage.shape[-1]
+    _gains(random, edges, *moving, *arrays, scenarios, np.asarray(factor, np.float32), 1 / step, *last, sums)
     return sums.astype(np.float64).reshape(len(rectangle), -1).sum(axis=1)
 
 
@@ -169,13 +216,13 @@ def found(
     particles: Swarm, random: bool, rectangle: np.ndarray, coverage: np.ndarray, factor: np.ndarray, step: float,
     curve: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return what one rectangle finds of each particle.
+    """Return what one rectangle finds of each particle; coverage: (scenarios,), or by state (2, scenarios).
 
     The results are b for each particle and node, float32 (m, nodes), and what finding the particle then is worth, (m,).
     """
     m = particles.scenario.shape[0]
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
-    arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, coverage, factor)]
+    arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, by_state(coverage), factor)]
     edges = particles.time.shape[0]
-    _found(random, edges, *particles, *arrays, 1 / step, np.asarray(curve, np.float32), b, worth)
+    _found(random, edges, *particles[:-3], *arrays, 1 / step, np.asarray(curve, np.float32), b, worth)
     return b.reshape(m, -1), worth

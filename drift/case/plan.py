@@ -111,7 +111,14 @@ class PlanTable(fields.Table):
         self, run: Run, sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sensors, asked: bool
     ) -> PlanSpec:
         """Return the record; asked: whether there is something to plan, so that its times must leave room for it."""
-        past = [run.start, *(sortie.end for sortie in sorties), *(contact.time for contact in contacts), *sensors.times]
+        overdue = [scenario.itinerary.overdue for scenario in run.scenarios if scenario.itinerary]
+        past = [
+            run.start,
+            *(time for time in overdue if time is not None),
+            *(sortie.end for sortie in sorties),
+            *(contact.time for contact in contacts),
+            *sensors.times,
+        ]
         begin = max(past) if self.begin is None else units.resolve(self.begin, run.start)
         until = run.end if self.until is None else units.resolve(self.until, run.start)
         wrong = Mistakes()

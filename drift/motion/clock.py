@@ -46,6 +46,10 @@ class Clock:
     step: int  # [s]
     phase: int = 0  # [s] lattice points lie at phase + k step
 
+    def ends(self, elapsed: int) -> bool:
+        """Return whether a step ends at a time [s after start]."""
+        return (self.start + self.direction * elapsed - self.phase) % self.step == 0
+
     def steps(self) -> Iterator[tuple[int, int, kernel.Step]]:
         """Return (low, high) [s since 1970] and the step, in the order of the run, covering start to end."""
         inside = (self.start - self.phase) % self.step  # how far the start lies above its lattice point

@@ -20,10 +20,15 @@ short as the particles' motion against each other requires. The unevenness that 
 second order in the size of boxes and bins. Noise makes it too high, because boxes that are too dense by chance look
 worth a visit, and outweighs the other error (tests/planner/test_bound.py), except where density has no limit, as r^-1.5
 about a point.
+
+What steers moves fast against its neighbours and turns. Its bins are as short as the particles' displacement within
+them requires, measured from edge to edge, which a bridge's noise does not lengthen; where no bins are short enough
+there is no bound. In a bin in which a particle goes adrift the larger of its two sweep widths counts.
 """
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +47,8 @@ BOXES = 160  # fewest boxes in a bin, where there are particles enough
 LEAST = 16.0
 FEWEST, MOST = 6, 24  # bins of time
 STRAIN = 0.5  # of a box's side: how far its particles may move apart in a bin, unless that takes too many bins
+STEERED = 0.25  # the same where something steers; half of it is then between the densest time and the bin's far end
+MOST_STEERED = 240  # bins of time where something steers; more would take minutes
 TRIAL = 4096  # particles on which that is measured
 SMALLEST = 0.003  # [sweep widths] side of the smallest box, which a single pass covers
 PATIENCE = 25  # steps without a better bound or better effort after which the search ends
@@ -70,6 +77,7 @@ class Bound:
     value: float  # no plan should find more
     spread: float  # what the divided effort finds, of the particles on which it was found
     effort: Array  # float64 [s] (boxes, units)
+    coarse: bool = False  # bins of time are too long for how particles move: it is no bound
 
 
 @dataclass(frozen=True)
@@ -81,24 +89,28 @@ class Bins:
     y: Array
     there: Array  # bool (b, m): the particle can be found in the bin
     pace: Array  # float64 [m/s] (b, m) highest speed of the particle in the bin
+    moved: Array  # float64 [m] (b,) farthest that any particle is in the bin from that position
+    coarse: bool = False  # particles move apart too far even in the shortest bins
 
 
 def bound(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]) -> Bound:
     """Return the estimated upper bound of what any plan of these units, laws and times finds on these tracks."""
     weighted = np.flatnonzero(tracks.weight > 0)
     tracks = record.sort(record.take(tracks, weighted, tracks.weight[weighted]))
-    field, budget, area = _field(tracks, units, spec, survival)
-    return ascend(field, budget, area)
+    field, budget, area, coarse = _field(tracks, units, spec, survival)
+    return replace(ascend(field, budget, area), coarse=coarse)
 
 
-def silent(value: float, effective: float, error: float, seen: float, scored: float) -> str:
+def silent(value: float, effective: float, error: float, seen: float, scored: float, coarse: bool = False) -> str:
     """Return in a few words why a bound tells nothing; "" where it tells something.
 
-    effective: effective number of the particles on which it was found; seen: what the plan finds of them; scored: what
+    coarse: see Bound; effective: effective number of the particles on which it was found; seen: what the plan finds of them; scored: what
     the plan finds of others; error: standard error of value less scored.
     """
     if effective < FEW:
         return f"only {effective:,.0f} particles count, too few to tell"
+    if coarse:
+        return "what is looked for moves too fast for its bins of time"
     if value > NEARLY:
         return "effort that is divided at will would find nearly all"
     if error > UNSURE:
@@ -163,12 +175,17 @@ def ascend(field: allocate.Field, budget: Budget, areas: Array) -> Bound:
 
 def _field(
     tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
-) -> tuple[allocate.Field, Budget, Array]:
-    """Return the particles in boxes, the effort that may be spent there, and the boxes' areas [m2]."""
+) -> tuple[allocate.Field, Budget, Array, bool]:
+    """Return the particles in boxes, the effort that may be spent there, the boxes' areas [m2], and whether bins are
+    too long.
+    """
     widths = np.array([unit.sweep_width for unit in units]).T
+    if tracks.turn is not None:
+        under_way = np.array([unit.width_under_way or unit.sweep_width for unit in units]).T
+        widths = np.concatenate([widths, under_way, np.maximum(widths, under_way)])
     smallest = SMALLEST * float(widths.min(where=widths > 0, initial=np.inf) if (widths > 0).any() else 1.0)
     plane = record.plane(tracks)
-    bins = _bins(tracks, plane)
+    bins = _bins(tracks, plane) if tracks.turn is None else _steered_bins(tracks, plane)
     effective = float(1 / np.sum(tracks.weight**2))
     box_of, boxes = np.full(bins.there.shape, -1), []
     for t, present in enumerate(bins.there):
@@ -188,10 +205,21 @@ def _field(
     # the effort of a random search counts over the ground, whatever the particles' speed
     slowness = [0.0 if laws.of(unit.law).detects == "anywhere" else 1 / unit.search_speed for unit in units]
     field = allocate.Field(
-        box_of, len(area), fall, bins.pace, tracks.scenario, tracks.weight, sweep_rates, slowness,
+        box_of, len(area), fall, bins.pace, _states(tracks, bins.edge, len(units[0].sweep_width)), tracks.weight, sweep_rates, slowness,
         (curve.value, curve.slope, curve.conjugate), concave.STEP,
     )  # fmt: skip
-    return field, _budget(tracks, units, spec, bins, boxes, start, plane), area
+    return field, _budget(tracks, units, spec, bins, boxes, start, plane), area, bins.coarse
+
+
+def _states(tracks: Tracks, edge: Array, scenarios: int) -> Array:
+    """Return in each bin the row of sweep widths that a particle has: adrift, under way, or the greater of both.
+
+    Rows are by state and then by scenario, (b, m); of what drifts all along its scenario alone, (m,).
+    """
+    if tracks.turn is None:
+        return tracks.scenario
+    state = np.where(tracks.turn <= edge[:-1, None], 0, np.where(tracks.turn >= edge[1:, None], 1, 2))
+    return np.asarray(state * scenarios + tracks.scenario)
 
 
 def _bins(tracks: Tracks, plane: record.Plane) -> Bins:
@@ -215,7 +243,7 @@ def _bins(tracks: Tracks, plane: record.Plane) -> Bins:
     edge = np.concatenate([time[:1], time[k] + position * duration[k], time[-1:]])
     speed = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)) / duration[:, None]
     shape = (len(edge) - 1, tracks.m)
-    bins = Bins(edge, np.empty(shape), np.empty(shape), np.zeros(shape, bool), np.empty(shape))
+    bins = _empty(edge, shape)
     for t in range(len(edge) - 1):
         first = min(int(np.searchsorted(time, edge[t], side="right")) - 1, len(duration) - 1)
         last = max(int(np.searchsorted(time, edge[t + 1], side="left")), first + 1)
@@ -226,28 +254,94 @@ def _bins(tracks: Tracks, plane: record.Plane) -> Bins:
         bins.x[t], bins.y[t] = (v[j] + part * (v[j + 1] - v[j]) for v in (x, y))
         bins.there[t] = tracks.adrift[first : last + 1].any(axis=0)
         bins.pace[t] = speed[first:last].max(axis=0)
+        bins.moved[t] = bins.pace[t].max() * (edge[t + 1] - edge[t])
     return bins
+
+
+def _empty(edge: Array, shape: tuple[int, int], coarse: bool = False) -> Bins:
+    x, y, pace = np.empty((3, *shape))
+    return Bins(edge, x, y, np.zeros(shape, bool), pace, np.empty(shape[0]), coarse)
+
+
+def _steered_bins(tracks: Tracks, plane: record.Plane) -> Bins:
+    """Return bins for what steers, each from one time of the tracks to another, when the cloud is densest in it."""
+    x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
+    pace = np.hypot(*record.velocity(tracks, plane, x, y))
+    edges, side, coarse = _shortest(tracks, x, y)
+    bins = _empty(tracks.time[edges], (len(edges) - 1, tracks.m), coarse)
+    for t, (first, last) in enumerate(itertools.pairwise(edges)):
+        during = slice(first, last + 1)
+        densest = first + int(np.argmin(side[during]))
+        bins.x[t], bins.y[t] = x[densest], y[densest]
+        bins.there[t] = tracks.adrift[during].any(axis=0)
+        bins.pace[t] = pace[first:last].max(axis=0)
+        bins.moved[t] = np.hypot(x[during] - x[densest], y[during] - y[densest]).max()
+    return bins
+
+
+def _shortest(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array, bool]:
+    """Return numbers of the tracks' times at which bins for what steers begin and end, and the mean side of boxes.
+
+    The sides are those at each time. Third: whether bins are longer than they should be, because the tracks' are or
+    because there would be too many.
+    """
+    some, last = _few(tracks), len(x) - 1
+    boxes = [_sides(x[t, some], y[t, some]) for t in range(last + 1)]
+    side = np.array([own for _, own in boxes])
+    edges, coarse = [0], False
+    while edges[-1] < last:
+        first, end = edges[-1], edges[-1] + 1
+        shortest = side[first]
+        while True:
+            shortest = min(shortest, side[end])
+            apart = _apart(boxes[first][0], x[end, some] - x[first, some], y[end, some] - y[first, some])
+            if apart > STEERED * shortest or tracks.time[end] - tracks.time[first] > (
+                (tracks.time[-1] - tracks.time[0]) / FEWEST
+            ):
+                coarse |= end == first + 1 and apart > STRAIN * shortest
+                break
+            end += 1
+            if end > last:
+                break
+        edges.append(max(end - 1, first + 1))
+    if len(edges) - 1 > MOST_STEERED:
+        edges = np.unique(np.rint(np.linspace(0, last, MOST_STEERED + 1)).astype(int)).tolist()
+        coarse = True
+    return np.array(edges), side, coarse
 
 
 def _strain(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array]:
     """Return the mean side of boxes at each time of the tracks, and how far particles then move apart [m]."""
-    tick = np.cumsum(tracks.weight)
-    sample = np.minimum(np.searchsorted(tick, (np.arange(TRIAL) + 0.5) / TRIAL * tick[-1]), tracks.m - 1)
-    sample = np.unique(sample)
-    weight = np.ones(len(sample))
+    sample = _few(tracks)
     side, apart = np.empty(len(x)), np.empty(len(x) - 1)
     for t in range(len(x)):
-        boxes = quadtree.grow(x[t, sample], y[t, sample], weight, max(len(sample) / BOXES, 8.0))
-        count = np.bincount(boxes.of)
-        side[t] = np.sqrt(max(len(sample) / np.sum(count / np.maximum(boxes.area, 1.0)), 1.0))
+        box_of, side[t] = _sides(x[t, sample], y[t, sample])
         if t < len(x) - 1:
-            total = 0.0
-            for v in (x, y):
-                displacement = v[t + 1, sample] - v[t, sample]
-                residual = displacement - (np.bincount(boxes.of, displacement) / count)[boxes.of]
-                total += float(residual @ residual) / len(sample)
-            apart[t] = np.sqrt(total / 2)
+            apart[t] = _apart(box_of, *(v[t + 1, sample] - v[t, sample] for v in (x, y)))
     return side, apart
+
+
+def _few(tracks: Tracks) -> Array:
+    """Return numbers of particles, drawn by weight, on which motion is measured."""
+    tick = np.cumsum(tracks.weight)
+    sample = np.minimum(np.searchsorted(tick, (np.arange(TRIAL) + 0.5) / TRIAL * tick[-1]), tracks.m - 1)
+    return np.unique(sample)
+
+
+def _sides(x: Array, y: Array) -> tuple[Array, float]:
+    """Return boxes of particles at a time, the box of each (n,), and the boxes' mean side [m]."""
+    boxes = quadtree.grow(x, y, np.ones(len(x)), max(len(x) / BOXES, 8.0))
+    count = np.bincount(boxes.of)
+    return boxes.of, float(np.sqrt(max(len(x) / np.sum(count / np.maximum(boxes.area, 1.0)), 1.0)))
+
+
+def _apart(box_of: Array, *displacements: Array) -> float:
+    """Return how far [m] particles of one box move apart: the deviation of displacements (n,) within boxes."""
+    count, total = np.bincount(box_of), 0.0
+    for displacement in displacements:
+        residual = displacement - (np.bincount(box_of, displacement) / count)[box_of]
+        total += float(residual @ residual) / len(box_of)
+    return float(np.sqrt(total / 2))
 
 
 def _budget(
@@ -264,15 +358,16 @@ def _budget(
     low, high = (np.concatenate(v) for v in ([group.low for group in boxes], [group.high for group in boxes]))
     begin, end = bins.edge[:-1][bin_of], bins.edge[1:][bin_of]
     # A unit need not come nearer to a box than its motion within the bin and a sweep width.
-    moved = np.max(bins.pace, axis=1)[bin_of] * (end - begin)
+    moved = bins.moved[bin_of]
     spare, total = np.zeros((len(low), len(units))), np.zeros(len(units))
     for u, unit in enumerate(units):
         available = availability.of_unit(unit, spec, (plane.lon, plane.lat))
         x, y = plane.flat(*np.radians(unit.base))
         distance = np.hypot(*np.maximum(np.maximum(low - (x, y), (x, y) - high), 0.0).T)
-        to_go = np.maximum(distance - moved - max(unit.sweep_width), 0.0)
+        widest = max(*unit.sweep_width, *unit.width_under_way, 0.0)
+        to_go = np.maximum(distance - moved - widest, 0.0)
         spare[:, u] = available.within(begin, end, available.leaves + to_go / available.transit_speed)
-        ends = laws.of(unit.law).ends * max(unit.sweep_width) / unit.search_speed
+        ends = laws.of(unit.law).ends * widest / unit.search_speed
         total[u] = available.search + spec.rounds * ends
         spare[:, u] += (spare[:, u] > 0) * spec.rounds * ends
     return Budget(start, np.maximum.reduceat(spare, start[:-1], axis=0), total, spare > 0)

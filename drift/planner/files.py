@@ -202,6 +202,8 @@ def _table(name: str, tasking: Tasking, scenarios: Sequence[str]) -> dict[str, s
         table["end"] = _quoted(notation.iso(sortie.end))
     table["law"] = laws.of(sortie.law).written(sortie.law)
     table["sweep_width"] = _widths(sortie.sweep_width, scenarios)
+    if sortie.width_under_way not in ((), sortie.sweep_width):
+        table["sweep_width_under_way"] = _widths(sortie.width_under_way, scenarios)
     if math.isfinite(sortie.shape):
         table["sweep_width_uncertainty"] = f"{1 / math.sqrt(sortie.shape):.9g}"
     if sortie.group:

@@ -25,7 +25,8 @@ from geo import sphere
 from geo.array import Array
 from kernels import noise, rectangles, sweeps
 
-BINS = 10  # most bins of time while legs are smeared out
+BINS = 10  # most bins of time while legs are smeared out, where all drifts
+STEERED = 30  # the same where something steers, which turns
 FEW, MORE, MANY = 2_500, 8_000, 10_000  # particles in the first, second and third stage
 BEGINNINGS = 3
 KICKS = 8  # times that two units of the best plan are tasked anew
@@ -72,7 +73,7 @@ def plan(
         swarm = _swarm(sampled, spec, survival, plane)
         return Stage(sampled.m, swarm, sampled.weight, nodes, executed, spec.separation)
 
-    coarse_tracks = record.coarser(tracks, BINS)
+    coarse_tracks = record.coarser(tracks, BINS if tracks.turn is None else STEERED)
     coarse, finer = (stage(record.sample(coarse_tracks, min(tracks.m, n)), False) for n in (FEW, MORE))
     starts = _begun(crews, coarse, spec.separation > 0, rng, tell)
     smeared = _polished([start for _, start in starts[:6]], crews, finer, rng)
@@ -178,7 +179,11 @@ def _swarm(tracks: Tracks, spec: PlanSpec, survival: Sequence[Survival | None], 
     """Return tracks as kernels take them: positions on the plane, and what finding each particle is worth."""
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     value = np.where(tracks.adrift, bound.worth(tracks, survival, spec.objective), -1.0)
-    return rectangles.swarm(tracks.time - tracks.time[0], x, y, value, tracks.scenario)
+    turn = None if tracks.turn is None else tracks.turn - tracks.time[0]
+    flow = None
+    if tracks.flow is not None:
+        flow = *record.velocity(tracks, plane, x, y), np.nan_to_num(tracks.flow[2])
+    return rectangles.swarm(tracks.time - tracks.time[0], x, y, value, tracks.scenario, turn, flow)
 
 
 def _order(crews: Sequence[Crew], rng: np.random.Generator, k: int) -> list[int]:

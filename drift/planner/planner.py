@@ -58,13 +58,20 @@ def plan(
             f"{case.path.name}: plan: the last sortie or contact is at {group(case.plan.begin)}, when the plan is to "
             "end; give begin and until in [plan], or run for longer"
         )
-    known = [(sortie.end, f'sortie "{sortie.name}"') for sortie in case.sorties]
+    known = [(sortie.end, f'the end of sortie "{sortie.name}"') for sortie in case.sorties]
     known += [(contact.time, f'contact "{contact.name}"') for contact in case.contacts]
-    known += [(max(sensors), "the last look, presence or barrier") for sensors in [case.sensors.times] if sensors]
+    known += [
+        (overdue, f'the time by which scenario "{scenario.name}" is overdue')
+        for scenario in case.scenarios
+        if scenario.itinerary and (overdue := scenario.itinerary.overdue) is not None
+    ]
+    known += [
+        (max(sensors), "the end of the last look, presence or barrier") for sensors in [case.sensors.times] if sensors
+    ]
     last, what = max(known, default=(case.plan.begin, ""))
     if last > case.plan.begin:
         raise UserError(
-            f"{case.path.name}: plan.begin {group(case.plan.begin)} is before the end of {what}, {group(last)}: "
+            f"{case.path.name}: plan.begin {group(case.plan.begin)} is before {what}, {group(last)}: "
             "a plan begins when all is known; give a later begin in [plan], or leave it out"
         )
     job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
@@ -161,7 +168,7 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
     value = alive if spec.objective == "alive" else pos
     scored_on = _scored(result, rounds.executed, spec.begin)
     error = _error(bound.value, rounds.bound_number, value, scored_on)
-    why = bounds.silent(bound.value, rounds.bound_number, error, rounds.seen, value)
+    why = bounds.silent(bound.value, rounds.bound_number, error, rounds.seen, value, bound.coarse)
     sent = {tasking.unit.name for tasking in taskings}
     return Plan(
         spec=spec,

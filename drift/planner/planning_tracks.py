@@ -9,6 +9,7 @@ from geo import sphere
 from geo.array import Array
 
 LEVELS = 12  # of the space-filling curve: a side of 4096
+MINUTE = 60.0  # [s]
 
 
 @dataclass(frozen=True)
@@ -18,10 +19,16 @@ class Tracks:
     time: Array  # float64 [s since 1970] (b + 1,)
     lon: Array  # int32 binary angle (b + 1, m)
     lat: Array
-    adrift: Array  # bool (b + 1, m): the particle can be detected (it is adrift or ashore)
+    adrift: Array  # bool (b + 1, m): the particle can be detected (it is adrift, under way, or where it has stopped)
     weight: Array  # float64 (m,), with the sum 1
     scenario: Array  # int32 (m,)
     release: Array  # float64 [s since 1970] (m,)
+    # When a particle goes adrift that is under way until then [s since 1970] (m,); -inf: it drifts all along, inf: it
+    # never does; None: nothing steers.
+    turn: Array | None = None
+    # Mean velocity [m/s] east and north of the leg of a Brownian bridge, and its spread rate [m/sqrt(s)], from each edge
+    # on, float32 (3, b + 1, m); NaN where the track itself tells them; None: nothing follows a bridge.
+    flow: Array | None = None
 
     @property
     def bins(self) -> int:
@@ -67,7 +74,8 @@ def take(tracks: Tracks, index: Array, weight: Array) -> Tracks:
     lon, lat, adrift = (np.ascontiguousarray(v[:, index]) for v in (tracks.lon, tracks.lat, tracks.adrift))
     return replace(
         tracks, lon=lon, lat=lat, adrift=adrift, weight=weight / weight.sum(), scenario=tracks.scenario[index],
-        release=tracks.release[index],
+        release=tracks.release[index], turn=None if tracks.turn is None else tracks.turn[index],
+        flow=None if tracks.flow is None else np.ascontiguousarray(tracks.flow[:, :, index]),
     )  # fmt: skip
 
 
@@ -95,8 +103,28 @@ def coarser(tracks: Tracks, most: int) -> Tracks:
     """Return the same tracks at the edges of at most so many bins."""
     edge = np.unique(np.rint(np.linspace(0, tracks.bins, min(tracks.bins, most) + 1)).astype(int))
     return replace(
-        tracks, time=tracks.time[edge], lon=tracks.lon[edge], lat=tracks.lat[edge], adrift=tracks.adrift[edge]
+        tracks, time=tracks.time[edge], lon=tracks.lon[edge], lat=tracks.lat[edge], adrift=tracks.adrift[edge],
+        flow=None if tracks.flow is None else tracks.flow[:, edge],
+    )  # fmt: skip
+
+
+def velocity(tracks: Tracks, plane: Plane, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return how fast (east, north) [m/s] particles go on the plane from each edge on, (b + 1, m).
+
+    x, y: where they are on the plane [m]. What follows a bridge goes as its leg does on average, all else as its track.
+    """
+    along = []
+    for v in (x, y):
+        pace = np.diff(v, axis=0) / np.diff(tracks.time)[:, None]
+        along.append(np.concatenate([pace, pace[-1:]]))
+    if tracks.flow is None:
+        return along[0], along[1]
+    there = sphere.destination(
+        tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT, *(MINUTE * v for v in tracks.flow[:2])
     )
+    further = zip(plane.flat(*there), (x, y), along, strict=True)
+    east, north = (np.where(np.isnan(end), own, (end - v) / MINUTE) for end, v, own in further)
+    return east, north
 
 
 def square(x: Array, y: Array) -> tuple[float, float, float]:

@@ -42,7 +42,7 @@ class Crew:
     available: Availability
     plane: Plane
     zero: float  # [s since 1970] that times are counted from
-    width: Array  # (scenarios,) sweep width [m]
+    width: Array  # sweep width [m] by scenario, (scenarios,); where some steer by state too, (2, scenarios)
     factor: Array  # (nodes,) of the sweep width, at the joint nodes of all unknown factors
     curve: Array  # b at multiples of STEP of coverage
     table: Array | None  # lateral range curve of a law without a rate: range / W, chance, ...; None: it has a rate
@@ -67,7 +67,8 @@ def crew(
     table = None
     if laws.of(unit.law).detects == "abeam":
         table = np.column_stack(laws.table(unit.law)).ravel()
-    return Crew(unit, available, plane, zero, np.array(unit.sweep_width), factor, curve, table, course)
+    width = np.array([unit.sweep_width, unit.width_under_way] if unit.width_under_way else unit.sweep_width)
+    return Crew(unit, available, plane, zero, width, factor, curve, table, course)
 
 
 class Sweeps(NamedTuple):
@@ -221,7 +222,10 @@ def commence(rows: Array, length: Array, spacing: Array, legs: Array) -> tuple[A
 
 
 def smeared(crew: Crew, rows: Array, flown: Sweeps) -> tuple[Array, Array]:
-    """Return rectangles for kernels.rectangles, (c, 9), and their coverage by scenario, (c, scenarios)."""
+    """Return rectangles for kernels.rectangles, (c, 9), and their coverage.
+
+    Coverage is by scenario (c, scenarios), or by state and scenario (c, 2, scenarios), as crew.width.
+    """
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
     duration = np.maximum(flown.duration, 1.0)
     table = np.column_stack(
@@ -229,7 +233,8 @@ def smeared(crew: Crew, rows: Array, flown: Sweeps) -> tuple[Array, Array]:
     )
     # Land in a boat's rectangle costs it about as much time, going round, as it saves.
     track = crew.unit.search_speed * duration * share(crew, rows, flown)
-    return table, crew.width * (track / np.maximum(flown.length * flown.width, 1.0))[:, None]
+    swept = track / np.maximum(flown.length * flown.width, 1.0)
+    return table, crew.width * swept.reshape(-1, *[1] * crew.width.ndim)
 
 
 def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
