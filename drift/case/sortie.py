@@ -191,7 +191,7 @@ class SortieTable(SensorTable):
             finish,
             self.law,
             widths,
-            under_way,
+            width_under_way=under_way,
             shape=self.shape(),
             group="" if self.watch else self.group(self.unit),
             area=area,

@@ -48,12 +48,10 @@ class Sortie:
     end: np.datetime64
     law: Law
     sweep_width: tuple[float, ...]  # [m], one per scenario; 0: its object is not seen
-    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
     shape: float = math.inf  # shape of the gamma distribution (mean 1) of the unknown factor of W; inf: W is known
     group: str = ""  # sorties of one group share that factor
     area: Area | None = None  # the area that it searched; with legs, the area that counts as searched
     coverage: tuple[float, ...] = ()  # C = W v t / A, one per scenario; of an area without legs
-    coverage_under_way: tuple[float, ...] = ()  # the same while it is under way
     legs: Legs | None = None  # tracks made good; of a watch, where its sensor was
     watch: Watch | None = None
     completed: float = 1.0  # share of the effort that was spent; legs are already cut
@@ -64,6 +62,8 @@ class Sortie:
     speed: float = math.nan  # [m/s]
     altitude: float = math.nan  # [m]
     spacing: float = math.nan  # [m]
+    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
+    coverage_under_way: tuple[float, ...] = ()  # as coverage, while it is under way
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,6 @@ class Unit:
     endurance: float  # [s] on scene; 85 % of it is search
     law: Law
     sweep_width: tuple[float, ...]  # [m], one per scenario
-    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
     shape: float = math.inf
     group: str = ""
     altitude: float = math.nan  # [m]
@@ -229,6 +228,7 @@ class Unit:
     least_spacing: float = 0.0  # [m]
     clear_of_land: float = 0.0  # [m] that a boat keeps from the shore
     draught: float = 0.0  # [m] of a boat, where depths are known
+    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
 
     @property
     def afloat(self) -> bool:

@@ -195,7 +195,7 @@ def test_it_is_a_bound_at_any_effort() -> None:
     some = cloud(2**12, STD)
     units = [unit(30.0, 3, NMI, Law()), unit(60.0, 1, 2 * NMI, Law(), name="B")]
     best = bound.bound(some, units, spec(), [None])
-    field, budget, area = bound._field(record.sort(some), units, spec(), [None])
+    field, budget, area, _ = bound._field(record.sort(some), units, spec(), [None])
     rng = np.random.default_rng(1)
     for _ in range(20):
         raw = rng.exponential(size=best.effort.shape) ** 4

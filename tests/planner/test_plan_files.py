@@ -156,7 +156,7 @@ def test_the_numbers_are_json():
 def sorties(text):
     """Return the records that a case file's reader makes of tables."""
     rows = [sortie_table.SortieTable.model_validate(row) for row in tomllib.loads(text)["sortie"]]
-    scenarios = [SimpleNamespace(name=name, search_object=None) for name in searches.NAMES]
+    scenarios = [SimpleNamespace(name=name, search_object=None, itinerary=None) for name in searches.NAMES]
     return sortie_table.build(rows, sortie_table.Run(searches.BEGIN, searches.hours(48), scenarios, Path()))
 
 
