@@ -104,17 +104,18 @@ def _errors_first(told: str) -> str:
 
 
 def drifts(case: Case) -> bool:
-    """Whether anything drifts: what steers and never goes adrift feels no current and no wind."""
+    """Whether anything drifts: what steers and never goes adrift feels no wind, and a current only if it is told to."""
     return any(contact.drifter is not None for contact in case.contacts) or any(
         scenario.itinerary is None or scenario.itinerary.distress is not None for scenario in case.scenarios
     )
 
 
 def errors(case: Case) -> str:
-    """Return which errors of current and wind a run has, in a line, and who says so; "" where nothing drifts."""
-    if not drifts(case):
+    """Return which errors of current and wind a run has, in a line, and who says so; "" where nothing feels them."""
+    adrift = drifts(case)
+    if not (adrift or any(s.itinerary is not None and s.itinerary.currents == "felt" for s in case.scenarios)):
         return ""
-    wind = case.wind_error if case.forcing["wind"] else None
+    wind = case.wind_error if adrift and case.forcing["wind"] else None
     return forcing_error.words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
 
 
@@ -125,6 +126,8 @@ def behaviour(case: Case) -> str:
         return "none: particles pass over land"
     steering = [scenario.itinerary for scenario in case.scenarios if scenario.itinerary is not None]
     ways = dict.fromkeys(LAND[itinerary.land] for itinerary in steering)
+    if any(itinerary.land == "refuse" and itinerary.currents == "felt" for itinerary in steering):
+        ways |= dict.fromkeys([LAND["stop"]])
     if not drifts(case):
         return "; ".join(ways)
     return "; ".join([_strands(coast), *(f"under way: {words}" for words in ways)])

@@ -112,7 +112,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     try:
         beach, bias = _beach(case.coast), case.current_error.bias > 0
         place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
-        steering = models.steering(case.scenarios, case.period)
+        steering = models.steering(case.scenarios, case.period, case.errors)
         stage = Scene(forcing, models.motions(case.errors, case.scenarios), place, steering)
         clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, stage)
         lost.check_prior(spec, where, case.max_lost, ensemble, stage, clock)

@@ -62,7 +62,7 @@ Plan = ti.types.argpack(
 
 @ti.dataclass
 class Target:
-    """Where a target is and where it goes next."""
+    """Where a target is and where it goes next, by its reckoning; and how far the current has set it off that."""
 
     lon: ti.i32
     lat: ti.i32
@@ -76,6 +76,11 @@ class Target:
     course: ti.f32  # [rad]
     speed: ti.f32  # [m/s]
     over: ti.i32  # 1: it has reached its last way point
+    set_lon: ti.i32  # [binary angle] how far off it was at `set_since`; nothing of what makes good the current
+    set_lat: ti.i32
+    rate_lon: ti.f32  # [binary angle/s] how fast it is set off
+    rate_lat: ti.f32
+    set_since: ti.i32  # [s]
 
 
 @ti.dataclass

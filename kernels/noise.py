@@ -11,6 +11,7 @@ import numpy as np
 import taichi as ti
 
 # One stream per use, so that no two uses ever share a number.
+STREAM_FELT = 0  # the error of the current that targets under way feel
 STREAM_PRIOR = 1
 STREAM_OBJECT = 2
 STREAM_ERROR = 3

@@ -72,10 +72,12 @@ def _steering(
                     k = steer.wanders(plan, key, t)
                     x, y, time, state_then, _number = steer.stretch(coastal, plan, key, which, t, k, over, coast)
                 if time > since:
-                    ax, ay, begin = t.lon, t.lat, t.time
+                    off_x, off_y = steer.set_at(t, t.time)
+                    ax, ay, begin = t.lon + off_x, t.lat + off_y, t.time
+                    off_x, off_y = steer.set_at(t, time if state == life.UNDER_WAY else t.time)
+                    bx, by, close = x + off_x, y + off_y, time
                     if begin < since:
                         ax, ay, begin = before_lon[i], before_lat[i], since
-                    bx, by, close = x, y, time
                     if close > stop:
                         bx, by, close = after_lon[i], after_lat[i], stop
                     own = Piece(ax, ay, bx, by, ti.cast(begin - since, ti.f32), ti.cast(close - since, ti.f32), k)

@@ -3,6 +3,9 @@
 A target goes from one event of its itinerary to the next in pieces, each by a rhumb line, or along or about a great
 circle (kernels.ways). The same pieces are made again, bit by bit, from what was kept of the step's begin, wherever
 something inside the step is asked for: where a target is at a time, what a sensor has seen of it.
+
+A target that feels the current keeps to its itinerary by dead reckoning, and the current sets it off its reckoned way,
+steadily within a step (kernels.felt). What the columns hold is where it is; itineraries know only the reckoned place.
 """
 
 from typing import Any
@@ -45,6 +48,8 @@ CORE = ("lon", "lat", "status", "release", "status_since", "edge", "scenario")
 OWN = {
     **dict.fromkeys(("birth", "departure", "phase", "leg", "to_lon", "to_lat", "to_time", "phase_end"), Ints),
     **dict.fromkeys(("course", "speed"), Reals),
+    **dict.fromkeys(("set_lon", "set_lat"), Ints),
+    **dict.fromkeys(("set_rate_lon", "set_rate_lat"), Reals),
 }
 COLUMNS = {**dict.fromkeys(CORE, Ints), **OWN}
 Columns = ti.types.argpack(**COLUMNS)
@@ -61,11 +66,23 @@ Terms = ti.types.struct(
 @ti.func
 def loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
     """Return target i as its columns have it at the begin of a step [s], or at its departure in the step."""
+    begin = ti.max(elapsed, columns.departure[i])
     return Target(
-        lon=columns.lon[i], lat=columns.lat[i], time=ti.max(elapsed, columns.departure[i]), phase=columns.phase[i],
-        leg=columns.leg[i], to_lon=columns.to_lon[i], to_lat=columns.to_lat[i], to_time=columns.to_time[i],
+        lon=columns.lon[i] - columns.set_lon[i], lat=columns.lat[i] - columns.set_lat[i], time=begin,
+        phase=columns.phase[i], leg=columns.leg[i],
+        to_lon=columns.to_lon[i], to_lat=columns.to_lat[i], to_time=columns.to_time[i],
         phase_end=columns.phase_end[i], course=columns.course[i], speed=columns.speed[i], over=0,
+        set_lon=columns.set_lon[i], set_lat=columns.set_lat[i],
+        rate_lon=columns.set_rate_lon[i], rate_lat=columns.set_rate_lat[i], set_since=begin,
     )  # fmt: skip
+
+
+@ti.func
+def set_at(target: Target, time: ti.i32):
+    """Return (dlon, dlat) [binary angle] by which the current has set a target off its reckoned way at a time [s]."""
+    lasting = ti.cast(time - target.set_since, ti.f32)
+    dlon = target.set_lon + ti.cast(ti.round(target.rate_lon * lasting), ti.i32)
+    return dlon, target.set_lat + ti.cast(ti.round(target.rate_lat * lasting), ti.i32)
 
 
 @ti.func
@@ -130,17 +147,19 @@ def stretch(
     until: ti.i32,
     coast: ti.template(),
 ):
-    """Return (lon, lat, time, state, edge) at the end of a target's next piece, or where that meets the shore."""
+    """Return (lon, lat, time, state, edge) at the reckoned end of a target's next piece, or where it meets the shore."""
     x, y, time = piece(plan, key, target, k, until)
     state, edge = life.UNDER_WAY, -1
     if ti.static(coastal):
         if plan.stories[scenario * STORY + 2] & STOPPED:
-            hit, x_stop, y_stop, share, number = first_crossing(
-                target.lon, target.lat, x - target.lon, y - target.lat, coast
-            )
+            ax, ay = set_at(target, target.time)
+            bx, by = set_at(target, time)
+            ax, ay, bx, by = target.lon + ax, target.lat + ay, x + bx, y + by
+            hit, x_stop, y_stop, share, number = first_crossing(ax, ay, bx - ax, by - ay, coast)
             if hit == 1:
                 time = target.time + ti.cast(share * ti.cast(time - target.time, ti.f32), ti.i32)
-                x, y, state, edge = x_stop, y_stop, life.AGROUND, number
+                bx, by = set_at(target, time)
+                x, y, state, edge = x_stop - bx, y_stop - by, life.AGROUND, number
     return x, y, time, state, edge
 
 
@@ -203,18 +222,20 @@ def _steer(
                     columns.edge[i] = number
             if state != life.UNDER_WAY:
                 columns.status_since[i] = t.time
-            elif (
-                ti.cast(t.lon - terms.west, ti.u32) > terms.width or ti.cast(t.lat - terms.south, ti.u32) > terms.height
-            ):
+            _store(columns, i, t)
+            west, south = columns.lon[i] - terms.west, columns.lat[i] - terms.south
+            outside = ti.cast(west, ti.u32) > terms.width or ti.cast(south, ti.u32) > terms.height
+            if state == life.UNDER_WAY and outside:
                 state = life.LEFT
                 columns.status_since[i] = end
             columns.status[i] = state
-            _store(columns, i, t)
 
 
 @ti.func
 def _store(columns: ti.template(), i: ti.i32, t: Target):
-    columns.lon[i], columns.lat[i] = t.lon, t.lat
+    dlon, dlat = set_at(t, t.time)
+    columns.lon[i], columns.lat[i] = t.lon + dlon, t.lat + dlat
+    columns.set_lon[i], columns.set_lat[i] = dlon, dlat
     columns.phase[i], columns.leg[i], columns.phase_end[i] = t.phase, t.leg, t.phase_end
     columns.to_lon[i], columns.to_lat[i], columns.to_time[i] = t.to_lon, t.to_lat, t.to_time
     columns.course[i], columns.speed[i] = t.course, t.speed
@@ -258,7 +279,8 @@ def _inside(
                 x, y, time, state_then, _edge = stretch(coastal, plan, key, which, t, k, until, coast)
                 if time > when:
                     if t.time < since and since < time:
-                        t.lon, t.lat, t.time = at_lon[i], at_lat[i], since
+                        off_lon, off_lat = set_at(t, since)
+                        t.lon, t.lat, t.time = at_lon[i] - off_lon, at_lat[i] - off_lat, since
                     w = noise.words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment)
                     normal = noise.normals(w[0], w[1])
                     t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
@@ -271,16 +293,19 @@ def _inside(
                             state = life.ARRIVED
                     else:
                         t.lon, t.lat, t.time = x, y, time
-            at_lon[i], at_lat[i] = t.lon, t.lat
+            dlon, dlat = set_at(t, t.time)
+            at_lon[i], at_lat[i] = t.lon + dlon, t.lat + dlat
             east[i], north[i] = 0.0, 0.0
             if state == life.UNDER_WAY:
                 v = velocity(plan, t)
-                east[i], north[i] = v[0], v[1]
+                metres = ti.f32(sphere.RADIUS * sphere.UNIT)
+                east[i] = v[0] + t.rate_lon * metres * sphere.cos_lat(at_lat[i])
+                north[i] = v[1] + t.rate_lat * metres
 
 
 @ti.func
 def velocity(plan: ti.template(), target: Target) -> f32x2:
-    """Return (east, north) [m/s] with which a target goes: on its course, or to its way point in time."""
+    """Return (east, north) [m/s] with which a target goes by its reckoning: on its course, or to its way point in time."""
     found = target.speed * f32x2(ti.sin(target.course), ti.cos(target.course))
     if plan.phases[target.phase * PHASE] != COURSE:
         way = sphere.offset(target.lon, target.lat, target.to_lon, target.to_lat)

@@ -165,8 +165,11 @@ def _expose(
                 if begin < time[time.shape[0] - 1] and begin + whole > time[0]:
                     # Parts of the piece, halved where it matters: their ends on a stack, the nearest one on top.
                     ends_x, ends_y, levels = Levels(0), Levels(0), Levels(0)
-                    top, at, ax, ay = 0, 0, t.lon, t.lat  # at: begin of the part, in 2^-DEPTH of the piece
-                    ends_x[0], ends_y[0] = x, y
+                    off_x, off_y = steer.set_at(t, t.time)
+                    # at: begin of the part, in 2^-DEPTH of the piece
+                    top, at, ax, ay = 0, 0, t.lon + off_x, t.lat + off_y
+                    off_x, off_y = steer.set_at(t, over if state == life.UNDER_WAY else t.time)
+                    ends_x[0], ends_y[0] = x + off_x, y + off_y
                     while top >= 0:
                         bx, by, level = ends_x[top], ends_y[top], levels[top]
                         part = whole * ti.cast(1 << (DEPTH - level), ti.f32) * (1.0 / (1 << DEPTH))

@@ -508,3 +508,4 @@ class VesselTable(fields.Table):
 
     search_object: SearchObject | None = None
     land: Literal["refuse", "stop", "ignore"] = "refuse"
+    currents: Literal["compensated", "felt"] = "compensated"

@@ -201,6 +201,11 @@ class ScenarioTable(fields.Table):
                     f"phase {number} has no end, so that phase {number + 1} never comes; give {phase.kind}.until or "
                     f"{phase.kind}.for, or leave the phases after it out"
                 )
+        if self.vessel and self.vessel.currents == "felt" and any(phase.kind == "bridge" for phase in self.phase):
+            yield (
+                'vessel.currents is "felt": a bridge says where the target is, whatever the current; leave currents '
+                "out, or give a voyage, a track or a course"
+            )
         for name in () if self.phase else ("vessel", "distress", "overdue"):
             if getattr(self, name) is not None:
                 yield f"{name} belongs to what is under way first; add [[scenario.phase]]"
@@ -237,6 +242,7 @@ class ScenarioTable(fields.Table):
             None if self.overdue is None else units.resolve(self.overdue, start),
             vessel.land,
             vessel.search_object,
+            vessel.currents,
         )
 
     def jibe_rate(self, drifter: Drifter) -> float:

@@ -145,6 +145,10 @@ def _scenario(
     if len(chosen) == len(forcing) and adrift and _forced(table.motion):
         with wrong.gathered():
             _check_sources(place, drifter, chosen)
+    elif itinerary is not None and itinerary.currents == "felt" and not chosen.get("current", True):
+        wrong.lines.append(
+            f'{place}.vessel.currents is "felt" and there is no current: add [[current]] with files, or leave it out'
+        )
     wrong.refuse()
     alive = table.survival.survival() if table.survival else None
     return Scenario(

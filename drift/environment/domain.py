@@ -4,7 +4,7 @@ By default it holds all that anything adrift can reach.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -55,8 +55,7 @@ def within_reach(spec: EnsembleSpec) -> Box:
 
     objects = [(MODELS[s.model].forced, MODELS[s.model].usual(s, STRONGEST_WIND)) for s in _drifting(spec)]
     debris = [(True, drift.usual(drifter, STRONGEST_WIND)) for drifter in spec.debris]
-    fastest = max([carried(speed) if forced else speed for forced, speed in objects + debris] + _steered(spec))
-    return around(spec, fastest, SPREADS)
+    return around(spec, _fastest_of(spec, objects + debris, carried), SPREADS)
 
 
 def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
@@ -79,8 +78,7 @@ def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
 
     objects = [(MODELS[s.model].forced, MODELS[s.model].fastest(s, wind, FARTHEST)) for s in _drifting(spec)]
     debris = [(True, drift.fastest(drifter, wind, FARTHEST)) for drifter in spec.debris]
-    fastest = max([carried(speed) if forced else speed for forced, speed in objects + debris] + _steered(spec))
-    return around(spec, fastest, FARTHEST)
+    return around(spec, _fastest_of(spec, objects + debris, carried), FARTHEST)
 
 
 def _drifting(spec: EnsembleSpec) -> list[Scenario]:
@@ -88,9 +86,16 @@ def _drifting(spec: EnsembleSpec) -> list[Scenario]:
     return [s for s in spec.scenarios if s.model in s.models]
 
 
-def _steered(spec: EnsembleSpec) -> list[float]:
-    """Return the highest speeds [m/s] of what steers on a course; where way points lead is in its extent."""
-    return [s.itinerary.fastest for s in spec.scenarios if s.itinerary]
+def _fastest_of(spec: EnsembleSpec, drifting: Sequence[tuple[bool, float]], carried: Callable[[float], float]) -> float:
+    """Return the highest speed [m/s] at which anything leaves the extent of its scenario.
+
+    drifting: of what goes adrift, whether it is forced, and its speed through the water; carried: makes of that one over
+    ground. What steers leaves its extent on a course, and by the current that it feels.
+    """
+    speeds = [carried(speed) if forced else speed for forced, speed in drifting]
+    for own in (s.itinerary for s in spec.scenarios if s.itinerary):
+        speeds.append(carried(own.fastest) if own.currents == "felt" else own.fastest)
+    return max(speeds)
 
 
 def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:

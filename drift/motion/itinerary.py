@@ -195,11 +195,18 @@ class Itinerary:
     overdue: np.datetime64 | None = None  # what has arrived by then is not what is looked for
     land: Literal["refuse", "stop", "ignore"] = "refuse"
     search_object: str | None = None  # what sorties look for while it is under way, in the sweep width tables
+    # Whether it makes good the current, or keeps its itinerary by dead reckoning and is set off its way.
+    currents: Literal["compensated", "felt"] = "compensated"
 
     @property
     def fastest(self) -> float:
         """Highest speed [m/s] on a course; where way points and polygons lead is known without a speed."""
         return max((phase.speed.high for phase in self.phases if isinstance(phase, Course)), default=0.0)
+
+    @property
+    def pace(self) -> float:
+        """Highest speed [m/s] through the water, by the middles of way points that have times."""
+        return max(_pace(phase) for phase in self.phases)
 
     @property
     def ways(self) -> list[tuple[Array, Array]]:
@@ -234,6 +241,18 @@ class Itinerary:
             elif isinstance(phase, Loiter):
                 found.append((np.array(phase.ring.lon), np.array(phase.ring.lat), 0.0))
         return found
+
+
+def _pace(phase: Phase) -> float:
+    if not isinstance(phase, Ways) or phase.speed.high > 0:
+        return phase.speed.high
+    if phase.fastest < np.inf:
+        return phase.fastest
+    lon, lat = np.array([_middle(point.place) for point in phase.points]).T
+    time = np.array([_latest(point.time, 0.0) for point in phase.points])
+    return float(
+        (sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / np.maximum(np.diff(time), 1.0)).max(initial=0.0)
+    )
 
 
 def _lines(phase: Ways) -> list[tuple[Array, Array]]:

@@ -91,6 +91,8 @@ class _Tables:
             for phase in itinerary.phases:
                 self._phase(phase)
             land = {"refuse": kernel.WET, "stop": kernel.WET | kernel.STOPPED, "ignore": 0}[itinerary.land]
+            if itinerary.land == "refuse" and itinerary.currents == "felt":
+                land |= kernel.STOPPED  # its way is clear of land, but the current may set it ashore
             match itinerary.distress:
                 case Between(earliest, after):
                     law, base, numbers = kernel.BETWEEN, self.period.elapsed(earliest), [*row(after), 0.0]

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from drift.motion import steer
 from drift.motion.drift import DRIFT
 from drift.motion.forcing_error import Errors
+from drift.motion.itinerary import Itinerary
 from drift.motion.model import Model, Motion
 from drift.motion.period import Period
 from drift.motion.scenario import Scenario
@@ -16,7 +17,11 @@ MODELS: dict[str, Model] = {"drift": DRIFT}
 
 def forced(scenarios: Iterable[Scenario]) -> bool:
     """Return whether all of some scenarios move with currents and winds alone, and are lost without them."""
-    return all(s.itinerary is None and MODELS[s.model].forced for s in scenarios)
+    return all(_feels(s.itinerary) if s.itinerary else MODELS[s.model].forced for s in scenarios)
+
+
+def _feels(itinerary: Itinerary) -> bool:
+    return itinerary.currents == "felt"
 
 
 def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
@@ -32,6 +37,6 @@ def motions(errors: Errors, scenarios: Iterable[Scenario]) -> tuple[Motion, ...]
     return tuple(Motion(model := MODELS[scenario.model], model.terms(errors, scenario)) for scenario in scenarios)
 
 
-def steering(scenarios: Iterable[Scenario], period: Period) -> Steering | None:
+def steering(scenarios: Iterable[Scenario], period: Period, errors: Errors) -> Steering | None:
     """Return how scenarios steer before they go adrift; None: none does."""
-    return steer.steering([scenario.itinerary for scenario in scenarios], period)
+    return steer.steering([scenario.itinerary for scenario in scenarios], period, errors.current)

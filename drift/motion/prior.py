@@ -58,7 +58,7 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
             drawn, failed = (int(x) for x in tries.to_numpy())
         tried.append((drawn, failed))
         MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
-    steering = models.steering(spec.scenarios, spec.period)
+    steering = models.steering(spec.scenarios, spec.period, spec.errors)
     begun = np.array(tried)
     if steering:
         begun = begun + steer.draw(ensemble, steering, coast)

@@ -58,6 +58,7 @@ class Scene:
         self.forcing.set(low, high)
         helm, at_helm = self.helm(ensemble), None
         if helm:
+            helm.feel(self.forcing, step)
             at_helm = helm.keep() if keep else None
             helm.move(step)
         begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), at_helm) if keep else None

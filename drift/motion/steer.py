@@ -10,12 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from drift.motion import itinerary_tables
+from drift.motion.forcing import Forcing
+from drift.motion.forcing_error import ForcingError
 from drift.motion.itinerary import Itinerary
 from drift.motion.period import Period
 from drift.particles.ensemble import NEVER, Column, Device, Ensemble
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import observe_targets, runtime, steer, sweep_targets
+from kernels import felt, observe_targets, runtime, steer, sweep_targets
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
 from kernels.observe import Shape, Window
@@ -32,6 +34,10 @@ COLUMNS = (
     Column("phase_end", np.int32, NEVER, "s", "when its phase is over, where a time says so"),
     Column("course", np.float32, 0, "rad", "its course, where it keeps one, clockwise from north"),
     Column("speed", np.float32, 0, "m/s", "its speed, where one is drawn"),
+    Column("set_lon", np.int32, 0, "binary angle", "how far the current has set it east of its reckoned place"),
+    Column("set_lat", np.int32, 0, "binary angle", "the same, north"),
+    Column("set_rate_lon", np.float32, 0, "binary angle/s", "how fast it sets it east"),
+    Column("set_rate_lat", np.float32, 0, "binary angle/s", "the same, north"),
 )
 
 
@@ -43,11 +49,17 @@ class Steering(NamedTuple):
 
     itineraries: tuple[Itinerary | None, ...]
     period: Period
+    error: ForcingError  # of the current, which some feel
 
     @property
     def scenarios(self) -> tuple[int, ...]:
         """Numbers of the scenarios that steer."""
         return tuple(k for k, own in enumerate(self.itineraries) if own is not None)
+
+    @property
+    def feel(self) -> tuple[int, ...]:
+        """Numbers of the scenarios that do not make good the current."""
+        return tuple(k for k, own in enumerate(self.itineraries) if own is not None and own.currents == "felt")
 
 
 class Helm:
@@ -105,6 +117,20 @@ class Helm:
         """Draw where and when targets begin and go adrift: see kernels.steer.born."""
         e = self._ensemble
         steer.born(columns(e), self.batch, self.plan, e.seed, self._domain, self._coast, tries)
+
+    def feel(self, forcing: Forcing, step: kernel.Step) -> None:
+        """Ask the current how fast it sets those off over the step about to be made that do not make it good."""
+        e, error = self._ensemble, self._steering.error
+        same: dict[tuple[int, int], list[int]] = {}
+        for number in self._steering.feel:
+            same.setdefault(forcing.ranges[number]["current"], []).append(number)
+        for ranges, scenarios in same.items():
+            part = self.some(scenarios)
+            if part:
+                felt.feel(
+                    columns(e), part.batch, self.plan, e.seed, self._coast, e.own,
+                    forcing.tiles.sea({"current": ranges}), error.std, error.time, step,
+                )  # fmt: skip
 
     def move(self, step: kernel.Step) -> None:
         """Move the targets over a step, each until its distress."""
@@ -174,6 +200,6 @@ def draw(ensemble: Ensemble, steering: Steering, coast: DeviceCoast | None) -> A
     return np.asarray(tries.to_numpy().reshape(-1, 2))
 
 
-def steering(itineraries: Sequence[Itinerary | None], period: Period) -> Steering | None:
-    """Return what a run's scenarios have of itineraries; None: nothing steers."""
-    return Steering(tuple(itineraries), period) if any(own is not None for own in itineraries) else None
+def steering(itineraries: Sequence[Itinerary | None], period: Period, error: ForcingError) -> Steering | None:
+    """Return what a run's scenarios have of itineraries; None: nothing steers. error: of the current."""
+    return Steering(tuple(itineraries), period, error) if any(own is not None for own in itineraries) else None

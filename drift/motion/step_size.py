@@ -24,6 +24,7 @@ FEWEST = 100  # least particles from which a percentile is taken
 TRIAL_SIZE = 1000  # particles whose error decides on the step: the rank of their percentile errs by 0.7 %
 TRIAL_SPAN = 86_400  # [s] over which the error is measured
 DAY = 86_400
+HALF_TURN = 180.0  # [deg] cells as wide as that are of a current that is the same everywhere
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ def clock_of(
     limits = {
         **{reason: longest for model, _ in scene.motions for reason, longest in model.longest(errors).items()},
         "the interval of the forcing": min((float(np.median(np.diff(t))) for t in times), default=np.inf),
+        "the time in which what feels the current under way crosses a cell of it": _crossing(scene, sources),
     }
     reason, longest = min(limits.items(), key=lambda item: item[1])
     if spec.step is None:
@@ -59,6 +61,19 @@ def clock_of(
             'give at most that, or "auto"'
         )
     return Clock(start, duration, direction, spec.step, origin % spec.step), None
+
+
+def _crossing(scene: Scene, sources: Sequence[Source]) -> float:
+    """Return the shortest time [s] in which a target that feels the current crosses a cell of a current."""
+    felt = [scene.steering.itineraries[k] for k in scene.steering.feel] if scene.steering else []
+    fastest = max((itinerary.pace for itinerary in felt if itinerary), default=0.0)
+    grids = [source.grid for source in sources if source.quantity == "current" and source.grid.dlon < HALF_TURN]
+    if fastest == 0 or not grids:
+        return np.inf
+    box = scene.place.domain
+    highest = max(abs(box.south), abs(box.south + box.height)) * sphere.UNIT
+    cells = [min(grid.dlat, grid.dlon * float(np.cos(highest))) for grid in grids]
+    return float(np.radians(min(cells)) * sphere.RADIUS / fastest)
 
 
 def choose_step(

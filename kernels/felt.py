@@ -1,0 +1,107 @@
+"""How fast the current sets targets under way off their reckoned way, where they do not make it good.
+
+A vessel that keeps its course by dead reckoning heads and goes through the water as its itinerary has it, and the
+current at the place where it really is carries it besides: dX/dt = way through the water + current(X, t). Its course is
+a compass course: at a higher latitude than reckoned the same way east spans more longitude. What sets it off is held
+constant over a step, as it is in the step's middle (the explicit midpoint rule, of order 2).
+"""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from kernels import batch, errors, launch, life, noise, runtime, sphere, steer
+from kernels.batch import Batch
+from kernels.coast import Ints, Reals
+from kernels.sample import Sea, sample
+from kernels.velocity import CURRENT_FROM, CURRENT_TO
+
+f32x2 = ti.types.vector(2, ti.f32)
+
+ERRORS = ("current_error_east", "current_error_north", "current_bias_east", "current_bias_north")
+Errors = ti.types.argpack(**dict.fromkeys(ERRORS, Reals))
+
+
+@ti.kernel
+def _feel(
+    listed: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    slots: Ints,
+    shift: Ints,
+    columns: steer.Columns,
+    own: Errors,
+    sea: Sea,
+    lon: Ints,
+    lat: Ints,
+    east: Reals,
+    north: Reals,
+    std: ti.f32,
+    memory: ti.f32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+    when: ti.i32,
+    middle: ti.i32,
+):
+    for j in range(first, last):
+        i = batch.slot(listed, slots, j)
+        end = elapsed + duration
+        begin, until = ti.max(elapsed, columns.departure[i]), ti.min(end, columns.release[i])
+        if steer.under_way(columns, i, end) and begin < until:
+            dt = ti.cast(until - begin, ti.f32)
+            old = f32x2(own.current_error_east[i], own.current_error_north[i])
+            error, since = old, ti.cast(begin - elapsed, ti.f32)
+            if middle == 1:
+                w = noise.words(seed0, seed1, noise.STREAM_FELT, i + shift[columns.scenario[i]], step)
+                new = errors.transition(old, std, memory, dt, noise.normals(w[0], w[1]))
+                own.current_error_east[i], own.current_error_north[i] = new[0], new[1]
+                error, since = 0.5 * (old + new), since + 0.5 * dt
+            fraction = since / ti.cast(duration, ti.f32)
+            r = sample(sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon[i], lat[i], fraction)
+            u, v = r[0] + error[0] + own.current_bias_east[i], r[1] + error[1] + own.current_bias_north[i]
+            per_metre = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
+            secant = 1.0 / sphere.cos_lat(lat[i])
+            wider = 0.0
+            if begin <= when and when <= until:  # where it is then is known, and how it goes
+                through = east[i] - columns.set_rate_lon[i] / (per_metre * secant)
+                so_far = columns.set_rate_lat[i] * ti.cast(when - begin, ti.f32)
+                reckoned = lat[i] - columns.set_lat[i] - ti.cast(ti.round(so_far), ti.i32)
+                wider = through * (secant - 1.0 / sphere.cos_lat(reckoned))
+            if r[2] > 0.5:
+                columns.set_rate_lon[i] = (u * secant + wider) * per_metre
+                columns.set_rate_lat[i] = v * per_metre
+            elif middle == 1:
+                columns.status[i], columns.status_since[i] = life.OUTSIDE, begin
+
+
+@ti.kernel
+def _still(listed: ti.template(), first: ti.i32, last: ti.i32, slots: Ints, columns: steer.Columns):
+    for j in range(first, last):
+        i = batch.slot(listed, slots, j)
+        columns.set_rate_lon[i], columns.set_rate_lat[i] = 0.0, 0.0
+
+
+def feel(columns, own: Batch, plan, seed: int, coast, error, sea, std: float, memory: float, step: Any) -> None:
+    """Write how fast the current sets targets off during the step about to be made, and make a step of its error.
+
+    columns: by name, those of kernels.steer.COLUMNS; own, plan, seed, coast: see kernels.steer. error: by name, the
+    columns of ERRORS [m/s], float32 (n,). sea: the current over the step (kernels.sample.Sea). std [m/s], memory [s]: of
+    the current's error, a component. A target where the current is not known is lost: it has no forcing.
+    """
+    _still(own.listed, own.first, own.last, own.slots, steer.packed(columns))
+    for middle in (0, 1):
+        lon, lat = runtime.copy(columns["lon"]), runtime.copy(columns["lat"])
+        velocity = (
+            runtime.upload(np.zeros(lon.shape[0], np.float32)),
+            runtime.upload(np.zeros(lon.shape[0], np.float32)),
+        )
+        when = step.elapsed + (step.duration // 2 if middle else 0)
+        steer.inside(columns, own, plan, seed, None, coast, step, (lon, lat), step.elapsed, when, 0, velocity)
+        _feel(
+            *steer.slots_of(own), steer.packed(columns), launch.pack(Errors, *(error[name] for name in ERRORS)), sea,
+            lon, lat, *velocity, std, memory, *noise.key(seed), step.elapsed, step.duration, step.number, when, middle,
+        )  # fmt: skip
