@@ -123,7 +123,7 @@ def amid(
 
 @ti.func
 def stretch(
-    coastal: ti.template(),
+    coastal: ti.i32,
     plan: ti.template(),
     key: Chance,
     scenario: ti.i32,
@@ -135,7 +135,7 @@ def stretch(
     """Return (lon, lat, time, state, edge) at the end of a target's next piece, or where that meets the shore."""
     x, y, time = piece(plan, key, target, k, until)
     state, edge = life.UNDER_WAY, -1
-    if ti.static(coastal):
+    if coastal == 1:
         if plan.stories[scenario * STORY + 2] & STOPPED:
             hit, x_stop, y_stop, share, number = first_crossing(
                 target.lon, target.lat, x - target.lon, y - target.lat, coast
@@ -148,7 +148,7 @@ def stretch(
 
 @ti.func
 def reached(
-    coastal: ti.template(),
+    coastal: ti.i32,
     plan: ti.template(),
     key: Chance,
     scenario: ti.i32,
@@ -168,7 +168,7 @@ def reached(
 
 @ti.kernel
 def _steer(
-    coastal: ti.template(),
+    coastal: ti.i32,
     listed: ti.i32,
     first: ti.i32,
     last: ti.i32,
@@ -242,7 +242,7 @@ def _store(columns: ti.template(), i: ti.i32, t: Target):
 
 @ti.kernel
 def _inside(
-    coastal: ti.template(),
+    coastal: ti.i32,
     listed: ti.i32,
     first: ti.i32,
     last: ti.i32,
@@ -310,7 +310,7 @@ def velocity(plan: ti.template(), target: Target) -> f32x2:
 
 @ti.kernel
 def _born(
-    coastal: ti.template(),
+    coastal: ti.i32,
     listed: ti.i32,
     first: ti.i32,
     last: ti.i32,
@@ -339,7 +339,7 @@ def _born(
                 t.lon, t.lat, found = itinerary.place(plan, key, first_phase, point, f32x2(0.0), w)
                 if found == 1:
                     tries[2 * which] += 1
-                if ti.static(coastal):
+                if coastal == 1:
                     if found == 1 and plan.stories[story + 2] & itinerary.WET:
                         found = is_wet(t.lon, t.lat, coast)
                 tried += 1
