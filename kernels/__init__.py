@@ -18,6 +18,9 @@ integrate  Runge-Kutta along a velocity, and its divergence
 shore    what the shore does to a step: landing, sliding, refloating
 advance  one step of all particles, composed of these
 bridge   where particles are inside a step
+itinerary, ways, steer  targets that steer: their way points, the ways between these, one step of all of them
+felt     how fast the current sets targets off that do not make it good
+pieces   the pieces of way that they make in a step, for every sensor that asks
 settled  what is settled at the birth of a target that steers, and stands in no column
 sweep    what a sensor's track does to each particle: exposure, and the weights that it leaves
 touch    whether a Brownian bridge touches a line, stays in a box or a disc

@@ -28,6 +28,11 @@ class Batch(NamedTuple):
     slots: Any  # int32 (last,) on the device, ascending; unused where they are a range
     shift: Any  # int32 (scenarios of the run,) on the device: from a slot to its number in the whole run
 
+    @property
+    def launched(self) -> tuple[bool, int, int, Any, Any]:
+        """The batch as kernels take it: `listed`, `first`, `last`, `slots` and `shift`."""
+        return self.listed, self.first, self.last, self.slots, self.shift
+
     def table(self, rows: Sequence[Any]) -> Any:
         """Return numbers by scenario on the device, float32, flat: (scenarios of the run * numbers in a row,).
 
@@ -44,6 +49,15 @@ def slot(listed: ti.template(), slots: ti.template(), k: ti.i32) -> ti.i32:
     """Return the slot at place k of a batch."""
     i = k
     if ti.static(listed):
+        i = slots[k]
+    return i
+
+
+@ti.func
+def listed_slot(listed: ti.i32, slots: ti.template(), k: ti.i32) -> ti.i32:
+    """Return the same in a kernel that takes long to compile and to run: one for both."""
+    i = k
+    if listed == 1:
         i = slots[k]
     return i
 

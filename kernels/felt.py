@@ -102,6 +102,6 @@ def feel(columns, own: Batch, plan, seed: int, coast, error, sea, std: float, me
         when = step.elapsed + (step.duration // 2 if middle else 0)
         steer.inside(columns, own, plan, seed, None, coast, step, (lon, lat), step.elapsed, when, 0, velocity)
         _feel(
-            *steer.slots_of(own), steer.packed(columns), launch.pack(Errors, *(error[name] for name in ERRORS)), sea,
+            *own.launched, steer.packed(columns), launch.pack(Errors, *(error[name] for name in ERRORS)), sea,
             lon, lat, *velocity, std, memory, *noise.key(seed), step.elapsed, step.duration, step.number, when, middle,
         )  # fmt: skip

@@ -227,7 +227,7 @@ def when(plan: ti.template(), point: ti.i32, start: ti.i32, word: ti.u32, other:
 
 
 @ti.func
-def aim(coastal: ti.template(), plan: ti.template(), key: Chance, story: ti.i32, target: Target, coast: ti.template()):
+def aim(coastal: ti.i32, plan: ti.template(), key: Chance, story: ti.i32, target: Target, coast: ti.template()):
     """Return a target that has reached its way point with the next one drawn; over: there is none."""
     t = target
     t.over = 0
@@ -272,7 +272,7 @@ def aim(coastal: ti.template(), plan: ti.template(), key: Chance, story: ti.i32,
 
 @ti.func
 def _way_point(
-    coastal: ti.template(),
+    coastal: ti.i32,
     plan: ti.template(),
     key: Chance,
     story: ti.i32,
@@ -293,7 +293,7 @@ def _way_point(
     x, y, time, far = t.lon, t.lat, t.time, 0.0
     while good == 0 and tries < TRIES:
         x, y, good = place(plan, key, t.phase, point, before, drawn(key, tries))
-        if ti.static(coastal):
+        if coastal == 1:
             if good == 1 and plan.stories[story * STORY + 2] & WET:
                 good = is_wet(x, y, coast)
         way = sphere.offset(t.lon, t.lat, x, y)

@@ -2,7 +2,8 @@
 
 A target goes from one event of its itinerary to the next in pieces, each by a rhumb line, or along or about a great
 circle (kernels.ways). The same pieces are made again, bit by bit, from what was kept of the step's begin, wherever
-something inside the step is asked for: where a target is at a time, what a sensor has seen of it.
+something inside the step is asked for: where a target is at a time, and, once for all sensors, what these have seen
+of it (kernels.pieces).
 
 A target that feels the current keeps to its itinerary by dead reckoning, and the current sets it off its reckoned way,
 steadily within a step (kernels.felt). What the columns hold is where it is; itineraries know only the reckoned place.
@@ -36,6 +37,7 @@ from kernels.itinerary import (
     own_speed,
     own_start,
 )
+from kernels.pieces import NONE, Pieces, Room, note
 
 BIRTH = -(2**31)  # number of the lattice step, as a key, of what is drawn before any step
 MOST_TRIES = 4096  # candidates of a first place, as in kernels.prior
@@ -138,7 +140,7 @@ def amid(
 
 @ti.func
 def stretch(
-    coastal: ti.template(),
+    coastal: ti.i32,
     plan: ti.template(),
     key: Chance,
     scenario: ti.i32,
@@ -150,7 +152,7 @@ def stretch(
     """Return (lon, lat, time, state, edge) at the reckoned end of a target's next piece, or where it meets the shore."""
     x, y, time = piece(plan, key, target, k, until)
     state, edge = life.UNDER_WAY, -1
-    if ti.static(coastal):
+    if coastal == 1:
         if plan.stories[scenario * STORY + 2] & STOPPED:
             ax, ay = set_at(target, target.time)
             bx, by = set_at(target, time)
@@ -165,7 +167,7 @@ def stretch(
 
 @ti.func
 def reached(
-    coastal: ti.template(),
+    coastal: ti.i32,
     plan: ti.template(),
     key: Chance,
     scenario: ti.i32,
@@ -185,8 +187,8 @@ def reached(
 
 @ti.kernel
 def _steer(
-    coastal: ti.template(),
-    listed: ti.template(),
+    coastal: ti.i32,
+    listed: ti.i32,
     first: ti.i32,
     last: ti.i32,
     slots: Ints,
@@ -198,37 +200,58 @@ def _steer(
     elapsed: ti.i32,
     duration: ti.i32,
     step: ti.i32,
+    noted: ti.i32,
+    pieces: Pieces,
 ):
+    """Move targets, or, if their pieces are to be noted, write these and leave the columns as they are."""
     for j in range(first, last):
-        i = batch.slot(listed, slots, j)
+        i = batch.listed_slot(listed, slots, j)
         end = elapsed + duration
-        if under_way(columns, i, end):
+        resting = columns.status[i] == life.ARRIVED or columns.status[i] == life.AGROUND
+        if noted == 1:
+            pieces.piece_count[i] = NONE
+        if under_way(columns, i, end) or (noted == 1 and resting):
             t = loaded(columns, i, elapsed)
             which = columns.scenario[i]
             key = Chance(terms.seed0, terms.seed1, columns.birth[i], i + shift[which], step, 0)
             state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
-            while t.time < until and state == life.UNDER_WAY:
-                key.count += 1
-                x, y, time, state_then, number = stretch(
-                    coastal, plan, key, which, t, wanders(plan, key, t), until, coast
-                )
-                state = state_then
+            if resting:
+                state, t.time, until = columns.status[i], elapsed, end
+            here, met = NONE, -1
+            while t.time < until:
+                x, y, time, state_then = t.lon, t.lat, until, state  # it has stopped
+                k = ti.f32(0.0)
                 if state == life.UNDER_WAY:
+                    key.count += 1
+                    k = wanders(plan, key, t)
+                    x, y, time, state_then, met = stretch(coastal, plan, key, which, t, k, until, coast)
+                if noted == 1:
+                    seen = t
+                    dlon, dlat = set_at(t, t.time)
+                    seen.lon, seen.lat = t.lon + dlon, t.lat + dlat
+                    dlon, dlat = set_at(t, time if state == life.UNDER_WAY else t.time)
+                    here = note(pieces, i, here, seen, x + dlon, y + dlat, time, k, key.count)
+                if state == life.UNDER_WAY and state_then == life.UNDER_WAY:
                     t = reached(coastal, plan, key, which, t, x, y, time, coast)
                     if t.over == 1:
-                        state = life.ARRIVED
+                        state_then = life.ARRIVED
                 else:
                     t.lon, t.lat, t.time = x, y, time
-                    columns.edge[i] = number
-            if state != life.UNDER_WAY:
-                columns.status_since[i] = t.time
-            _store(columns, i, t)
-            west, south = columns.lon[i] - terms.west, columns.lat[i] - terms.south
-            outside = ti.cast(west, ti.u32) > terms.width or ti.cast(south, ti.u32) > terms.height
-            if state == life.UNDER_WAY and outside:
-                state = life.LEFT
-                columns.status_since[i] = end
-            columns.status[i] = state
+                state = state_then
+                if state != life.UNDER_WAY:
+                    until = end if noted == 1 else t.time
+            if noted == 0:
+                if state != life.UNDER_WAY:
+                    columns.status_since[i] = t.time
+                    if state == life.AGROUND:
+                        columns.edge[i] = met
+                _store(columns, i, t)
+                west, south = columns.lon[i] - terms.west, columns.lat[i] - terms.south
+                outside = ti.cast(west, ti.u32) > terms.width or ti.cast(south, ti.u32) > terms.height
+                if state == life.UNDER_WAY and outside:
+                    state = life.LEFT
+                    columns.status_since[i] = end
+                columns.status[i] = state
 
 
 @ti.func
@@ -243,8 +266,8 @@ def _store(columns: ti.template(), i: ti.i32, t: Target):
 
 @ti.kernel
 def _inside(
-    coastal: ti.template(),
-    listed: ti.template(),
+    coastal: ti.i32,
+    listed: ti.i32,
     first: ti.i32,
     last: ti.i32,
     slots: Ints,
@@ -265,7 +288,7 @@ def _inside(
     north: Reals,
 ):
     for j in range(first, last):
-        i = batch.slot(listed, slots, j)
+        i = batch.listed_slot(listed, slots, j)
         end = elapsed + duration
         until = ti.min(end, before.release[i])
         if under_way(before, i, end) and when <= until and before.departure[i] <= when:
@@ -315,8 +338,8 @@ def velocity(plan: ti.template(), target: Target) -> f32x2:
 
 @ti.kernel
 def _born(
-    coastal: ti.template(),
-    listed: ti.template(),
+    coastal: ti.i32,
+    listed: ti.i32,
     first: ti.i32,
     last: ti.i32,
     slots: Ints,
@@ -328,7 +351,7 @@ def _born(
     tries: Longs,
 ):
     for j in range(first, last):
-        i = batch.slot(listed, slots, j)
+        i = batch.listed_slot(listed, slots, j)
         which = columns.scenario[i]
         slot = i + shift[which]
         columns.birth[i] = slot
@@ -344,7 +367,7 @@ def _born(
                 t.lon, t.lat, found = itinerary.place(plan, key, first_phase, point, f32x2(0.0), w)
                 if found == 1:
                     tries[2 * which] += 1
-                if ti.static(coastal):
+                if coastal == 1:
                     if found == 1 and plan.stories[story + 2] & itinerary.WET:
                         found = is_wet(t.lon, t.lat, coast)
                 tried += 1
@@ -401,11 +424,6 @@ def packed(columns: Any) -> Any:
     return launch.pack(Columns, *(columns[name] for name in COLUMNS))
 
 
-def slots_of(own: Batch) -> tuple:
-    """Return a batch as kernels take it."""
-    return own.listed, own.first, own.last, own.slots, own.shift
-
-
 def born(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, tries) -> None:
     """Draw where and when targets begin and go adrift, and their first way points.
 
@@ -414,7 +432,7 @@ def born(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast |
     device, to which are added candidates drawn and slots that found no water.
     """
     _born(
-        coast is not None, *slots_of(own), packed(columns), plan, (coast or open_sea()).pack,
+        coast is not None, *own.launched, packed(columns), plan, (coast or open_sea()).pack,
         Terms(**terms(seed, domain)), tries,
     )  # fmt: skip
 
@@ -425,9 +443,18 @@ def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
     See `born`; the function takes a kernels.advance.Step.
     """
     sea = (coast or open_sea()).pack
-    args = (coast is not None, *slots_of(own), packed(columns), plan, sea, terms(seed, domain), 0, 1, 0)
+    args = (coast is not None, *own.launched, packed(columns), plan, sea, terms(seed, domain), 0, 1, 0, 0, Room(0).pack)
     move = launch.bind(_steer, args, ("elapsed", "duration", "step"))
     return lambda step: move(step.elapsed, step.duration, step.number)
+
+
+def made(before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, room: Room) -> None:
+    """Write the pieces of way of targets in a step that has been made.
+
+    before: the columns at the step's begin, by name, those of COLUMNS. room: for all slots of the ensemble.
+    """
+    fixed = coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack, Terms(**terms(seed))
+    room.fill(lambda pack: _steer(*fixed, step.elapsed, step.duration, step.number, 1, pack))
 
 
 def inside(
@@ -443,6 +470,6 @@ def inside(
     """
     east, north = velocity or (runtime.empty(begin[0].shape[0]), runtime.empty(begin[0].shape[0]))
     _inside(
-        coast is not None, *slots_of(own), packed(before), plan, (coast or open_sea()).pack,
+        coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack,
         Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, when, since, moment, *begin, east, north,
     )  # fmt: skip

@@ -1,7 +1,6 @@
 """What a sensor's track has done to each target under way: its exposure, as kernels.sweep has it of what drifts.
 
-The pieces of a target's way in the step are made again from what was kept of the step's begin. A piece without noise
-is straight. On a Brownian bridge the target has no finite length of track, so that a hazard per unit of relative track
+A piece of a target's way (kernels.pieces) without noise is straight. On a Brownian bridge the target has no finite length of track, so that a hazard per unit of relative track
 would grow without bound as steps shrink; the hazard is one per time instead, of the speed of the sensor against the
 mean velocity of the target's leg, at the place where the bridge has the target. Where that place matters, near the
 sensor or an edge, the piece is halved again and again at Levy's midpoints, until the bridge strays by less than a
@@ -13,10 +12,10 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from kernels import batch, life, noise, sphere, steer, ways
+from kernels import batch, noise, ways
 from kernels.batch import Batch
-from kernels.coast import Coast, DeviceCoast, Ints, Reals, open_sea
-from kernels.itinerary import Chance, Plan
+from kernels.coast import Ints, Reals
+from kernels.pieces import NONE, Pieces
 from kernels.sweep import ABEAM, CUBE, INSIDE, ZONES, HostInts, HostReals, Track, apart, chance, piece
 
 DEPTH = 14  # a step is halved so many times at most: an hour to 0.2 s
@@ -105,18 +104,16 @@ def _pass(
 @ti.kernel
 def _expose(
     kind: ti.template(),
-    coastal: ti.template(),
-    listed: ti.template(),
+    listed: ti.i32,
     first: ti.i32,
     last: ti.i32,
     slots: Ints,
     shift: Ints,
-    columns: steer.Columns,
-    plan: Plan,
-    coast: Coast,
-    terms: steer.Terms,
+    scenario: Ints,
+    pieces: Pieces,
+    seed0: ti.u32,
+    seed1: ti.u32,
     elapsed: ti.i32,
-    duration: ti.i32,
     step: ti.i32,
     time: HostReals,
     place: HostInts,
@@ -134,119 +131,92 @@ def _expose(
     size: ti.i32,
 ):
     for nth in range(first, last):
-        i = batch.slot(listed, slots, nth)
-        which = columns.scenario[i]
+        i = batch.listed_slot(listed, slots, nth)
+        which = scenario[i]
         own = which * stride
-        end = elapsed + duration
-        resting = columns.status[i] == life.ARRIVED or columns.status[i] == life.AGROUND
-        looks = steer.under_way(columns, i, end) or resting
-        if ti.static(kind in (CUBE, ABEAM)):
-            looks = looks and scale[own] > 0.0
-        if looks:
-            t = steer.loaded(columns, i, elapsed)
-            key = Chance(terms.seed0, terms.seed1, columns.birth[i], i + shift[which], step, 0)
-            state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
-            if resting:
-                state, t.time, until = columns.status[i], elapsed, end
-            total = 0.0
-            while t.time < until:
-                x, y, over = t.lon, t.lat, until  # it has stopped
-                k, state_then = ti.f32(0.0), state
-                vx, vy = 0.0, 0.0
-                if state == life.UNDER_WAY:
-                    key.count += 1
-                    k = steer.wanders(plan, key, t)
-                    x, y, over, state_then, _number = steer.stretch(coastal, plan, key, which, t, k, until, coast)
-                    if k > 0.0:  # the mean velocity of its leg
-                        far = sphere.offset(t.lon, t.lat, t.to_lon, t.to_lat)
-                        pace = 1.0 / ti.max(ti.cast(t.to_time - t.time, ti.f32), 1.0)
-                        vx, vy = far[0] * pace, far[1] * pace
-                begin, whole = ti.cast(t.time - elapsed, ti.f32), ti.cast(over - t.time, ti.f32)
-                if begin < time[time.shape[0] - 1] and begin + whole > time[0]:
-                    # Parts of the piece, halved where it matters: their ends on a stack, the nearest one on top.
-                    ends_x, ends_y, levels = Levels(0), Levels(0), Levels(0)
-                    off_x, off_y = steer.set_at(t, t.time)
+        here = NONE
+        if pieces.piece_count[i] != NONE:
+            here = i
+            if ti.static(kind in (CUBE, ABEAM)):
+                if scale[own] <= 0.0:
+                    here = NONE
+        total = 0.0
+        while here != NONE:
+            begin = ti.cast(pieces.piece_begin[here] - elapsed, ti.f32)
+            whole = ti.cast(pieces.piece_end[here] - pieces.piece_begin[here], ti.f32)
+            if begin < time[time.shape[0] - 1] and begin + whole > time[0]:
+                k = pieces.piece_k[here]
+                # Parts of the piece, halved where it matters: their ends on a stack, the nearest one on top.
+                ends_x, ends_y, levels = Levels(0), Levels(0), Levels(0)
+                top, at, ax, ay = 0, 0, pieces.piece_lon[here], pieces.piece_lat[here]
+                ends_x[0], ends_y[0] = pieces.piece_to_lon[here], pieces.piece_to_lat[here]
+                while top >= 0:
                     # at: begin of the part, in 2^-DEPTH of the piece
-                    top, at, ax, ay = 0, 0, t.lon + off_x, t.lat + off_y
-                    off_x, off_y = steer.set_at(t, over if state == life.UNDER_WAY else t.time)
-                    ends_x[0], ends_y[0] = x + off_x, y + off_y
-                    while top >= 0:
-                        bx, by, level = ends_x[top], ends_y[top], levels[top]
-                        part = whole * ti.cast(1 << (DEPTH - level), ti.f32) * (1.0 / (1 << DEPTH))
-                        from_, to = begin + whole * ti.cast(at, ti.f32) * (1.0 / (1 << DEPTH)), ti.f32(0.0)
-                        to = from_ + part
-                        stray = k * ti.sqrt(part)
-                        halve = 0
-                        found = 0.0
-                        dx, dy = ti.cast(bx - ax, ti.f32), ti.cast(by - ay, ti.f32)
-                        for pass_ in range(2):  # first how near it comes, then what that adds up to
-                            if pass_ == 1 or (k > 0.0 and level < DEPTH):
-                                for p in range(time.shape[0] - 1):
-                                    low, high = ti.max(time[p], from_), ti.min(time[p + 1], to)
-                                    if searching[p] == 1 and low < high and halve == 0:
-                                        pace = 1.0 / ti.max(part, 1e-6)
-                                        a = apart(ax, ay, dx, dy, from_, pace, low, p, time, place, trig)
-                                        b = apart(ax, ay, dx, dy, from_, pace, high, p, time, place, trig)
-                                        to_node = 4 * p + 2 * ti.cast(high == time[p + 1], ti.i32)
-                                        if pass_ == 0:
-                                            near = _range(kind, a, b, 4 * p, to_node, heading, table)
-                                            if stray > ti.max(STRAY * near, FINE * unit[which]):
-                                                halve = 1
+                    bx, by, level = ends_x[top], ends_y[top], levels[top]
+                    part = whole * ti.cast(1 << (DEPTH - level), ti.f32) * (1.0 / (1 << DEPTH))
+                    from_, to = begin + whole * ti.cast(at, ti.f32) * (1.0 / (1 << DEPTH)), ti.f32(0.0)
+                    to = from_ + part
+                    stray = k * ti.sqrt(part)
+                    halve = 0
+                    found = 0.0
+                    dx, dy = ti.cast(bx - ax, ti.f32), ti.cast(by - ay, ti.f32)
+                    for pass_ in range(2):  # first how near it comes, then what that adds up to
+                        if pass_ == 1 or (k > 0.0 and level < DEPTH):
+                            for p in range(time.shape[0] - 1):
+                                low, high = ti.max(time[p], from_), ti.min(time[p + 1], to)
+                                if searching[p] == 1 and low < high and halve == 0:
+                                    pace = 1.0 / ti.max(part, 1e-6)
+                                    a = apart(ax, ay, dx, dy, from_, pace, low, p, time, place, trig)
+                                    b = apart(ax, ay, dx, dy, from_, pace, high, p, time, place, trig)
+                                    to_node = 4 * p + 2 * ti.cast(high == time[p + 1], ti.i32)
+                                    if pass_ == 0:
+                                        near = _range(kind, a, b, 4 * p, to_node, heading, table)
+                                        if stray > ti.max(STRAY * near, FINE * unit[which]):
+                                            halve = 1
+                                    else:
+                                        if k > 0.0 and ti.static(kind == CUBE):
+                                            # Past the middle of the part, at the speed of the leg.
+                                            s0 = apart(ax, ay, 0.0, 0.0, from_, 0.0, low, p, time, place, trig)
+                                            s1 = apart(ax, ay, 0.0, 0.0, from_, 0.0, high, p, time, place, trig)
+                                            v = f32x2(pieces.piece_east[here], pieces.piece_north[here])
+                                            half = 0.5 * (s1 - s0 + v * (high - low))
+                                            middle = 0.5 * (a + b)
+                                            a, b = middle - half, middle + half
+                                        if k > 0.0 and ti.static(kind == ABEAM):
+                                            _pass(
+                                                a, b, 4 * p, to_node, ti.cast(leg_of[p], ti.f32), heading, table,
+                                                scale, own, scales, exposure, passed, size, i,
+                                            )  # fmt: skip
                                         else:
-                                            if k > 0.0 and ti.static(kind == CUBE):
-                                                # Past the middle of the part, at the speed of the leg.
-                                                s0 = apart(ax, ay, 0.0, 0.0, from_, 0.0, low, p, time, place, trig)
-                                                s1 = apart(ax, ay, 0.0, 0.0, from_, 0.0, high, p, time, place, trig)
-                                                half = 0.5 * (s1 - s0 + f32x2(vx, vy) * (high - low))
-                                                middle = 0.5 * (a + b)
-                                                a, b = middle - half, middle + half
-                                            if k > 0.0 and ti.static(kind == ABEAM):
-                                                _pass(
-                                                    a, b, 4 * p, to_node, ti.cast(leg_of[p], ti.f32), heading, table,
-                                                    scale, own, scales, exposure, passed, size, i,
-                                                )  # fmt: skip
-                                            else:
-                                                found += piece(
-                                                    kind, a, b, a.norm(), b.norm(), high - low, 4 * p, to_node,
-                                                    heading, table, scale, own, scales, exposure, size, i,
-                                                )  # fmt: skip
-                        if halve == 1:
-                            w = noise.further(
-                                key.seed0, key.seed1, noise.STREAM_LEVY, key.slot, step,
-                                (key.count << (DEPTH + 1)) + at + (1 << (DEPTH - level - 1)),
-                            )  # fmt: skip
-                            normal = noise.normals(w[0], w[1])
-                            mx, my = ways.toward(ax, ay, bx, by, 0.5 * part, 0.5 * part, k, normal)
-                            levels[top] = level + 1
-                            top += 1
-                            ends_x[top], ends_y[top], levels[top] = mx, my, level + 1
-                        else:
-                            total += found
-                            at += 1 << (DEPTH - level)
-                            ax, ay = bx, by
-                            top -= 1
-                if state == life.UNDER_WAY:
-                    state = state_then
-                    if state == life.UNDER_WAY:
-                        t = steer.reached(coastal, plan, key, which, t, x, y, over, coast)
-                        if t.over == 1:
-                            state = life.ARRIVED
-                            until = end
+                                            found += piece(
+                                                kind, a, b, a.norm(), b.norm(), high - low, 4 * p, to_node,
+                                                heading, table, scale, own, scales, exposure, size, i,
+                                            )  # fmt: skip
+                    if halve == 1:
+                        w = noise.further(
+                            seed0, seed1, noise.STREAM_LEVY, i + shift[which], step,
+                            (pieces.piece_count[here] << (DEPTH + 1)) + at + (1 << (DEPTH - level - 1)),
+                        )  # fmt: skip
+                        normal = noise.normals(w[0], w[1])
+                        mx, my = ways.toward(ax, ay, bx, by, 0.5 * part, 0.5 * part, k, normal)
+                        levels[top] = level + 1
+                        top += 1
+                        ends_x[top], ends_y[top], levels[top] = mx, my, level + 1
                     else:
-                        t.lon, t.lat, t.time = x, y, over
-                        until = end
-                else:
-                    t.time = over
-            if ti.static(kind != ABEAM):
-                exposure[i] += total
+                        total += found
+                        at += 1 << (DEPTH - level)
+                        ax, ay = bx, by
+                        top -= 1
+            here = pieces.piece_next[here]
+        if ti.static(kind != ABEAM):
+            exposure[i] += total
 
 
 def expose(
-    columns: Any,
+    made: Any,
     own: Batch,
-    plan: Any,
+    scenario: Any,
     seed: int,
-    coast: DeviceCoast | None,
     step: Any,
     kind: int,
     track: Track,
@@ -258,16 +228,15 @@ def expose(
 ) -> None:
     """Add to the exposure of targets under way what a sensor does on a stretch of the step just made.
 
-    columns: by name, those of kernels.steer.COLUMNS as they were at the begin of the step (a kernels.advance.Step); own,
-    plan, seed, coast: see kernels.steer. kind, track, table, scale, exposure: see kernels.sweep.expose. unit [m]: by
+    made: their pieces in the step (a kernels.advance.Step), see kernels.steer.made; own: slots of which pieces were
+    made; scenario: of each slot, device. kind, track, table, scale, exposure: see kernels.sweep.expose. unit [m]: by
     scenario, the range below which nothing finer matters to the sensor. passed: device, float32 (n,): for ABEAM, number
     of the leg on which each target has last been passed.
     """
     scale = np.asarray(scale, np.float32)
     size = exposure.shape[0] if kind != ABEAM else passed.shape[0]
     _expose(
-        kind, coast is not None, *steer.slots_of(own), steer.packed(columns), plan, (coast or open_sea()).pack,
-        steer.Terms(**steer.terms(seed)), step.elapsed, step.duration, step.number, *track,
+        kind, *own.launched, scenario, made, *noise.key(seed), step.elapsed, step.number, *track,
         np.asarray(table, np.float32), scale.reshape(-1), np.asarray(unit, np.float32),
         scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, passed, size,
     )  # fmt: skip

@@ -21,6 +21,7 @@ from kernels import felt, observe_targets, runtime, steer, sweep_targets
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
 from kernels.observe import Shape, Window
+from kernels.pieces import Room
 from kernels.sweep import Track
 
 COLUMNS = (
@@ -72,13 +73,19 @@ class Helm:
         domain: kernel.Domain,
         coast: DeviceCoast | None,
         scenarios: tuple[int, ...] | None = None,
+        whole: "Helm | None" = None,
     ) -> None:
-        """Lay out the itineraries on the device; scenarios: numbers of those that it steers, by default all that do."""
+        """Lay out the itineraries on the device; scenarios: numbers of those that it steers, by default all that do.
+
+        whole: of which it is a part, if it is one.
+        """
         self.batch: Batch = ensemble.batch(steering.scenarios if scenarios is None else scenarios)
         self.plan = itinerary_tables.plan(steering.itineraries, steering.period)
         self._ensemble, self._steering, self._domain = ensemble, steering, domain
         self._coast = coast if any(own and own.land != "ignore" for own in steering.itineraries) else None
         self._parts: dict[tuple[int, ...], Helm] = {}
+        self._whole = whole or self  # of which it is a part
+        self._noted = False  # whether the pieces of way of the step last kept are in the room
 
     @cached_property
     def _move(self) -> kernel.Move:
@@ -92,7 +99,7 @@ class Helm:
         if chosen == self.batch.scenarios or not chosen:
             return self if chosen else None
         if chosen not in self._parts:
-            self._parts[chosen] = Helm(self._ensemble, self._steering, self._domain, self._coast, chosen)
+            self._parts[chosen] = Helm(self._ensemble, self._steering, self._domain, self._coast, chosen, self._whole)
         return self._parts[chosen]
 
     def expose(
@@ -108,10 +115,21 @@ class Helm:
         passed: Device,
     ) -> None:
         """Add what a sensor does to targets on a stretch of the step just made: see kernels.sweep_targets.expose."""
+        e = self._ensemble
         sweep_targets.expose(
-            kept, self.batch, self.plan, self._ensemble.seed, self._coast, step, kind, track, table, scale, unit,
-            exposure, passed,
-        )  # fmt: skip
+            self._made(kept, step),
+            self.batch,
+            e.scenario,
+            e.seed,
+            step,
+            kind,
+            track,
+            table,
+            scale,
+            unit,
+            exposure,
+            passed,
+        )
 
     def born(self, tries: Device) -> None:
         """Draw where and when targets begin and go adrift: see kernels.steer.born."""
@@ -138,7 +156,20 @@ class Helm:
 
     def keep(self) -> dict[str, Device]:
         """Return the columns as they are now, from which ways inside the step that comes are made again."""
+        self._noted = False
         return {name: runtime.copy(column) for name, column in columns(self._ensemble).items()}
+
+    @cached_property
+    def _room(self) -> Room:
+        return Room(self._ensemble.n)
+
+    def _made(self, kept: Mapping[str, Device], step: kernel.Step) -> Device:
+        """Return the pieces of way of all that steers in the step just made; they are made once for all sensors."""
+        whole = self._whole
+        if not whole._noted:
+            steer.made(kept, whole.batch, whole.plan, self._ensemble.seed, self._coast, step, whole._room)
+            whole._noted = True
+        return whole._room.pack
 
     def observe(
         self,
@@ -154,9 +185,10 @@ class Helm:
         told: Device,
     ) -> None:
         """Add what a sensor that stands still tells of the targets: see kernels.observe_targets.steering."""
+        e = self._ensemble
         observe_targets.steering(
-            kept, self.batch, self.plan, self._ensemble.seed, self._coast, step, before, after, window, shape, besides,
-            report, stayed, told,
+            self._made(kept, step), self.batch, e.scenario, e.seed, before, after, window, shape, besides, report, stayed,
+            told,
         )  # fmt: skip
 
     def velocity(self, kept: Mapping[str, Device], step: kernel.Step, time: int) -> tuple[Array, Array]:
