@@ -118,8 +118,11 @@ def test_quick_starts_import_nothing_heavy(words: tuple[str, ...]) -> None:
 @pytest.mark.skipif(os.name == "nt", reason="no SIGINT for one process")
 @pytest.mark.parametrize("delay", [0.3, 0.5, 0.8, 3.0])  # [s] while importing, while reading or drifting
 def test_interrupted_run_leaves_nothing(tmp_path: Path, delay: float) -> None:
-    words = [sys.executable, "-m", "drift", "run", "overdue_boat", "--set", "particles=1_000_000", "--out", "results"]
+    ready = "from drift.cli import commands; print(flush=True); commands.leave()"
+    words = [sys.executable, "-c", ready, "run", "overdue_boat", "--set", "particles=1_000_000", "--out", "results"]
     running = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert running.stdout is not None
+    assert running.stdout.readline() == "\n"  # it has started, however busy the machine is
     time.sleep(delay)
     running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=60)

@@ -14,6 +14,7 @@ from geo import sphere
 from geo.array import Array
 from kernels import batch, runtime, steer
 from kernels.advance import Domain, Step
+from kernels.coast import Reals
 
 WORLD = Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 PERIOD = Period(np.datetime64("2026-03-05T00:00:00"), np.datetime64("2026-03-15T00:00:00"), 1)
@@ -29,7 +30,7 @@ class Fleet:
         self.n, self.seed = n, seed
         self.columns = {}
         for name in steer.COLUMNS:
-            dtype = np.float32 if name in ("course", "speed") else np.int32
+            dtype = np.float32 if steer.COLUMNS[name] is Reals else np.int32
             self.columns[name] = runtime.upload(np.zeros(n, dtype))
         first: dict[str, npt.ArrayLike] = {
             "lon": sphere.to_binary(at[0]), "lat": sphere.to_binary(at[1]),
