@@ -109,26 +109,25 @@ def aside(points: Sequence[tuple[float, float]], width: Sequence[float], side: A
 
 
 def bridge(
-    rng: np.random.Generator, begin: tuple[Array, Array, Array], end: tuple[Array, Array, Array], k: float, when: float
-) -> tuple[Array, Array]:
-    """Return where Brownian bridges between places with times (lon, lat, time) are at a time: by STEPS steps on the sphere.
+    rng: np.random.Generator, begin: tuple[Array, Array, Array], end: tuple[Array, Array, Array], k: float, when: float,
+    steps: int = 120,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return where Brownian bridges between places with times (lon, lat, time) are at a time: by steps on the sphere.
 
     Each step goes on along the great circle by its share of the time left, and is then blown aside, as much any way, by what a bridge
-    of the rest still allows: the textbook's bridge in the plane, in steps so small that the Earth is flat. k [m/sqrt(s)].
+    of the rest still allows: the textbook's bridge in the plane, in steps so small that the Earth is flat: with 120 its variance across
+    a way of 12 degrees errs by less than 0.1 %. k [m/sqrt(s)].
     """
     lon, lat = begin[0].copy(), begin[1].copy()
     start, stop = begin[2], end[2]
     until = np.clip(when, start, stop)
-    for j in range(STEPS):
-        a, b = start + (until - start) * j / STEPS, start + (until - start) * (j + 1) / STEPS
+    for j in range(steps):
+        a, b = start + (until - start) * j / steps, start + (until - start) * (j + 1) / steps
         share = np.where(stop > a, (b - a) / np.maximum(stop - a, 1e-9), 0.0)
         lon, lat = between(lon, lat, end[0], end[1], share)
         spread = k * np.sqrt(np.maximum((b - a) * (1 - share), 0.0))
         lon, lat = moved(lon, lat, spread * rng.standard_normal(lon.size), spread * rng.standard_normal(lon.size))
     return lon, lat
-
-
-STEPS = 120  # of a bridge: its variance across a way of 12 degrees errs by less than 0.1 %
 
 
 def loiter(
