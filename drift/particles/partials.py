@@ -9,8 +9,10 @@ shards merge; and what is made of the merged one does not depend on how many sha
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -30,6 +32,11 @@ class Blocks:
     scenario: Array  # (k,) to which it belongs
     number: Array  # (k,) number of its first slot in the whole run, ascending
 
+    @cached_property
+    def spans(self) -> list[slice]:
+        """The slots of each block, (k,)."""
+        return [slice(a, b) for a, b in itertools.pairwise([*self.first.tolist(), self.n])]
+
     def partial(self, *values: Array, code: Array | None = None, many: int = 1, slots: Array | None = None) -> Partial:
         """Return the sums of some values by block, and by `code` within each; of no particles they are 0.
 
@@ -37,13 +44,17 @@ class Blocks:
         by default all.
         """
         k = self.first.size
-        if code is None and slots is None and k:
-            parts = [np.add.reduceat(np.asarray(v, np.float64), self.first)[:, None] for v in values]
-        else:
-            block = np.repeat(np.arange(k), np.diff(self.first, append=self.n))
-            block = block if slots is None else block[slots]
+        parts: list[Array]
+        if slots is not None:
+            block = np.repeat(np.arange(k), np.diff(self.first, append=self.n))[slots]
             cell = block if code is None else block * many + code
             parts = [np.bincount(cell, v, k * many).reshape(k, many) for v in values]
+        elif code is None:
+            parts = [np.add.reduceat(np.asarray(v, np.float64), self.first)[:, None] for v in values if k]
+        else:  # block by block: a block stays in the processor's cache
+            parts = [np.array([np.bincount(code[own], v[own], many) for own in self.spans]) for v in values if k]
+        if not k:
+            parts = [np.empty((0, many))] * len(values)
         return Partial(self.scenarios, self.scenario, self.number, np.stack(parts, axis=-1))
 
     def total(self, values: Array, slots: Array | None = None) -> float:
@@ -127,7 +138,11 @@ class Partial:
     def by_scenario(self) -> Array:
         """The sums of each scenario, (scenarios, codes, values)."""
         sums = np.zeros((self.scenarios, *self.sums.shape[1:]))
-        np.add.at(sums, self.scenario, self.sums)  # one after the other, in their order
+        begun = np.flatnonzero(np.diff(self.scenario, prepend=-1))  # blocks of one scenario follow each other
+        if begun.size:
+            sums[self.scenario[begun]] = np.add.reduceat(
+                self.sums, begun, axis=0
+            )  # one after the other, in their order
         return sums
 
     @property

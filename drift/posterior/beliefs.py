@@ -9,7 +9,7 @@ from drift.motion.steer import Steering
 from drift.particles import weights
 from drift.particles.ensemble import Ensemble
 from drift.posterior import marginal
-from drift.posterior.marginal import TURN, Marginal, Weighted
+from drift.posterior.marginal import TURN, Laid, Marginal, Weighted
 from drift.posterior.quantities import QUANTITIES
 from drift.posterior.quantity import Drawn, Quantity
 from drift.posterior.records import Posteriors, Stage, Told
@@ -25,6 +25,7 @@ class Beliefs:
         self._scenario = ensemble.scenario.to_numpy().astype(np.int64)
         self._birth: Array | None = None
         self._settled: Settled | None = None
+        self._laid: dict[str, Laid] = {}
         self._stages: list[Stage] = []
         log_weight = ensemble.log_weight.to_numpy()
         drawn, self._told = self._drawn(), []
@@ -39,9 +40,9 @@ class Beliefs:
         if not self._told:
             return
         drawn = self._drawn()
-        own = marginal.weighted(weights.relative(log_weight), self._scenario, self._ensemble.blocks)
-        told = tuple(_marginal(told, drawn, own) for told in self._told)
-        ess = weights.effective(own.weight)
+        own = marginal.weighted(weights.relative(log_weight), self._ensemble.blocks)
+        told = tuple(self._marginal(told, drawn, own) for told in self._told)
+        ess = float(own.ess[-1])
         scenarios = own.total[:-1] / own.total[-1]
         self._stages.append(Stage(len(self._stages), name, kind, time, ess, scenarios, told))
 
@@ -61,6 +62,18 @@ class Beliefs:
                 self._birth, self._settled = birth.copy(), settled.read(self._ensemble, self._steering)
         return Drawn(self._spec, self._ensemble, self._scenario, self._settled)
 
+    def _marginal(self, told: Told, drawn: Drawn, own: Weighted) -> Marginal:
+        found = told.quantity.of(drawn)
+        assert found is not None
+        if told.quantity.kind == "category":
+            return marginal.of_category(own, found.values, found.holds, len(told.labels))
+        circular, name = told.quantity.kind == "circular", told.quantity.name
+        laid = self._laid.get(name)
+        if laid is None or not np.array_equal(laid.values, found.values):  # they have been drawn anew
+            laid = marginal.angles(found.values) if circular else marginal.numbers(found.values, told.low, told.high)
+            self._laid[name] = laid
+        return (marginal.of_angle if circular else marginal.of_number)(own, laid, found.holds)
+
 
 def _told(quantity: Quantity, drawn: Drawn, alive: Array) -> Told | None:
     """Return a quantity as it is in a run; None where no two of the particles that are alive differ in it."""
@@ -74,13 +87,3 @@ def _told(quantity: Quantity, drawn: Drawn, alive: Array) -> Told | None:
     if quantity.kind == "circular":
         low, high = 0.0, TURN
     return Told(quantity, low, high, quantity.labels(drawn.spec) if quantity.labels else ())
-
-
-def _marginal(told: Told, drawn: Drawn, own: Weighted) -> Marginal:
-    found = told.quantity.of(drawn)
-    assert found is not None
-    if told.quantity.kind == "category":
-        return marginal.of_category(own, found.values, found.holds, len(told.labels))
-    if told.quantity.kind == "circular":
-        return marginal.of_angle(own, found.values, found.holds)
-    return marginal.of_number(own, found.values, found.holds, told.low, told.high)

@@ -1,9 +1,10 @@
 """The distribution of one quantity by the weights of particles: shares, moments, exact quantiles, and a histogram.
 
 Sums are made by blocks (drift.particles.partials). Quantiles are exact: a histogram says in which bin each lies, and only
-the particles of those bins are sorted.
+the particles of those bins are sorted. What does not change with the weights is laid out once (`Laid`).
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -33,26 +34,47 @@ class Marginal:
 
 
 class Weighted(NamedTuple):
-    """Weights of all particles, and what they add up to."""
+    """Weights of particles, and what they and their squares add up to."""
 
-    weight: Array  # float64 (n,), the largest is 1
+    weight: Array  # float64 (n,), the largest is 1; 0 where a quantity means nothing
     total: Array  # (rows,)
-    scenario: Array  # (n,) int
+    squares: Array  # (rows,)
     blocks: Blocks
 
-
-class _Held(NamedTuple):
-    """The particles for which a quantity means anything, in the order of their slots."""
-
-    weight: Array  # (m,)
-    scenario: Array  # (m,)
-    blocks: Blocks  # of these m alone
-    total: Array  # (rows,) of all particles
+    @property
+    def ess(self) -> Array:
+        """The effective number of particles (Kong 1992), (rows,); 0 of nothing."""
+        none = np.zeros(len(self.total))
+        return np.asarray(np.divide(self.total**2, self.squares, out=none, where=self.squares > 0))
 
 
-def weighted(weight: Array, scenario: Array, blocks: Blocks) -> Weighted:
+class Laid(NamedTuple):
+    """Values of a quantity, and what is made of them once for all weights."""
+
+    values: Array  # (n,) as they came
+    bins: Array  # uint8 (n,) of their histogram
+    middle: float = 0.0  # of which squares are small enough to be subtracted
+    turns: tuple[Array, Array, Array] | None = None  # of angles: brought into a turn from 0, their sine and cosine
+
+
+def weighted(weight: Array, blocks: Blocks) -> Weighted:
     """Return weights, float64 (n,), as the other functions take them."""
-    return Weighted(weight, _rows(blocks, weight)[:, 0], scenario, blocks)
+    total, squares = _with_all(blocks.partial(weight, weight**2))[:, 0].T
+    return Weighted(weight, total, squares, blocks)
+
+
+def numbers(values: Array, low: float, high: float) -> Laid:
+    """Return numbers (n,) as of_number takes them.
+
+    low, high: ends of the histogram, to whose first and last bin what lies outside is added.
+    """
+    return Laid(values, _bins(values.astype(np.float64), low, high), (low + high) / 2)
+
+
+def angles(values: Array) -> Laid:
+    """Return angles [rad] (n,) as of_angle takes them; their histogram is of one turn from 0."""
+    within = values.astype(np.float64) % TURN
+    return Laid(values, _bins(within, 0.0, TURN), turns=(within, np.sin(within), np.cos(within)))
 
 
 def of_category(own: Weighted, number: Array, holds: Array, many: int) -> Marginal:
@@ -60,74 +82,91 @@ def of_category(own: Weighted, number: Array, holds: Array, many: int) -> Margin
 
     number: of each particle's value, 0 to many - 1 where it `holds`, (n,).
     """
-    held, number = _held(own, number, holds)
-    sums = _coded(held, number, many)
+    held = _held(own, holds)
+    sums = _coded(held, number if held is own else np.where(holds, number, 0), many)
     total = own.total[:, None]
     table = np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
-    both = _rows(held.blocks, held.weight, held.weight**2)
-    return Marginal(table.sum(axis=1), _ess(both[:, 0], both[:, 1]), table)
+    return Marginal(table.sum(axis=1), held.ess, table)
 
 
-def of_number(own: Weighted, values: Array, holds: Array, low: float, high: float) -> Marginal:
-    """Return the distribution of numbers (n,), where they hold.
+def of_number(own: Weighted, laid: Laid, holds: Array) -> Marginal:
+    """Return the distribution of numbers, where they hold (n,)."""
+    held = _held(own, holds)
 
-    low, high: ends of the histogram, to whose first and last bin what lies outside is added.
-    """
-    held, values = _held(own, values, holds)
-    values = values.astype(np.float64)
-    middle = (low + high) / 2  # of which squares are small enough to be subtracted
-    off = values - middle
-    first = held.weight * off
-    sums = _rows(held.blocks, held.weight, held.weight**2, first, first * off)
-    mean = _over(sums[:, 2], sums[:, 0])
-    variance = np.maximum(_over(sums[:, 3], sums[:, 0]) - mean**2, 0.0)
-    quantiles, table = _quantiles(held, values, low, high)
-    shares = _over(sums[:, 0], own.total), _ess(sums[:, 0], sums[:, 1])
-    return Marginal(*shares, _over(table[-1], own.total[-1])[None], mean + middle, np.sqrt(variance), quantiles)
+    def moments(part: slice) -> tuple[Array, Array]:
+        off = np.subtract(laid.values[part], laid.middle, dtype=np.float64)
+        first = held.weight[part] * off
+        return first, first * off
+
+    sums = _summed(held, moments)
+    mean = _over(sums[:, 0], held.total)
+    variance = np.maximum(_over(sums[:, 1], held.total) - mean**2, 0.0)
+    table = _coded(held, laid.bins, BINS)
+    rows = range(len(table))
+    quantiles = _quantiles(held, laid.bins, table, lambda slots: laid.values[slots].astype(np.float64), rows)
+    shares = _over(held.total, own.total), held.ess
+    return Marginal(*shares, _over(table[-1], own.total[-1])[None], mean + laid.middle, np.sqrt(variance), quantiles)
 
 
-def of_angle(own: Weighted, values: Array, holds: Array) -> Marginal:
-    """Return the distribution of angles [rad] (n,), where they hold; its histogram is of one turn from 0."""
-    held, values = _held(own, values, holds)
-    values = values.astype(np.float64)
-    weight = held.weight
-    sums = _rows(held.blocks, weight, weight**2, weight * np.sin(values), weight * np.cos(values))
-    mean = np.where(sums[:, 0] > 0, np.arctan2(sums[:, 2], sums[:, 3]) % TURN, np.nan)
-    length = np.minimum(_over(np.hypot(sums[:, 2], sums[:, 3]), sums[:, 0]), 1.0)
+def of_angle(own: Weighted, laid: Laid, holds: Array) -> Marginal:
+    """Return the distribution of angles, where they hold (n,)."""
+    assert laid.turns is not None
+    held, (within, sine, cosine) = _held(own, holds), laid.turns
+    sums = _summed(held, lambda part: (held.weight[part] * sine[part], held.weight[part] * cosine[part]))
+    mean = np.where(held.total > 0, np.arctan2(sums[:, 0], sums[:, 1]) % TURN, np.nan)
+    length = np.minimum(_over(np.hypot(sums[:, 0], sums[:, 1]), held.total), 1.0)
     with np.errstate(divide="ignore"):
         std = np.sqrt(-2 * np.log(length))
     # Quantiles are those of the angle from the mean, -pi to pi: the turn is cut opposite it.
     centre = np.nan_to_num(mean)
-    by_scenario = _quantiles(held, _from(values, centre[held.scenario]), -np.pi, np.pi)[0]
-    together = _quantiles(held, _from(values, centre[-1]), -np.pi, np.pi)[0]
-    quantiles = (np.concatenate([by_scenario[:-1], together[-1:]]) + centre[:, None]) % TURN
-    shares = _over(sums[:, 0], own.total), _ess(sums[:, 0], sums[:, 1])
-    turned = _coded(held, _bins(values % TURN, 0.0, TURN), BINS)
+    every = len(centre) - 1
+    quantiles = _about(held, within, centre[:-1], range(every))
+    quantiles[-1] = quantiles[0] if every == 1 else _about(held, within, np.full(every, centre[-1]), [every])[-1]
+    quantiles = (quantiles + centre[:, None]) % TURN
+    shares = _over(held.total, own.total), held.ess
+    turned = _coded(held, laid.bins, BINS)
     return Marginal(*shares, _over(turned[-1], own.total[-1])[None], mean, std, quantiles)
 
 
-def _from(values: Array, centre: Array) -> Array:
-    return np.asarray((values - centre + np.pi) % TURN - np.pi)
+def _about(held: Weighted, within: Array, centre: Array, rows: Sequence[int]) -> Array:
+    """Return the quantiles (rows, LEVELS) of angles from the centre of their scenario, -pi to pi; of some rows alone.
+
+    Angles and centres are within a turn from 0.
+    """
+    blocks, bins = held.blocks, np.empty(held.weight.size, np.uint8)
+
+    def off(slots: Array | slice, middle: Array) -> Array:
+        apart = within[slots] - middle
+        return apart + TURN * ((apart < -np.pi).astype(np.float64) - (apart >= np.pi))
+
+    for part, scenario in zip(blocks.spans, blocks.scenario, strict=True):
+        bins[part] = _bins(off(part, centre[scenario]), -np.pi, np.pi)
+    edges, table = _edges(blocks), _coded(held, bins, BINS)
+
+    def values(slots: Array) -> Array:
+        return off(slots, centre[np.searchsorted(edges, slots, side="right") - 1])
+
+    return _quantiles(held, bins, table, values, rows)
 
 
-def _held(own: Weighted, values: Array, holds: Array) -> tuple[_Held, Array]:
-    """Return the particles for which values (n,) mean anything, and their values (m,)."""
-    if holds.all():
-        return _Held(own.weight, own.scenario, own.blocks, own.total), values
-    slots = np.flatnonzero(holds)
-    blocks = own.blocks
-    first = np.searchsorted(slots, blocks.first)
-    some = np.diff(first, append=slots.size) > 0  # blocks that hold any
-    part = Blocks(slots.size, blocks.scenarios, first[some], blocks.scenario[some], blocks.number[some])
-    return _Held(own.weight[slots], own.scenario[slots], part, own.total), values[slots]
+def _held(own: Weighted, holds: Array) -> Weighted:
+    """Return the weights of those for which a quantity means anything (n,), and none of others."""
+    return own if holds.all() else weighted(own.weight * holds, own.blocks)
 
 
-def _rows(blocks: Blocks, *values: Array) -> Array:
-    """Return the sums of values by scenario and, last, of all, (scenarios + 1, values)."""
-    return _with_all(blocks.partial(*values))[:, 0]
+def _edges(blocks: Blocks) -> Array:
+    """Return the first slot of each scenario and, last, n."""
+    return np.append(blocks.first, blocks.n)[np.searchsorted(blocks.scenario, np.arange(blocks.scenarios + 1))]
 
 
-def _coded(held: _Held, code: Array, many: int) -> Array:
+def _summed(held: Weighted, terms: Callable[[slice], tuple[Array, Array]]) -> Array:
+    """Return the sums of two terms, made block by block, by scenario and, last, of all, (scenarios + 1, 2)."""
+    blocks = held.blocks
+    sums = np.array([[term.sum() for term in terms(part)] for part in blocks.spans]).reshape(-1, 1, 2)
+    return _with_all(Partial(blocks.scenarios, blocks.scenario, blocks.number, sums))[:, 0]
+
+
+def _coded(held: Weighted, code: Array, many: int) -> Array:
     """Return the sums of weights by scenario and, last, of all, of each code 0 to many - 1, (scenarios + 1, many)."""
     return _with_all(held.blocks.partial(held.weight, code=code, many=many))[:, :, 0]
 
@@ -142,44 +181,38 @@ def _over(part: Array, whole: Array) -> Array:
     return np.asarray(np.divide(part, whole, out=np.full(np.shape(part), np.nan), where=whole > 0))
 
 
-def _ess(total: Array, squares: Array) -> Array:
-    return np.asarray(np.divide(total**2, squares, out=np.zeros(len(total)), where=squares > 0))
-
-
 def _bins(values: Array, low: float, high: float) -> Array:
-    """Return the bin of each value, int (n,); outside of low and high the first and the last."""
-    scale = BINS / (high - low) if high > low else 0.0
-    bins = ((values - low) * scale).astype(np.int64)
-    return np.clip(bins, 0, BINS - 1, out=bins)
+    """Return the bin of each value, uint8 (n,); outside of low and high the first and the last."""
+    bins = (values - low) * (BINS / (high - low) if high > low else 0.0)
+    return np.clip(bins, 0, BINS - 1, out=bins).astype(np.uint8)
 
 
-def _quantiles(held: _Held, values: Array, low: float, high: float) -> tuple[Array, Array]:
-    """Return the quantiles of values (rows, LEVELS), and the weights of bins between low and high (rows, BINS).
+def _quantiles(
+    held: Weighted, bins: Array, table: Array, values: Callable[[Array], Array], rows: Sequence[int]
+) -> Array:
+    """Return the quantiles of values (rows, LEVELS), of some rows alone.
 
-    A quantile is the least value up to and with which the weights add up to its level.
+    A quantile is the least value up to and with which the weights add up to its level. bins: uint8 (n,), and table: the
+    weights in them (rows, BINS). values: gives those of some slots, which ascend with their bins within a row.
     """
-    bins = _bins(values, low, high)
-    table = _coded(held, bins, BINS)
     up_to = np.cumsum(table, axis=1)
     aim = np.asarray(LEVELS) * up_to[:, -1:]
     end = np.where(table > 0, np.arange(BINS), 0).max(axis=1)  # rounding must not lead beyond the last weight
     wanted = np.minimum((up_to[:, None, :] < aim[:, :, None]).sum(axis=-1), end[:, None])
-    # Only the particles of bins that hold a quantile, of their scenario or of all, are sorted.
-    chosen = np.zeros((len(table), BINS), bool)
-    np.put_along_axis(chosen, wanted, True, axis=1)
-    chosen = chosen[:-1] | chosen[-1]
-    slots = np.flatnonzero(chosen.reshape(-1)[held.scenario * BINS + bins])
-    slots = slots[held.weight[slots] > 0]
-    slots = slots[np.argsort(values[slots], kind="stable")]
-    ranked, weight, place = values[slots], held.weight[slots], bins[slots]
-    quantiles = np.full(wanted.shape, np.nan)
-    order = np.argsort(held.scenario[slots], kind="stable")
-    edges = np.searchsorted(held.scenario[slots][order], np.arange(len(table)))
-    for row in np.flatnonzero(up_to[:, -1] > 0):
-        own = order[edges[row] : edges[row + 1]] if row < len(table) - 1 else slice(None)
-        rest = aim[row] - (up_to - table)[row, wanted[row]]
-        quantiles[row] = _within(ranked[own], weight[own], place[own], wanted[row], rest)
-    return quantiles, table
+    quantiles, edges = np.full(wanted.shape, np.nan), _edges(held.blocks)
+    for row in rows:
+        if up_to[row, -1] > 0:
+            begin, over = (edges[row], edges[row + 1]) if row < len(table) - 1 else (0, held.blocks.n)
+            chosen = np.zeros(BINS, bool)  # only the particles of bins that hold a quantile are sorted
+            chosen[wanted[row]] = True
+            slots = np.flatnonzero(chosen.take(bins[begin:over])) + begin
+            slots = slots[held.weight[slots] > 0]
+            ranked = values(slots)
+            rising = np.argsort(ranked)
+            slots, ranked = slots[rising], ranked[rising]
+            rest = aim[row] - (up_to - table)[row, wanted[row]]
+            quantiles[row] = _within(ranked, held.weight[slots], bins[slots], wanted[row], rest)
+    return quantiles
 
 
 def _within(values: Array, weight: Array, bins: Array, wanted: Array, rest: Array) -> Array:

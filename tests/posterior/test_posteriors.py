@@ -168,7 +168,7 @@ def some() -> tuple[marginal.Weighted, Array, Array, np.random.Generator]:
     weight /= weight.max()
     scenario = np.repeat(np.arange(4), np.diff(bounds))
     blocks = partials.cut(bounds, bounds[:-1], (partials.BLOCK,) * 4)
-    return marginal.weighted(weight, scenario, blocks), scenario, rng.random(bounds[-1]) < 0.7, rng
+    return marginal.weighted(weight, blocks), scenario, rng.random(bounds[-1]) < 0.7, rng
 
 
 LAWS = {
@@ -189,7 +189,7 @@ def test_numbers_are_summed_and_ranked_exactly(law: str, outside: bool, some) ->
     own, scenario, holds, rng = some
     values = LAWS[law](rng, scenario.size)
     low, high = np.quantile(values, [0.1, 0.6]) if outside else (values.min(), values.max())
-    found = marginal.of_number(own, values, holds, float(low), float(high))
+    found = marginal.of_number(own, marginal.numbers(values, float(low), float(high)), holds)
     for row in range(5):
         mine = np.ones(scenario.size, bool) if row == 4 else scenario == row
         weight = np.where(holds & mine, own.weight, 0.0)
@@ -210,9 +210,10 @@ def test_angles_through_north(some) -> None:  # type: ignore[no-untyped-def]
     """Mean and std as scipy has them of as many copies as weights say; quantiles as of angles from -180 to 180."""
     own, scenario, holds, rng = some
     copies = rng.integers(0, 9, scenario.size).astype(float)
-    own = marginal.weighted(copies / 8, scenario, own.blocks)
+    own = marginal.weighted(copies / 8, own.blocks)
     degrees = rng.triangular(-48, 9, 77, scenario.size)
-    found = marginal.of_angle(own, np.radians(degrees) + 2 * np.pi * rng.integers(0, 2, scenario.size), holds)
+    turned = np.radians(degrees) + 2 * np.pi * rng.integers(0, 2, scenario.size)
+    found = marginal.of_angle(own, marginal.angles(turned), holds)
     for row in (0, 1, 3, 4):
         mine = holds if row == 4 else holds & (scenario == row)
         repeated = np.radians(np.repeat(degrees[mine], copies[mine].astype(int)))
