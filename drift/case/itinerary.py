@@ -6,7 +6,7 @@ lanes, voyage, loiter and bridge.
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -40,10 +40,15 @@ from drift.motion.itinerary import (
     Spread,
     WayPoint,
     Ways,
+    latest,
+    middle,
+    radius,
 )
 from geo import notation, sphere
 
 LEAST_RATIO = 1.0
+KNOT = notation.NMI / 3600  # [m/s]
+SPREADS = 4.0  # standard deviations beyond which a place or a time is not expected
 
 
 def _spread(single: Callable[[object], float], example: str) -> BeforeValidator:
@@ -296,6 +301,25 @@ class BoundedTable(fields.Table):
             raise ValueError(f"min_speed {self.min_speed:.3g} m/s is above max_speed {self.max_speed:.3g} m/s")
         return self
 
+    def in_time(self, points: Sequence[WayPoint]) -> None:
+        """Refuse a way point that cannot be reached in its time by these speeds, or only after it."""
+        for a, b in itertools.pairwise(points):
+            apart = float(sphere.distance(*middle(a.place), *middle(b.place)))
+            spread = radius(a.place, SPREADS) + radius(b.place, SPREADS)
+            longest = latest(b.time, SPREADS) - latest(a.time, -SPREADS)
+            shortest = latest(b.time, -SPREADS) - latest(a.time, SPREADS)
+            least, most = max(apart - spread, 0.0) / notation.NMI, (apart + spread) / notation.NMI
+            if self.max_speed is not None and least > self.max_speed / notation.NMI * longest:
+                raise ValueError(
+                    f"max_speed {self.max_speed / KNOT:.4g} kn is too slow: {least:.0f} nmi at least between two way points, in "
+                    f"{longest / 3600:.3g} h at most; give more, or other times"
+                )
+            if most < self.min_speed / notation.NMI * shortest:
+                raise ValueError(
+                    f"min_speed {self.min_speed / KNOT:.4g} kn is too fast: {most:.0f} nmi at most between two way points, in "
+                    f"{shortest / 3600:.3g} h at least; give less, or other times"
+                )
+
 
 class TrackTable(BoundedTable):
     """Places at times after an uncertain start."""
@@ -308,6 +332,7 @@ class TrackTable(BoundedTable):
         earliest, after = _start(self.start, start)
         points = _points(self.points, None, start)
         _in_order(list(points), start, lambda seconds: f"after {seconds / 3600:g} h")
+        self.in_time(points)
         return Ways(
             points, earliest, after,
             slowest=self.min_speed, fastest=self.max_speed or math.inf,
@@ -342,8 +367,10 @@ class BridgeTable(BoundedTable):
             (_point(table, last, start, start), float(table.probability or 0.0)) for table in self.destinations
         )
         _in_order(list(points), start)
+        self.in_time(points)
         for end, _ in ends:
             _in_order([points[-1], end], start)
+            self.in_time((points[-1], end))
         return Ways(
             points, start, NONE, ends, k=self.k, k_spread=math.log(self.k_spread),
             slowest=self.min_speed, fastest=self.max_speed or math.inf,

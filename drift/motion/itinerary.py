@@ -248,8 +248,8 @@ def _pace(phase: Phase) -> float:
         return phase.speed.high
     if phase.fastest < np.inf:
         return phase.fastest
-    lon, lat = np.array([_middle(point.place) for point in phase.points]).T
-    time = np.array([_latest(point.time, 0.0) for point in phase.points])
+    lon, lat = np.array([middle(point.place) for point in phase.points]).T
+    time = np.array([latest(point.time, 0.0) for point in phase.points])
     return float(
         (sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / np.maximum(np.diff(time), 1.0)).max(initial=0.0)
     )
@@ -258,7 +258,7 @@ def _pace(phase: Phase) -> float:
 def _lines(phase: Ways) -> list[tuple[Array, Array]]:
     """Return the great circles between the middles of a phase's way points (lon, lat) [rad], without jumps."""
     points = [*phase.points, *(point for point, _ in phase.destinations)]
-    lon, lat = np.array([_middle(point.place) for point in points]).T
+    lon, lat = np.array([middle(point.place) for point in points]).T
     common = len(phase.points)
     ways = [np.arange(common), *(np.array([common - 1, k]) for k in range(common, len(points)))]
     lines = [sphere.track(lon[way], lat[way], PIECE) for way in ways if way.size > 1 or common == len(points)]
@@ -268,20 +268,21 @@ def _lines(phase: Ways) -> list[tuple[Array, Array]]:
 def _way(phase: Ways, spreads: float) -> tuple[Array, Array, float]:
     points = [*phase.points, *(point for point, _ in phase.destinations)]
     lon, lat = (np.concatenate(parts) for parts in zip(*_lines(phase), strict=True))
-    wide = max(_radius(point.place, spreads) for point in points)
+    wide = max(radius(point.place, spreads) for point in points)
     # A bridge is widest midway, K sqrt(T) / 2, where nothing but T bounds the time between two way points.
-    lasting = phase.after.high + max((_latest(point.time, spreads) for point in points), default=0.0)
+    lasting = phase.after.high + max((latest(point.time, spreads) for point in points), default=0.0)
     k = phase.k * np.exp(spreads * phase.k_spread)
     return np.unwrap(lon), lat, float(wide + spreads * k * np.sqrt(max(lasting, 0.0)) / 2)
 
 
-def _middle(place: Place) -> tuple[float, float]:
+def middle(place: Place) -> tuple[float, float]:
+    """Return the middle (lon, lat) [rad] of where a place may be."""
     if isinstance(place, InRing):
         return (min(place.lon) + max(place.lon)) / 2, (min(place.lat) + max(place.lat)) / 2
     return place.lon, place.lat
 
 
-def _radius(place: Place, spreads: float) -> float:
+def radius(place: Place, spreads: float) -> float:
     """Return how far from its middle [m] a place may be; spreads: how many standard deviations count."""
     match place:
         case Near():
@@ -293,14 +294,15 @@ def _radius(place: Place, spreads: float) -> float:
         case Abeam():
             return place.half * (1.0 if place.law == "uniform" else spreads)
         case InRing():
-            lon, lat = _middle(place)
+            lon, lat = middle(place)
             return float(sphere.distance(lon, lat, np.array(place.lon), np.array(place.lat)).max())
 
 
-def _latest(time: Spread | Moment | None, spreads: float) -> float:
+def latest(time: Spread | Moment | None, spreads: float) -> float:
+    """Return the latest time [s] of a law; spreads: how many standard deviations count, below 0 for the earliest."""
     match time:
         case Spread():
-            return time.high
+            return time.high if spreads >= 0 else time.low
         case Moment():
             return time.mean + spreads * time.std
     return 0.0

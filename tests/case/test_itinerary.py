@@ -108,6 +108,22 @@ BAD = {
         STORY + bridge('time = "+2 h"', 'time = "+18 h"', 'k = 5\nmin_speed = "9 kn"\nmax_speed = "3 kn"'),
         'scenario "one".phase 1.bridge: min_speed 4.63 m/s is above max_speed 1.54 m/s',
     ),
+    "a way too far for its time": (  # 87.9 nmi apart, by the spherical law of cosines; 16 h
+        STORY + bridge('time = "+2 h"', 'time = "+18 h"', 'k = 5\nmax_speed = "5.4 kn"'),
+        'scenario "one".phase 1.bridge: max_speed 5.4 kn is too slow: 88 nmi at least between two way points, in 16 h at most',
+    ),
+    "a way too short for its time": (
+        STORY + bridge('time = "+2 h"', 'time = "+18 h"', 'k = 5\nmin_speed = "5.6 kn"'),
+        'scenario "one".phase 1.bridge: min_speed 5.6 kn is too fast: 88 nmi at most between two way points, in 16 h at least',
+    ),
+    "a bridge that feels the current": (
+        STORY + 'vessel = { currents = "felt" }\n' + bridge('time = "+2 h"', 'time = "+18 h"') + STILL,
+        'scenario "one": vessel.currents is "felt": a bridge says where the target is, whatever the current',
+    ),
+    "a current to be felt that is not there": (
+        STORY + 'vessel = { currents = "felt" }\n' + AT + course(),
+        'scenario "one".vessel.currents is "felt" and there is no current: add [[current]] with files, or leave it out',
+    ),
     "probabilities that do not add up": (
         STORY + PHASE + "[scenario.phase.bridge]\nk = 5\npoints = [{ at = [-30, 45], time = '+1 h' }]\ndestinations = ["
         "{ at = [-31, 46], time = '+9 h', probability = 0.5 }, { at = [-31, 47], time = '+9 h', probability = 0.4 }]\n",

@@ -15,7 +15,6 @@ from oracle import HOUR, KNOT, R
 
 from drift import start
 from drift.case import file as case_file
-from drift.case.file import UserError
 from drift.motion import simulate
 from drift.particles.status import Status
 from geo import sphere
@@ -257,18 +256,3 @@ def test_what_the_current_sets_ashore_runs_aground(tmp_path: Path) -> None:
     assert (ended.status == Status.AGROUND).all()
     assert apart(ended, lon + np.degrees(9 * KNOT * due / (R * np.cos(middle))), np.full(150, 57.85)).max() < 50
     assert begin.ensemble.status_since.to_numpy() == pytest.approx(due, abs=5)
-
-
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        (
-            '[[scenario.phase]]\nbridge = { k = "5 nmi/sqrt(h)", points = [ { at = [-40.0, 58.0], time = "+0 h" }, '
-            '{ at = [-38.0, 58.5], time = "+20 h" } ] }\n',
-            r'vessel\.currents is "felt": a bridge says where the target is, whatever the current; leave currents out',
-        ),
-    ],
-)
-def test_what_cannot_feel_it_is_refused(tmp_path: Path, text: str, told: str) -> None:
-    with pytest.raises(UserError, match=told):
-        run(tmp_path, text, [0])
