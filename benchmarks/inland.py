@@ -1,18 +1,24 @@
 """Does any particle end inland? A large, long run on a real coast; every position of every output is tested.
 
     DRIFT_DATA=... python benchmarks/inland.py [PARTICLES] [HOURS]
+    python benchmarks/inland.py medsearch_transit [PARTICLES]
 
-A raft case on NorKyst and AROME, released all over the coastal sea, GSHHG at full resolution, errors and diffusion on.
+A raft case on NorKyst and AROME, released all over the coastal sea, GSHHG at full resolution, errors and diffusion on; or a shipped
+case in which all steer, at times inside its steps, whose positions Shapely tests as well.
 """
 
 import sys
 import tempfile
 import time
 
+import numpy as np
+import shapely
+
 import drift
 from drift import start
 from drift.motion import simulate
 from drift.particles import ensemble as record
+from drift.particles.status import Status
 from geo import sphere
 from geo.coast import edges as shoreline
 from kernels import runtime
@@ -41,28 +47,41 @@ area.polygon = ["60 10N 004 30E", "60 10N 005 30E", "61 30N 005 30E", "61 30N 00
 """
 
 
-def main(particles: int = 1_000_000, hours: int = 60) -> None:
-    """Run, test every position against the exact coast, and print the account."""
-    with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
-        file.write(CASE.format(particles=particles, hours=hours))
-        file.flush()
-        case = drift.load(file.name)
+def main(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
+    """Run, test every position against the exact coast and by Shapely, and print the account."""
+    if name:
+        # Outputs at 438 minutes lie inside steps of an hour.
+        case = drift.vary(drift.load(name), {"particles": particles, "output": {"every": "438 min"}})
+    else:
+        with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
+            file.write(CASE.format(particles=particles, hours=hours))
+            file.flush()
+            case = drift.load(file.name)
     runtime.start()
     where = start.open_for(case)
     coast = where.coast
     assert coast is not None
     run = start.prepare(case, where)
     outputs = case.period.seconds(case.outputs)
-    begin, inland, tested = time.perf_counter(), 0, 0
+    land = shapely.STRtree(coast.polygons)
+    begin, inland, tested, within = time.perf_counter(), 0, 0, 0
     for moment in simulate.run(run.ensemble, run.scene, run.clock, outputs):
-        land = shoreline.is_land(coast, moment.lon, moment.lat)
-        inland, tested = inland + int(land.sum()), tested + land.size
+        inland, tested = inland + int(shoreline.is_land(coast, moment.lon, moment.lat).sum()), tested + moment.lon.size
+        if name:  # what steers stays off the shore; what has come ashore lies on it, where Shapely's rounding decides
+            lon, lat = (np.asarray(x, float) * 360 / 2**32 for x in (moment.lon, moment.lat))
+            points = shapely.points(sphere.near_degrees(lon, (where.box.west + where.box.east) / 2), lat)
+            within += len(np.unique(land.query(points, "intersects")[0]))
     run.scene.forcing.close()
     account = record.account(run.ensemble, moment.status).by_status.sum(axis=0)
-    print(f"{particles:,} particles, {hours} h, step {run.clock.step} s, {time.perf_counter() - begin:.0f} s: {inland} of "
-          f"{tested:,} positions inland; adrift {account[0]:.1%}, ashore {account[1]:.1%}, without forcing {account[2]:.1%}, "
-          f"left {account[3]:.1%}; prior on land {run.dry[0]:.1%}; grid cell {(1 << coast.shift) * sphere.UNIT * 6371:.2f} km")  # fmt: skip
+    told = ", ".join(
+        f"{status.name.lower().replace('_', ' ')} {account[status]:.1%}" for status in Status if account[status] > 0
+    )
+    shapely_too = f" ({within} by Shapely)" if name else ""
+    print(f"{case.particles:,} particles, {(case.end - case.start) / np.timedelta64(1, 'h'):g} h, step {run.clock.step} s, {time.perf_counter() - begin:.0f} s: "
+          f"{inland} of {tested:,} positions inland{shapely_too}; {told}; prior on land {max(run.dry):.1%}; "
+          f"grid cell {(1 << coast.shift) * sphere.UNIT * 6371:.2f} km")  # fmt: skip
 
 
 if __name__ == "__main__":
-    main(*(int(float(x)) for x in sys.argv[1:]))
+    case = sys.argv[1] if len(sys.argv) > 1 and sys.argv[1].isidentifier() else ""
+    main(case, *(int(float(x)) for x in sys.argv[1 + bool(case) :]))

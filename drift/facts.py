@@ -1,11 +1,13 @@
 """What a run says about itself besides its forecast: numbers, attributes of files, words on pictures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib import metadata
 from typing import Any
 
 from drift.case.record import Case
+from drift.environment import coastline
 from drift.environment.environment import Environment
 from drift.environment.environment_spec import Coast
 from drift.forecast import likeliest
@@ -13,6 +15,7 @@ from drift.forecast.likeliest import Shown
 from drift.forecast.starts import others, starts
 from drift.maps.imprint import Imprint, Setting
 from drift.motion import forcing_error
+from drift.motion.scenario import Scenario
 from drift.output import formats
 from drift.output.chapter import Chapter
 from drift.particles.ensemble import Account
@@ -71,13 +74,21 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
             {**source, "run_id": formats.run_id(source)},
             caution(case),
         ),
-        where.coast.polygons if where.coast is not None else (),
+        coastline.lands(where.coast, case.coast),
         marks,
         lines,
         others(stories, shown),
         known_as,
         case.particles,
+        [partial(_itineraries, stories)] if any(scenario.itinerary for scenario in stories) else (),
     )
+
+
+def _itineraries(scenarios: Sequence[Scenario], now: Any) -> Any:
+    """Return what is drawn of itineraries on a map, of any time: a drift.maps.overlay.Overlay."""
+    from drift.environment import layers  # imported here, for Matplotlib takes a second
+
+    return layers.itineraries(scenarios)
 
 
 def with_coast(on: Setting) -> Setting:

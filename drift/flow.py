@@ -199,9 +199,9 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
             chapters.append(suspend_chapter.chapter(suspend_matter))
         flown = updates.sorties if updates else ()
         searches = [partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors)]
-        if any(scenario.itinerary for scenario in case.scenarios):
-            searches.insert(0, partial(forecast_chapter.itineraries, case.scenarios))
-        forecast_matter = forecast_chapter.Matter(result.forecast, result.trajectories, failed, searches)
+        # Legs and contacts would hide small maps; fields and barriers are few lines.
+        sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
+        forecast_matter = forecast_chapter.Matter(result.forecast, result.trajectories, failed, searches, sensors)
         chapters.append(forecast_chapter.chapter(forecast_matter))
         publish(job.out, chapters, overwrite=job.overwrite)
 

@@ -91,7 +91,7 @@ def draw(origin: Origin, path: Path, setting: Setting) -> None:
     frame = _frame(origin, shown, marks, MAP[2] * SHEET.width / (height * SHEET.height))
     chart.prepare(ax, frame)
     mesh = _shade(ax, frame, origin, shown)
-    land = chart.land_path(frame, setting.polygons, 1000)
+    land = chart.land_path(frame, setting.polygons(frame.box()), 1000)
     chart.draw_land(ax, land)
     chart.graticule(ax, frame)
     _outlines(ax, frame, shown)

@@ -108,15 +108,17 @@ def _changes(given: argparse.Namespace) -> dict[str, str]:
 
 def _run(given: argparse.Namespace) -> None:
     with _started(given, "forecast") as (case, out, options):
-        from drift import flow
+        from drift import facts, flow
         from drift.cli import outcome
         from drift.forecast import tables
 
         result = flow.run(case, out, **options)
-    facts = result.summary["run"]
+    made = result.summary["run"]
     last = {**tables.numbers(result.forecast), **result.summary}
     terminal.facts(case.title, outcome.spill(last) if case.spill else outcome.forecast(last))
-    basis = f"{facts['particles']:,} particles, {facts['scheme']}, step {facts['step_s']} s, seed {facts['seed']}"
+    # What steers is moved exactly: only drift has a scheme and errors of its step.
+    scheme = f"{made['scheme']}, step {made['step_s']} s, " if facts.drifts(case) else ""
+    basis = f"{made['particles']:,} particles, {scheme}seed {made['seed']}"
     terminal.say(f"{basis}\nResults in {out}")
 
 

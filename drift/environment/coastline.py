@@ -3,7 +3,10 @@
 About reported positions, which must not lie on land, the coast keeps its full detail.
 """
 
+import functools
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import astuple
 
 import numpy as np
 
@@ -12,6 +15,7 @@ from drift.environment.environment_spec import Coast
 from drift.motion import models
 from drift.motion.ensemble_spec import EnsembleSpec
 from geo import notation, sphere
+from geo.array import Array
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore
@@ -20,6 +24,8 @@ from geo.errors import UserError
 from geo.forcing.sources import Source
 
 MARGIN = 0.25  # [deg] more than a step
+LATTICE = 5.0  # [deg] to which boxes of land beyond the coast are rounded outward
+OUTWARD = (math.floor, math.floor, math.ceil, math.ceil)
 NEAR = 1.0  # [deg] about a reported position within which full detail says whether it lies on land
 
 
@@ -50,19 +56,38 @@ def opened(
     """
     if shared:
         whole, coast = shared
-        land = whole
+        own = whole
     else:
         whole = shore.land(asked.source, box, asked.lakes)
-        land = seen(whole) if seen and not spec.release else whole
-        coast = shoreline.build(land, box) if land.polygons.size else None
-    _check_ways(spec, asked, box, whole, coast if land is whole else None)
+        own = seen(whole) if seen and not spec.release else whole
+        coast = shoreline.build(own, box) if own.polygons.size else None
+    _check_ways(spec, asked, box, whole, coast if own is whole else None)
     if coast is not None:
         for scenario in spec.scenarios:
             story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
             at = scenario.prior.reported if scenario.prior else None
             if at:
-                _check_water(story, *at, coast if land is whole else _about(*at, whole))
-    return land, coast
+                _check_water(story, *at, coast if own is whole else _about(*at, whole))
+    return own, coast
+
+
+def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]:
+    """Return what returns the land polygons [deg] of a run in a box.
+
+    They are those of its coast, or read anew if the box reaches beyond it: once for boxes that are nearly the same.
+    """
+
+    @functools.cache
+    def read(box: Box) -> Array:
+        return shore.land(asked.source, box, asked.lakes).polygons
+
+    def land(box: Box) -> Array:
+        if coast is not None and shoreline.covers(coast, box):
+            return coast.polygons
+        west, south, east, north = (f(v / LATTICE) * LATTICE for f, v in zip(OUTWARD, astuple(box), strict=True))
+        return read(Box(west, south, east, north))
+
+    return land
 
 
 def _shrunk(box: Box, sources: Sequence[Source]) -> Box:

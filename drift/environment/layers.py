@@ -127,9 +127,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         (Line2D([], [], **_style(number)), f"Way: {_names(names)}") for number, (_, names) in enumerate(groups)
     ]
     if any(shapes.outlines for shapes, _ in groups):
-        rows.append(
-            (Patch(facecolor="none", edgecolor=WAY_COLOURS[0]), "A way point lies in it, or half of its law does")
-        )
+        rows.append((Patch(facecolor="none", edgecolor=WAY_COLOURS[0]), "A way point lies in it, or half of its law"))
     rows += key(areas=False) if network is not None else []
     rows += [(Line2D([], [], **AREA), "Area of patrol")] if rings else []
     places: dict[str, Sequence[Array]] = {f"the way of {_names(names)}": shapes.arrays for shapes, names in groups}
@@ -156,7 +154,7 @@ class _Shapes:
 
     lines: tuple[tuple[tuple[float, float], ...], ...]
     outlines: tuple[tuple[tuple[float, float], ...], ...]  # closed: where its way points may be
-    odds: tuple[tuple[float, float, float], ...]  # lon, lat and probability of its destinations
+    odds: tuple[tuple[float, float, float], ...]  # where over each of its destinations (lon, lat), and its probability
 
     @property
     def arrays(self) -> list[Array]:
@@ -175,7 +173,7 @@ def _ways(stories: Sequence[tuple[str, Itinerary]]) -> dict[_Shapes, list[str]]:
             for line in Itinerary((phase,)).ways
         )
         outlines = tuple(_rows(outline) for place, _ in own.places if (outline := _outline(place)) is not None)
-        odds = tuple((*_middle(place), share) for place, share in own.places if share < 1)
+        odds = tuple((*_over(place), share) for place, share in own.places if share < 1)
         if lines:
             found.setdefault(_Shapes(lines, outlines, odds), []).append(name)
     return found
@@ -205,10 +203,12 @@ def _outline(place: Place) -> Array | None:
     return np.array([polyline.unwrap(np.degrees(lon)), np.degrees(lat)])
 
 
-def _middle(place: Place) -> tuple[float, float]:
-    if isinstance(place, InRing):
-        return float(np.degrees(np.mean(place.lon))), float(np.degrees(np.mean(place.lat)))
-    return float(np.degrees(place.lon)), float(np.degrees(place.lat))
+def _over(place: Place) -> tuple[float, float]:
+    """Return the northern end (lon, lat) [deg] of where a way point may be: there its odds cover neither way nor map."""
+    outline = _outline(place)
+    if outline is None:
+        return float(np.degrees(place.lon)), float(np.degrees(place.lat))
+    return float(outline[0].mean()), float(outline[1].max())
 
 
 def _draw_ways(ax: Axes, frame: Frame, shapes: _Shapes, style: dict[str, Any]) -> None:
@@ -222,7 +222,7 @@ def _draw_ways(ax: Axes, frame: Frame, shapes: _Shapes, style: dict[str, Any]) -
         x, y = frame.project(lon, lat)
         text = f"prior {100 * share:.3g} %"
         ax.annotate(
-            text, (float(x), float(y)), (0, -16), textcoords="offset points", ha="center", fontsize=8,
+            text, (float(x), float(y)), (0, 3), textcoords="offset points", ha="center", fontsize=8,
             color=style["color"], path_effects=labels.HALO, zorder=14, annotation_clip=True,
         )  # fmt: skip
 

@@ -13,7 +13,6 @@ from drift.forecast import tracks as forecast_tracks
 from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
 from drift.maps.imprint import Setting
-from drift.motion.scenario import Scenario
 from drift.output.chapter import Chapter, Contents, Stamped, bound
 
 
@@ -25,13 +24,7 @@ class Matter:
     tracks: Trajectories
     setting: Setting
     overlays: Sequence[Callable[[Any], Any]] = ()  # what other topics draw on the map: drift.maps.overlay.AtTime
-
-
-def itineraries(scenarios: Sequence[Scenario], now: Any) -> Any:
-    """Return what is drawn of itineraries on a map, of any time: a drift.maps.overlay.Overlay."""
-    from drift.environment import layers  # imported here, for Matplotlib takes a second
-
-    return layers.itineraries(scenarios)
+    small: Sequence[Callable[[Any], Any]] = ()  # the same on the maps of all outputs
 
 
 def _map(matter: Matter, path: Path) -> None:
@@ -43,7 +36,7 @@ def _map(matter: Matter, path: Path) -> None:
 def _snapshots(matter: Matter, path: Path) -> None:
     from drift.forecast import map as forecast_map
 
-    forecast_map.draw_snapshots(matter.forecast, path, matter.setting)
+    forecast_map.draw_snapshots(matter.forecast, path, matter.setting, overlays=matter.small)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {

@@ -125,6 +125,10 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         },
     ),
 }
+STEERING = {  # words of long names where targets steer
+    "adrift or ashore": "under way, arrived, aground, adrift or ashore",
+    "of those adrift": "of those under way or adrift",
+}
 
 
 def build(
@@ -168,7 +172,10 @@ def build(
     if "effective_worlds" in forecast:
         forecast["effective_worlds"].attrs["worlds"] = counted[0].drawn
     if not any(under_way(snapshot.status).any() for snapshot in snapshots):
-        forecast = forecast.isel(status=slice(int(Status.UNDER_WAY)))  # nothing steers: it is the last three
+        return forecast.isel(status=slice(int(Status.UNDER_WAY)))  # nothing steers: it is the last three
+    for variable in forecast.variables.values():
+        for drifting, steering in STEERING.items():
+            variable.attrs["long_name"] = variable.attrs["long_name"].replace(drifting, steering)
     return forecast
 
 

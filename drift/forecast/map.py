@@ -29,6 +29,7 @@ from geo import notation
 from geo.array import Array
 from geo.notation import NMI
 
+WARNED = 105  # letters of a row of warnings, which ends where the legend begins
 ROW = 0.03  # height of a row of warnings over the map, as a share of the page
 SHEET = Sheet(
     11.7, 8.3, 140, left=0.055, title=sheet.heading(0.955, 15, 95), beside=60, lines=(Row(0.92, 12), Row(0.888, 9)),
@@ -43,7 +44,7 @@ def draw_map(
     on = sheet.begin(SHEET)
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
-    drawn_over = [overlay(now) for overlay in overlays]
+    drawn_over = [overlay(now) for overlay in (*setting.overlays, *overlays)]
     places = {name: shapes for overlay in drawn_over for name, shapes in overlay.places.items()}
     count = effective.at(forecast.data, time, setting.particles)
     height, frame, warnings = _layout(forecast, setting, time, count, places)
@@ -52,7 +53,7 @@ def draw_map(
     density = layers.density(forecast, time)
     shown = np.where(at["containment"].values <= layers.SHOWN, density, np.nan)
     mesh = layers.shade(ax, frame, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
-    land = chart.land_path(frame, setting.polygons, 1100)
+    land = chart.land_path(frame, setting.polygons(frame.box()), 1100)
     chart.draw_land(ax, land)
     chart.graticule(ax, frame)
     for i, line in enumerate(setting.lines):
@@ -89,14 +90,14 @@ def _layout(
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
     texts = (forecast_words.missing(at), forecast_words.unshaded(at), *effective.parts(forecast.data, time))
-    warnings = [text for text in texts if text]
+    warnings = [line for text in texts for line in textwrap.wrap(text, WARNED)]
 
     def under(rows: int) -> tuple[float, Frame, list[str]]:
         """Return the map's height and frame under some rows of text, and what the frame leaves out."""
         height = 0.775 - ROW * (count.few + rows)
         aspect = 0.665 * SHEET.width / (height * SHEET.height)
         frame = layers.extent(forecast, [now], setting.marks, setting.lines, aspect, places.values())
-        return height, frame, textwrap.wrap(beyond.left_out(frame, at, places), 135)
+        return height, frame, textwrap.wrap(beyond.left_out(frame, at, places), WARNED)
 
     height, frame, left_out = under(len(warnings))
     if left_out:
@@ -104,14 +105,18 @@ def _layout(
     return height, frame, [*warnings, *left_out]
 
 
-def draw_snapshots(forecast: Forecast, path: Path, setting: Setting) -> None:
+def draw_snapshots(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()) -> None:
     """Draw the output times side by side, at most twelve, on one extent and one colour scale; see draw_map."""
     count, imprint = forecast.data.sizes["time"], setting.imprint
     picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int)).tolist()
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
     rows = -(-len(picks) // columns)
-    least, least_at = effective.fewest(forecast.data, picks, setting.particles)
+    # While hardly anything is released yet, a panel says so by itself: see effective.RELEASED.
+    out = [i for i in picks if i >= layers.complete(forecast)]
+    least, least_at = effective.fewest(forecast.data, out, setting.particles)
     wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(imprint.caution) + least.few), 0.5, 0.35
+    key = [row for overlay in overlays for row in overlay(forecast.data["time"].values[picks[-1]]).key]
+    foot += 0.3 * bool(key)
     width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
     on = sheet.begin(
         Sheet(
@@ -123,7 +128,7 @@ def draw_snapshots(forecast: Forecast, path: Path, setting: Setting) -> None:
     )  # fmt: skip
     times = [forecast.data["time"].values[i] for i in picks]
     frame = layers.extent(forecast, times, setting.marks, (), aspect=1.0)
-    land = chart.land_path(frame, setting.polygons, 420)
+    land = chart.land_path(frame, setting.polygons(frame.box()), 420)
     # The shading of maps that stand on few particles must not make the others pale.
     sure = [i for i in picks if not effective.at(forecast.data, i).few]
     top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or picks)
@@ -131,7 +136,7 @@ def draw_snapshots(forecast: Forecast, path: Path, setting: Setting) -> None:
         row, column = divmod(k, columns)
         left, bottom = side + column * (wide + gap), height - head - (row + 1) * (wide + 0.28) + 0.28
         ax = on.figure.add_axes((left / width, bottom / height, wide / width, wide / height))
-        mesh = _small_map(ax, frame, forecast, i, top, land, setting)
+        mesh = _small_map(ax, frame, forecast, i, top, land, setting, overlays)
         chart.graticule(ax, frame, lines=3, size=7, labels=(k + columns >= len(picks), column == 0))
         if k == 0:
             chart.scale_bar(ax, frame, chart.free_corner(frame, *layers.occupied(frame, forecast, times)), small=True)
@@ -139,13 +144,17 @@ def draw_snapshots(forecast: Forecast, path: Path, setting: Setting) -> None:
     if least.few:
         when = notation.group(forecast.data["time"].values[least_at])
         sheet.rough(on, effective.banner(least, "areas are rough", when))
+    if key:
+        place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (side / width, 0.3 / height)}
+        sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)
     _log_bar(on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh)
     sheet.end(on, path, imprint)
 
 
 def _small_map(
-    ax: Axes, frame: Frame, forecast: Forecast, i: int, top: float, land: Outline | None, setting: Setting
-) -> Any:
+    ax: Axes, frame: Frame, forecast: Forecast, i: int, top: float, land: Outline | None, setting: Setting,
+    overlays: Sequence[AtTime],
+) -> Any:  # fmt: skip
     """Draw one output with its smallest and its largest area; return the shading.
 
     top: density [% per nmi2] at the upper end of the colour scale, which spans three powers of ten.
@@ -159,6 +168,8 @@ def _small_map(
     count = effective.at(forecast.data, i, setting.particles)
     outlines = layers.areas_of(forecast, at["time"].values, forecast.ends)
     layers.outline(ax, frame, forecast, outlines, count.few, width=0.7)
+    for overlay in overlays:
+        overlay(at["time"].values[()]).draw(ax, frame)
     layers.ashore_marks(ax, frame, forecast, i, scale=0.5)
     for mark in setting.marks:
         layers.mark_point(ax, frame, mark, 6)
@@ -282,10 +293,12 @@ def _panel(figure: Figure, at: Any, mesh: Any) -> None:
     """Write positions, the colour bar and what the areas are beside the map."""
     mean = notation.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
     datum = notation.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
+    called = f"Datum ({forecast_words.afloat(at)})"
+    apart = "   " if len(called) <= 20 else "\n    "
     figure.text(
         0.738,
         0.36,
-        f"Mean position   {mean}\nDatum ({forecast_words.afloat(at)})   {datum}",
+        f"Mean position   {mean}\n{called}{apart}{datum}",
         fontsize=9.5,
         color=INK,
         linespacing=1.6,

@@ -19,6 +19,7 @@ from matplotlib.transforms import Bbox
 
 from geo import sphere
 from geo.array import Array
+from geo.box import Box
 from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
@@ -56,6 +57,11 @@ class Frame:
         lonlat = lonlat[np.isfinite(lonlat).all(axis=1)]
         lon = sphere.near_degrees(lonlat[:, 0], self.centre[0])
         return float(lon.min()), float(lonlat[:, 1].min()), float(lon.max()), float(lonlat[:, 1].max())
+
+    def box(self) -> Box:
+        """Return the box [deg] that holds the whole frame."""
+        west, south, east, north = self.bounds()
+        return Box(-180.0, south, 180.0, north) if east - west >= 360 else Box(west, south, east, north).grown(0.0, 0.0)
 
 
 def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: float = 200.0) -> Frame:

@@ -1,10 +1,11 @@
 """What the pictures of a run share: the words on each, and what every chart shows."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from drift.maps.marks import Line, Mark
+from geo.box import Box
 
 
 @dataclass(frozen=True)
@@ -22,9 +23,10 @@ class Setting:
     """What every chart of a run shows, and what stands on it."""
 
     imprint: Imprint
-    polygons: Iterable[Any] = ()  # of land, by Shapely [deg]
+    polygons: Callable[[Box], Iterable[Any]] = lambda box: ()  # returns those of land in a box, by Shapely [deg]
     marks: Sequence[Mark] = ()  # where the run began, as points
     lines: Sequence[Line] = ()  # the same, as areas and tracklines
     others: Sequence[tuple[float, float]] = ()  # positions of those of many that have no mark of their own [deg]
     known_as: str = "Last known position"  # what the legend calls the marks
     particles: int | None = None  # particles in the run
+    overlays: Sequence[Callable[[Any], Any]] = ()  # what else stands on maps, such as itineraries: maps.overlay.AtTime

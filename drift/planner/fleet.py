@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from drift.case.record import Case, Depth
+from drift.environment import coastline
 from drift.environment.environment import Environment
 from drift.planner import courses, depth, planning_tracks
 from drift.planner.courses import Course
@@ -17,8 +18,6 @@ from drift.search.records import PlanSpec, Unit
 from geo import notation, sphere
 from geo.array import Array
 from geo.box import Box
-from geo.coast import edges as shoreline
-from geo.coast import shore
 
 PLACES = 4_000  # positions of particles by which it is judged where a boat may have to search
 
@@ -78,9 +77,7 @@ def _places(unit: Unit, spec: PlanSpec, tracks: Tracks) -> Array:
 
 def shown(case: Case, where: Environment, box: Box) -> Array:
     """Return the land of a case in a box: that of the run, or read anew if the box reaches beyond it."""
-    if where.coast is not None and shoreline.covers(where.coast, box):
-        return where.coast.polygons
-    return shore.land(case.coast.source, box, case.coast.lakes).polygons
+    return coastline.lands(where.coast, case.coast)(box)
 
 
 def checked(fleet: Fleet, taskings: Sequence[Tasking]) -> tuple[tuple[Tasking, ...], Fleet]:

@@ -60,9 +60,12 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
     chart.prepare(ax, frame)
     shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, frame, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
-    land = chart.land_path(frame, setting.polygons, 1000)
+    land = chart.land_path(frame, setting.polygons(frame.box()), 1000)
     chart.draw_land(ax, land)
     chart.graticule(ax, frame)
+    ways = [overlay(at["time"].values[()]) for overlay in setting.overlays]
+    for way in ways:
+        way.draw(ax, frame)
     outlines = layers.areas_of(forecast, at["time"].values[()], forecast.ends)
     _areas(ax, frame, forecast, outlines, count.few)
     ashore = layers.ashore_marks(ax, frame, forecast, i)
@@ -72,7 +75,8 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
         sheet.rough(on, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):
         sheet.say(on, sheet.warning(0.875 - ROW * k, 9), text)
-    _legend(on.figure, plan, forecast, outlines, len(setting.marks), ashore, land is not None, count.few)
+    more = [(symbol, page.fit(text, 34)) for way in ways for symbol, text in way.key]
+    _legend(on.figure, plan, forecast, outlines, len(setting.marks), ashore, land is not None, count.few, more)
     _panel(on.figure, plan)
     _bar(on.figure, mesh)
     sheet.end(on, path, setting.imprint)
@@ -266,6 +270,7 @@ def _legend(
     ashore: float,
     land: bool,
     few: bool,
+    more: Sequence[tuple[Any, str]],
 ) -> None:
     rows: list[tuple[Any, str]] = [
         (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0}), "Sub-area"),
@@ -290,6 +295,7 @@ def _legend(
         rows.append((Line2D([], [], marker="^", markersize=8, **style), f"Ashore, {labels.percent(ashore)}"))
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
+    rows += more
     sheet.legend(
         figure,
         rows,

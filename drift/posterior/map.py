@@ -31,7 +31,7 @@ from geo.array import Array
 A_BAND = 4  # quantities beside each other
 MOST_ROWS = 12  # of more updates the first row and the last are shown
 MOST_VALUES = 12  # of a category; of more the likeliest, and all others together
-LEFT, PANEL, BESIDE, GAP = 2.35, 1.95, 0.9, 0.34  # [in]: names of rows, a chart, its figures, what parts two charts
+LEFT, PANEL, BESIDE, GAP = 2.65, 1.95, 0.9, 0.34  # [in]: names of rows, a chart, its figures, what parts two charts
 ROW, OVER, UNDER = 0.5, 0.42, 0.36  # [in]: a row, the heading over a band, the numbers under it
 HEAD, FOOT = 1.08, 0.72  # [in] over and under all bands
 LETTER = 0.053  # [in] of a value's name, upright
@@ -95,7 +95,9 @@ def draw(posteriors: Posteriors, path: Path, setting: Setting) -> None:
             if k == 0:
                 _names(ax, stages)
         top = bottom - below
-    on.figure.text(0.28 / width, 0.4 / height, _explained(), fontsize=8, color=GREY, linespacing=1.35, va="center")
+    on.figure.text(
+        0.28 / width, 0.4 / height, _explained(letters), fontsize=8, color=GREY, linespacing=1.35, va="center"
+    )
     sheet.end(on, path, setting.imprint)
 
 
@@ -154,7 +156,7 @@ def _level(own: Panel) -> bool:
 
 
 def _short(name: str) -> str:
-    return page.fit(name, 26)
+    return page.fit(name, 32)
 
 
 def _chart(ax: Axes, own: Panel, many: int) -> None:
@@ -305,7 +307,9 @@ def _names(ax: Axes, stages: list[Stage]) -> None:
     inch = 1 / (ax.get_position().width * ax.get_figure(root=True).get_figwidth())  # type: ignore[union-attr]
     for k, stage in enumerate(stages):
         count = effective.Count(stage.ess)
-        name = stage.name if stage.kind in ("prior", "sortie") else f"{page.fit(stage.name, 16)} ({stage.kind})"
+        name = (
+            stage.name if stage.kind in ("prior", "sortie", "overdue") else f"{page.fit(stage.name, 16)} ({stage.kind})"
+        )
         head = page.fit(name, 26) if stage.number == 0 else f"{stage.number}  {page.fit(name, 26)}"
         below = f"{notation.group(stage.time)}, {count.words}"
         for y, text, size, colour, weight in (
@@ -344,10 +348,12 @@ def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
     return text + (f"; {hidden} earlier rows are in posteriors.csv" if hidden else "")
 
 
-def _explained() -> str:
-    return (
+def _explained(letters: float) -> str:
+    """Return what the marks are, in lines as wide as so many large letters."""
+    text = (
         "A histogram is as high as its row, with the outline of the first one to the same scale; a bar that is broken "
-        "stands out of it, and has its share beside it. Bars of scenarios, destinations and sides are shares in %.\n"
+        "stands out of it, and has its share beside it. Bars of scenarios, destinations and sides are shares in %. "
         "Beside a histogram: the median, 5 to 95 %, and in which share of the probability it means anything. "
         "By scenario and in full: posteriors.csv."
     )
+    return "\n".join(textwrap.wrap(text, int(1.2 * letters)))

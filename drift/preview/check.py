@@ -67,11 +67,17 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
     for scenario, dry in ((case.scenarios[k], begin.dry[k]) for k in shown.alone):
         lines[f'{story} "{scenario.name}"'] = _scenario(scenario, dry)
     if shown.rest:
-        objects = {case.scenarios[k].object.name for k in shown.rest}
+        objects = {_becomes(case.scenarios[k]) for k in shown.rest}
         some = ", ".join(sorted(objects)[:3]) + (f" and {len(objects) - 3} more" if len(objects) > 3 else "")
         name = shown.names([scenario.name for scenario in case.scenarios])[-1]
         lines[name] = f"{shown.sums(weights)[-1]:.0%} together: {some}"
     return lines | _search(case)
+
+
+def _becomes(scenario: Scenario) -> str:
+    """Return what drifts in a scenario; of what never goes adrift, that it is under way."""
+    own = scenario.itinerary
+    return "under way" if own is not None and own.distress is None else scenario.object.name
 
 
 def _source(case: Case, source: Source) -> str:

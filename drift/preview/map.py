@@ -34,7 +34,7 @@ def draw(found: Chart, path: Path, setting: Setting, view: Box | None = None) ->
     frame = chart.frame(whole[:, 0], whole[:, 1], MAP[2] * SHEET.width / (MAP[3] * SHEET.height), margin=0.03)
     ax = on.figure.add_axes(MAP)
     chart.prepare(ax, frame)
-    chart.draw_land(ax, chart.land_path(frame, setting.polygons, 1600))
+    chart.draw_land(ax, chart.land_path(frame, setting.polygons(frame.box()), 1600))
     chart.graticule(ax, frame, lines=8)
     layers.lanes(ax, frame, network)
     layers.patrols(ax, frame, found.areas.values())

@@ -87,7 +87,8 @@ def draw(updates: Updates, path: Path, setting: Setting) -> None:
     figure = on.figure
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
-    _cumulative(figure, updates, room)
+    if _flown(updates):
+        _cumulative(figure, updates, room)
     sheet.head(on, setting.imprint, _account(every, len(steps) - len(shown)))
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
@@ -95,6 +96,11 @@ def draw(updates: Updates, path: Path, setting: Setting) -> None:
         sheet.rough(on, effective.banner(least, "shares, evidence and POS are rough"))
     figure.text(0.02, 0.33 / height, _explained(updates), fontsize=8, color=GREY, linespacing=1.35, va="center")
     sheet.end(on, path, setting.imprint)
+
+
+def _flown(updates: Updates) -> bool:
+    """Whether there is a cumulative POS: where only sensors and contacts told something, the chart on the left has all the room."""
+    return any(update.cumulative is not None for update in updates.all)
 
 
 def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:
@@ -134,12 +140,17 @@ def _account(updates: Updates, hidden: int) -> str:
     """Return in a line what was done, and how the search stands."""
     sorties = [u for u in updates.all if u.kind == "sortie"]
     contacts = sum(u.kind == "contact" for u in updates.all)
-    sensors = len(updates.all) - len(sorties) - contacts
-    parts = [f"{len(sorties)} sortie{'s' * (len(sorties) != 1)} that found nothing"]
+    overdue = sum(u.kind == "overdue" for u in updates.all)
+    sensors = len(updates.all) - len(sorties) - contacts - overdue
+    parts = (
+        [f"{len(sorties)} sortie{'s' * (len(sorties) != 1)} that found nothing"] if sorties or not updates.all else []
+    )
     if contacts:
         parts.append(f"{contacts} contact{'s' * (contacts != 1)}")
     if sensors:
         parts.append(f"{sensors} report{'s' * (sensors != 1)} of sensors")
+    if overdue:
+        parts.append(f"{overdue} arrival{'s' * (overdue != 1)} that did not come")
     done = [u.cumulative[-1] for u in sorties if u.cumulative is not None]
     if done:
         parts.append(f"cumulative POS {labels.percent(done[-1])}")
@@ -154,10 +165,17 @@ def _account(updates: Updates, hidden: int) -> str:
 
 def _explained(updates: Updates) -> str:
     if len(updates.scenarios) == 1:
+        if not _flown(updates):
+            return "Of reports in a row that were hardly to be expected, one may be false, or the scenario is."
         return "Cumulative POS: probability that the sorties so far would have found the object."
-    return (
+    factor = (
         "Bayes factor: what was seen is that many times as probable under the scenario as under the others together; "
-        "to 3 weak, to 20 positive, to 150 strong.\nCumulative POS: probability that the sorties so far would have "
+        "to 3 weak, to 20 positive, to 150 strong."
+    )
+    if not _flown(updates):
+        return factor
+    return (
+        f"{factor}\nCumulative POS: probability that the sorties so far would have "
         "found the object had the scenario been true; a low one says that the scenario has hardly been searched."
     )
 
@@ -197,7 +215,8 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
     rows = [first, *(np.asarray(update.posterior, float) for _, (update, _) in shown)]
     begin = "before the first update" if not shown or shown[0][0] == 1 else f"after update {shown[0][0] - 1}"
     said = [("", ""), *(words(update, before, updates.scenarios) for _, (update, before) in shown)]
-    ax = _rows(figure, room, shown, begin, said, ("Probability of each scenario [%]", "What moved it"))
+    heads = ("Probability of each scenario [%]", "What moved it")
+    ax = _rows(figure, room, shown, begin, said, heads, wide=not _flown(updates))
     left, y = np.zeros(len(rows)), np.arange(len(rows))
     for j in range(len(updates.scenarios)):
         share = np.array([row[j] for row in rows])
@@ -209,28 +228,34 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
 
 
 def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
-    """Draw POC and POS of each sortie as bars, where there is only one scenario."""
+    """Draw as bars, where there is only one scenario, POC and POS of each sortie, or how likely what each sensor said was."""
     said = [("", "")]
     for _, (update, _) in shown:
         pod, figures = update.pod, ""
         if pod is not None and update.poc is not None and update.poc[-1] > 0:
             figures = f"POC {labels.percent(float(update.poc[-1]))} × POD {labels.percent(float(pod[-1]))}"
         said.append((figures, f"effective particles {update.ess_after:,.0f}"))
-    ax = _rows(figure, room, shown, "", said, ("POC (light), POS (dark) [%]", "What each was worth"))
+    if flown := _flown(updates):
+        heads = ("POC (light), POS (dark) [%]", "What each was worth")
+    else:
+        heads = ("How likely what it said was beforehand [%]", "What is left")
+    ax = _rows(figure, room, shown, "", said, heads, wide=not flown)
     for k, (_, (update, _)) in enumerate(shown, 1):
-        for values, fill in ((update.poc, FILLS[0]), (update.pos, FILLS[1])):
+        likely = np.exp(update.log_evidence) if not flown and update.kind in ("look", "presence") else None
+        for values, fill in ((likely, FILLS[0]), (update.poc, FILLS[0]), (update.pos, FILLS[1])):
             if values is not None:
                 ax.barh(k, values[-1], 0.62, edgecolor=INK, linewidth=0.6, zorder=3, **fill)
 
 
 def _rows(
-    figure: Figure, room: tuple[float, float], shown: Shown, begin: str, said: Said, heads: tuple[str, str]
+    figure: Figure, room: tuple[float, float], shown: Shown, begin: str, said: Said, heads: tuple[str, str], wide: bool
 ) -> Axes:
     """Return axes for a bar in each row, from 0 to 1.
 
-    A row has its update's name on the left and two lines on the right.
+    A row has its update's name on the left and two lines on the right. wide: no other chart stands beside it.
     """
-    ax = figure.add_axes((0.185, room[0], 0.21, room[1] - room[0]))
+    width = 0.5 if wide else 0.21
+    ax = figure.add_axes((0.185, room[0], width, room[1] - room[0]))
     ax.set_xlim(0, 1)
     ax.set_ylim(len(shown) + 0.5, -0.5 if begin else 0.5)
     ax.set_yticks([])
@@ -243,20 +268,21 @@ def _rows(
     def write(x: float, y: float, text: str, size: float, colour: str = INK, **style: Any) -> None:
         ax.text(x, y, text, transform=place, va="center", fontsize=size, color=colour, **style)
 
-    write(-0.03, 0, begin, 8.5, GREY, ha="right")
+    beside = -0.0065 / width
+    write(beside, 0, begin, 8.5, GREY, ha="right")
     for k, (number, (update, _)) in enumerate(shown, 1):
-        what = update.name if update.kind == "sortie" else f"{page.fit(update.name, 18)} ({update.kind})"
-        write(-0.03, k - 0.15, f"{number}  {page.fit(what, 28)}", 9, weight="bold", ha="right")
+        what = update.name if update.kind in ("sortie", "overdue") else f"{page.fit(update.name, 18)} ({update.kind})"
+        write(beside, k - 0.15, f"{number}  {page.fit(what, 28)}", 9, weight="bold", ha="right")
         pos = "" if update.pos is None else f", POS {labels.percent(float(update.pos[-1]))}"
         left = effective.Count(update.ess_after)
         if left.few:
-            write(-0.03, k + 0.21, f"{notation.group(update.time)}, {left.words}", 7.5, layers.LAST_KNOWN, ha="right")
+            write(beside, k + 0.21, f"{notation.group(update.time)}, {left.words}", 7.5, layers.LAST_KNOWN, ha="right")
         else:
-            write(-0.03, k + 0.21, notation.group(update.time) + pos, 7.5, GREY, ha="right")
+            write(beside, k + 0.21, notation.group(update.time) + pos, 7.5, GREY, ha="right")
     for k, (above, below) in enumerate(said):
-        write(1.03, k - 0.15, above, 9)
-        write(1.03, k + 0.21, below, 7.5, GREY)
-    for x, head in zip((0.185, 0.4015), heads, strict=True):
+        write(1 + 0.0065 / width, k - 0.15, above, 9)
+        write(1 + 0.0065 / width, k + 0.21, below, 7.5, GREY)
+    for x, head in zip((0.185, 0.1915 + width), heads, strict=True):
         figure.text(x, room[1] + 0.25 / figure.get_figheight(), head, fontsize=10, weight="bold", color=INK)
     return ax
 
@@ -281,10 +307,6 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
     ax.grid(color=INK, alpha=0.2, linewidth=0.5, zorder=0)
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=0.8)
-    if not done:
-        ax.text(0.5, 0.5, "no sortie yet", transform=ax.transAxes, ha="center", fontsize=9, color=GREY)
-        ax.set_xticks([])
-        return
     times = np.array([search_shapes.epoch(update.time) for _, update in done])
     values = np.array([update.cumulative for _, update in done])
     before = times[0] - max(0.08 * (times[-1] - times[0]), 3600)

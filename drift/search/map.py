@@ -33,6 +33,7 @@ WIDE, HIGH = 3.35, 2.85  # [in] of a map
 GAP, OVER, HEAD, FOOT, LEFT, RIGHT = 0.14, 0.66, 0.85, 1.0, 0.42, 1.15  # [in]
 STAGES = ("before", "mid-search", "after")
 RECENT = np.timedelta64(6, "h")  # contacts are drawn with a sortie from so long before it
+ONE_ROW = 7  # symbols of a legend that stand side by side; of more there are two rows
 RANGE = 3.0  # most of the scale's top over the median map's: a contact must not make the others pale
 
 
@@ -66,8 +67,9 @@ def draw(
     places = search_layers.places([*dict.fromkeys(every_seen)])
     frame = layers.extent(part, times, setting.marks, search_layers.extent(on_page), WIDE / HIGH, places.values())
     tops = [layers.scale_top(part.data.isel(time=i)) for i in range(len(times))]
+    ways = [overlay(times[-1]) for overlay in setting.overlays]
     norm = PowerNorm(0.5, 0, min(max(tops), RANGE * float(np.median(tops))))
-    land = chart.land_path(frame, setting.polygons, 450)
+    land = chart.land_path(frame, setting.polygons(frame.box()), 450)
     numbered = {update.name: (k, update) for k, update in enumerate(updates.all, 1) if update.kind == "sortie"}
 
     least, least_at = effective.fewest(forecast.data, np.unique(outputs), setting.particles)
@@ -86,6 +88,8 @@ def draw(
             ax = on.figure.add_axes((left / size[0], bottom / size[1], WIDE / size[0], HIGH / size[1]))
             mesh = _map(ax, frame, forecast, i, norm, land, setting)
             chart.graticule(ax, frame, lines=3, size=7, labels=(row == len(on_page) - 1, column == 0))
+            for way in ways:
+                way.draw(ax, frame)
             search_layers.sortie(ax, frame, sortie, wanted)
             time = forecast.data["time"].values[i]
             for contact in (c for c in seen[row] if c.time <= time):
@@ -106,7 +110,9 @@ def draw(
         on.figure,
         size,
         forecast,
-        search_layers.key(on_page, every_seen, 0.9) + search_layers.sensor_key([*chain(*heard)], 0.9),
+        search_layers.key(on_page, every_seen, 0.9)
+        + search_layers.sensor_key([*chain(*heard)], 0.9)
+        + [(symbol, paper.fit(text, 44)) for way in ways for symbol, text in way.key],
         bool(setting.marks),
     )
     _bar(on.figure, size, mesh)
@@ -257,8 +263,8 @@ def _key(
         rows,
         loc="center left",
         bbox_to_anchor=(LEFT / size[0], 0.46 / size[1]),
-        ncols=len(rows),
-        fontsize=8,
+        ncols=len(rows) if len(rows) <= ONE_ROW else -(-len(rows) // 2),
+        fontsize=8 if len(rows) <= 2 * ONE_ROW else 7,
         borderaxespad=0,
         columnspacing=1.4,
         handlelength=2.6,

@@ -169,7 +169,8 @@ class Observers:
             which = way.window, seen.shape, seen.besides, seen.report, *columns
             if helm and self._begin and self._begin.helm:
                 helm.observe(self._begin.helm, self._step, way.before, way.after, *which)
-            observe.drifting(e, drifts, self._adrift_from(since, before), way.after, way.window, k, *which[1:])
+            if drifts.last > drifts.first:  # where all steer, its kernel need not be compiled
+                observe.drifting(e, drifts, self._adrift_from(since, before), way.after, way.window, k, *which[1:])
 
     def _adrift_from(self, since: int, places: Places) -> Places:
         """Return where each particle's drift begins: where it was, or where it went adrift since [s]."""

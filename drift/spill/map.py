@@ -123,7 +123,7 @@ def draw(
     height = MAP[1] - ROW * count.few
     walked = [[part for k in patrol.segments for part in _parts(segments, k)] for patrol in patrols.all]
     frame = _extent(segments, shown, setting.marks, walked, MAP[0] * SHEET.width / (height * SHEET.height), near)
-    land = chart.land_path(frame, setting.polygons, 1000)
+    land = chart.land_path(frame, setting.polygons(frame.box()), 1000)
     numbers, times = _scales(shown)
     norm, when = LogNorm(*numbers, clip=True), Normalize(*times)
     widths = 1.4 + 4.6 * np.asarray(norm(np.maximum(shown.number, numbers[0])))

@@ -1,5 +1,6 @@
 """The picture beside suspend.txt: who may be alive, what was searched, what searching on would add."""
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +147,15 @@ def _further(ax: Axes, suspension: Suspension) -> None:
     _prepare(ax, "Searching on from now")
     if not suspension.further:
         ax.set_axis_off()
-        ax.text(0, 0.9, page.fit(suspension.how, 60), fontsize=9, color=INK, transform=ax.transAxes, wrap=True)
+        ax.text(
+            0,
+            0.9,
+            "\n".join(textwrap.wrap(suspension.how, 70)),
+            fontsize=9,
+            color=INK,
+            transform=ax.transAxes,
+            va="top",
+        )
         return
     x = np.arange(len(suspension.further))
     pos, pos_error = np.array([(end.pos, end.pos_error) for end in suspension.further]).T

@@ -85,7 +85,7 @@ def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, 
         tmp_path / "origin.png",
         Setting(
             Imprint("A test " * 30, footer="casp-drift " * 40, caution=WRONG),
-            polygons=[land],
+            polygons=lambda box: [land],
             marks=finds((lon + 180) % 360 - 180, lat, count),
         ),
     )
@@ -155,7 +155,7 @@ def test_few_effective_worlds_are_warned_of(tmp_path, seen):
 def test_the_same_release_gives_the_same_bytes(tmp_path):
     origin, land = release(179.9, -17.5), shapely.box(179.5, -18.0, 180.5, -17.8)
     for name in ("one.png", "two.png"):
-        setting = Setting(Imprint("T", attributes={"run_id": "abc-s1"}), [land], finds(179.9, -17.5, 3))
+        setting = Setting(Imprint("T", attributes={"run_id": "abc-s1"}), lambda box: [land], finds(179.9, -17.5, 3))
         origin_map.draw(origin, tmp_path / name, setting)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     with Image.open(tmp_path / "one.png") as picture:

@@ -61,7 +61,7 @@ def test_pictures_anywhere_and_at_any_size(tmp_path, lon, lat, spread):
         shapely.box(lon + 4 * step, lat - 20 * step, lon + 400 * step, min(lat + 3 * step, 89)),
         shapely.box(lon - 360, lat, lon - 359, lat + 1),
     ]
-    setting = Setting(Imprint("A test " * 30), polygons=land, marks=[Mark(lon, lat, "LKP 21/1830Z")])
+    setting = Setting(Imprint("A test " * 30), polygons=lambda box: land, marks=[Mark(lon, lat, "LKP 21/1830Z")])
     cautioned = replace(
         setting,
         imprint=Imprint("A test " * 30, footer="casp-drift", caution=WRONG),

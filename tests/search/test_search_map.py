@@ -83,7 +83,7 @@ def test_pictures_anywhere(tmp_path, lon, lat):
     forecast, sorties, _, updates = searches.search(lon, lat)
     common = {
         **COMMON,
-        "polygons": [shapely.box(lon + 0.4, lat, lon + 2, lat + 1)],
+        "polygons": lambda box: [shapely.box(lon + 0.4, lat, lon + 2, lat + 1)],
         "marks": [Mark(lon, lat)],
     }
     everything = [*sorties[2:], searches.watch(lon, lat)]
@@ -173,7 +173,13 @@ def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, wor
     assert "after update 8" in words
     assert any("the first 8 updates are in sorties.csv" in text for text in words)
     evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", SETTING)
-    assert "no sortie yet" in words
+    assert "0 sorties that found nothing" in words
+    words.clear()
+    seen = [replace(u, kind="look", poc=None, pos=None, cumulative=None) for u in single]
+    evidence_map.draw(Updates(("only",), np.ones(1), tuple(seen)), tmp_path / "seen.png", SETTING)
+    assert "How likely what it said was beforehand [%]" in words
+    assert "Cumulative POS [%]" not in words
+    assert "6 reports of sensors" in words
 
 
 def test_a_plan_shows_its_figures(tmp_path, search, words):

@@ -103,7 +103,7 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
         tmp_path / "washup.png",
         Setting(
             Imprint("A test " * 30, footer="casp-drift " * 40, caution=WRONG),
-            polygons=[land],
+            polygons=lambda box: [land],
             marks=[Mark(lon + 1.5, lat - 0.4, "Release 21/1800Z")],
         ),
     )
@@ -122,7 +122,9 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
 def test_none_ashore(tmp_path, monkeypatch):
     said = words(monkeypatch)
     where, land = coast(179.5, -17.0, 9)
-    washup_map.draw(spill(where, []), where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=[land]))
+    washup_map.draw(
+        spill(where, []), where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=lambda box: [land])
+    )
     assert (
         "None of the 50 simulated spills puts any object ashore by 231800ZNOV1973 (1973-11-23T18:00:00Z, UTC)" in said
     )
@@ -132,7 +134,7 @@ def test_none_ashore(tmp_path, monkeypatch):
 def test_the_same_spill_gives_the_same_bytes(tmp_path):
     where, land = coast(-95.0, 29.0, 12)
     made = spill(where, list(range(12)))
-    setting = Setting(Imprint("T", attributes={"run_id": "abc-s1"}), polygons=[land])
+    setting = Setting(Imprint("T", attributes={"run_id": "abc-s1"}), polygons=lambda box: [land])
     for name in ("one.png", "two.png"):
         washup_map.draw(made, where, tmp_path / name, setting)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
@@ -184,7 +186,7 @@ def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
     nothing = np.zeros(worlds, np.int32)
     one = Realisation(np.ones(n, np.int32), nothing, nothing)
     made = washup.build(fates, where, [one], np.full(worlds, 1 / worlds), np.array([40_000]), START)
-    washup_map.draw(made, where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=[land]))
+    washup_map.draw(made, where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=lambda box: [land]))
     table = washup_tables.records(made)
     assert dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True)) == {4: 1, 7: 2, 9: 3}
     assert [text for text in said if text in ("(1)", "(2)", "(3)")] == ["(1)", "(3)"] * 3
@@ -198,7 +200,7 @@ def test_what_is_planned_is_shown_near_and_listed_alone(tmp_path, monkeypatch):
     table = washup_tables.records(made)
     ranks = dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True))
     walked = [washup_map.Patrolled("east", np.datetime64("1973-11-22T09:30:00"), 0.65, [9])]
-    setting, finds = Setting(Imprint("T"), polygons=[land]), [Mark(-94.6, 29.0, "far")]
+    setting, finds = Setting(Imprint("T"), polygons=lambda box: [land]), [Mark(-94.6, 29.0, "far")]
     for near, count in ((False, 3), (True, 1)):
         said.clear()
         patrols = washup_map.Patrols(walked, near=near)
@@ -214,7 +216,7 @@ def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     when = np.datetime64("1973-11-22T09:30:00")
     found = [Mark(-94.6, 29.0, "1"), Mark(-94.2, 29.0, "2")]
     walked = [washup_map.Patrolled("east", when, 0.65, [10, 11]), washup_map.Patrolled("west", when, 0.4, [0])]
-    setting, patrols = Setting(Imprint("T"), polygons=[land]), washup_map.Patrols(walked)
+    setting, patrols = Setting(Imprint("T"), polygons=lambda box: [land]), washup_map.Patrols(walked)
     washup_map.draw(spill(where, [4, 5]), where, tmp_path / "with.png", setting, finds=found, patrols=patrols)
     for text in ("▲1", "▲2"):
         assert said.count(text) == 2  # on both maps
