@@ -14,6 +14,8 @@ KNOT, HOUR = NMI / 3600, 3600.0
 def words(itinerary: Itinerary, adrift: str) -> str:
     """Return an itinerary in words; adrift: the same of the object that it is in distress."""
     text = "; then ".join(_phase(phase) for phase in itinerary.phases)
+    if itinerary.currents == "felt":
+        text += "; by dead reckoning, set off its way by the current"
     if itinerary.distress is not None:
         text += f"; in distress {_distress(itinerary.distress)}, and then adrift as {adrift}"
     if itinerary.overdue is not None:

@@ -36,9 +36,10 @@ TOLD = {
         "bridge, K = 9 nmi/sqrt(h), known to a factor of 1.5, from 050100ZMAR26, there 061600ZMAR26 +- 2 h; in distress "
         "050700ZMAR26, and then adrift as X"
     ),
-    'distress = { between = "+7 h" }\n[[scenario.phase]]\n'
+    'vessel = { currents = "felt" }\ndistress = { between = "+7 h" }\n[[scenario.phase]]\n'
     'track = { points = [{ at = [-30, 45], after = "0 h" }, { at = [-31, 47], after = ["20 h", "25 h"] }] }': (
-        "track of 2 way points, from 050000ZMAR26, the last after 20 to 25 h; in distress 050700ZMAR26, and then adrift as X"
+        "track of 2 way points, from 050000ZMAR26, the last after 20 to 25 h; by dead reckoning, set off its way by the current; in distress "
+        "050700ZMAR26, and then adrift as X"
     ),
 }  # fmt: skip
 
