@@ -12,12 +12,14 @@ import pytest
 import searches
 import shapely
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from PIL import Image
 
 from drift.forecast import map as forecast_map
 from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
+from drift.maps.overlay import Overlay
 from drift.planner import map as plan_map
 from drift.search import evidence_map
 from drift.search import layers as search_layers
@@ -98,6 +100,20 @@ def test_pictures_anywhere(tmp_path, lon, lat):
     for name in ("search", "map", "plan"):
         with Image.open(tmp_path / f"{name}.png") as image:
             assert min(image.size) > 700
+
+
+def test_ways_are_on_every_map_of_sorties_and_of_plans(tmp_path, search, words):
+    forecast, sorties, contacts, updates = search
+    drawn = []
+    way = Overlay(lambda ax, frame: drawn.append(frame), {}, [(Line2D([], []), "Way: by the usual one")])
+    setting = Setting(IMPRINT, overlays=[lambda now: way])
+    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "search.png", setting, page=1)
+    assert len(drawn) == 12  # four sorties, before, amid and after
+    assert words.count("Way: by the usual one") == 1
+    plan_map.draw(forecast, searches.plan(), tmp_path / "plan.png", setting)
+    forecast_map.draw_map(forecast, tmp_path / "map.png", setting)
+    assert len(drawn) == 14
+    assert words.count("Way: by the usual one") == 3
 
 
 def test_only_sorties_begun_are_on_the_map(tmp_path, search, words):
