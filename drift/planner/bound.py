@@ -14,16 +14,19 @@ doi:10.1137/080716542).
 
 The bound would be proven if densities were known. They are estimated, and so is the bound. It assumes that a particle
 goes straight from one time of its track to the next, that its density is even within a box, and that the greatest
-densities in a bin of time are at most those when the cloud is densest. Boxes are drawn as tight as the particles in
+densities in a bin of time are at most those when the cloud is densest, or, of what steers, even over the bin's rows
+(drift.planner.bins). Boxes are drawn as tight as the particles in
 them, so that density is rather too high than too low, and they are cut where particles are clearly uneven; bins are as
 short as the particles' motion against each other requires. The unevenness that is left makes the bound too low, by
 second order in the size of boxes and bins. Noise makes it too high, because boxes that are too dense by chance look
 worth a visit, and outweighs the other error (tests/planner/test_bound.py), except where density has no limit, as r^-1.5
 about a point.
 
-What steers moves fast against its neighbours and turns. Its bins are as short as the particles' displacement within
-them requires, measured from edge to edge, which a bridge's noise does not lengthen; where no bins are short enough
-there is no bound. In a bin in which a particle goes adrift the larger of its two sweep widths counts.
+What steers streams past its neighbours. A box of a bin of several rows stands still; of what is in it during a part of
+the rows that part of the effort counts, so that its density is the mean over them. Noise makes the bound too high there
+too, by up to a third. There is none where particles go farther in a row than boxes and sweep widths reach, and none for
+a sensor that counts passes abeam against a Brownian bridge, which comes abeam without number: shorter legs would find
+ever more.
 """
 
 import itertools
@@ -32,24 +35,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drift.forecast import effective
 from drift.motion.scenario import Survival
 from drift.planner import availability, concave, quadtree
+from drift.planner import bins as binned
 from drift.planner import planning_tracks as record
+from drift.planner.bins import BOXES, Bins
 from drift.planner.planning_tracks import Tracks
 from drift.search import laws
 from drift.search.records import PlanSpec, Unit
-from geo import sphere
 from geo.array import Array
 from kernels import allocate
 
-BOXES = 160  # fewest boxes in a bin, where there are particles enough
 # Fewest effective particles in a box: boxes of 8 are too dense by two thirds, boxes of 64 are too wide (test_bound.py).
 LEAST = 16.0
-FEWEST, MOST = 6, 24  # bins of time
-STRAIN = 0.5  # of a box's side: how far its particles may move apart in a bin, unless that takes too many bins
-STEERED = 0.25  # the same where something steers; half of it is then between the densest time and the bin's far end
-MOST_STEERED = 240  # bins of time where something steers; more would take minutes
-TRIAL = 4096  # particles on which that is measured
+PARTICLES = 10_000  # most of those that steer on which it is found: more rows tell more than more particles
 SMALLEST = 0.003  # [sweep widths] side of the smallest box, which a single pass covers
 PATIENCE = 25  # steps without a better bound or better effort after which the search ends
 STEPS = 500  # most steps
@@ -58,6 +58,7 @@ NEARLY = 0.995  # above this value a bound tells nothing
 UNSURE = 0.05  # largest standard error of the bound less what the plan is worth
 EASE = 0.95  # factor by which a lower curvature is tried after each step
 ENOUGH = 0.001  # the search ends when the bound exceeds the best effort by no more than this
+STEERED = 0.003  # the same where something steers, which takes more steps
 
 
 @dataclass(frozen=True)
@@ -77,42 +78,37 @@ class Bound:
     value: float  # no plan should find more
     spread: float  # what the divided effort finds, of the particles on which it was found
     effort: Array  # float64 [s] (boxes, units)
-    coarse: bool = False  # bins of time are too long for how particles move: it is no bound
-
-
-@dataclass(frozen=True)
-class Bins:
-    """Positions of particles (m) at one time in each bin (b), on a plane."""
-
-    edge: Array  # float64 [s since 1970] (b + 1,)
-    x: Array  # float64 [m] (b, m)
-    y: Array
-    there: Array  # bool (b, m): the particle can be found in the bin
-    pace: Array  # float64 [m/s] (b, m) highest speed of the particle in the bin
-    moved: Array  # float64 [m] (b,) farthest that any particle is in the bin from that position
-    coarse: bool = False  # particles move apart too far even in the shortest bins
+    none: str = ""  # why it is no bound, in a few words
 
 
 def bound(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]) -> Bound:
     """Return the estimated upper bound of what any plan of these units, laws and times finds on these tracks."""
-    weighted = np.flatnonzero(tracks.weight > 0)
-    tracks = record.sort(record.take(tracks, weighted, tracks.weight[weighted]))
-    field, budget, area, coarse = _field(tracks, units, spec, survival)
-    return replace(ascend(field, budget, area), coarse=coarse)
+    if tracks.turn is None:
+        weighted = np.flatnonzero(tracks.weight > 0)
+        some = record.sort(record.take(tracks, weighted, tracks.weight[weighted]))
+        return ascend(*_field(some, units, spec, survival)[:3])
+    field, budget, area, none = _field(record.sample(tracks, int(counted(tracks))), units, spec, survival)
+    return replace(ascend(field, budget, area, STEERED), none=none)
 
 
-def silent(value: float, effective: float, error: float, seen: float, scored: float, coarse: bool = False) -> str:
+def counted(tracks: Tracks) -> float:
+    """Return the effective number of the particles on which a bound is found."""
+    number = effective.number(tracks.weight)
+    return number if tracks.turn is None else min(number, PARTICLES)
+
+
+def silent(value: float, number: float, error: float, seen: float, scored: float, none: str = "") -> str:
     """Return in a few words why a bound tells nothing; "" where it tells something.
 
-    coarse: see Bound; effective: effective number of the particles on which it was found; seen: what the plan finds of them; scored: what
-    the plan finds of others; error: standard error of value less scored.
+    none: see Bound; number: effective number of the particles on which it was found; seen: what the plan finds of them;
+    scored: what the plan finds of others; error: standard error of value less scored.
     """
-    if effective < FEW:
-        return f"only {effective:,.0f} particles count, too few to tell"
-    if coarse:
-        return "what is looked for moves too fast for its bins of time"
+    if number < FEW:
+        return f"only {number:,.0f} particles count, too few to tell"
+    if none:
+        return none
     if value > NEARLY:
-        return "effort that is divided at will would find nearly all"
+        return "it would be near 1, which tells nothing of any plan"
     if error > UNSURE:
         return f"sampling leaves it unsure by {2 * error:.2f}"
     if seen > value or scored > value + 2 * error:
@@ -135,11 +131,14 @@ def worth(tracks: Tracks, survival: Sequence[Survival | None], objective: str, t
     return value
 
 
-def ascend(field: allocate.Field, budget: Budget, areas: Array) -> Bound:
-    """Return the bound and the best effort, by accelerated projected gradients; areas: of the boxes [m2]."""
+def ascend(field: allocate.Field, budget: Budget, areas: Array, enough: float = ENOUGH) -> Bound:
+    """Return the bound and the best effort, by accelerated projected gradients.
+
+    areas: of the boxes [m2], times the rows of their bins; enough: see ENOUGH.
+    """
     area = areas[:, None]
     curvature = _curvature(field, area)
-    best, least = 0.0, 1.0
+    best, least = 0.0, np.inf
     effort = extrapolated = best_effort = np.zeros((len(area), field.units))
     t, stiffness, last = 1.0, 1.0, 0
     for k in range(STEPS):
@@ -148,7 +147,7 @@ def ascend(field: allocate.Field, budget: Budget, areas: Array) -> Bound:
         upper = conjugate + float(np.sum(_best(slope, budget)[1]))
         if upper < least - ENOUGH / 10:
             least, last = upper, k
-        if least - best < ENOUGH or best > NEARLY or k - last > PATIENCE:
+        if min(least, 1.0) - best < enough or best > NEARLY or k - last > PATIENCE:
             break
         while True:
             new = project(extrapolated + slope / (stiffness * curvature), stiffness * curvature, budget)
@@ -170,14 +169,15 @@ def ascend(field: allocate.Field, budget: Budget, areas: Array) -> Bound:
             extrapolated = _shrink(np.maximum(new + (t - 1) / next_t * (new - effort), 0.0), budget)
             t = next_t
         effort = new
-    return Bound(least, best, best_effort)
+    return Bound(min(least, 1.0), best, best_effort)
 
 
 def _field(
     tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
-) -> tuple[allocate.Field, Budget, Array, bool]:
-    """Return the particles in boxes, the effort that may be spent there, the boxes' areas [m2], and whether bins are
-    too long.
+) -> tuple[allocate.Field, Budget, Array, str]:
+    """Return the particles in boxes, the effort that may be spent there, the boxes' areas [m2], and why there is no bound.
+
+    Areas are multiplied by the rows of their bins.
     """
     widths = np.array([unit.sweep_width for unit in units]).T
     if tracks.turn is not None:
@@ -185,22 +185,29 @@ def _field(
         widths = np.concatenate([widths, under_way, np.maximum(widths, under_way)])
     smallest = SMALLEST * float(widths.min(where=widths > 0, initial=np.inf) if (widths > 0).any() else 1.0)
     plane = record.plane(tracks)
-    bins = _bins(tracks, plane) if tracks.turn is None else _steered_bins(tracks, plane)
-    effective = float(1 / np.sum(tracks.weight**2))
+    bins = binned.of_drift(tracks, plane) if tracks.turn is None else binned.of_streams(tracks, plane)
+    most = max(float(1 / np.sum(tracks.weight**2)) / BOXES, LEAST)
     box_of, boxes = np.full(bins.there.shape, -1), []
-    for t, present in enumerate(bins.there):
+    for first, end in itertools.pairwise(bins.first):
+        rows = slice(first, end)
+        present = bins.there[rows]
         if present.any():
-            x, y, weight = bins.x[t, present], bins.y[t, present], tracks.weight[present]
-            boxes.append(quadtree.fit(x, y, weight, max(effective / BOXES, LEAST), LEAST, smallest))
-            box_of[t, present] = sum(group.count for group in boxes[:-1]) + boxes[-1].of
+            x, y = bins.x[rows][present], bins.y[rows][present]
+            if tracks.turn is None:
+                boxes.append(quadtree.fit(x, y, tracks.weight[present[0]], most, LEAST, smallest))
+            else:
+                boxes.append(quadtree.halved(x, y, most, LEAST, len(present), smallest))
+            box_of[rows][present] = sum(group.count for group in boxes[:-1]) + boxes[-1].of
         else:  # an empty box, because nobody can be found in this bin
             boxes.append(quadtree.Boxes(np.zeros(0, np.int64), *np.zeros((3, 1, 2))))
-    start = np.concatenate([[0], np.cumsum([group.count for group in boxes])])
+    counts = [group.count for group in boxes]
+    start = np.concatenate([[0], np.cumsum(counts)])
     area = np.concatenate([np.prod(np.maximum(group.sides, smallest), axis=1) for group in boxes])
-    value = worth(tracks, survival, spec.objective, bins.edge[:-1])  # worth does not rise within a bin
+    value = worth(tracks, survival, spec.objective, bins.edge[:-1])  # worth does not rise within a row
     fall = value - np.concatenate([value[1:], np.zeros((1, tracks.m))])
     groups = {unit.group or unit.name: unit.shape for unit in units}
-    curve = concave.curve(list(dict.fromkeys(unit.law for unit in units)), list(groups.values()))
+    wander = _wander(tracks, units)
+    curve = concave.curve(list(dict.fromkeys(unit.law for unit in units)), list(groups.values()), wander)
     sweep_rates = widths * np.array([unit.search_speed for unit in units])
     # the effort of a random search counts over the ground, whatever the particles' speed
     slowness = [0.0 if laws.of(unit.law).detects == "anywhere" else 1 / unit.search_speed for unit in units]
@@ -208,140 +215,45 @@ def _field(
         box_of, len(area), fall, bins.pace, _states(tracks, bins.edge, len(units[0].sweep_width)), tracks.weight, sweep_rates, slowness,
         (curve.value, curve.slope, curve.conjugate), concave.STEP,
     )  # fmt: skip
-    return field, _budget(tracks, units, spec, bins, boxes, start, plane), area, bins.coarse
+    budget = _budget(tracks, units, spec, bins, boxes, start, plane)
+    none = "" if tracks.turn is None else _unbounded(tracks, units, bins, float(np.median(np.sqrt(area))))
+    return field, budget, area * np.repeat(np.diff(bins.first), counts), none
+
+
+def _wander(tracks: Tracks, units: Sequence[Unit]) -> float:
+    """Return how far bridges wander beside how they are swept, at the most: K^2 over speed and sweep width; 0: none."""
+    if tracks.flow is None:
+        return 0.0
+    k = np.nan_to_num(tracks.flow[2]).max(axis=0)
+    swept = [
+        unit.search_speed * width
+        for unit in units
+        for s, width in enumerate(unit.width_under_way or unit.sweep_width)
+        if width > 0 and laws.of(unit.law).detects == "along" and k[tracks.scenario == s].max(initial=0.0) > 0
+    ]
+    return float(k.max()) ** 2 / min(swept) if swept else 0.0
+
+
+def _unbounded(tracks: Tracks, units: Sequence[Unit], bins: Bins, side: float) -> str:
+    """Return in a few words why there is no bound for what steers, "" where there is one; side: of boxes [m]."""
+    bridged = tracks.flow is not None and bool((np.nan_to_num(tracks.flow[2]) > 0).any())
+    if bridged and any(laws.of(unit.law).detects == "abeam" for unit in units):
+        return "a sensor that counts passes abeam finds more of a Brownian bridge the shorter its legs are"
+    widest = max(max(*unit.sweep_width, *unit.width_under_way, 0.0) for unit in units)
+    if float((bins.pace * np.diff(bins.edge)[:, None])[bins.there].mean()) > max(widest, side):
+        return "what is looked for moves too fast for its bins of time"
+    return ""
 
 
 def _states(tracks: Tracks, edge: Array, scenarios: int) -> Array:
-    """Return in each bin the row of sweep widths that a particle has: adrift, under way, or the greater of both.
+    """Return at each time which sweep widths a particle has: adrift, under way, or the greater of both.
 
-    Rows are by state and then by scenario, (b, m); of what drifts all along its scenario alone, (m,).
+    They are numbered by state and then by scenario, (r, m); of what drifts all along by its scenario alone, (m,).
     """
     if tracks.turn is None:
         return tracks.scenario
     state = np.where(tracks.turn <= edge[:-1, None], 0, np.where(tracks.turn >= edge[1:, None], 1, 2))
     return np.asarray(state * scenarios + tracks.scenario)
-
-
-def _bins(tracks: Tracks, plane: record.Plane) -> Bins:
-    """Return bins as short as the particles' relative motion requires, each when the cloud is densest in it."""
-    x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
-    time, duration = tracks.time, np.diff(tracks.time)
-    side, apart = _strain(tracks, x, y)
-    # While sides grow from a to b, particles move apart by d, which is the integral of d / (a + (b - a) s) sides.
-    ratio = side[1:] / side[:-1]
-    rise = np.where(np.abs(ratio - 1) > 1e-6, np.log(ratio) / np.where(ratio == 1, 1, ratio - 1), 1.0)
-    strain = apart / side[:-1] * rise
-    count = int(np.clip(np.ceil(strain.sum() / STRAIN), FEWEST, MOST))
-    floor = STRAIN * FEWEST * duration / duration.sum()  # so that no bin is too long for the units' own times
-    progress = np.concatenate([[0.0], np.cumsum(strain + floor)])
-    goal = np.linspace(0, progress[-1], count + 1)[1:-1]
-    k = np.clip(np.searchsorted(progress, goal, side="right") - 1, 0, len(duration) - 1)
-    share = (goal - progress[k]) / (progress[k + 1] - progress[k])
-    position = np.where(
-        np.abs(ratio[k] - 1) > 1e-6, (ratio[k] ** share - 1) / np.where(ratio[k] == 1, 1, ratio[k] - 1), share
-    )
-    edge = np.concatenate([time[:1], time[k] + position * duration[k], time[-1:]])
-    speed = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)) / duration[:, None]
-    shape = (len(edge) - 1, tracks.m)
-    bins = _empty(edge, shape)
-    for t in range(len(edge) - 1):
-        first = min(int(np.searchsorted(time, edge[t], side="right")) - 1, len(duration) - 1)
-        last = max(int(np.searchsorted(time, edge[t + 1], side="left")), first + 1)
-        times = np.concatenate([edge[t : t + 2], time[first + 1 : last]])
-        densest = float(times[np.argmin(np.interp(times, time, side))])
-        j = min(int(np.searchsorted(time, densest, side="right")) - 1, len(duration) - 1)
-        part = (densest - time[j]) / duration[j]
-        bins.x[t], bins.y[t] = (v[j] + part * (v[j + 1] - v[j]) for v in (x, y))
-        bins.there[t] = tracks.adrift[first : last + 1].any(axis=0)
-        bins.pace[t] = speed[first:last].max(axis=0)
-        bins.moved[t] = bins.pace[t].max() * (edge[t + 1] - edge[t])
-    return bins
-
-
-def _empty(edge: Array, shape: tuple[int, int], coarse: bool = False) -> Bins:
-    x, y, pace = np.empty((3, *shape))
-    return Bins(edge, x, y, np.zeros(shape, bool), pace, np.empty(shape[0]), coarse)
-
-
-def _steered_bins(tracks: Tracks, plane: record.Plane) -> Bins:
-    """Return bins for what steers, each from one time of the tracks to another, when the cloud is densest in it."""
-    x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
-    pace = np.hypot(*record.velocity(tracks, plane, x, y))
-    edges, side, coarse = _shortest(tracks, x, y)
-    bins = _empty(tracks.time[edges], (len(edges) - 1, tracks.m), coarse)
-    for t, (first, last) in enumerate(itertools.pairwise(edges)):
-        during = slice(first, last + 1)
-        densest = first + int(np.argmin(side[during]))
-        bins.x[t], bins.y[t] = x[densest], y[densest]
-        bins.there[t] = tracks.adrift[during].any(axis=0)
-        bins.pace[t] = pace[first:last].max(axis=0)
-        bins.moved[t] = np.hypot(x[during] - x[densest], y[during] - y[densest]).max()
-    return bins
-
-
-def _shortest(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array, bool]:
-    """Return numbers of the tracks' times at which bins for what steers begin and end, and the mean side of boxes.
-
-    The sides are those at each time. Third: whether bins are longer than they should be, because the tracks' are or
-    because there would be too many.
-    """
-    some, last = _few(tracks), len(x) - 1
-    boxes = [_sides(x[t, some], y[t, some]) for t in range(last + 1)]
-    side = np.array([own for _, own in boxes])
-    edges, coarse = [0], False
-    while edges[-1] < last:
-        first, end = edges[-1], edges[-1] + 1
-        shortest = side[first]
-        while True:
-            shortest = min(shortest, side[end])
-            apart = _apart(boxes[first][0], x[end, some] - x[first, some], y[end, some] - y[first, some])
-            if apart > STEERED * shortest or tracks.time[end] - tracks.time[first] > (
-                (tracks.time[-1] - tracks.time[0]) / FEWEST
-            ):
-                coarse |= end == first + 1 and apart > STRAIN * shortest
-                break
-            end += 1
-            if end > last:
-                break
-        edges.append(max(end - 1, first + 1))
-    if len(edges) - 1 > MOST_STEERED:
-        edges = np.unique(np.rint(np.linspace(0, last, MOST_STEERED + 1)).astype(int)).tolist()
-        coarse = True
-    return np.array(edges), side, coarse
-
-
-def _strain(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the mean side of boxes at each time of the tracks, and how far particles then move apart [m]."""
-    sample = _few(tracks)
-    side, apart = np.empty(len(x)), np.empty(len(x) - 1)
-    for t in range(len(x)):
-        box_of, side[t] = _sides(x[t, sample], y[t, sample])
-        if t < len(x) - 1:
-            apart[t] = _apart(box_of, *(v[t + 1, sample] - v[t, sample] for v in (x, y)))
-    return side, apart
-
-
-def _few(tracks: Tracks) -> Array:
-    """Return numbers of particles, drawn by weight, on which motion is measured."""
-    tick = np.cumsum(tracks.weight)
-    sample = np.minimum(np.searchsorted(tick, (np.arange(TRIAL) + 0.5) / TRIAL * tick[-1]), tracks.m - 1)
-    return np.unique(sample)
-
-
-def _sides(x: Array, y: Array) -> tuple[Array, float]:
-    """Return boxes of particles at a time, the box of each (n,), and the boxes' mean side [m]."""
-    boxes = quadtree.grow(x, y, np.ones(len(x)), max(len(x) / BOXES, 8.0))
-    count = np.bincount(boxes.of)
-    return boxes.of, float(np.sqrt(max(len(x) / np.sum(count / np.maximum(boxes.area, 1.0)), 1.0)))
-
-
-def _apart(box_of: Array, *displacements: Array) -> float:
-    """Return how far [m] particles of one box move apart: the deviation of displacements (n,) within boxes."""
-    count, total = np.bincount(box_of), 0.0
-    for displacement in displacements:
-        residual = displacement - (np.bincount(box_of, displacement) / count)[box_of]
-        total += float(residual @ residual) / len(box_of)
-    return float(np.sqrt(total / 2))
 
 
 def _budget(
@@ -356,7 +268,7 @@ def _budget(
     """Return the budget of boxes; start: (b + 1,) number of the first box of each bin."""
     bin_of = np.repeat(np.arange(len(boxes)), np.diff(start))
     low, high = (np.concatenate(v) for v in ([group.low for group in boxes], [group.high for group in boxes]))
-    begin, end = bins.edge[:-1][bin_of], bins.edge[1:][bin_of]
+    begin, end = bins.edge[bins.first[:-1]][bin_of], bins.edge[bins.first[1:]][bin_of]
     # A unit need not come nearer to a box than its motion within the bin and a sweep width.
     moved = bins.moved[bin_of]
     spare, total = np.zeros((len(low), len(units))), np.zeros(len(units))

@@ -36,6 +36,7 @@ STEP = 0.01  # of coverage
 MOST = 20.0  # coverage beyond which nothing is gained
 SMOOTH = 0.06  # half the window of coverage over which slopes are averaged, so that a kink does not stall the search
 ROOTS = np.linspace(0.0, 6.5, 3251)  # of h: e^-h is 4e-19 at the last
+STRAIGHT = 6.0  # p beyond which sums of Bessel functions lose their digits, and what wanders goes nearly straight
 SHORT = 1e-5  # share by which the integral over ROOTS may be too low
 
 
@@ -53,13 +54,14 @@ class Curve:
         return float(self.slope[0])
 
 
-def curve(used: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
+def curve(used: Sequence[Law], shapes: Sequence[float] = (), wander: float = 0.0) -> Curve:
     """Return the concave curve that bounds every use of some laws together.
 
-    shapes: of the gamma distribution of each independent unknown factor of sweep width (inf: known); none: known.
+    shapes: of the gamma distribution of each independent unknown factor of sweep width (inf: known); none: known. wander:
+    of Brownian bridges, as `wandering` takes it; 0: none.
     """
     c = np.arange(round(MOST / STEP) + 1) * STEP
-    b = most(used, c)
+    b = most(used, c, wander)
     shape = len(shapes) * max(shapes) if shapes else math.inf
     nodes, weights = laws.factors(shape)
     if len(nodes) > 1:
@@ -80,15 +82,37 @@ def curve(used: Sequence[Law], shapes: Sequence[float] = ()) -> Curve:
     return Curve(smooth, slope, b[at] - y * c[at] + np.maximum(above[at], above[at + 1]))
 
 
-def most(used: Sequence[Law], coverage: Array) -> Array:
+def most(used: Sequence[Law], coverage: Array, wander: float = 0.0) -> Array:
     """Return what any legs of some laws find at the most where they come to a coverage, (n,)."""
-    if len(used) == 1 and (known := laws.of(used[0]).any_legs) is not None:
+    if wander == 0 and len(used) == 1 and (known := laws.of(used[0]).any_legs) is not None:
         return known(used[0], coverage)
     h = ROOTS**2
     g = np.max([laws.of(law).cap(law, h) for law in used], axis=0)
+    if wander > 0 and any(laws.of(law).detects == "along" for law in used):
+        g = np.maximum(g, wandering(h, wander))
     share = np.exp(-h) * 2 * ROOTS
     detected = np.array([np.trapezoid(share * np.minimum(h, c * g), ROOTS) for c in coverage])
     return np.minimum((1 + SHORT) * detected, 1.0)
+
+
+def wandering(h: Array, wander: float) -> Array:
+    """Return g(h) of inverse cube against what wanders about its way, from above.
+
+    wander: K^2 over the speed of the sensor times its sweep width W. Past what goes straight hazard falls on few; what
+    wanders by has a little of it each. Of a circle of radius a about the sensor, min(H, h) is at most h for all that
+    ever come into it, and what they and others have outside of it, W / 4a of coverage. The area from which a circle at
+    speed v gathers Brownian particles of diffusivity D = K^2 / 2 is 2 pi D sum of (-1)^n I_n(p) / K_n(p) a second, n over
+    all integers, with p = v a / 2 D, from the steady equation of diffusion past it.
+    """
+    from scipy import special  # imported here, because it takes half a second
+
+    a = np.geomspace(0.02, 20, 200)  # [W]
+    p = np.minimum(a / wander, STRAIGHT)
+    n = np.arange(1, 60)[:, None]
+    alternate = (-1.0) ** n * special.ive(n, p) / special.kve(n, p)
+    gathered = np.exp(2 * p) * (special.ive(0, p) / special.kve(0, p) + 2 * alternate.sum(axis=0))
+    gathered *= np.pi * wander * (a / wander) / p  # beyond STRAIGHT by no smaller a share more than 2 a
+    return np.asarray(np.min(1 / (4 * a) + h[:, None] * gathered, axis=1))
 
 
 def _envelope(c: Array, b: Array) -> Array:

@@ -123,7 +123,7 @@ def _rounds(job: Job) -> _Rounds:
                 boats = fleet.prepare(case, where, tracks)
             units = list(boats.units)
         if bound is None:
-            bound_number = effective.number(tracks.weight)
+            bound_number = bounds.counted(tracks)
             with clock.phase("bound"):
                 bound = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
         with clock.phase("plan"):
@@ -168,7 +168,7 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
     value = alive if spec.objective == "alive" else pos
     scored_on = _scored(result, rounds.executed, spec.begin)
     error = _error(bound.value, rounds.bound_number, value, scored_on)
-    why = bounds.silent(bound.value, rounds.bound_number, error, rounds.seen, value, bound.coarse)
+    why = bounds.silent(bound.value, rounds.bound_number, error, rounds.seen, value, bound.none)
     sent = {tasking.unit.name for tasking in taskings}
     return Plan(
         spec=spec,

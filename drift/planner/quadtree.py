@@ -1,5 +1,6 @@
 """Boxes on a plane that hold about equally many particles each, and no more sea than these span."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +14,7 @@ Shape = Callable[[Array], tuple[Array, Array]]  # returns points in the axes of 
 # Differences of mean logarithms of density:
 FIRM = 0.03  # other boxes must be so much likelier than squares; less may be chance, or the rim of the cloud
 LINES = 0.08  # patches are so much likelier where a cloud lies along lines that boxes of the whole cannot follow
+CLEARLY = 2.0  # by which two halves of a box must be likelier than it: twice that is Akaike's criterion of two numbers
 PATCHES = (12, 40)  # numbers of patches into which a cloud is divided for boxes of their own directions
 
 
@@ -152,6 +154,49 @@ def grow(
             sides.append(span * scale)
     low, high = (np.array([corner[k] for corner in corners]) for k in (0, 1))
     return Boxes(box_of, low, high, np.array(sides))
+
+
+def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: float) -> Boxes:
+    """Return boxes of points x, y [m], (n,), that are the same particles at several times, of equal weight.
+
+    All boxes are halved across their longer sides, level by level, in one go, until they hold no more than `most`
+    particles at a time, and on to `fewest` where that makes the points clearly likelier (as a tree of regression is
+    pruned, Breiman and others 1984). copies: how many times each particle counts; least: smallest side [m] that counts.
+    """
+    points, order, start = np.stack([x, y]), np.arange(len(x)), np.array([0, len(x)])
+    depth = max(math.ceil(math.log2(len(x) / (most * copies))), 0)
+    deepest = max(math.floor(math.log2(len(x) / (fewest * copies))), depth)
+    lows, highs, starts = [], [], []
+    for level in range(deepest + 1):
+        lows.append(np.minimum.reduceat(points[:, order], start[:-1], axis=1))
+        highs.append(np.maximum.reduceat(points[:, order], start[:-1], axis=1))
+        starts.append(start)
+        if level < deepest:
+            size = np.diff(start)
+            longer = np.argmax(highs[-1] - lows[-1], axis=0)
+            order = order[np.lexsort((points[np.repeat(longer, size), order], np.repeat(np.arange(len(size)), size)))]
+            start = np.append(np.column_stack([start[:-1], start[:-1] + size // 2]).ravel(), len(x))
+    best, split = np.zeros(0), []  # logarithms of likelihood; which boxes of each level are halved
+    for level in range(deepest, depth - 1, -1):
+        low, high = lows[level], highs[level]
+        count = np.maximum(np.diff(starts[level]) / copies, 1.5)
+        # On average, n even points span (n - 1) / (n + 1) of each side of their box.
+        extent = np.maximum((high - low) * ((count + 1) / (count - 1)), least)
+        own = count * (np.log(count) - np.log(extent).sum(axis=0))
+        halves = best.reshape(-1, 2).sum(axis=1) - CLEARLY if len(best) else np.full(len(own), -np.inf)
+        split.append(halves > own)
+        best = np.maximum(own, halves)
+    leaves: list[tuple[int, Array]] = []
+    alive = np.ones(len(best), bool)
+    for level, halve in enumerate(reversed(split), depth):
+        leaves.append((level, np.flatnonzero(alive & ~halve)))
+        alive = np.repeat(alive & halve, 2)
+    low, high = (np.concatenate([part[level][:, at] for level, at in leaves], axis=1).T for part in (lows, highs))
+    begin = np.concatenate([starts[level][at] for level, at in leaves])
+    size = np.concatenate([np.diff(starts[level])[at] for level, at in leaves])
+    box_of, laid = np.empty(len(x), np.int64), np.argsort(begin)
+    box_of[order] = np.repeat(laid, size[laid])
+    return Boxes(box_of, low, high, high - low)
 
 
 def cut(points: Array, weight: Array, fewest: float, least: float) -> tuple[Array, Array] | None:

@@ -11,6 +11,7 @@ from scipy import integrate, optimize, special
 
 from drift.motion.scenario import Survival
 from drift.planner import availability, bound, concave, optimiser, quadtree, rectangle
+from drift.planner import bins as binned
 from drift.planner import planning_tracks as record
 from drift.planner.planning_tracks import Tracks
 from drift.search import laws
@@ -72,7 +73,7 @@ def test_a_circular_normal_that_grows_or_shrinks(grows: float) -> None:
     optimum = 1 - (1 + u) * np.exp(-u)
     value = bound.bound(some, [one], spec(), [None]).value
     # Above it by what a standing cloud's is, and by bins that count as when the cloud is densest in them; particles' own speed is 1.3 % of the unit's.
-    w = u * np.sqrt(max(grows, 1 / grows) ** (1 / bound.FEWEST) * 1.013)
+    w = u * np.sqrt(max(grows, 1 / grows) ** (1 / binned.FEWEST) * 1.013)
     assert optimum < value < 1.05 * (1 - (1 + w) * np.exp(-w))
 
 
@@ -253,7 +254,7 @@ def test_alive_is_worth_what_is_left_of_life(monkeypatch: pytest.MonkeyPatch) ->
     life = Survival(2 * HOUR, 1.8)
     one = unit(np.ptp(x) * np.ptp(y) / (2 * HOUR), 4, 1.0, Law("random"))  # coverage 1 in two hours
     made = bound.bound(some, [one], spec(objective="alive"), [life])
-    bins = bound.FEWEST
+    bins = binned.FEWEST
     left = np.exp(-2 / bins * np.arange(bins + 1))
     alive = life.alive(np.arange(bins) * 4 * HOUR / bins)
     assert made.value == pytest.approx(float(np.sum(alive * -np.diff(left))), abs=2e-3)
@@ -380,12 +381,12 @@ def test_a_cloud_much_smaller_than_a_sweep_width() -> None:
 def test_bins_are_as_short_as_motion_asks_for() -> None:
     """A point that spreads: the first bins take minutes, the last hours; what drifts as one needs no more than the least."""
     wide = moving(3000, 0.3 * NMI, 0.7, 0.0, 48.0)
-    edge = bound._bins(wide, record.plane(wide)).edge
-    assert len(edge) == bound.MOST + 1
+    edge = binned.of_drift(wide, record.plane(wide)).edge
+    assert len(edge) == binned.MOST + 1
     assert np.diff(edge)[0] < HOUR / 4
     assert np.diff(edge)[-1] > HOUR
     as_one = cloud(2**12, STD, drift=(0.7, -1.1))
-    np.testing.assert_allclose(np.diff(bound._bins(as_one, record.plane(as_one)).edge), 4 * HOUR / bound.FEWEST)
+    np.testing.assert_allclose(np.diff(binned.of_drift(as_one, record.plane(as_one)).edge), 4 * HOUR / binned.FEWEST)
 
 
 def test_boxes_of_a_bent_line_are_as_narrow_as_it() -> None:
