@@ -1,10 +1,10 @@
 """What do hundreds of scenarios cost? The wall time of a run with its files, beside one scenario of as many particles.
 
-    python benchmarks/scenarios.py [--scenarios 300] [--particles 1e6] [--duration "48 h"] [--threads 2] [--only search] [--keep FOLDER]
+    python benchmarks/scenarios.py [--scenarios 300] [--particles 1e6] [--duration "48 h"] [--threads 2] [--only steer] [--keep FOLDER]
 
 The many are reports scattered as the one is: normal, 25 nmi, in the Gulf of Mexico, south of its coast; they differ in place, time, weight and
 object, and every other one sees another current. `drift`: nothing but the drift; `search`: four sorties (legs, an area, a pattern on a drifting
-datum, a curve with an unknown factor) and a contact, with resampling. Each runs in a process of its own after one that compiles its kernels.
+datum, a curve with an unknown factor) and a contact, with resampling; `steer`: the same of voyages, until a distress at an unknown time. Each runs in a process of its own after one that compiles its kernels.
 A row is a phase of the run by the clock [s]; `whole` is all of it, from the case file to the last file, `processor` the time that all its threads
 took together, which tells more where other programs share the machine.
 """
@@ -88,6 +88,21 @@ object = "{object}"
 currents = ["{current}"]
 position = {{ at = [{lon:.6f}, {lat:.6f}], std = "{std} nmi", time = "+{first} min", until = "+{last} min" }}
 """
+UNDER_WAY = """
+[[scenario]]
+name = "{name}"
+weight = {weight}
+object = "{object}"
+currents = ["{current}"]
+distress = {{ rate = "0.03/h" }}
+[[scenario.phase]]
+[scenario.phase.voyage]
+waypoints = [[{west:.6f}, {lat:.6f}], [{lon:.6f}, {lat:.6f}], [{east:.6f}, {north:.6f}]]
+departure = ["+{first} min", "+{last} min"]
+speed = ["4 kn", "9 kn"]
+cross_track = "{std} nmi"
+"""
+KINDS = ("drift", "search", "steer")
 OBJECTS = ("LIFE-RAFT-DB-10", "PIW-1", "SKIFF-1")
 LON, LAT, SPREAD, OWN = (
     -88.6,
@@ -97,14 +112,22 @@ LON, LAT, SPREAD, OWN = (
 )  # [deg], [nmi]: where; how far reports are scattered, and how far each errs
 
 
-def written(count: int, particles: int, duration: str, search: bool) -> str:
+def story(kind: str, lon: float, lat: float, **keys: object) -> str:
+    """Return a scenario about a place [deg]: a report of it, or a voyage through it."""
+    return (UNDER_WAY if kind == "steer" else STORY).format(
+        lon=lon, lat=lat, west=lon - 1.5, east=lon + 1.5, north=lat + 0.4, **keys
+    )
+
+
+def written(count: int, particles: int, duration: str, kind: str) -> str:
     """Return a case of so many scenarios."""
+    search = kind != "drift"
     random = np.random.default_rng(5)
     head = HEAD.format(count=count, particles=particles, duration=duration)
     head = (SEARCH + head if search else head) + (SORTIES if search else "")
     if count == 1:
-        return head + STORY.format(
-            name="a", weight=1, object=OBJECTS[0], current="gulf", lon=LON, lat=LAT, std=SPREAD, first=0, last=180
+        return head + story(
+            kind, LON, LAT, name="a", weight=1, object=OBJECTS[0], current="gulf", std=SPREAD, first=0, last=180
         )
     scatter = np.sqrt(SPREAD**2 - OWN**2)
     east, north = random.normal(0, scatter / 60, (2, count))
@@ -113,13 +136,14 @@ def written(count: int, particles: int, duration: str, search: bool) -> str:
     weight = np.round(weight / weight.sum(), 8)
     weight[-1] += round(1 - weight.sum(), 8)
     stories = [
-        STORY.format(
+        story(
+            kind,
+            LON + east[k] / np.cos(np.radians(LAT)),
+            LAT + north[k],
             name=f"story {k + 1}",
             weight=f"{weight[k]:.8f}",
             object=OBJECTS[k % 3],
             current=("gulf", "set")[k % 2],
-            lon=LON + east[k] / np.cos(np.radians(LAT)),
-            lat=LAT + north[k],
             std=OWN,
             first=k % 60,
             last=k % 60 + 120,
@@ -148,20 +172,20 @@ def main() -> None:
     parser.add_argument("--particles", type=float, default=1e6)
     parser.add_argument("--duration", default="48 h")
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--only", default="", choices=("", "drift", "search"))
+    parser.add_argument("--only", default="", choices=("", *KINDS))
     parser.add_argument("--keep", type=Path, help="folder for the cases and their files")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = asked.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        for kind in ("drift", "search"):
+        for kind in KINDS:
             if asked.only not in ("", kind):
                 continue
             found = []
             for count in (1, asked.scenarios):
                 path = folder / f"{kind}-{count}.toml"
                 for particles in (count * 10, int(asked.particles) // count * count):  # the first one compiles kernels
-                    path.write_text(written(count, particles, asked.duration, kind == "search"), encoding="utf-8")
+                    path.write_text(written(count, particles, asked.duration, kind), encoding="utf-8")
                     times = run(path, folder / f"{kind}-{count}", asked.threads)
                 found.append(times)
             print(
