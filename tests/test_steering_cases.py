@@ -1,6 +1,7 @@
 """Shipped cases of targets that steer, against a second opinion in plain float64 (tests/oracles/passages.py).
 
-Without sorties and contacts: at two times, by scenario, what has become of them, where they are on average, and second moments.
+Had nothing been searched or seen: at two times, by scenario, what has become of them, where they are on average, and second moments.
+Then, given all that was: the posterior of the stories, mean and second moments.
 overdue_yacht goes on adrift: it stands in test_case_oracles.py.
 """
 
@@ -239,8 +240,9 @@ END = {"cast_submarine": 36.0, "medsearch_transit": 216.0, "smuggler_bridge": 10
 
 
 def ours(name: str, hours: float) -> list[Where]:
-    """Return what drift.run says at a time, without sorties and contacts."""
-    settings = {"particles": str(OURS), "sortie": "[]", "contact": "[]", "duration": f"{hours:g} h", "expect": "{}"}
+    """Return what drift.run says at a time, had nothing been searched or seen."""
+    settings = {"particles": str(OURS), "duration": f"{hours:g} h", "expect": "{}"}
+    settings |= dict.fromkeys(("sortie", "contact", "look", "presence", "barrier"), "[]")
     loaded = case_file.load(name, settings | {"output": '{ every = "100 d", trajectories = 1_000_000 }'})
     tracks = flow.run(loaded).trajectories
     told = []
