@@ -22,14 +22,30 @@ import shapely
 from rich.console import Console
 from rich.table import Table
 
+from drift.motion import itinerary_tables
+from drift.motion import steer as steering
 from drift.motion.drift import COLUMNS
+from drift.motion.itinerary import Itinerary, Near, Spread, WayPoint, Ways
+from drift.motion.period import Period
 from drift.particles import ensemble as record
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast.shore import Shore
 from geo.grids.grid import Grid
 from kernels import advance as kernel
-from kernels import allocate, bridge, rectangles, runtime, sweep, sweeps
+from kernels import (
+    allocate,
+    bridge,
+    observe,
+    observe_targets,
+    pieces,
+    rectangles,
+    runtime,
+    steer,
+    sweep,
+    sweep_targets,
+    sweeps,
+)
 from kernels import coast as device_coast
 from kernels import prior as draws
 from kernels.sample import Ranges, Tiles
@@ -134,6 +150,59 @@ def spread(gain: bool) -> Callable[[], object]:
     return field.gain if gain else lambda: field.spend(np.ones((1, 1)))
 
 
+def steered(name: str) -> Callable[[], object]:
+    """Return a job on targets that steer along a bridge: `born`, `mover` (their step) or `inside`."""
+    whole = Spread(0.0, 0.0, 0.0)
+    points = tuple(WayPoint(Near(lon, 0.0, 0.0, 0.0, 0.0), whole) for lon in (0.0, -0.01))
+    period = Period(np.datetime64("2026-03-05T00:00:00"), np.datetime64("2026-03-06T00:00:00"), 1)
+    plan = itinerary_tables.plan([Itinerary((Ways(points, period.start, k=10.0),))], period)
+    own = record.empty(1, (0, N), steering.COLUMNS)
+    columns, tries = {key: own.columns[key] for key in steer.COLUMNS}, runtime.upload(np.zeros(2, np.int64))
+    step, begin = kernel.Step(0, 0, 600, 1), (runtime.copy(own.lon), runtime.copy(own.lat))
+    fixed = columns, own.batch([0]), plan, 1, DOMAIN, coast()
+    jobs = {
+        "born": lambda: steer.born(*fixed, tries),
+        "mover": lambda: steer.mover(*fixed)(step),
+        "inside": lambda: steer.inside(*fixed, step, begin, 0, 300, 0),
+    }
+    return jobs[name]
+
+
+def seen(kind: int) -> Callable[[], object]:
+    """Return a job that exposes targets that steer to a sensor's track."""
+    own, room, exposure, passed = ensemble(), pieces.Room(N), runtime.empty(N), runtime.empty(N)
+    time_, place, ones = np.array([0, 300, 600], np.float32), np.zeros(6, np.int32), np.ones(8, np.float32)
+    track = sweep.Track(time_, place, ones[:6], ones, np.ones(2, np.int32), np.ones(2, np.int32))
+    table, step = np.array([0, 1, 100, 0.5, 100, 100, 0, 100], np.float32), kernel.Step(0, 0, 600, 1)
+    args = (
+        room.pack,
+        own.batch([0]),
+        own.scenario,
+        1,
+        step,
+        kind,
+        track,
+        table,
+        np.ones(1),
+        np.ones(1),
+        exposure,
+        passed,
+    )
+    return lambda: sweep_targets.expose(*args)
+
+
+def observed(kind: int, besides: int, steering: bool) -> Callable[[], object]:
+    """Return a job that asks a sensor that stands still of what drifts, or of what steers."""
+    own, room, stayed, told = ensemble(), pieces.Room(N), runtime.empty(N), runtime.empty(N)
+    shape = observe.Shape(kind, 0, 0, 1.0, 0.0, 9.0, 9.0, (0, 0, 9, 9), np.array([0, 0, 9, 9], np.float32))
+    places, window = (own.lon, own.lat), observe.Window(0, 0, 0, 600)
+    rest = shape, besides, (0.0, 1.0), stayed, told
+    if steering:
+        one = room.pack, own.batch([0]), own.scenario, 1, places, places
+        return lambda: observe_targets.steering(*one, window, *rest)
+    return lambda: observe.drifting(own, own.batch([0]), places, places, window, 0.0, *rest)
+
+
 def crossing(name: str) -> Callable[[], object]:
     """Return a job that asks the coast."""
     device, zeros = coast(), np.zeros(N, np.int32)
@@ -169,6 +238,19 @@ VARIANTS: dict[str, Callable[[], Callable[[], object]]] = {
     "sweep, zones": lambda: watch(sweep.ZONES),
     "sweep, inside": lambda: watch(sweep.INSIDE),
     "sweep, fail": fail,
+    "steer, born": lambda: steered("born"),
+    "steer, a step": lambda: steered("mover"),
+    "steer, inside a step": lambda: steered("inside"),
+    "targets, inverse cube": lambda: seen(sweep.CUBE),
+    "targets, abeam": lambda: seen(sweep.ABEAM),
+    "targets, zones": lambda: seen(sweep.ZONES),
+    "targets, inside": lambda: seen(sweep.INSIDE),
+    "targets, line": lambda: observed(observe.LINE, observe.WHETHER, True),
+    "targets, line, when": lambda: observed(observe.LINE, observe.WHEN, True),
+    "targets, stays in a disc": lambda: observed(observe.IN_DISC, observe.WHETHER, True),
+    "observe, line": lambda: observed(observe.LINE, observe.WHETHER, False),
+    "observe, line, when": lambda: observed(observe.LINE, observe.WHEN, False),
+    "observe, stays in a disc": lambda: observed(observe.IN_DISC, observe.WHETHER, False),
     "planner, legs by inverse cube": lambda: lambda: sweeps.gains(swarm(), None, [PATH], 90 * ONE, ONE, TWO, TWO),
     "planner, legs by a curve": lambda: lambda: sweeps.gains(swarm(), CURVE, [PATH], 90 * ONE, ONE, TWO, TWO),
     "planner, one path by a curve": lambda: lambda: sweeps.found(swarm(), CURVE, PATH, 90 * ONE, ONE),

@@ -1,5 +1,7 @@
 """Sorties and contacts on targets that steer, against NumPy by brute force."""
 
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -87,8 +89,8 @@ def plane(lon: Any, lat: Any) -> Array:
     return np.stack(sphere.offset(*np.radians((-38.0, 30.5)), np.radians(lon), np.radians(lat)))
 
 
-def wander(rng: np.random.Generator, n: int, begin: float, end: float, dt: float) -> Array:
-    """Return bridges (2, n, times) [m] in the plane between hours of the 40 in which they lead from end to end."""
+def wander(rng: np.random.Generator, n: int, begin: float, end: float, dt: float) -> Iterator[Array]:
+    """Yield places (2, n) [m] of bridges in the plane every dt [s] between hours of the 40 in which they lead from end to end."""
     ends = plane([-40.0, -36.0], [30.0, 31.0])
     share = begin / 40
     x = (
@@ -96,35 +98,37 @@ def wander(rng: np.random.Generator, n: int, begin: float, end: float, dt: float
         + ends[:, 1:] * share
         + rng.normal(size=(2, n)) * K * np.sqrt(share * (1 - share) * 40 * HOUR)
     )
-    steps = round((end - begin) * HOUR / dt)
-    path = np.empty((2, n, steps + 1), np.float32)
-    path[..., 0] = x
-    for j in range(steps):
+    yield x
+    for j in range(round((end - begin) * HOUR / dt)):
         left = (40 - begin) * HOUR - j * dt
         x = x + (ends[:, 1:] - x) * dt / left + rng.normal(size=(2, n)) * K * np.sqrt(dt * (left - dt) / left)
-        path[..., j + 1] = x
-    return path
+        yield x
+
+
+def flies(flown: Legs, begin: float, end: float, dt: float) -> Array:
+    """Return places (2, times) [m] in the plane of what flies legs, every dt [s] between hours."""
+    time = seconds(begin) + np.arange(round((end - begin) * HOUR / dt) + 1) * dt
+    return plane(*(np.interp(time, flown.time, x) for x in (flown.lon, flown.lat)))
 
 
 def test_a_slow_leg_on_a_bridge(tmp_path: Path) -> None:
     """POD by inverse cube, at three steps: the hazard per time where the bridge is, by the leg's own velocity."""
     flown, end = leg([(-38.4, 30.25), (-38.15, 30.55)], 11, 19.3)
     sortie = Sortie("s", "", at(19.3), at(end), Law(), (4 * NMI,), legs=flown)
-    n, paths, dt = 60_000, 6_000, 2.0
+    n, paths, dt = 20_000, 6_000, 2.0
     rng = np.random.default_rng(6)
-    path = wander(rng, paths, 19.3, end, dt).astype(float)
-    time = np.arange(path.shape[-1]) * dt
-    sensor = plane(*(np.interp(time + seconds(19.3), flown.time, x) for x in (flown.lon, flown.lat)))
+    sensor = flies(flown, 19.3, end, dt)
     velocity = np.gradient(sensor, dt, axis=1)
-    ends = plane([-40.0, -36.0], [30.0, 31.0])
-    own = (ends[:, 1:] - path[..., 0])[..., None] / ((40 - 19.3) * HOUR)
-    speed = np.linalg.norm(velocity[:, None, :] - own, axis=0)
-    far = np.linalg.norm(path - sensor[:, None, :], axis=0)
-    hazard = (speed * (4 * NMI) ** 2 / (4 * np.pi) / (2 * np.maximum(far, 1.0) ** 3)).sum(axis=1) * dt
+    hazard, own = np.zeros(paths), np.empty(0)
+    for j, x in enumerate(wander(rng, paths, 19.3, end, dt)):
+        if j == 0:  # the mean velocity of each target's leg
+            own = (plane(-36.0, 31.0)[:, None] - x) / ((40 - 19.3) * HOUR)
+        speed, far = np.hypot(*(velocity[:, j, None] - own)), np.hypot(*(x - sensor[:, j, None]))
+        hazard += dt * speed * (4 * NMI) ** 2 / (4 * np.pi) / (2 * np.maximum(far, 1.0) ** 3)
     truth = 1 - np.exp(-hazard)
     error = np.hypot(truth.std() / np.sqrt(paths), truth.std() / np.sqrt(n))
     for step in (3600, 1800, 900):
-        search, _ = run(tmp_path, BRIDGE, (sortie,), n=n, hours=41, step=step)
+        search, _ = run(tmp_path, BRIDGE, (sortie,), n=n, hours=24, step=step)
         assert abs(pod(search) - truth.mean()) < 3 * error
 
 
@@ -140,17 +144,19 @@ def test_a_watch_and_an_area_on_a_bridge(tmp_path: Path) -> None:
     )
     import shapely
 
-    n, paths, dt = 60_000, 6_000, 20.0
-    path = wander(np.random.default_rng(9), paths, 18.5, 22.0, dt).astype(float)
-    middle = 0.5 * (path[..., 1:] + path[..., :-1])
-    far = np.linalg.norm(middle - plane(*place)[:, None, None], axis=0)
-    share = ((far > 5 * NMI) & (far < 14 * NMI)).mean(axis=1)
+    n, paths, dt = 20_000, 6_000, 20.0
     box = shapely.Polygon(plane(*np.transpose(ring)).T)
-    inside = shapely.contains_xy(box, middle[0].ravel(), middle[1].ravel()).reshape(far.shape).mean(axis=1)
+    shapely.prepare(box)
+    share, inside, steps = np.zeros(paths), np.zeros(paths), round(3.5 * HOUR / dt)
+    for a, b in pairwise(wander(np.random.default_rng(9), paths, 18.5, 22.0, dt)):
+        middle = 0.5 * (a + b)
+        far = np.hypot(*(middle - plane(*place)[:, None]))
+        share += ((far > 5 * NMI) & (far < 14 * NMI)) / steps
+        inside += shapely.contains_xy(box, *middle) / steps
     for sortie, truth in ((watch, 1 - 0.1**share), (area, 1 - np.exp(-1.7 * inside))):
         error = np.hypot(truth.std() / np.sqrt(paths), truth.std() / np.sqrt(n))
         for step in (21_600, 900):
-            search, _ = run(tmp_path, BRIDGE, (sortie,), n=n, hours=42, step=step)
+            search, _ = run(tmp_path, BRIDGE, (sortie,), n=n, hours=24, step=step)
             assert abs(pod(search) - truth.mean()) < 3 * error
 
 
@@ -158,19 +164,20 @@ def test_definite_range_on_a_bridge(tmp_path: Path) -> None:
     """The first pass abeam on a leg counts: found if the target is within half the sweep width then."""
     flown, end = leg([(-38.4, 30.25), (-38.1, 30.6)], 14, 19.3)
     sortie = Sortie("s", "", at(19.3), at(end), Law("definite_range"), (8 * NMI,), legs=flown)
-    n, paths, dt = 60_000, 6_000, 2.0
-    path = wander(np.random.default_rng(12), paths, 19.3, end, dt).astype(float)
-    time = np.arange(path.shape[-1]) * dt
-    sensor = plane(*(np.interp(time + seconds(19.3), flown.time, x) for x in (flown.lon, flown.lat)))
+    n, paths, dt = 20_000, 6_000, 2.0
+    sensor = flies(flown, 19.3, end, dt)
     course = (sensor[:, -1] - sensor[:, 0]) / np.linalg.norm(sensor[:, -1] - sensor[:, 0])
-    apart = path - sensor[:, None, :]
-    along, across = np.tensordot(course, apart, (0, 0)), course[1] * apart[0] - course[0] * apart[1]
-    crossed = (along[:, 1:] > 0) != (along[:, :-1] > 0)
-    first = np.argmax(crossed, axis=1)
-    truth = (crossed.any(axis=1) & (np.abs(across[np.arange(paths), first]) < 4 * NMI)).astype(float)
+    passed, truth = np.zeros(paths, bool), np.zeros(paths)
+    for (a, before), (b, after) in pairwise(
+        zip(wander(np.random.default_rng(12), paths, 19.3, end, dt), sensor.T, strict=True)
+    ):
+        along, across = course @ (a - before[:, None]), (course[1], -course[0]) @ (a - before[:, None])
+        passes = ~passed & ((along > 0) != (course @ (b - after[:, None]) > 0))
+        truth[passes] = np.abs(across[passes]) < 4 * NMI
+        passed |= passes
     error = np.hypot(truth.std() / np.sqrt(paths), truth.std() / np.sqrt(n))
     for step in (3600, 900):
-        search, _ = run(tmp_path, BRIDGE, (sortie,), n=n, hours=41, step=step)
+        search, _ = run(tmp_path, BRIDGE, (sortie,), n=n, hours=24, step=step)
         assert abs(pod(search) - truth.mean()) < 3 * error
 
 
@@ -236,8 +243,8 @@ def test_presence_and_barriers_on_a_bridge(tmp_path: Path) -> None:
     """
     import shapely
 
-    n, paths, dt, begin, end = 40_000, 6_000, 4.0, 18.5, 21.25
-    path = wander(np.random.default_rng(31), paths, begin, end, dt).astype(float)
+    n, paths, dt, begin, end = 20_000, 6_000, 4.0, 18.5, 21.25
+    path = np.stack(list(wander(np.random.default_rng(31), paths, begin, end, dt)), axis=-1)
     moved = 0.5826 * K * np.sqrt(dt)
     place = (-38.2, 30.42)
     wide, high, turned = 66 * NMI, 50 * NMI, np.radians(20.0)
@@ -257,5 +264,5 @@ def test_presence_and_barriers_on_a_bridge(tmp_path: Path) -> None:
     for name, expected in truth.items():
         error = np.sqrt(expected * (1 - expected)) * np.hypot(1 / np.sqrt(paths), 1 / np.sqrt(n))
         for step in (10_800, 3600, 900):
-            search, _ = run(tmp_path, BRIDGE, sensors=sensors[name], n=n, hours=41, step=step)
+            search, _ = run(tmp_path, BRIDGE, sensors=sensors[name], n=n, hours=24, step=step)
             assert abs(np.exp(search.updates.all[0].log_evidence[-1]) - expected) < 3 * error, (name, step)
