@@ -127,7 +127,16 @@ def written(count: int, particles: int, duration: str, kind: str) -> str:
     head = (SEARCH + head if search else head) + (SORTIES if search else "")
     if count == 1:
         return head + story(
-            kind, LON, LAT, name="a", weight=1, object=OBJECTS[0], current="gulf", std=SPREAD, first=0, last=180
+            kind,
+            LON,
+            LAT,
+            name="a",
+            weight=1,
+            object=OBJECTS[0],
+            current="gulf",
+            std=12 if kind == "steer" else SPREAD,
+            first=0,
+            last=180,
         )
     scatter = np.sqrt(SPREAD**2 - OWN**2)
     east, north = random.normal(0, scatter / 60, (2, count))

@@ -177,7 +177,9 @@ class SortieTable(SensorTable):
         run.check(begin, finish)
         speed = self._speed(legs)
         widths = self._widths(speed, run.scenarios)
-        under_way = () if self.watch else self.widths_under_way(self.unit, speed, run.scenarios)
+        # Zones of a watch, or a POD in place of a width, say it of both states.
+        told = math.isnan(widths[0]) and self.sweep_width_under_way is None
+        under_way = () if self.watch or told else self.widths_under_way(self.unit, speed, run.scenarios)
         if self.actual is not None or self.track is not None:
             assert legs is not None
             legs = polyline.thinned(legs, _fineness(widths))

@@ -307,3 +307,15 @@ def test_fields_and_a_barrier_that_see_both_states(tmp_path):
     for update, likelihood in zip(updates, likelihoods, strict=False):  # what is overdue comes after them
         agree(np.exp(update.log_evidence[-1]), weights, likelihood, update.name)
         weights = weights * likelihood
+
+
+def test_a_pod_in_place_of_a_sweep_width_holds_in_both_states(tmp_path):
+    """An area that holds all of them all the time finds each with its POD, whether it is under way or adrift."""
+    path = tmp_path / "case.toml"
+    everywhere = "[[-31, 39], [-25.5, 39], [-25.5, 42.5], [-31, 42.5]]"
+    path.write_text(
+        CASE.replace(f"particles = {PARTICLES}", "particles = 2000")
+        + f'[[sortie]]\nname = "boats"\nstart = "+10 h"\nend = "+30 h"\npod = 0.3\narea = {{ polygon = {everywhere} }}\n'
+    )
+    sortie, _ = drift.run(drift.load(path)).updates.all
+    assert np.exp(sortie.log_evidence[-1]) == pytest.approx(0.7, abs=1e-5)
