@@ -3,6 +3,7 @@
 In the order in which data passes them:
 
 runtime  start a backend; host arrays <-> device arrays
+reading  how Taichi reads the source of kernels, in less time
 launch   arguments in groups; a kernel with its arguments set once
 batch    the slots that one launch works on
 noise    counter-based random numbers: f(seed, stream, slot, step)

@@ -21,6 +21,7 @@ from taichi.lang.enums import Layout
 
 from geo import waiting
 from geo.errors import UserError
+from kernels import reading
 
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
 
@@ -104,6 +105,7 @@ def start(backend: str = "cpu", threads: int | None = None) -> None:
                 # Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the
                 # first launch, in whatever thread; kernels are compiled and launched from any.
                 impl.get_runtime().materialize()
+                reading.quicken()
         except Exception as error:
             raise UserError(
                 f"--backend: {backend!r} is not available on this machine ({str(error).splitlines()[0]}); "

@@ -66,7 +66,7 @@ def build(spec: EnsembleSpec, lines: Sequence[Observer], ensemble: Ensemble) -> 
 def _crossing(spec: EnsembleSpec, seen: Observer, ensemble: Ensemble, weight: Array) -> Crossing:
     assert isinstance(seen.what, Line)
     stayed, when = (column.to_numpy().astype(np.float64) for column in seen.ready(ensemble.n))
-    chance, square = -np.expm1(stayed), weight**2
+    chance, square = 0.0 - np.expm1(stayed), weight**2  # no crossing is told as -0
     values = weight, weight * chance, square, square * chance, square * chance**2
     sums = ensemble.blocks.partial(*values)
     total, hit, squares, cross, both = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
