@@ -10,6 +10,7 @@ case in which all steer, at times inside its steps, whose positions Shapely test
 import sys
 import tempfile
 import time
+from typing import Any
 
 import numpy as np
 import shapely
@@ -64,13 +65,15 @@ def main(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
     run = start.prepare(case, where)
     outputs = case.period.seconds(case.outputs)
     land = shapely.STRtree(coast.polygons)
+    shapely.prepare(coast.polygons)
     begin, inland, tested, within = time.perf_counter(), 0, 0, 0
     for moment in simulate.run(run.ensemble, run.scene, run.clock, outputs):
         inland, tested = inland + int(shoreline.is_land(coast, moment.lon, moment.lat).sum()), tested + moment.lon.size
         if name:  # what steers stays off the shore; what has come ashore lies on it, where Shapely's rounding decides
             lon, lat = (np.asarray(x, float) * 360 / 2**32 for x in (moment.lon, moment.lat))
-            points = shapely.points(sphere.near_degrees(lon, (where.box.west + where.box.east) / 2), lat)
-            within += len(np.unique(land.query(points, "intersects")[0]))
+            within += _within(
+                coast.polygons, land, sphere.near_degrees(lon, (where.box.west + where.box.east) / 2), lat
+            )
     run.scene.forcing.close()
     account = record.account(run.ensemble, moment.status).by_status.sum(axis=0)
     told = ", ".join(
@@ -80,6 +83,19 @@ def main(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
     print(f"{case.particles:,} particles, {(case.end - case.start) / np.timedelta64(1, 'h'):g} h, step {run.clock.step} s, {time.perf_counter() - begin:.0f} s: "
           f"{inland} of {tested:,} positions inland{shapely_too}; {told}; prior on land {max(run.dry):.1%}; "
           f"grid cell {(1 << coast.shift) * sphere.UNIT * 6371:.2f} km")  # fmt: skip
+
+
+def _within(polygons: Any, tree: Any, lon: Any, lat: Any) -> int:
+    """Return how many of points [deg] lie in one of the polygons, which are prepared; tree: of them."""
+    point, polygon = tree.query(shapely.points(lon, lat))
+    order = np.argsort(polygon, kind="stable")
+    point, polygon = point[order], polygon[order]
+    inside = np.zeros(len(lon), bool)
+    for some in np.split(np.arange(len(point)), np.flatnonzero(np.diff(polygon)) + 1):
+        if some.size:
+            these = point[some]
+            inside[these] |= shapely.contains_xy(polygons[polygon[some[0]]], lon[these], lat[these])
+    return int(inside.sum())
 
 
 if __name__ == "__main__":

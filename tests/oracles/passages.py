@@ -181,7 +181,9 @@ def _leg(
         u, v = x[gone], y[gone]
         nearest = np.stack([_beside(u, v, *ends) for ends in itertools.pairwise(ring)]).argmin(axis=0)
         east, north = (ring[nearest + 1] - ring[nearest]).T
-        then[gone] = 2 * np.arctan2(east * np.cos(np.radians(v)), north) - to
+        mirrored = 2 * np.arctan2(east * np.cos(np.radians(v)), north) - to
+        # Who came to lie on the wrong side of the edge, by rounding, would leave it by single metres.
+        then[gone] = np.where(near < 1.0, rng.uniform(0, 2 * np.pi, near.size), mirrored)
         far[gone] = np.maximum(near, 1.0)
     return x, y, then, far
 
