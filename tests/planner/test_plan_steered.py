@@ -57,7 +57,7 @@ vessel = { land = "stop" }
 k = "8 nmi/sqrt(h)"
 points = [
     { at = [179.3, 20.6], std = "5 nmi", time = ["+0 h", "+1 h"] },
-    { at = [-179.3, 19.5], std = "6 nmi", time = ["+14 h", "+17 h"] },
+    { at = [-179.3, 19.5], std = "6 nmi", time = ["+11 h", "+17 h"] },
 ]
 [plan]
 begin = "+6 h"
