@@ -87,7 +87,7 @@ def bound(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Seque
         weighted = np.flatnonzero(tracks.weight > 0)
         some = record.sort(record.take(tracks, weighted, tracks.weight[weighted]))
         return ascend(*_field(some, units, spec, survival)[:3])
-    field, budget, area, none = _field(record.sample(tracks, int(counted(tracks))), units, spec, survival)
+    field, budget, area, none = _field(record.sample(tracks, max(int(counted(tracks)), 1)), units, spec, survival)
     if none:
         return Bound(1.0, 0.0, np.zeros((len(area), len(units))), none)
     return ascend(field, budget, area, STEERED)
