@@ -44,7 +44,7 @@ def _text(matter: Matter, stamped: Stamped) -> str:
 def _map(matter: Matter, path: Path) -> None:
     from drift.planner import map as plan_map  # here: Matplotlib takes a second to import
 
-    plan_map.draw(matter.forecast, matter.plan, path, matter.setting)
+    plan_map.draw(matter.forecast, matter.plan, path, matter.setting, land=matter.land)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from drift.search import layers as search_layers
 from drift.search import shapes as search_shapes
 from geo import notation, sphere
 from geo.array import Array
+from geo.box import Box
 from geo.notation import KNOT, NMI
 
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
@@ -45,10 +46,19 @@ SHEET = Sheet(
 )  # fmt: skip
 
 
-def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: int | None = None) -> None:
+def draw(
+    forecast: Forecast,
+    plan: Plan,
+    path: Path,
+    setting: Setting,
+    *,
+    time: int | None = None,
+    land: Callable[[Box], Iterable[Any]] | None = None,
+) -> None:
     """Draw a plan on the probability at an output.
 
-    time: index of the output; by default the one nearest to the middle of the plan's first round.
+    time: index of the output; by default the one nearest to the middle of the plan's first round. land: returns the
+    polygons in a box [deg], because bases and long ways may lie beyond the coast of the run; None: those of the setting.
     """
     i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
     at = forecast.data.isel(time=i)
@@ -60,8 +70,9 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
     chart.prepare(ax, frame)
     shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, frame, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
-    land = chart.land_path(frame, setting.polygons, 1000)
-    chart.draw_land(ax, land)
+    polygons = setting.polygons if land is None else land(_box(frame))
+    shore = chart.land_path(frame, polygons, 1000)
+    chart.draw_land(ax, shore)
     chart.graticule(ax, frame)
     outlines = layers.areas_of(forecast, at["time"].values[()], forecast.ends)
     _areas(ax, frame, forecast, outlines, count.few)
@@ -72,10 +83,16 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
         sheet.rough(on, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):
         sheet.say(on, sheet.warning(0.875 - ROW * k, 9), text)
-    _legend(on.figure, plan, forecast, outlines, len(setting.marks), ashore, land is not None, count.few)
+    _legend(on.figure, plan, forecast, outlines, len(setting.marks), ashore, shore is not None, count.few)
     _panel(on.figure, plan)
     _bar(on.figure, mesh)
     sheet.end(on, path, setting.imprint)
+
+
+def _box(frame: Frame) -> Box:
+    west, south, east, north = frame.bounds()
+    wrapped = float(sphere.wrap_degrees(west))
+    return Box(wrapped, max(south, -90.0), wrapped + min(east - west, 360.0), min(north, 90.0))
 
 
 def _framed(
