@@ -217,7 +217,7 @@ def move(number: int, options: argparse.Namespace) -> dict[str, object]:
     hands = {manner: by_hand(tracks, made.units, made.plan, manner, survival) for manner in MANNERS}
     one = {"case": number, "told": told, "limit": limit, "hands": hands, "bound_s": middle - begun}
     if options.hand:
-        best, words = max(hands.values()), "too fast" if reckoned.coarse else ""
+        best, words = max(hands.values()), reckoned.none
         return one | {"seen": best, "executed": 0.0, "error": 0.0, "silent": words, "plan_s": 0.0}
     plan, _, _ = planner.scheme(replace(job, case=made))
     return one | {

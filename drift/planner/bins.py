@@ -114,7 +114,8 @@ def _joined(x: Array, y: Array, there: Array, some: Array) -> Array:
             return 0.0
         boxes = quadtree.halved(x[within][present], y[within][present], THICK, THICK, rows, 1.0)
         count = np.bincount(boxes.of)
-        return float(count @ np.log(count / np.maximum(boxes.area, 1.0) / rows))
+        extent = boxes.sides * ((count + 1) / np.maximum(count - 1, 1))[:, None]  # n even points span less of their box
+        return float(count @ np.log(count / np.maximum(np.prod(extent, axis=1), 1.0) / rows))
 
     bins = [(r, 1, density(r, 1)) for r in range(len(x))]
     length = 1

@@ -31,7 +31,7 @@ ever more.
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -87,8 +87,10 @@ def bound(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Seque
         weighted = np.flatnonzero(tracks.weight > 0)
         some = record.sort(record.take(tracks, weighted, tracks.weight[weighted]))
         return ascend(*_field(some, units, spec, survival)[:3])
-    field, budget, area, none = _field(record.sample(tracks, int(counted(tracks))), units, spec, survival)
-    return replace(ascend(field, budget, area, STEERED), none=none)
+    field, budget, area, none = _field(record.sample(tracks, max(int(counted(tracks)), 1)), units, spec, survival)
+    if none:
+        return Bound(1.0, 0.0, np.zeros((len(area), len(units))), none)
+    return ascend(field, budget, area, STEERED)
 
 
 def counted(tracks: Tracks) -> float:

@@ -95,9 +95,10 @@ def _on_lattice(span: int, particles: int, clock: Clock, first: int) -> Array:
 def _bridged(itineraries: list[Itinerary]) -> Array:
     """Return the spread rates [m/sqrt(s)] of all itineraries' phases, in their order; 0: it follows no bridge.
 
-    Where they are uncertain these are the middle ones.
+    Where they are uncertain these are the middle ones. One more at the end: what has arrived is beyond its last phase.
     """
-    return np.array([phase.k if isinstance(phase, Ways) else 0.0 for own in itineraries for phase in own.phases])
+    rates = [phase.k if isinstance(phase, Ways) else 0.0 for own in itineraries for phase in own.phases]
+    return np.array([*rates, 0.0])
 
 
 def _flow(ensemble: Ensemble, bridged: Array, time: int) -> Array:

@@ -326,7 +326,8 @@ def _panel(figure: Figure, plan: Plan) -> None:
         if tasking.sortie.legs is not None:
             say(f"CSP {notation.position(*subareas.begin(tasking))}")
             spacing, creep = tasking.spacing / NMI, subareas.degrees(tasking.creep)
-            say(f"{tasking.legs} legs, spacing {spacing:.2f} nmi, creep {creep:03d}T", 1.35)
+            many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)}"
+            say(f"{many}, spacing {spacing:.2f} nmi, creep {creep:03d}T", 1.35)
         else:
             say(f"centre {notation.position(*tasking.centre)}", 1.35)
     if not plan.taskings:

@@ -154,21 +154,28 @@ def track_length(tasking: Tasking) -> float:
     return float(polyline.lengths(legs)[np.array(legs.searching, bool)].sum())
 
 
-def coverages(tasking: Tasking) -> Array:
+def widths(tasking: Tasking, under_way: bool = False) -> Array:
+    """Return the sweep width [m] by scenario, of what is adrift or of what is under way."""
+    sortie = tasking.sortie
+    return np.array(sortie.width_under_way if under_way and sortie.width_under_way else sortie.sweep_width)
+
+
+def coverages(tasking: Tasking, under_way: bool = False) -> Array:
     """Return the coverage of the sub-area by scenario, W / S, as its crews would compute it."""
     sortie = tasking.sortie
     if sortie.coverage:
-        return np.array(sortie.coverage)
-    return np.array(sortie.sweep_width) / tasking.spacing if tasking.spacing > 0 else np.zeros(len(sortie.sweep_width))
+        return np.array(sortie.coverage_under_way if under_way and sortie.coverage_under_way else sortie.coverage)
+    width = widths(tasking, under_way)
+    return width / tasking.spacing if tasking.spacing > 0 else np.zeros(len(width))
 
 
-def pods(tasking: Tasking) -> Array:
+def pods(tasking: Tasking, under_way: bool = False) -> Array:
     """Return the POD of the sub-area by scenario for an object that stays in it.
 
     It is averaged over what is unknown of the sweep width.
     """
     factors, chances = laws.factors(tasking.sortie.shape)
-    return np.asarray(laws.pod(tasking.sortie.law, np.outer(coverages(tasking), factors)) @ chances)
+    return np.asarray(laws.pod(tasking.sortie.law, np.outer(coverages(tasking, under_way), factors)) @ chances)
 
 
 def degrees(angle: float) -> int:
@@ -241,6 +248,14 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
         "altitude_ft": tasking.unit.altitude / 0.3048,
         "sweep_width_nmi": {k: w / NMI for k, w in zip(plan.scenarios, tasking.sortie.sweep_width, strict=True)},
         "pod": dict(zip(plan.scenarios, pods(tasking).tolist(), strict=True)),
+        **(_under_way(plan, tasking) if tasking.sortie.width_under_way else {}),
+    }
+
+
+def _under_way(plan: Plan, tasking: Tasking) -> dict[str, Any]:
+    return {
+        "sweep_width_under_way_nmi": dict(zip(plan.scenarios, (widths(tasking, True) / NMI).tolist(), strict=True)),
+        "pod_under_way": dict(zip(plan.scenarios, pods(tasking, True).tolist(), strict=True)),
     }
 
 

@@ -23,6 +23,8 @@ LONG_WAIT = 0.5  # [h]; of a longer wait the crew reads the reason
 OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
 OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
 PATTERN = "parallel sweep (PS)"
+EXPECTED = "Expected POD"
+STATES = ("adrift", "under way")
 
 
 def text(
@@ -215,17 +217,34 @@ def listed(numbers: Sequence[int]) -> str:
 
 
 def _expected(plan: Plan, tasking: Tasking) -> list[str]:
-    """Return the POD that a tasking expects: a line if all scenarios have the same, otherwise a table."""
-    width = np.array(tasking.sortie.sweep_width) / NMI
-    coverage, pod = subareas.coverages(tasking), subareas.pods(tasking)
-    if np.ptp(coverage) < 1e-9 and np.ptp(width) < 1e-9:
-        return _row("Expected POD", f"{chance(pod[0])} at W {width[0]:.2f} nmi, coverage {coverage[0]:.2f}", indent=6)
-    names, columns = subareas.told(plan, pod, width, coverage)
-    wide = max(map(len, names))
-    rows = [f"{'':{wide}}   POD  W [nmi]  Coverage"]
-    for scenario, *figures in zip(names, *columns, strict=True):
-        rows.append(f"{scenario:{wide}} {chance(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}")
-    return [f"      {'' if k else 'Expected POD':{LABEL}}{row}" for k, row in enumerate(rows)]
+    """Return the POD that a tasking expects: a line if all scenarios have the same, otherwise a table.
+
+    What is seen from farther while it is under way has a line or row for each state.
+    """
+    by_state = [
+        (subareas.pods(tasking, state), subareas.widths(tasking, state) / NMI, subareas.coverages(tasking, state))
+        for state in ((False, True) if tasking.sortie.width_under_way else (False,))
+    ]
+    if all(np.ptp(width) < 1e-9 and np.ptp(coverage) < 1e-9 for _, width, coverage in by_state):
+        lines = [f"{chance(pod[0])} at W {w[0]:.2f} nmi, coverage {c[0]:.2f}" for pod, w, c in by_state]
+        if len(set(lines)) > 1:
+            lines = [f"{line}, {state}" for line, state in zip(lines, STATES, strict=True)]
+        return [
+            part for k, line in enumerate(dict.fromkeys(lines)) for part in _row("" if k else EXPECTED, line, indent=6)
+        ]
+    rows: list[tuple[str, list[float]]] = []
+    told = [subareas.told(plan, *figures) for figures in by_state]
+    for k, name in enumerate(told[0][0]):
+        own = [[column[k] for column in columns] for _, columns in told]
+        if own[0] == own[-1]:
+            rows.append((name, own[0]))
+        else:
+            rows += [(f"{name}, {state}", figures) for state, figures in zip(STATES, own, strict=True)]
+    wide = max(len(name) for name, _ in rows)
+    lines = [f"{'':{wide}}   POD  W [nmi]  Coverage"]
+    for name, figures in rows:
+        lines.append(f"{name:{wide}} {chance(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}")
+    return [f"      {'' if k else EXPECTED:{LABEL}}{line}" for k, line in enumerate(lines)]
 
 
 def _alternatives(plan: Plan) -> list[str]:

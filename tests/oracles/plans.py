@@ -1,11 +1,13 @@
 """Clouds and units for tests of plans: positions by a low-discrepancy sequence, so that a cloud's noise is small."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
+import drift
 from drift.planner.planning_tracks import Tracks
 from drift.search.records import Law, PlanSpec, Unit
 from geo import sphere
@@ -13,6 +15,27 @@ from geo import sphere
 NMI, HOUR = 1852.0, 3600.0
 BEGIN = np.datetime64("2024-03-20T06:00:00", "s")
 PLACE = (179.98, -41.0)  # across the antimeridian, south, lon unlike lat
+
+
+# The sea of cases on which plans are tried, but for their stories and units.
+SEA = """
+[output]
+every = "{every} h"
+[clock]
+step = "30 min"
+[coast]
+source = "none"
+[[current]]
+constant = { speed = "0.6 kn", toward = 70 }
+[uncertainty]
+diffusivity = "20 m2/s"
+"""
+
+
+def loaded(folder: Path, text: str) -> drift.Case:
+    """Return the case that a text describes, in a file of a folder."""
+    (folder / "case.toml").write_text(text)
+    return drift.load(folder / "case.toml")
 
 
 def cloud(m: int, std: float, *, hours: float = 4.0, bins: int = 4, drift: tuple[float, float] = (0.0, 0.0)) -> Tracks:
@@ -60,6 +83,14 @@ def moving(m: int, std: float, error: float, convergence: float, hours: float, k
     x, y = np.moveaxis(np.array(at), 1, 0)
     lon, lat = (sphere.to_binary(np.degrees(v)) for v in sphere.destination(*np.radians(PLACE), x, y))
     return replace(still, lon=lon, lat=lat)
+
+
+def steered(time: np.ndarray, x: np.ndarray, y: np.ndarray, turn: np.ndarray | float = np.inf) -> Tracks:
+    """Return particles that steer, at x, y [m] of PLACE at times [s], (edges, m), until each goes adrift [s]."""
+    still = tracks(x[0], y[0], 1.0, len(time) - 1, (0.0, 0.0))
+    lon, lat = (sphere.to_binary(np.degrees(v)) for v in sphere.destination(*np.radians(PLACE), x, y))
+    begin = float(BEGIN.astype(np.int64))
+    return replace(still, time=begin + time, lon=lon, lat=lat, turn=np.broadcast_to(begin + turn, x.shape[1:]))
 
 
 def unit(speed: float, hours: float, width: float, law: Law, **more: object) -> Unit:

@@ -1,45 +1,38 @@
 """Plans against what steers: a drifting raft, a yacht under way and then adrift, a smuggler on a Brownian bridge."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import plans
 import pytest
+from plans import HOUR, NMI
 
-import drift
 from drift import flow
 from drift.case.record import Case
 from drift.job import Job, Options, opened
-from drift.planner import availability, bound, candidates, follow, joint, optimiser, planner, rectangle
+from drift.planner import availability, bins, bound, candidates, follow, joint, optimiser, planner, rectangle
 from drift.planner import planning_tracks as record
 from drift.planner.candidates import Stage
 from drift.planner.planning_tracks import Tracks
 from drift.planner.rectangle import Crew
-from drift.search.records import Sortie
+from drift.search.records import Law, Sortie
 from geo import sphere
 from geo.errors import UserError
 from kernels import noise, rectangles, sweeps
 from kernels.noise import Purpose
 
-NMI, HOUR = 1852.0, 3600.0
-
-MIXTURE = """
+MIXTURE = (
+    """
 title = "A raft, a yacht and a smuggler"
 start = "2026-06-01T06:00Z"
 duration = "12 h"
 particles = 3000
 seed = 5
-[output]
-every = "12 h"
-[clock]
-step = "30 min"
-[coast]
-source = "none"
-[[current]]
-constant = { speed = "0.6 kn", toward = 70 }
-[uncertainty]
-diffusivity = "20 m2/s"
-[[scenario]]
+"""
+    + plans.SEA.replace("{every}", "12")
+    + """[[scenario]]
 name = "raft"
 weight = 0.35
 object = "water"
@@ -64,7 +57,7 @@ vessel = { land = "stop" }
 k = "8 nmi/sqrt(h)"
 points = [
     { at = [179.3, 20.6], std = "5 nmi", time = ["+0 h", "+1 h"] },
-    { at = [-179.3, 19.5], std = "6 nmi", time = ["+14 h", "+17 h"] },
+    { at = [-179.3, 19.5], std = "6 nmi", time = ["+11 h", "+17 h"] },
 ]
 [plan]
 begin = "+6 h"
@@ -104,6 +97,7 @@ law = "definite_range"
 sweep_width = { raft = "1 nmi", yacht = "0.5 nmi", smuggler = "1 nmi" }
 sweep_width_under_way = { raft = "1 nmi", yacht = "2 nmi", smuggler = "1.5 nmi" }
 """
+)
 
 # Where each unit searches: x, y [nmi] of the middle, orientation [rad], spacing [nmi], logarithm of length over width, wait [h].
 AREAS = {
@@ -114,15 +108,10 @@ AREAS = {
 }
 
 
-def loaded(folder: Path, text: str = MIXTURE) -> Case:
-    (folder / "mixture.toml").write_text(text)
-    return drift.load(folder / "mixture.toml")
-
-
 @pytest.fixture(scope="module")
 def mixture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, Tracks]:
     """The case, and its tracks to plan on."""
-    job = opened(loaded(tmp_path_factory.mktemp("mixture")), Options())
+    job = opened(plans.loaded(tmp_path_factory.mktemp("mixture"), MIXTURE), Options())
     return job, follow.follow(job.case, job.where)
 
 
@@ -230,28 +219,149 @@ def test_the_bound_counts_the_wider_of_both_states(mixture: tuple[Job, Tracks]) 
         assert 0.05 < limit[name] < limit["both"]
 
 
-def test_where_bins_cannot_follow_there_is_no_bound() -> None:
-    """Boats that leave one pier at 6 to 16 m/s by all courses: in five minutes they are far beyond their box."""
+def placed(some: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times [s] of tracks since they begin, and where particles are then [m]."""
+    plane = record.plane(some)
+    return some.time - some.time[0], *plane.flat(some.lon * sphere.UNIT, some.lat * sphere.UNIT)
+
+
+def hunted(some: Tracks, speed: float, search: float, width: np.ndarray, count: int) -> float:
+    """Return the most that legs by hand find of tracks in some hours of search, which may begin anywhere and at any time.
+
+    Half of them go from one particle that they can meet to the next, at most half an hour away; the others go to and fro
+    in a place where one is some time, along its course, across it, or with it.
+    """
+    rng = np.random.default_rng(2)
+    time, x, y = placed(some)
+    swarm = optimiser._swarm(some, plans.spec(), [None], record.plane(some))
+
+    def at(i: int, t: float) -> np.ndarray:
+        return np.array([np.interp(t, time, v[:, i]) for v in (x, y)])
+
+    best = 0.0
+    for number in range(count):
+        now, i = float(rng.uniform(0, time[-1] - search * HOUR)), int(rng.integers(some.m))
+        spot, end = at(i, now), now + search * HOUR
+        path = [(now, *spot, 1.0)]
+        course = at(i, now + 300) - at(i, now - 300)
+        turn = np.arctan2(*course[::-1]) + (number // 2 % 2) * np.pi / 2
+        drift_by = course / 600 * (number // 4 % 2)
+        reach = float(rng.uniform(0.3, 3) * width.max())
+        while now < end - 60:
+            if number % 2:
+                way = (-1) ** len(path) * reach * np.array([np.cos(turn), np.sin(turn)])
+                way += drift_by * np.hypot(*way) / speed
+            else:
+                i = int(rng.integers(some.m))
+                goal = at(i, now)
+                for _ in range(5):
+                    goal = at(i, min(now + float(np.hypot(*(goal - spot))) / speed, end))
+                way = goal - spot
+                if not 60 < np.hypot(*way) / speed < 1800 and rng.random() < 0.98:
+                    continue
+            share = min(1.0, (end - now) * speed / float(np.hypot(*way)))
+            now, spot = now + share * float(np.hypot(*way)) / speed, spot + share * way
+            path.append((now, *spot, 1.0))
+        chance, _ = sweeps.found(swarm, None, np.array(path), width, np.ones(1))
+        best = max(best, float(some.weight @ chance[:, 0]))
+    return best
+
+
+def strait(m: int) -> Tracks:
+    """Return ships from far and wide at 4 to 7 m/s through a gap of 0.3 nmi, one after the other, and on fanwise."""
+    rng = np.random.default_rng(6)
+    time = np.arange(49) * 300.0
+    passes, gap, speed = rng.uniform(0.5, 3.5, m) * HOUR, rng.normal(0, 0.3 * NMI, m), rng.uniform(4, 7, m)
+    before, after = rng.uniform(-0.8, 0.8, m), rng.uniform(-0.5, 1.2, m)
+    ahead = speed * (time[:, None] - passes)
+    turn = np.where(ahead < 0, before, after)
+    return plans.steered(time, ahead * np.cos(turn), gap + ahead * np.sin(turn))
+
+
+def burst(m: int) -> Tracks:
+    """Return boats that leave a place of 0.4 nmi by all courses at 2 to 6 m/s: a cloud that spreads more than tenfold."""
     rng = np.random.default_rng(3)
-    time = np.arange(13) * 300.0
-    turn, speed = rng.uniform(0, 2 * np.pi, 1500), rng.uniform(6, 16, 1500)
-    x, y = (50 * rng.standard_normal(1500) + time[:, None] * speed * part(turn) for part in (np.sin, np.cos))
-    lon, lat = sphere.destination(np.radians(179.98), np.radians(-41.0), x, y)
-    burst = Tracks(
-        time=time, lon=sphere.to_binary(np.degrees(lon)), lat=sphere.to_binary(np.degrees(lat)),
-        adrift=np.ones(lon.shape, bool), weight=np.full(1500, 1 / 1500), scenario=np.zeros(1500, np.int32),
-        release=np.full(1500, np.inf), turn=np.full(1500, np.inf),
-    )  # fmt: skip
-    assert bound._steered_bins(burst, record.plane(burst)).coarse
-    assert "too fast" in bound.silent(0.4, 5000, 0.01, 0.2, 0.2, True)
-    x, y = (2000 * rng.standard_normal(1500) + time[:, None] * pace for pace in (7.0, -3.0))
-    lon, lat = sphere.destination(np.radians(179.98), np.radians(-41.0), x, y)
-    as_one = replace(burst, lon=sphere.to_binary(np.degrees(lon)), lat=sphere.to_binary(np.degrees(lat)))
-    assert not bound._steered_bins(as_one, record.plane(as_one)).coarse
+    time = np.arange(37) * 300.0
+    turn, speed = rng.uniform(0, 2 * np.pi, m), rng.uniform(2, 6, m)
+    x, y = (0.4 * NMI * rng.standard_normal(m) + time[:, None] * speed * part(turn) for part in (np.sin, np.cos))
+    assert np.hypot(x[-1].std(), y[-1].std()) > 10 * np.hypot(x[0].std(), y[0].std())
+    return plans.steered(time, x, y)
+
+
+def mixed(m: int) -> Tracks:
+    """Return yachts of one course at 3 m/s through rafts that drift; most yachts go adrift some time."""
+    rng = np.random.default_rng(4)
+    time = np.arange(37) * 300.0
+    sails = np.arange(m) % 3 > 0
+    turn = np.where(sails, rng.uniform(0, 4, m) * HOUR, -np.inf)
+    x = np.where(sails, rng.normal(-8, 4, m), rng.normal(0, 5, m)) * NMI
+    y = np.where(sails, rng.normal(0, 0.7, m), rng.normal(1, 4, m)) * NMI
+    sailed = np.clip(time[:, None], None, np.maximum(turn, 0.0))
+    return plans.steered(time, x + 3.0 * sailed + 0.3 * time[:, None], y - 0.2 * time[:, None], turn)
+
+
+@pytest.mark.parametrize(("targets", "speed", "search"), [(strait, 9.0, 1.4), (burst, 14.0, 0.75), (mixed, 16.0, 2.4)])
+def test_no_legs_by_hand_find_more_than_the_bound(
+    targets: Callable[[int], Tracks], speed: float, search: float
+) -> None:
+    """On the same particles, seen farther while under way: below the bound, and that below 1, or it would tell nothing."""
+    some = targets(1200)
+    width = np.array([[0.3], [0.5]]) * NMI
+    one = replace(plans.unit(speed, search, width[0, 0], Law()), width_under_way=(width[1, 0],))
+    reckoned = bound.bound(some, [one], plans.spec((some.time[-1] - some.time[0]) / HOUR), [None])
+    assert reckoned.none == ""
+    assert 0.15 < hunted(some, speed, search, width, 160) < reckoned.value < 0.9
+
+
+def test_what_stands_still_is_bounded_as_what_drifts() -> None:
+    """A circular normal, random search: 1 - (1 + u) e^-u. Chance makes the bound higher: boxes of 51 by less than a tenth."""
+    u, std = 1.1, 5 * NMI
+    still = plans.cloud(2**13, std, hours=1)
+    one = plans.unit(plans.speed_for(u, std, 1, NMI), 1, NMI, Law("random"))
+    value = bound.bound(replace(still, turn=np.full(still.m, np.inf)), [one], plans.spec(1), [None]).value
+    assert 1 < value / (1 - (1 + u) * np.exp(-u)) < 1.1
+
+
+def test_bins_of_a_convoy_are_short_and_of_a_stream_long() -> None:
+    """What goes by as one is less dense in boxes that stand still; a stream is as dense all the time."""
+    rng = np.random.default_rng(5)
+    time, m = np.arange(13) * 300.0, 2500
+    convoy = plans.steered(
+        time, 900 * rng.standard_normal(m) + 8 * time[:, None], 900 * rng.standard_normal((1, m)) + 0 * time[:, None]
+    )
+    stream = plans.steered(
+        time, rng.uniform(-9e4, 9e4, m) + 8 * time[:, None], 900 * rng.standard_normal((1, m)) + 0 * time[:, None]
+    )
+    long = {
+        name: np.diff(bins.of_streams(some, record.plane(some)).first)
+        for name, some in (("convoy", convoy), ("stream", stream))
+    }
+    assert long["convoy"].max() <= 2
+    assert (long["stream"] == bins.LONGEST).all()
+
+
+def test_there_is_no_bound_where_it_could_be_beaten(
+    mixture: tuple[Job, Tracks], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rows in which targets go farther than a sweep width; a sensor that counts first passes of each leg on a bridge."""
+    job, tracks = mixture
+    few = record.sample(tracks, 1000)
+    units = {one.name: one for one in job.case.units}
+    words = bound._field(few, [units["abeam"]], job.case.plan, [None] * 3)[3]
+    assert "shorter its legs" in words
+    assert bound.silent(0.4, 5000, 0.01, 0.2, 0.2, words) == words
+    narrow = replace(units["at random"], sweep_width=(500.0,) * 3, width_under_way=(2000.0,) * 3)
+    fast = plans.steered(
+        np.arange(25) * 300.0,
+        *(np.random.default_rng(1).normal(0, 300, (2, 1, 1500)) + np.arange(25)[:, None] * 4500.0),
+    )
+    assert bound._field(fast, [narrow], plans.spec(2), [None] * 3)[3] == ""
+    monkeypatch.setattr(bins, "PLACES", 8 * 1500)
+    assert "too fast" in bound.bound(fast, [narrow], plans.spec(2), [None] * 3).none
 
 
 def test_a_plan_does_not_begin_before_it_is_known_what_is_overdue(tmp_path: Path) -> None:
     text = MIXTURE.replace('name = "yacht"\n', 'name = "yacht"\noverdue = "+8 h"\n')
     with pytest.raises(UserError, match='before the time by which scenario "yacht" is overdue, 011400ZJUN26'):
-        planner.plan(loaded(tmp_path, text))
-    assert loaded(tmp_path, text.replace('begin = "+6 h"\n', "")).plan.begin == np.datetime64("2026-06-01T14:00")
+        planner.plan(plans.loaded(tmp_path, text))
+    assert plans.loaded(tmp_path, text.replace('begin = "+6 h"\n', "")).plan.begin == np.datetime64("2026-06-01T14:00")

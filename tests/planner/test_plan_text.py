@@ -137,6 +137,30 @@ def test_pod_is_a_table_with_whole_names():
     assert len({len(row) for row in told[1:]}) == 1
 
 
+def test_both_states_of_what_steers_are_told():
+    """A row for each where they differ; one line each where all scenarios are alike; none of it where nothing steers."""
+    plan = searches.plan()
+    first = plan.taskings[0]
+    width = tuple(v * NMI for v in (0.8, 2.4, 1.3))
+    steered = replace(first, sortie=replace(first.sortie, width_under_way=width))
+    told = block(plan_text.text(replace(plan, taskings=(steered, *plan.taskings[1:])), "Yacht", "run-s1"), "A-1")
+    rows = [row.split() for row in told.split("Expected POD")[1].splitlines()[1:]]
+    names = [name for name in plan.scenarios for _ in range(1 + (name == plan.scenarios[1]))]
+    assert [" ".join(row[:-3]).split(",")[0] for row in rows] == names
+    assert rows[1][-4:] == ["adrift", f"{math.erf(math.sqrt(math.pi) / 2 * 0.8 / 3):.2f}", "0.80", "0.27"]
+    assert rows[2][-5:] == ["under", "way", f"{math.erf(math.sqrt(math.pi) / 2 * 0.8):.2f}", "2.40", "0.80"]
+    numbers = subareas.numbers(replace(plan, taskings=(steered,)))["taskings"][0]
+    assert numbers["sweep_width_under_way_nmi"] == pytest.approx(
+        dict(zip(plan.scenarios, (0.8, 2.4, 1.3), strict=True))
+    )
+    assert numbers["pod_under_way"][plan.scenarios[1]] == pytest.approx(math.erf(math.sqrt(math.pi) / 2 * 0.8))
+    same = replace(first.sortie, sweep_width=(0.9 * NMI,) * 3, width_under_way=(1.8 * NMI,) * 3)
+    lines = " ".join(plan_text.text(replace(plan, taskings=(replace(first, sortie=same),)), "Yacht", "run-s1").split())
+    assert "at W 0.90 nmi, coverage 0.30, adrift" in lines
+    assert "at W 1.80 nmi, coverage 0.60, under way" in lines
+    assert "under way" not in plan_text.text(plan, "Overdue boat", "run-s1")
+
+
 def test_a_third_digit_tells_a_plan_from_its_bound():
     plan = replace(searches.plan(), value=0.4551, bound=0.4572)
     assert plan_text.worth(plan) == "POS 0.455; estimated bound 0.458 (+-0.008)"  # bounds are rounded up

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import plans
 import pytest
 
 import drift
@@ -12,43 +13,36 @@ from drift.planner import planner
 from drift.planner.records import Plan
 from geo.errors import UserError
 
-CASE = """
+CASE = (
+    """
 title = "Two units"
 start = "2026-06-01T06:00Z"
 duration = "8 h"
 particles = 6000
-[output]
-every = "8 h"
-[clock]
-step = "30 min"
-[coast]
-source = "none"
-[[current]]
-constant = {{ speed = "0.6 kn", toward = 70 }}
-[uncertainty]
-diffusivity = "20 m2/s"
-[[scenario]]
+"""
+    + plans.SEA.replace("{every}", "8")
+    + """[[scenario]]
 name = "near"
 weight = 0.7
 object = "water"
-position = {{ at = [179.95, 20.0], std = "4 nmi" }}
-survival = {{ median = "5 h", spread = 1.5 }}
+position = { at = [179.95, 20.0], std = "4 nmi" }
+survival = { median = "5 h", spread = 1.5 }
 [[scenario]]
 name = "far"
 weight = 0.3
 object = "water"
-position = {{ at = [-179.80, 20.1], std = "3 nmi" }}
+position = { at = [-179.80, 20.1], std = "3 nmi" }
 [[sortie]]
 name = "before"
 start = "+0 h"
 end = "+1 h"
-area = {{ centre = [179.95, 20.0], length = "6 nmi", width = "6 nmi", orientation = 0 }}
+area = { centre = [179.95, 20.0], length = "6 nmi", width = "6 nmi", orientation = 0 }
 pod = 0.5
 law = "random"
 [plan]
 particles = 3000
-rounds = {rounds}
-objective = "{objective}"
+rounds = ROUNDS
+objective = "OBJECTIVE"
 [[unit]]
 name = "plane"
 base = [179.0, 20.5]
@@ -56,7 +50,7 @@ search_speed = "140 kn"
 endurance = "1.5 h"
 daylight = false
 turnaround = "30 min"
-sweep_width = {{ near = "1 nmi", far = "0.7 nmi" }}
+sweep_width = { near = "1 nmi", far = "0.7 nmi" }
 sweep_width_uncertainty = "30 %"
 [[unit]]
 name = "boat"
@@ -66,11 +60,11 @@ endurance = "4 h"
 daylight = false
 sweep_width = "0.8 nmi"
 """
+)
 
 
 def case_of(folder: Path, rounds: int = 1, objective: str = "pos") -> drift.Case:
-    (folder / "two.toml").write_text(CASE.format(rounds=rounds, objective=objective))
-    return drift.load(folder / "two.toml")
+    return plans.loaded(folder, CASE.replace("ROUNDS", str(rounds)).replace("OBJECTIVE", objective))
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +82,7 @@ def test_executing_a_plan_fails_as_often_as_it_said(planned: tuple[Path, Plan, d
     assert 0 < made.bound_error < 0.02
     # As a debrief would do it: the plan's tables appended to the case, and run.
     executed = folder / "executed.toml"
-    executed.write_text((folder / "two.toml").read_text() + "\n" + (folder / "out/plan.toml").read_text())
+    executed.write_text((folder / "case.toml").read_text() + "\n" + (folder / "out/plan.toml").read_text())
     again = drift.run(drift.load(executed))
     assert again.updates is not None
     evidence = sum(update.log_evidence[-1] for update in again.updates.all if update.name != "before")
@@ -128,7 +122,7 @@ def test_a_round_finds_alive_what_those_before_found_neither_alive_nor_dead(
     monkeypatch.setattr(planner.optimiser, "plan", told)
     case_of(tmp_path, rounds=2, objective="alive")
     brief = {"scenario.0.survival": '{ median = "90 min", spread = 1.5 }'}
-    made, _ = planner.plan(drift.load(tmp_path / "two.toml", brief))
+    made, _ = planner.plan(drift.load(tmp_path / "case.toml", brief))
     first, second = rounds
     found = 1 - math.prod(1 - tasking.pos for tasking in first.taskings)
     assert found > first.seen + 0.02

@@ -21,6 +21,7 @@ from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
 from drift.maps.overlay import Overlay
 from drift.planner import map as plan_map
+from drift.planner import subareas
 from drift.search import evidence_map
 from drift.search import layers as search_layers
 from drift.search import map as search_map
@@ -214,6 +215,24 @@ def test_a_plan_shows_its_figures(tmp_path, search, words):
     assert any(text.startswith("CG 1503\nbase 3") for text in words)
     plan_map.draw(search[0], replace(plan, taskings=()), tmp_path / "c.png", SETTING)
     assert "No unit can search in this period." in words
+
+
+def test_a_plan_shows_the_land_of_all_that_it_shows(tmp_path, search, words):
+    """The coast of a run ends with its domain: a map that reaches farther showed sea where land is."""
+    asked = []
+
+    def land(box):
+        asked.append(box)
+        return [shapely.box(-88.5, 27.9, -88.4, 28.0)]
+
+    plan = searches.plan()
+    plan_map.draw(search[0], plan, tmp_path / "a.png", replace(SETTING, polygons=land))
+    assert "Land" in words
+    (box,) = asked
+    for tasking in plan.taskings:
+        for lon, lat in subareas.corners(tasking):
+            assert box.west < lon < box.east
+            assert box.south < lat < box.north
 
 
 def boxes(figure, some):
