@@ -52,7 +52,12 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
             "weight": (
                 by_time,
                 tracks.weight.astype(np.float64),
-                {"long_name": "particle's probability", "units": "1"},
+                {
+                    "long_name": "particle's probability",
+                    "units": "1",
+                    "comment": "where particles were drawn anew, tracks are those of the last ones' ancestors: as whole "
+                    "tracks, given all that was seen, they count by the weight at the last time",
+                },
             ),
             "scenario": (
                 "trajectory",
