@@ -208,9 +208,11 @@ def _field(
     value = worth(tracks, survival, spec.objective, bins.edge[:-1])  # worth does not rise within a row
     fall = value - np.concatenate([value[1:], np.zeros((1, tracks.m))])
     groups = {unit.group or unit.name: unit.shape for unit in units}
-    wander = _wander(tracks, units)
+    wander, more = _wander(tracks, units)
     curve = concave.curve(list(dict.fromkeys(unit.law for unit in units)), list(groups.values()), wander)
     sweep_rates = widths * np.array([unit.search_speed for unit in units])
+    if tracks.turn is not None:
+        sweep_rates *= np.concatenate([np.ones(more.shape), more, more])
     # the effort of a random search counts over the ground, whatever the particles' speed
     slowness = [0.0 if laws.of(unit.law).detects == "anywhere" else 1 / unit.search_speed for unit in units]
     field = allocate.Field(
@@ -222,18 +224,25 @@ def _field(
     return field, budget, area * np.repeat(np.diff(bins.first), counts), none
 
 
-def _wander(tracks: Tracks, units: Sequence[Unit]) -> float:
-    """Return how far bridges wander beside how they are swept, at the most: K^2 over speed and sweep width; 0: none."""
-    if tracks.flow is None:
-        return 0.0
-    k = np.nan_to_num(tracks.flow[2]).max(axis=0)
-    swept = [
-        unit.search_speed * width
-        for unit in units
-        for s, width in enumerate(unit.width_under_way or unit.sweep_width)
-        if width > 0 and laws.of(unit.law).detects == "along" and k[tracks.scenario == s].max(initial=0.0) > 0
-    ]
-    return float(k.max()) ** 2 / min(swept) if swept else 0.0
+def _wander(tracks: Tracks, units: Sequence[Unit]) -> tuple[float, Array]:
+    """Return how far bridges wander where that is least, and by how much more effort counts where it is more.
+
+    They wander by K^2 over the speed and sweep width of a unit, 0 if nothing does. The factors are (scenarios, units).
+    """
+    wander = np.zeros((len(units[0].sweep_width), len(units)))
+    if tracks.flow is not None:
+        k = np.nan_to_num(tracks.flow[2]).max(axis=0)
+        for u, unit in enumerate(units):
+            for s, width in enumerate(unit.width_under_way or unit.sweep_width):
+                if width > 0 and laws.of(unit.law).detects == "along":
+                    wander[s, u] = k[tracks.scenario == s].max(initial=0.0) ** 2 / (unit.search_speed * width)
+    if not wander.any():
+        return 0.0, np.ones(wander.shape)
+    least = float(wander[wander > 0].min())
+    h = concave.ROOTS[1:] ** 2
+    usual = concave.wandering(h, least)
+    more = [np.max(concave.wandering(h, one) / usual) if one > least else 1.0 for one in wander.ravel()]
+    return least, np.reshape(more, wander.shape)
 
 
 def _unbounded(tracks: Tracks, units: Sequence[Unit], bins: Bins, side: float) -> str:
