@@ -25,8 +25,8 @@ about a point.
 What steers streams past its neighbours. A box of a bin of several rows stands still; of what is in it during a part of
 the rows that part of the effort counts, so that its density is the mean over them. Noise makes the bound too high there
 too, by up to a third. There is none where particles go farther in a row than boxes and sweep widths reach, and none for
-a sensor that counts passes abeam against a Brownian bridge, which comes abeam without number: shorter legs would find
-ever more.
+a sensor that counts passes abeam against a Brownian bridge, which comes abeam without number: no limit is known to what
+ever shorter legs would find.
 """
 
 import itertools
@@ -249,7 +249,7 @@ def _unbounded(tracks: Tracks, units: Sequence[Unit], bins: Bins, side: float) -
     """Return in a few words why there is no bound for what steers, "" where there is one; side: of boxes [m]."""
     bridged = tracks.flow is not None and bool((np.nan_to_num(tracks.flow[2]) > 0).any())
     if bridged and any(laws.of(unit.law).detects == "abeam" for unit in units):
-        return "a sensor that counts passes abeam finds more of a Brownian bridge the shorter its legs are"
+        return "no limit is known to what a sensor that counts passes abeam finds of a Brownian bridge by short legs"
     widest = max(max(*unit.sweep_width, *unit.width_under_way, 0.0) for unit in units)
     if float((bins.pace * np.diff(bins.edge)[:, None])[bins.there].mean()) > max(widest, side):
         return "what is looked for moves too fast for its bins of time"
