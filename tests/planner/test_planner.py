@@ -150,7 +150,7 @@ def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
 
 
 def test_nobody_to_send(tmp_path: Path) -> None:
-    text = CASE.format(rounds=1, objective="pos")
+    text = CASE.replace("ROUNDS", "1").replace("OBJECTIVE", "pos")
     (tmp_path / "none.toml").write_text(
         text[: text.index("[[unit]]")].replace('[plan]\nparticles = 3000\nrounds = 1\nobjective = "pos"\n', "")
     )
@@ -164,7 +164,7 @@ def test_nobody_to_send(tmp_path: Path) -> None:
 
 
 def test_a_plan_begins_when_all_is_known(tmp_path: Path) -> None:
-    text = CASE.format(rounds=1, objective="pos").replace("[plan]", '[plan]\nbegin = "+30 min"')
+    text = CASE.replace("ROUNDS", "1").replace("OBJECTIVE", "pos").replace("[plan]", '[plan]\nbegin = "+30 min"')
     (tmp_path / "early.toml").write_text(text)
     with pytest.raises(UserError, match=r'plan.begin 010630ZJUN26 is before the end of sortie "before", 010700ZJUN26'):
         planner.plan(drift.load(tmp_path / "early.toml"))
@@ -172,7 +172,7 @@ def test_a_plan_begins_when_all_is_known(tmp_path: Path) -> None:
 
 def test_a_case_whose_time_is_over_runs_and_is_not_planned(tmp_path: Path) -> None:
     """After a debrief the last sortie may end with the case: that is the plan's concern alone."""
-    text = CASE.format(rounds=1, objective="pos").replace('end = "+1 h"', 'end = "+8 h"')
+    text = CASE.replace("ROUNDS", "1").replace("OBJECTIVE", "pos").replace('end = "+1 h"', 'end = "+8 h"')
     (tmp_path / "over.toml").write_text(text)
     case = drift.load(tmp_path / "over.toml")
     with pytest.raises(
