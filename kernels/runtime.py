@@ -98,6 +98,7 @@ def start(backend: str = "cpu", threads: int | None = None) -> None:
                     # The machine's compiler finds again whatever this pass finds in a kernel, and the pass takes time
                     # in proportion to the square of the kernel's length.
                     cfg_optimization=False,
+                    advanced_optimization=backend != "cpu",  # likewise: half of the time of compiling
                     log_level=ti.ERROR,
                     offline_cache=True,
                     cpu_max_num_threads=count,
