@@ -94,9 +94,14 @@ class Scene:
         return moves
 
     def groups(self, ensemble: Ensemble) -> list[tuple[Model, Ranges, Group]]:
-        """Return the groups of an ensemble's scenarios: those of one model that see the same tiles of the forcing."""
+        """Return the groups of an ensemble's scenarios: those of one model that see the same tiles of the forcing.
+
+        What never goes adrift is in none.
+        """
         together: dict[tuple[Model, tuple[int, ...]], list[int]] = {}
         for number, (ranges, motion) in enumerate(zip(self.forcing.ranges, self.motions, strict=True)):
+            if self.steering and not self.steering.adrift(number):
+                continue
             together.setdefault((motion.model, ordered(ranges)), []).append(number)
         return [
             (model, self.forcing.ranges[own[0]], Group(ensemble.batch(own), tuple(self.motions[k].terms for k in own)))

@@ -57,6 +57,11 @@ class Steering(NamedTuple):
         """Numbers of the scenarios that steer."""
         return tuple(k for k, own in enumerate(self.itineraries) if own is not None)
 
+    def adrift(self, scenario: int) -> bool:
+        """Return whether anything of a scenario is adrift at some time."""
+        own = self.itineraries[scenario]
+        return own is None or own.distress is not None
+
     @property
     def feel(self) -> tuple[int, ...]:
         """Numbers of the scenarios that do not make good the current."""
