@@ -176,3 +176,13 @@ def test_examples_are_understood(page: str) -> None:
             given = parsed.get(name, [])
             for one in given if isinstance(given, list) else [given]:
                 table.model_validate(one)
+
+
+def test_faults_of_the_mutants_stand_where_they_say() -> None:
+    """Each once in its file, and its tests are there: a move of code once left a benchmark that could not start."""
+    faults = tomllib.loads((ROOT / "benchmarks" / "mutants.toml").read_text(encoding="utf-8"))["mutant"]
+    for fault in faults:
+        own = ROOT / fault["file"]
+        assert own.exists(), fault
+        assert own.read_text(encoding="utf-8").count(fault["find"]) == 1, fault
+        assert all((ROOT / "tests" / name).exists() for name in fault["tests"]), fault
