@@ -44,7 +44,6 @@ def _feel(
     elapsed: ti.i32,
     duration: ti.i32,
     step: ti.i32,
-    when: ti.i32,
     middle: ti.i32,
 ):
     for j in range(first, last):
@@ -65,24 +64,15 @@ def _feel(
             u, v = r[0] + error[0] + own.current_bias_east[i], r[1] + error[1] + own.current_bias_north[i]
             per_metre = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
             secant = 1.0 / sphere.cos_lat(lat[i])
-            wider = 0.0
-            if begin <= when and when <= until:  # where it is then is known, and how it goes
-                through = east[i] - columns.set_rate_lon[i] / (per_metre * secant)
-                so_far = columns.set_rate_lat[i] * ti.cast(when - begin, ti.f32)
-                reckoned = lat[i] - columns.set_lat[i] - ti.cast(ti.round(so_far), ti.i32)
-                wider = through * (secant - 1.0 / sphere.cos_lat(reckoned))
+            through = east[i] - columns.set_rate_lon[i] / (per_metre * secant)
+            so_far = columns.set_rate_lat[i] * ti.cast(middle * (until - begin) // 2, ti.f32)
+            reckoned = lat[i] - columns.set_lat[i] - ti.cast(ti.round(so_far), ti.i32)
+            wider = through * (secant - 1.0 / sphere.cos_lat(reckoned))
             if r[2] > 0.5:
                 columns.set_rate_lon[i] = (u * secant + wider) * per_metre
                 columns.set_rate_lat[i] = v * per_metre
             elif middle == 1:
                 columns.status[i], columns.status_since[i] = life.OUTSIDE, begin
-
-
-@ti.kernel
-def _still(listed: ti.template(), first: ti.i32, last: ti.i32, slots: Ints, columns: steer.Columns):
-    for j in range(first, last):
-        i = batch.slot(listed, slots, j)
-        columns.set_rate_lon[i], columns.set_rate_lat[i] = 0.0, 0.0
 
 
 def feel(columns, own: Batch, plan, seed: int, coast, error, sea, std: float, memory: float, step: Any) -> None:
@@ -92,16 +82,14 @@ def feel(columns, own: Batch, plan, seed: int, coast, error, sea, std: float, me
     columns of ERRORS [m/s], float32 (n,). sea: the current over the step (kernels.sample.Sea). std [m/s], memory [s]: of
     the current's error, a component. A target where the current is not known is lost: it has no forcing.
     """
-    _still(own.listed, own.first, own.last, own.slots, steer.packed(columns))
     for middle in (0, 1):
         lon, lat = runtime.copy(columns["lon"]), runtime.copy(columns["lat"])
         velocity = (
             runtime.upload(np.zeros(lon.shape[0], np.float32)),
             runtime.upload(np.zeros(lon.shape[0], np.float32)),
         )
-        when = step.elapsed + (step.duration // 2 if middle else 0)
-        steer.inside(columns, own, plan, seed, None, coast, step, (lon, lat), step.elapsed, when, 0, velocity)
+        steer.inside(columns, own, plan, seed, None, coast, step, (lon, lat), step.elapsed, 0, 0, velocity, middle)
         _feel(
             *own.launched, steer.packed(columns), launch.pack(Errors, *(error[name] for name in ERRORS)), sea,
-            lon, lat, *velocity, std, memory, *noise.key(seed), step.elapsed, step.duration, step.number, when, middle,
+            lon, lat, *velocity, std, memory, *noise.key(seed), step.elapsed, step.duration, step.number, middle,
         )  # fmt: skip

@@ -111,6 +111,24 @@ def drawn(key: Chance, number: ti.i32) -> ti.types.vector(4, ti.u32):
 
 
 @ti.func
+def first(key: Chance, phase: ti.i32) -> Chance:
+    """Return the key of a phase's first course, which is settled at birth."""
+    own = key
+    own.slot, own.step, own.count = key.birth, phase, -1
+    return own
+
+
+@ti.func
+def course_of(plan: ti.template(), key: Chance, phase: ti.i32):
+    """Return a course [rad] and a speed [m/s] of a phase that keeps them, and a word for when it changes them."""
+    at = phase * PHASE_LAW
+    w, v = drawn(key, 0), drawn(key, 1)
+    course = spreads.triangle(law(plan.phase_laws, at), noise.uniform(w[0]), noise.uniform(w[1]))
+    speed = spreads.triangle(law(plan.phase_laws, at + 4), noise.uniform(v[0]), noise.uniform(v[1]))
+    return course, speed, w[2]
+
+
+@ti.func
 def law(table: ti.template(), first: ti.i32) -> f32x4:
     return f32x4(table[first], table[first + 1], table[first + 2], table[first + 3])
 
@@ -320,16 +338,14 @@ def _way_point(
 def _course(plan: ti.template(), key: Chance, target: Target):
     """Return a target with a course and a speed, and when it changes them."""
     t = target
-    first = t.phase * PHASE_LAW
+    rate = plan.phase_laws[t.phase * PHASE_LAW + 12]
     own = key
-    if t.leg == 0:  # its first course is settled at birth
-        own.slot, own.step, own.count = key.birth, t.phase, -1
-    w, v = drawn(own, 0), drawn(own, 1)
-    t.course = spreads.triangle(law(plan.phase_laws, first), noise.uniform(w[0]), noise.uniform(w[1]))
-    t.speed = spreads.triangle(law(plan.phase_laws, first + 4), noise.uniform(v[0]), noise.uniform(v[1]))
+    if t.leg == 0:
+        own = first(key, t.phase)
+    t.course, t.speed, word = course_of(plan, own, t.phase)
     t.to_time = t.phase_end
-    if plan.phase_laws[first + 12] > 0.0:
-        wait = spreads.waiting(plan.phase_laws[first + 12], noise.uniform(w[2]))
+    if rate > 0.0:
+        wait = spreads.waiting(rate, noise.uniform(word))
         if wait < ti.cast(t.phase_end - t.time, ti.f32):
             t.to_time = t.time + ti.max(ti.cast(ti.round(wait), ti.i32), 1)
     t.to_lon, t.to_lat, t.leg = t.lon, t.lat, 1

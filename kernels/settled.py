@@ -5,10 +5,10 @@ It is a function of the birth slot, which copies made by resampling inherit, so 
 
 import taichi as ti
 
-from kernels import batch, itinerary, launch, noise, spreads
+from kernels import batch, itinerary, launch, noise
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
-from kernels.itinerary import COURSE, PHASE, PHASE_LAW, POINT_LAW, Chance, Plan
+from kernels.itinerary import COURSE, PHASE, POINT_LAW, Chance, Plan
 
 SPEED, FIRST_COURSE, DESTINATION, SPREAD_RATE, ARRIVAL = range(5)  # numbers in a row of `wanted`
 WANTED = 5
@@ -21,18 +21,6 @@ Settled = ti.types.argpack(
     k=Reals,  # [m/sqrt(s)]
     arrival=Ints,  # [s] when it comes to the end of its itinerary, unless its distress comes first; NEVER: unknown
 )
-
-
-@ti.func
-def first_course(plan: ti.template(), key: Chance, phase: ti.i32):
-    """Return the first course [rad] and speed [m/s] of a phase that keeps a course: as kernels.itinerary draws them."""
-    own = key
-    own.slot, own.step, own.count = key.birth, phase, -1
-    w, v = itinerary.drawn(own, 0), itinerary.drawn(own, 1)
-    at = phase * PHASE_LAW
-    course = spreads.triangle(itinerary.law(plan.phase_laws, at), noise.uniform(w[0]), noise.uniform(w[1]))
-    speed = spreads.triangle(itinerary.law(plan.phase_laws, at + 4), noise.uniform(v[0]), noise.uniform(v[1]))
-    return course, speed
 
 
 @ti.func
@@ -68,11 +56,11 @@ def _settle(
         if phase >= 0:
             out.speed[i] = itinerary.own_speed(plan, key, phase)
             if plan.phases[phase * PHASE] == COURSE:
-                _toward, fast = first_course(plan, key, phase)
+                _course, fast, _word = itinerary.course_of(plan, itinerary.first(key, phase), phase)
                 out.speed[i] = fast
         phase = wanted[row + FIRST_COURSE]
         if phase >= 0:
-            toward, _fast = first_course(plan, key, phase)
+            toward, _fast, _word = itinerary.course_of(plan, itinerary.first(key, phase), phase)
             out.course[i] = toward
         phase = wanted[row + DESTINATION]
         if phase >= 0:

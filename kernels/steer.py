@@ -259,6 +259,7 @@ def _store(columns: ti.template(), i: ti.i32, t: Target):
     dlon, dlat = set_at(t, t.time)
     columns.lon[i], columns.lat[i] = t.lon + dlon, t.lat + dlat
     columns.set_lon[i], columns.set_lat[i] = dlon, dlat
+    columns.set_rate_lon[i], columns.set_rate_lat[i] = 0.0, 0.0  # until the current is asked again
     columns.phase[i], columns.leg[i], columns.phase_end[i] = t.phase, t.leg, t.phase_end
     columns.to_lon[i], columns.to_lat[i], columns.to_time[i] = t.to_lon, t.to_lat, t.to_time
     columns.course[i], columns.speed[i] = t.course, t.speed
@@ -279,7 +280,8 @@ def _inside(
     elapsed: ti.i32,
     duration: ti.i32,
     step: ti.i32,
-    when: ti.i32,
+    then: ti.i32,
+    half: ti.i32,
     since: ti.i32,
     moment: ti.i32,
     at_lon: Ints,
@@ -290,7 +292,10 @@ def _inside(
     for j in range(first, last):
         i = batch.listed_slot(listed, slots, j)
         end = elapsed + duration
-        until = ti.min(end, before.release[i])
+        begin, until = ti.max(elapsed, before.departure[i]), ti.min(end, before.release[i])
+        when = then
+        if half >= 0:
+            when = begin + half * (until - begin) // 2
         if under_way(before, i, end) and when <= until and before.departure[i] <= when:
             t = loaded(before, i, elapsed)
             which = before.scenario[i]
@@ -460,16 +465,18 @@ def made(before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, r
 def inside(
     before, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, begin, since: int, when: int,
     moment: int,
-    velocity=None,
+    velocity=None, half: int = -1,
 ) -> None:  # fmt: skip
     """Write where targets under way are at a time inside a step that has been made.
 
     before: the columns at the step's begin, by name, those of COLUMNS. begin: lon, lat [binary angle] at `since` [s], on
     the device, which are overwritten where a target is under way at `when` [s]. moment: together with seed and slot the
     key of the noise there. velocity: east, north [m/s], float32 (n,) on the device, written likewise if it is asked for.
+    half: 0 or 1 asks instead of `when` for the begin or the middle of what each makes of the step.
     """
     east, north = velocity or (runtime.empty(begin[0].shape[0]), runtime.empty(begin[0].shape[0]))
     _inside(
         coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack,
-        Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, when, since, moment, *begin, east, north,
+        Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, when, half, since, moment, *begin,
+        east, north,
     )  # fmt: skip

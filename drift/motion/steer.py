@@ -5,7 +5,7 @@ docs/targets.md; the kernel is kernels.steer.
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -85,7 +85,7 @@ class Helm:
         whole: of which it is a part, if it is one.
         """
         self.batch: Batch = ensemble.batch(steering.scenarios if scenarios is None else scenarios)
-        self.plan = itinerary_tables.plan(steering.itineraries, steering.period)
+        self.plan: Any = whole.plan if whole else itinerary_tables.plan(steering.itineraries, steering.period)
         self._ensemble, self._steering, self._domain = ensemble, steering, domain
         self._coast = coast if any(own and own.land != "ignore" for own in steering.itineraries) else None
         self._parts: dict[tuple[int, ...], Helm] = {}
@@ -122,19 +122,8 @@ class Helm:
         """Add what a sensor does to targets on a stretch of the step just made: see kernels.sweep_targets.expose."""
         e = self._ensemble
         sweep_targets.expose(
-            self._made(kept, step),
-            self.batch,
-            e.scenario,
-            e.seed,
-            step,
-            kind,
-            track,
-            table,
-            scale,
-            unit,
-            exposure,
-            passed,
-        )
+            self._made(kept, step), self.batch, e.scenario, e.seed, step, kind, track, table, scale, unit, exposure, passed
+        )  # fmt: skip
 
     def born(self, tries: Device) -> None:
         """Draw where and when targets begin and go adrift: see kernels.steer.born."""
