@@ -32,13 +32,28 @@ BLOCK = 256
 
 
 @dataclass(frozen=True)
-class _Edges:
-    """Shoreline edges on the unit sphere, and balls that hold BLOCK of them each."""
+class Shore:
+    """A coast with its edges on the unit sphere, and balls that hold BLOCK of them each."""
 
+    coast: Coast
     ends: Array  # (m, 2, 3)
     middle: Array  # (m, 3), about halfway between the ends
     centre: Array  # (b, 3)
     reach: Array  # (b,) radius of the ball about `centre` that holds all middles of a block
+
+    @classmethod
+    def of(cls, coast: Coast) -> "Shore":
+        """Return a coast with its edges."""
+        lon, lat = (shoreline.edges(coast)[:, k::2] * sphere.UNIT for k in (0, 1))  # [rad] (m, 2)
+        ends = _vectors(lon, lat)
+        middle = ends.mean(axis=1)
+        begin = np.arange(0, len(middle), BLOCK)
+        if not begin.size:
+            return cls(coast, ends, middle, middle, np.empty(0))
+        count = np.diff(np.append(begin, len(middle)))
+        centre = np.add.reduceat(middle, begin) / count[:, None]
+        away = np.linalg.norm(middle - np.repeat(centre, count, axis=0), axis=1)
+        return cls(coast, ends, middle, centre, np.maximum.reduceat(away, begin))
 
 
 def refuse_lanes(network: Network, coast: Coast, routes: Sequence[Route] = ()) -> None:
@@ -48,7 +63,7 @@ def refuse_lanes(network: Network, coast: Coast, routes: Sequence[Route] = ()) -
     not cover the network.
     """
     wrong = []
-    for lane, width, where in touching(network, coast, routes):
+    for lane, width, where in touching(network, Shore.of(coast), routes):
         a, b = (network.name[int(node[lane])] for node in (network.start, network.end))
         wrong.append(
             f'lane "{a} - {b}": its corridor, {width} wide, touches land {where}; make it narrower or move a node'
@@ -57,16 +72,16 @@ def refuse_lanes(network: Network, coast: Coast, routes: Sequence[Route] = ()) -
         raise UserError(*wrong)
 
 
-def touching(network: Network, coast: Coast, routes: Sequence[Route] = ()) -> Iterator[tuple[int, str, str]]:
+def touching(network: Network, shore: Shore, routes: Sequence[Route] = ()) -> Iterator[tuple[int, str, str]]:
     """Give the number of each lane whose corridor touches land, how wide that is and where, in words.
 
     Raises ValueError where the coast does not cover the network.
     """
-    edges = _edges(coast)
+    coast = shore.coast
     for lane, corners in swept(network, routes).items():
         _known(coast, np.concatenate([corners.reshape(-1, 2), _halfway(corners)]))
         a, b = (int(node[lane]) for node in (network.start, network.end))
-        touched = _touched(network.lon[[a, b]], network.lat[[a, b]], corners, edges)
+        touched = _touched(network.lon[[a, b]], network.lat[[a, b]], corners, shore)
         if touched is None and not shoreline.is_land(coast, *_binary(network.lon[a], network.lat[a])):
             continue
         lon, lat, away = touched or (float(network.lon[a]), float(network.lat[a]), 0.0)
@@ -177,21 +192,7 @@ def _binary(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array]:
     return sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat))
 
 
-def _edges(coast: Coast) -> _Edges:
-    """Return the edges of a coast."""
-    lon, lat = (shoreline.edges(coast)[:, k::2] * sphere.UNIT for k in (0, 1))  # [rad] (m, 2)
-    ends = _vectors(lon, lat)
-    middle = ends.mean(axis=1)
-    begin = np.arange(0, len(middle), BLOCK)
-    if not begin.size:
-        return _Edges(ends, middle, middle, np.empty(0))
-    count = np.diff(np.append(begin, len(middle)))
-    centre = np.add.reduceat(middle, begin) / count[:, None]
-    away = np.linalg.norm(middle - np.repeat(centre, count, axis=0), axis=1)
-    return _Edges(ends, middle, centre, np.maximum.reduceat(away, begin))
-
-
-def _touched(lon: Array, lat: Array, corners: Array, edges: _Edges) -> tuple[float, float, float] | None:
+def _touched(lon: Array, lat: Array, corners: Array, shore: Shore) -> tuple[float, float, float] | None:
     """Return (lon [rad], lat, distance from the centre line [m]) where a corridor first meets the coast, going outward.
 
     Returns None where it does not. lon, lat: [rad] of the lane's nodes; corners: of its quadrilaterals, (q, 4, 2).
@@ -209,11 +210,11 @@ def _touched(lon: Array, lat: Array, corners: Array, edges: _Edges) -> tuple[flo
     # The plane's four lines that bound the corridor are planes through the Earth's centre; these are their normals.
     sides = np.array([[1, 0, -x0], [-1, 0, x1], [0, 1, -y0], [0, -1, y1]])
     sides = sides @ frame.T / np.linalg.norm(sides, axis=1)[:, None]
-    blocks = np.flatnonzero((edges.centre @ sides.T > -(edges.reach + HALF_EDGE)[:, None]).all(axis=1))
+    blocks = np.flatnonzero((shore.centre @ sides.T > -(shore.reach + HALF_EDGE)[:, None]).all(axis=1))
     near = (blocks[:, None] * BLOCK + np.arange(BLOCK)).ravel()
-    near = near[near < len(edges.middle)]
-    near = near[(edges.middle[near] @ sides.T > -HALF_EDGE).all(axis=1)]
-    lines = shapely.linestrings(_plane(edges.ends[near] @ frame))
+    near = near[near < len(shore.middle)]
+    near = near[(shore.middle[near] @ sides.T > -HALF_EDGE).all(axis=1)]
+    lines = shapely.linestrings(_plane(shore.ends[near] @ frame))
     shapely.prepare(corridor)
     lines = lines[shapely.intersects(corridor, lines)]
     if not lines.size:

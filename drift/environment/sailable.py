@@ -67,6 +67,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
         except UserError as error:
             wrong |= dict.fromkeys(error.lines)
     seen: dict[InRing | Ways, None] = {}
+    shore = corridors.Shore.of(coast)
     for name, own in stories:
         for number, phase in enumerate(own.phases, 1):
             place = f'scenario "{name}".phase {number}'
@@ -79,7 +80,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                     wrong |= dict.fromkeys(error.lines)
             elif isinstance(phase, Ways) and (legs := _voyage(phase)) is not None:
                 route = lanes.route(legs, legs.name)
-                for lane, width, where in corridors.touching(legs, coast, [route]):
+                for lane, width, where in corridors.touching(legs, shore, [route]):
                     wrong[
                         f"{place}.voyage: leg {lane + 1}, {width} wide with {SPREADS:g} standard deviations of "
                         f'cross_track to each side, touches land {where}; move its waypoints, or say vessel.land = "stop" '

@@ -1,7 +1,7 @@
 """Built-in synthetic flows in closed form: for the shipped case, for tests, for a first try without a file.
 
-A flow is placed at points, flow(lon, lat) [deg], and then tells its velocity at any time there:
-velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s]. Its clock is absolute, so that a flow is the same
+A flow is placed at points, flow(lon, lat) [deg], of shapes that broadcast, and then tells its velocity at any time there:
+velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s], of their common shape. Its clock is absolute, so that a flow is the same
 whenever a run starts.
 """
 
@@ -127,7 +127,8 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     squeeze = np.cos(np.radians(26.0))  # all is computed in a plane about 26 N: x = lon * squeeze * METRES
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
-        x, y = np.broadcast_arrays(-88.0 + _east_of(lon, -88.0), np.asarray(lat, float))
+        a, b = -88.0 + _east_of(lon, -88.0), np.asarray(lat, float)
+        x, y = np.broadcast_arrays(a, b)
         side, side_x, side_y = _beside(_smooth(LOOP), squeeze, x, y)
         edge, edge_x, edge_y = _beside(_smooth(SHELF), squeeze, x, y)
         depth = np.tanh((edge - 20e3) / 40e3)
@@ -151,12 +152,13 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
                 narrow = np.cos(np.radians(e_lat))
                 c_lon = e_lon - west * 5e3 * np.sin(phase) / (METRES * narrow)
                 c_lat = e_lat + north * 5e3 * np.cos(phase) / METRES
-                dx, dy = (x - c_lon) * METRES * narrow, (y - c_lat) * METRES
+                dx, dy = (a - c_lon) * METRES * narrow, (b - c_lat) * METRES
                 r = radius * 1e3  # [m] radius at which the swirl is fastest
-                eddy = swirl * r * np.exp(0.5 - (dx * dx + dy * dy) / (2 * r * r))
-                psi = psi - eddy
-                psi_x = psi_x + eddy * dx / (r * r) * (narrow / squeeze)
-                psi_y = psi_y + eddy * dy / (r * r)
+                # On a grid a Gaussian is one of its rows times one of its columns.
+                row, column = swirl * r * np.exp(0.5 - dx * dx / (2 * r * r)), np.exp(-dy * dy / (2 * r * r))
+                psi -= row * column
+                psi_x += row * dx * (narrow / squeeze / (r * r)) * column
+                psi_y += row * (dy / (r * r) * column)
             turn = 2 * np.pi * seconds / TIDE
             east = -(psi_y * deep + psi * deep_y)
             north = (psi_x * deep + psi * deep_x) * (squeeze / cosine)
@@ -224,7 +226,7 @@ def breeze(
     """
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
-        x, y = np.broadcast_arrays(_east_of(lon, middle), np.asarray(lat, float))
+        x, y = _east_of(lon, middle), np.asarray(lat, float)
 
         def velocity(seconds: float) -> tuple[Array, Array]:
             days = seconds / DAY

@@ -203,7 +203,7 @@ def analytic(
     times = first + hour * np.arange(int(np.ceil((last - first) / hour)) + 1)
     if len(times) < 2:
         times = first + hour * np.arange(2)
-    velocity = flow(*np.meshgrid(grid.lon, grid.lat))
+    velocity = flow(grid.lon[None, :], grid.lat[:, None])
 
     def read(i: int) -> NDArray[np.float32]:
         result = np.empty((grid.nlat, grid.nlon, 2), np.float32)

@@ -42,7 +42,9 @@ def fill(
     inside a model's own domain: outside it a missing value means that the water is unknown, not that there is land.
     """
     result = np.array(values, np.float32, order="C")
-    wet = np.asarray(np.isfinite(result).all(axis=2)) if reach > 0 else None
+    if np.isfinite(result).all():
+        return result
+    wet = _wet(result) if reach > 0 else None
     _rings(result, cells, seamless)
     if wet is not None and wet.any() and not wet.all():
         allowed = None if within is None else np.packbits(within).tobytes()
@@ -75,7 +77,7 @@ def _rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
     body = result[:, :-1] if seamless else result
     ny, nx = body.shape[:2]
     for _ in range(cells):
-        wet = np.asarray(np.isfinite(body).all(axis=2))
+        wet = _wet(body)
         if wet.all() or not wet.any():
             break
         # a frame of one cell round everything: land, or the values across the seam
@@ -94,6 +96,11 @@ def _rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
         body[ring] = total[ring] / neighbours[ring][:, None]
     if seamless:
         result[:, -1] = result[:, 0]
+
+
+def _wet(values: NDArray[np.float32]) -> Mask:
+    """Return the nodes (nlat, nlon) none of whose k values is missing; `all(axis=2)` of few values takes five times as long."""
+    return functools.reduce(np.logical_and, (np.isfinite(values[..., k]) for k in range(values.shape[2])))
 
 
 @functools.lru_cache(MASKS)
