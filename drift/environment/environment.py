@@ -22,6 +22,7 @@ from geo.coast import edges as shoreline
 from geo.coast.shore import Shore
 from geo.errors import UserError
 from geo.forcing import memory, sources, stream
+from geo.forcing.kept import Finished, Shelf
 from geo.forcing.quantity import QUANTITIES, needed
 from geo.forcing.sources import Source
 
@@ -76,6 +77,10 @@ def open_for(
     """
     box = domain.bounds(spec, asked)
     opened = {(source.quantity, source.name): _open(source, box, spec.period, held, common) for source in asked.sources}
+    finished = Finished(first=True)  # the step is chosen on what the run then drifts in
+    opened = {
+        key: source if source.shelf else replace(source, shelf=Shelf(key, finished)) for key, source in opened.items()
+    }
     cells = {(source.quantity, source.name): source.fill for source in asked.sources}
     added = frozenset((source.quantity, source.name) for source in asked.sources if source.add)
     opened = {key: _with_notes(source, added) for key, source in opened.items()}

@@ -1,4 +1,4 @@
-"""Slices that stay in memory, for many forecasts from the same files.
+"""Slices that stay in memory, for many forecasts from the same files and for the passes of one over its forcing.
 
 Of a variable they are kept as they are read, of a source as they are sampled.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from geo.array import Array
 from geo.grids.layout import Index
 
-# [bytes] of one component, and of all finished slices. What was used longest ago is dropped first.
+# [bytes] of one component, and of all finished slices.
 MOST = 2**28
 
 
@@ -47,10 +47,13 @@ class Kept:
 class Finished:
     """Slices of parts of sources, ready to be sampled: true east and north, filled towards the coast.
 
-    Only what is the same in every bit may share a key: slices of one part of one source, filled equally deep.
+    Only what is the same in every bit may share a key: slices of one part of one source, filled equally deep. Once
+    there is no room, what was used longest ago is dropped; or, with `first`, what comes is not kept: a second pass from
+    the same begin would find nothing of one that is longer than the room.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, first: bool = False) -> None:
+        self._first = first
         self._slices: dict[Hashable, Array] = {}
         self._size = 0  # [bytes]
         self._guard = threading.Lock()
@@ -66,6 +69,8 @@ class Finished:
     def keep(self, key: Hashable, values: Array) -> None:
         """Keep a slice, which must not be changed from now on."""
         with self._guard:
+            if self._first and self._size + values.nbytes > MOST:
+                return
             self._size += values.nbytes - getattr(self._slices.pop(key, None), "nbytes", 0)
             self._slices[key] = values
             while len(self._slices) > 1 and self._size > MOST:

@@ -1,0 +1,14 @@
+"""Shipped cases that are run once for two questions: is it what a second opinion says, and what the case expects?"""
+
+from typing import Any
+
+from drift.case import expect
+from drift.forecast import tables
+from drift.output import formats
+
+COMPARED = ("overdue_boat", "norkyst_raft", "overdue_yacht")  # in test_case_oracles.py; test_cases.py runs the others
+
+
+def misses(result: Any) -> list[str]:
+    """Return what a result misses of what its case expects at the end, a line each."""
+    return expect.misses(result.case.expect, formats.plain(tables.numbers(result.forecast))["outputs"][-1])
