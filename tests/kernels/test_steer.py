@@ -331,7 +331,7 @@ def test_loitering_keeps_the_uniform_law() -> None:
     lon, lat = fleet["lon"], fleet["lat"]
     shape = shapely.Polygon(corners)
     assert shapely.contains_xy(shape.buffer(2e-4), lon, lat).all()
-    uniform = _in_polygon(rng, np.radians(corners), 2_000_000)
+    uniform = _in_polygon(rng, np.radians(corners), 500_000)
     edges = np.linspace(-12, -7, 15), np.linspace(60, 62.3, 13)
     expected, *_ = np.histogram2d(*np.degrees(uniform), bins=edges)
     found, *_ = np.histogram2d(lon, lat, bins=edges)

@@ -13,7 +13,7 @@ from kernels.noise import key
 from kernels.sample import Tiles
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
-N = 200_000
+N = 100_000
 HOURS = 24
 AT = (np.radians(-179.9), np.radians(60.0))
 NOWHERE: dict[str, tuple[int, int]] = {}
@@ -210,7 +210,7 @@ def test_debris_jibes_and_walks_on_its_own() -> None:
 @pytest.mark.parametrize("step", [3600, 600])
 def test_jibing_swaps_the_whole_line_at_its_rate(step: int) -> None:
     """Sides form a telegraph process: the mean of side(0) side(t) is exp(-2 r t) (Kac 1974)."""
-    rate, n = 0.1 / 3600, 100_000
+    rate, n = 0.1 / 3600, 50_000
 
     def equip(ensemble: record.Ensemble) -> None:
         ensemble.own["right_slope"].fill(0.02)
@@ -218,7 +218,7 @@ def test_jibing_swaps_the_whole_line_at_its_rate(step: int) -> None:
         ensemble.own["left_slope"].fill(-0.01)
         ensemble.own["left_offset"].fill(0.03)
 
-    still = drifted(kernel.Physics(), step, {"wind": (0, 1)}, uniform_wind(10.0), equip, n)
+    still = drifted(kernel.Physics(), step, {"wind": (0, 1)}, uniform_wind(10.0), equip, 100)
     east = offsets(still)[0]
     assert east == pytest.approx(0.25 * HOURS * 3600, rel=1e-4)  # all on the right line: slope and offset of it
 
