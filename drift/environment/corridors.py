@@ -27,8 +27,10 @@ from geo.notation import NMI
 # this up to 85 degrees of latitude. Positions of particles are stored to 9 mm.
 CLEAR = 10.0  # [m] that must lie between a corridor and the coast
 HALF_EDGE = shoreline.LONGEST_EDGE * sphere.UNIT  # [rad] more than from an edge's middle to its end
-# Edges that follow each other are mostly near each other, and most such blocks are far from a lane.
+# In strips of latitude from west to east, edges that follow each other are near each other: most such blocks are far
+# from a lane.
 BLOCK = 256
+STRIP = np.radians(0.25)
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,8 @@ class Shore:
     def of(cls, coast: Coast) -> "Shore":
         """Return a coast with its edges."""
         lon, lat = (shoreline.edges(coast)[:, k::2] * sphere.UNIT for k in (0, 1))  # [rad] (m, 2)
-        ends = _vectors(lon, lat)
+        order = np.lexsort((lon[:, 0], np.floor(lat[:, 0] / STRIP)))
+        ends = _vectors(lon[order], lat[order])
         middle = ends.mean(axis=1)
         begin = np.arange(0, len(middle), BLOCK)
         if not begin.size:
