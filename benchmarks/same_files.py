@@ -30,6 +30,10 @@ COMMANDS = {
     "biscay_drifter": (("run",), ("check",)),
     "paria_boat": (("run",), ("check",)),
     "paria": (("run",), ("check",)),
+    "overdue_yacht": (("run",), ("check",)),
+    "cast_submarine": (("run",), ("check",)),
+    "medsearch_transit": (("run",), ("check",)),
+    "smuggler_bridge": (("run",), ("check",)),
 }
 TIMES = {"date_created", "history", "wall_time_s"}  # of making, not of what is made
 DIGESTS = {"manifest.json"}  # they follow from the other files
