@@ -209,7 +209,7 @@ def _field(
     fall = value - np.concatenate([value[1:], np.zeros((1, tracks.m))])
     groups = {unit.group or unit.name: unit.shape for unit in units}
     wander, more = _wander(tracks, units)
-    curve = concave.curve(list(dict.fromkeys(unit.law for unit in units)), list(groups.values()), wander)
+    curve = concave.curve(tuple(dict.fromkeys(unit.law for unit in units)), tuple(groups.values()), wander)
     sweep_rates = widths * np.array([unit.search_speed for unit in units])
     if tracks.turn is not None:
         sweep_rates *= np.concatenate([np.ones(more.shape), more, more])

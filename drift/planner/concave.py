@@ -25,6 +25,7 @@ That bounds any share.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -54,7 +55,8 @@ class Curve:
         return float(self.slope[0])
 
 
-def curve(used: Sequence[Law], shapes: Sequence[float] = (), wander: float = 0.0) -> Curve:
+@lru_cache(maxsize=16)
+def curve(used: tuple[Law, ...], shapes: tuple[float, ...] = (), wander: float = 0.0) -> Curve:
     """Return the concave curve that bounds every use of some laws together.
 
     shapes: of the gamma distribution of each independent unknown factor of sweep width (inf: known); none: known. wander:

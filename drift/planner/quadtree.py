@@ -1,20 +1,19 @@
 """Boxes on a plane that hold about equally many particles each, and no more sea than these span."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from geo.array import Array
 
-Shape = Callable[[Array], tuple[Array, Array]]  # returns points in the axes of boxes, and the boxes' proportions
-
 # Differences of mean logarithms of density:
 FIRM = 0.03  # other boxes must be so much likelier than squares; less may be chance, or the rim of the cloud
 LINES = 0.08  # patches are so much likelier where a cloud lies along lines that boxes of the whole cannot follow
 CLEARLY = 2.0  # by which two halves of a box must be likelier than it: twice that is Akaike's criterion of two numbers
+EQUAL = 1 + 1e-9  # by which an effective number must exceed a limit: 16 particles of one weight are 16, however summed
 PATCHES = (12, 40)  # numbers of patches into which a cloud is divided for boxes of their own directions
 
 
@@ -48,43 +47,40 @@ def fit(x: Array, y: Array, weight: Array, most: float, fewest: float, least: fl
     that they are too wide. Boxes of more than `fewest` are cut where they are clearly uneven, because a few particles
     close together would otherwise count as spread over the whole box. least: smallest side [m] that counts.
     """
-    everyone = np.arange(len(x))
-
-    def grown(members: Array, shape: Shape, few: float = np.inf) -> Boxes:
-        return grow(x[members], y[members], weight[members], most, shape, few, least)
-
-    def likely(members: Array, shape: Shape) -> float:
-        return likelihood(grown(members, shape), weight[members], least)
-
-    effective = float(weight.sum() ** 2 / (weight @ weight))
-    candidates: list[list[tuple[Array, Shape]]] = [[(everyone, straight)], [(everyone, bent)]]
-    likelihoods = [likely(everyone, straight), likely(everyone, bent)]
+    points, mass = np.stack([x, y]), float(weight.sum())
+    effective = mass**2 / float(weight @ weight)
+    plain, curved = _plain(points), _bent(points, [np.arange(len(x))])
+    candidates = [(laid, _whole(laid.place)) for laid in (plain, curved)]
+    squares, along = (_grown(laid, weight, whole, most) for laid, whole in candidates)
+    terms = _terms(plain, weight, squares, least)
+    likelihoods = [float(terms.sum()) / mass, float(_terms(curved, weight, along, least).sum()) / mass]
+    patch = candidates[0][1]
     for patches in PATCHES:
         if effective / patches < 2 * most:
             break
-        patch = grow(x, y, weight, effective / patches)
-        places = [everyone[patch.of == k] for k in range(patch.count)]
-        candidates.append([(members, max((straight, bent), key=partial(likely, members))) for members in places])
-        joined = _joined([grown(*part) for part in candidates[-1]], candidates[-1])
-        likelihoods.append(likelihood(joined, weight, least))
+        patch = _grown(plain, weight, patch, effective / patches)
+        curved = _bent(points, [np.sort(members) for members in np.split(patch.order[0], patch.start[1:-1])])
+        along = _grown(curved, weight, _relaid(curved.place, patch), most)
+        # The patches are parts of which the squares are parts.
+        own = np.add.reduceat(terms, np.searchsorted(squares.start, patch.start[:-1]))
+        other = np.add.reduceat(_terms(curved, weight, along, least), np.searchsorted(along.start, patch.start[:-1]))
+        follows = (other > own)[_number(patch)]
+        mixed = _Laid(*(np.where(follows, v, u) for u, v in zip(plain, curved, strict=True)))
+        candidates.append((mixed, patch))
+        likelihoods.append(float(np.maximum(own, other).sum()) / mass)
     best = int(np.argmax(likelihoods))
     if likelihoods[best] <= likelihoods[0] + FIRM:
         best = 0
     elif best > 1 and most > fewest and likelihoods[best] > max(likelihoods[:2]) + LINES:
         return fit(x, y, weight, fewest, fewest, least)
-    return _joined([grown(members, shape, fewest) for members, shape in candidates[best]], candidates[best])
+    laid, parts = candidates[best]
+    return _boxes(points, laid, _grown(laid, weight, _relaid(laid.place, parts), most, fewest, least))
 
 
-def _joined(parts: Sequence[Boxes], laid: Sequence[tuple[Array, Shape]]) -> Boxes:
-    """Return the boxes of several parts of a cloud as those of the whole.
-
-    laid: particles (and shape) of each part.
-    """
-    box_of, count = np.empty(sum(len(members) for members, _ in laid), np.int64), 0
-    for (members, _), boxes in zip(laid, parts, strict=True):
-        box_of[members] = boxes.of + count
-        count += boxes.count
-    return Boxes(box_of, *(np.concatenate([getattr(boxes, v) for boxes in parts]) for v in ("low", "high", "sides")))
+def grow(x: Array, y: Array, weight: Array, most: float) -> Boxes:
+    """Return boxes north and south of at most `most` effective particles each, of particles at x, y [m], (m,)."""
+    points = np.stack([x, y])
+    return _boxes(points, _plain(points), _grown(_plain(points), weight, _whole(points), most))
 
 
 def likelihood(boxes: Boxes, weight: Array, least: float) -> float:
@@ -96,64 +92,135 @@ def likelihood(boxes: Boxes, weight: Array, least: float) -> float:
     return float(mass @ np.log(mass / np.prod(np.maximum(boxes.sides, max(least, 1e-3)), axis=1))) / float(mass.sum())
 
 
-def straight(points: Array) -> tuple[Array, Array]:
-    """Return points (n, 2) as they are, and the proportions of squares, (2,)."""
-    return points, np.ones(2)
+class _Laid(NamedTuple):
+    """Points (n) in the axes of the boxes that are to hold them."""
+
+    place: Array  # float64 (2, n) in the boxes' proportions
+    scale: Array  # float64 [m] (2, n) or (2, 1): these proportions
 
 
-def bent(points: Array) -> tuple[Array, Array]:
-    """Return points (n, 2) along and across their curved principal axis, and their standard deviations, (2,).
+class Parts(NamedTuple):
+    """Points (n) in parts (k)."""
 
-    The axis is curved by a parabola, which is subtracted across: such a shear changes no area.
+    order: Array  # int64 (2, n): numbers of the points along each axis, part by part
+    start: Array  # int64 (k + 1,): where each part begins there
+
+
+def _plain(points: Array) -> _Laid:
+    """Return points (2, n) [m] in squares north and south."""
+    return _Laid(points, np.ones((2, 1)))
+
+
+def _bent(points: Array, parts: Sequence[Array]) -> _Laid:
+    """Return points (2, n) [m] along and across the curved principal axis of their own part, in standard deviations.
+
+    The axis is curved by a parabola, which is subtracted across: such a shear changes no area. parts: numbers of the
+    points of each.
     """
-    centred = points - points.mean(axis=0)
-    axes = np.linalg.eigh(centred.T @ centred)[1]
-    across, along = (centred @ axes).T
-    scale = max(float(along.std()), 1e-3)
-    powers = (along / scale)[:, None] ** np.arange(3)
-    across = across - powers @ np.linalg.lstsq(powers, across, rcond=None)[0]
-    return np.column_stack([along, across]), np.array([scale, max(float(across.std()), 1e-3)])
+    rows, (place, scale) = np.ascontiguousarray(points.T), np.empty((2, *points.shape))
+    for members in parts:
+        centred = rows[members] - rows[members].mean(axis=0)
+        across, along = (centred @ np.linalg.eigh(centred.T @ centred)[1]).T
+        long = max(float(along.std()), 1e-3)
+        powers = (along / long)[:, None] ** np.arange(3)
+        across = across - powers @ np.linalg.lstsq(powers, across, rcond=None)[0]
+        scale[:, members] = np.array([[long], [max(float(across.std()), 1e-3)]])
+        place[:, members] = np.stack([along, across]) / scale[:, members]
+    return _Laid(place, scale)
 
 
-def grow(
-    x: Array,
-    y: Array,
-    weight: Array,
-    most: float,
-    lie: Shape = straight,
-    fewest: float = np.inf,
-    least: float = 1.0,
-) -> Boxes:
-    """Return boxes of at most `most` effective particles each, of particles at x, y [m] with weight, (m,).
+def _whole(place: Array) -> Parts:
+    """Return points at a place, (2, n), in one part."""
+    order = np.argsort(place, axis=1)  # several times as fast as one that keeps the order of equals, which are rare
+    if np.any(np.diff(np.take_along_axis(place, order, axis=1)) == 0):
+        order = np.argsort(place, axis=1, kind="stable")
+    return Parts(order, np.array([0, place.shape[1]]))
 
-    Each is halved across its longer side, in the proportions of `lie`, as in a k-d tree (Bentley 1975,
-    doi:10.1145/361002.361007). A box of more than `fewest` is cut again where its particles are clearly denser on one
-    side (`cut`). least: smallest side [m] that counts.
+
+def _relaid(place: Array, parts: Parts) -> Parts:
+    """Return the same parts of points that are at another place, (2, n)."""
+    return Parts(_by_part(_whole(place).order, _number(parts)), parts.start)
+
+
+def _number(parts: Parts) -> Array:
+    """Return the part of each point, (n,)."""
+    number = np.empty(parts.order.shape[1], np.int64)
+    number[parts.order[0]] = np.repeat(np.arange(len(parts.start) - 1), np.diff(parts.start))
+    return number
+
+
+def _by_part(order: Array, number: Array) -> Array:
+    """Return points (2, n) by their part, and in their order in each; number: of each point's part, (n,)."""
+    small = number.astype(np.min_scalar_type(number.max()))  # integers of up to 16 bits are sorted by radix
+    return np.stack([along[np.argsort(small[along], kind="stable")] for along in order])
+
+
+def _ends(place: Array, parts: Parts) -> tuple[Array, Array]:
+    """Return the least and the greatest place in each part, (2, k)."""
+    low, high = (
+        np.take_along_axis(place, parts.order[:, at], axis=1) for at in (parts.start[:-1], parts.start[1:] - 1)
+    )
+    return low, high
+
+
+def _sides(laid: _Laid, parts: Parts) -> Array:
+    """Return the sides [m] of parts, (2, k)."""
+    low, high = _ends(laid.place, parts)
+    scale = np.broadcast_to(laid.scale, laid.place.shape)[:, parts.order[0][parts.start[:-1]]]
+    return np.asarray((high - low) * scale)
+
+
+def _boxes(points: Array, laid: _Laid, parts: Parts) -> Boxes:
+    """Return the boxes that parts of points (2, n) [m] are."""
+    ordered, first = points.take(parts.order[0], axis=1), parts.start[:-1]
+    low, high = (extreme.reduceat(ordered, first, axis=1).T for extreme in (np.minimum, np.maximum))
+    return Boxes(_number(parts), low, high, _sides(laid, parts).T)
+
+
+def _terms(laid: _Laid, weight: Array, parts: Parts, least: float) -> Array:
+    """Return what each part adds to the logarithm of likelihood, (k,); least: smallest side [m] that counts."""
+    mass = np.add.reduceat(weight[parts.order[0]], parts.start[:-1])
+    return np.asarray(mass * np.log(mass / np.prod(np.maximum(_sides(laid, parts), max(least, 1e-3)), axis=0)))
+
+
+def _grown(laid: _Laid, weight: Array, parts: Parts, most: float, fewest: float = np.inf, least: float = 1.0) -> Parts:
+    """Return parts of at most `most` effective points each.
+
+    Each is halved across its longer side, in its proportions, as in a k-d tree (Bentley 1975,
+    doi:10.1145/361002.361007), all of them in one go. A part of more than `fewest` is cut again where its points are
+    clearly denser on one side (`cut`). least: smallest side [m] that counts.
     """
-    points = np.column_stack([x, y])
-    scaled, scale = lie(points)
-    scaled = scaled / scale
-    box_of = np.empty(len(x), np.int64)
-    corners: list[tuple[Array, Array]] = []
-    sides: list[Array] = []
-    pending = [np.arange(len(x))]
-    while pending:
-        members = pending.pop()
-        places, w = scaled[members], weight[members]
-        span = places.max(axis=0) - places.min(axis=0)
-        effective = w.sum() ** 2 / (w @ w)
-        if len(members) > 1 and effective > most and span.any():
-            half = len(members) // 2
-            members = members[np.argpartition(places[:, int(span[1] >= span[0])], half)]
-            pending += [members[half:], members[:half]]
-        elif effective > fewest and span.any() and (parts := cut(places * scale, w, fewest / 2, least)):
-            pending += [members[part] for part in parts]
-        else:
-            box_of[members] = len(corners)
-            corners.append((points[members].min(axis=0), points[members].max(axis=0)))
-            sides.append(span * scale)
-    low, high = (np.array([corner[k] for corner in corners]) for k in (0, 1))
-    return Boxes(box_of, low, high, np.array(sides))
+    square, even = weight * weight, np.zeros(len(weight), bool)  # even: points of parts that are not to be cut
+    while True:
+        size, first = np.diff(parts.start), parts.start[:-1]
+        low, high = _ends(laid.place, parts)
+        mass, squares = (np.add.reduceat(v[parts.order[0]], first) for v in (weight, square))
+        effective = np.where((size > 1) & np.any(high > low, axis=0), mass**2 / squares, 0.0)
+        halve = effective > most * EQUAL
+        axis, below = (high[1] - low[1] >= high[0] - low[0]).astype(np.int64), np.where(halve, size // 2, size)
+        tried = np.flatnonzero(~halve & (effective > fewest * EQUAL) & ~even[parts.order[0][first]])
+        if len(tried):
+            axis[tried], below[tried] = cut(laid.place * laid.scale, weight, parts, tried, fewest / 2, least)
+            even[parts.order[0]] |= np.repeat(~halve & (below == size), size)
+        if np.all(below == size):
+            return parts
+        parts = _divided(parts, axis, below, swapped=~halve)
+
+
+def _divided(parts: Parts, axis: Array, below: Array, swapped: Array | bool = False) -> Parts:
+    """Return parts in two each, first what is below along an axis, unless swapped; those with all below stay whole.
+
+    below: how many points of each part are, (k,).
+    """
+    size = np.diff(parts.start)
+    rank = np.arange(parts.start[-1]) - np.repeat(parts.start[:-1], size)
+    second = (rank >= np.repeat(below, size)) ^ np.repeat(np.broadcast_to(swapped, size.shape), size)
+    number = np.empty(len(rank), np.int64)
+    number[parts.order[np.repeat(axis, size), np.arange(len(rank))]] = (
+        2 * np.repeat(np.arange(len(size)), size) + second
+    )
+    sizes = np.bincount(number)
+    return Parts(_by_part(parts.order, number), np.concatenate([[0], np.cumsum(sizes[sizes > 0])]))
 
 
 def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: float) -> Boxes:
@@ -163,22 +230,19 @@ def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: f
     particles at a time, and on to `fewest` where that makes the points clearly likelier (as a tree of regression is
     pruned, Breiman and others 1984). copies: how many times each particle counts; least: smallest side [m] that counts.
     """
-    points, order, start = np.stack([x, y]), np.arange(len(x)), np.array([0, len(x)])
+    points = np.stack([x, y])
     depth = max(math.ceil(math.log2(len(x) / (most * copies))), 0)
     deepest = max(math.floor(math.log2(len(x) / (fewest * copies))), depth)
-    lows, highs, starts = [], [], []
-    for level in range(deepest + 1):
-        lows.append(np.minimum.reduceat(points[:, order], start[:-1], axis=1))
-        highs.append(np.maximum.reduceat(points[:, order], start[:-1], axis=1))
-        starts.append(start)
-        if level < deepest:
-            size = np.diff(start)
-            longer = np.argmax(highs[-1] - lows[-1], axis=0)
-            order = order[np.lexsort((points[np.repeat(longer, size), order], np.repeat(np.arange(len(size)), size)))]
-            start = np.append(np.column_stack([start[:-1], start[:-1] + size // 2]).ravel(), len(x))
+    parts = _whole(points)
+    starts, ends = [parts.start], [_ends(points, parts)]
+    for _ in range(deepest):
+        low, high = ends[-1]
+        parts = _divided(parts, np.argmax(high - low, axis=0), np.diff(parts.start) // 2)
+        starts.append(parts.start)
+        ends.append(_ends(points, parts))
     best, split = np.zeros(0), []  # logarithms of likelihood; which boxes of each level are halved
     for level in range(deepest, depth - 1, -1):
-        low, high = lows[level], highs[level]
+        low, high = ends[level]
         count = np.maximum(np.diff(starts[level]) / copies, 1.5)
         # On average, n even points span (n - 1) / (n + 1) of each side of their box.
         extent = np.maximum((high - low) * ((count + 1) / (count - 1)), least)
@@ -191,41 +255,54 @@ def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: f
     for level, halve in enumerate(reversed(split), depth):
         leaves.append((level, np.flatnonzero(alive & ~halve)))
         alive = np.repeat(alive & halve, 2)
-    low, high = (np.concatenate([part[level][:, at] for level, at in leaves], axis=1).T for part in (lows, highs))
+    low, high = (np.concatenate([ends[level][k][:, at] for level, at in leaves], axis=1).T for k in (0, 1))
     begin = np.concatenate([starts[level][at] for level, at in leaves])
     size = np.concatenate([np.diff(starts[level])[at] for level, at in leaves])
     box_of, laid = np.empty(len(x), np.int64), np.argsort(begin)
-    box_of[order] = np.repeat(laid, size[laid])
+    box_of[parts.order[0]] = np.repeat(laid, size[laid])
     return Boxes(box_of, low, high, high - low)
 
 
-def cut(points: Array, weight: Array, fewest: float, least: float) -> tuple[Array, Array] | None:
-    """Return which points (n, 2) lie on either side of the best cut of their box.
+def cut(points: Array, weight: Array, parts: Parts, some: Array, fewest: float, least: float) -> tuple[Array, Array]:
+    """Return the axis of the best cut of some parts, and how many points lie below it: all where they may be even.
 
-    Returns None where they may be even in it. A cut counts if it makes n effective points more than n^3 times likelier.
+    points: [m] (2, n); some: numbers of parts, (k,). A cut counts if it makes n effective points more than n^3 times likelier.
     Even boxes are then cut by chance in 1 % of cases with 20 points and in 0.4 % with 80; with n^2 it would be one in
     twelve and one in seventeen.
     """
-    count = float(weight.sum() ** 2 / (weight @ weight))
-    best, parts = 3 * np.log(count), None
-    for axis in (0, 1):
-        order = np.argsort(points[:, axis], kind="stable")
-        sorted_points, share = points[order], weight[order] * (count / weight.sum())
-        below, above = _logs(sorted_points, share, least), _logs(sorted_points[::-1], share[::-1], least)[::-1]
-        mass = np.cumsum(share)[:-1]
-        gain = np.where((mass >= fewest) & (count - mass >= fewest), below[:-1] + above[1:] - below[-1], -np.inf)
-        if len(gain) and gain.max() > best:
-            k = int(np.argmax(gain)) + 1
-            best, parts = float(gain.max()), (order[:k], order[k:])
-    return parts
+    axis, below = np.zeros(len(some), np.int64), np.diff(parts.start)[some]
+    long = np.ceil(np.log2(below))
+    for length in np.unique(long):  # parts of nearly equal length side by side, the shorter padded by their last point
+        rows = np.flatnonzero(long == length)
+        size = below[rows]
+        rank = np.arange(size.max())
+        at = parts.start[some[rows], None] + np.minimum(rank, size[:, None] - 1)
+        best = np.full(len(rows), -np.inf)
+        for k in (0, 1):
+            members = parts.order[k][at]
+            own = np.where(rank < size[:, None], weight[members], 0.0)
+            mass = own.sum(axis=1)
+            count = (mass**2 / np.sum(own * own, axis=1))[:, None]
+            share = own * (count / mass[:, None])
+            laid = points[:, members]
+            low, high = _logs(laid, share, least), _logs(laid[..., ::-1], share[:, ::-1], least)[:, ::-1]
+            before = np.cumsum(share, axis=1)[:, :-1]
+            gain = np.where(
+                (before >= fewest) & (count - before >= fewest), low[:, :-1] + high[:, 1:] - low[:, -1:], -np.inf
+            )
+            top = gain.max(axis=1)
+            better = top > np.maximum(best, 3 * np.log(count[:, 0]))
+            best = np.where(better, top, best)
+            axis[rows[better]], below[rows[better]] = k, gain.argmax(axis=1)[better] + 1
+    return axis, below
 
 
 def _logs(points: Array, share: Array, least: float) -> Array:
     """Return the logarithm of the likelihood of the first 1, 2, ... points, if they are even in their own box.
 
-    On average, n even points span (n - 1) / (n + 1) of each side of their box.
+    On average, n even points span (n - 1) / (n + 1) of each side of their box. points: (2, k, n); share: (k, n).
     """
-    count = np.maximum(np.cumsum(share), 2.0)
-    sides = np.maximum.accumulate(points) - np.minimum.accumulate(points)
-    extent = np.maximum(sides * ((count + 1) / (count - 1))[:, None], least)
-    return np.asarray(count * (np.log(count) - np.log(extent).sum(axis=1)))
+    count = np.maximum(np.cumsum(share, axis=1), 2.0)
+    sides = np.maximum.accumulate(points, axis=2) - np.minimum.accumulate(points, axis=2)
+    extent = np.maximum(sides * ((count + 1) / (count - 1)), least)
+    return np.asarray(count * (np.log(count) - np.log(extent).sum(axis=0)))

@@ -1,13 +1,16 @@
 """Clouds and units for tests of plans: positions by a low-discrepancy sequence, so that a cloud's noise is small."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy import special
 from scipy.stats import qmc
 
 import drift
+from drift.planner import optimiser
 from drift.planner.planning_tracks import Tracks
 from drift.search.records import Law, PlanSpec, Unit
 from geo import sphere
@@ -30,6 +33,19 @@ constant = { speed = "0.6 kn", toward = 70 }
 [uncertainty]
 diffusivity = "20 m2/s"
 """
+
+
+# How little the optimiser tries where a test asks what a plan says of itself, not how good it is.
+FEW_TRIALS = {"FEW": 1000, "MORE": 1500, "BEGINNINGS": 1, "KICKS": 1, "ROUNDS": 2, "DRAWN": 192, "CHILDREN": 32}
+
+
+@pytest.fixture(scope="module")
+def few_trials() -> Iterator[None]:
+    """Plans after few trials, in a whole file of tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, number in FEW_TRIALS.items():
+            patch.setattr(optimiser, name, number)
+        yield
 
 
 def loaded(folder: Path, text: str) -> drift.Case:

@@ -23,7 +23,7 @@ STD = 5 * NMI
 def test_best_square_on_a_circular_normal(u: float, best: float) -> None:
     """Random search of a rectangle: what its sides hold, times 1 - e^-C; the best is a square (SEARCH.md)."""
     one = unit(speed_for(u, STD, 4, NMI), 4, NMI, Law("random"))
-    made = optimiser.plan(cloud(2**14, STD), [one], spec(), 1, [None])
+    made = optimiser.plan(cloud(2**12, STD), [one], spec(), 1, [None])
     (task,) = made.taskings
     assert task.sortie.legs is None
     assert task.sortie.coverage[0] == pytest.approx(u * u * math.pi * STD**2 / (task.length * task.width))
@@ -41,15 +41,15 @@ def test_best_square_on_a_circular_normal(u: float, best: float) -> None:
 
 def several() -> tuple[record.Tracks, list, object]:
     """Return two clouds that drift apart, and three units."""
-    left, right = cloud(8192, 4 * NMI, hours=10, bins=20, drift=(0.3, 0.1)), cloud(8192, 3 * NMI, hours=10, bins=20)
+    left, right = cloud(2048, 4 * NMI, hours=10, bins=20, drift=(0.3, 0.1)), cloud(2048, 3 * NMI, hours=10, bins=20)
     x, y = sphere.destination(right.lon * sphere.UNIT, right.lat * sphere.UNIT, 18 * NMI, -9 * NMI)
     two = replace(
         left,
         lon=np.concatenate([left.lon, sphere.to_binary(np.degrees(x))], axis=1),
         lat=np.concatenate([left.lat, sphere.to_binary(np.degrees(y))], axis=1),
         adrift=np.concatenate([left.adrift, right.adrift], axis=1),
-        weight=np.repeat([0.6, 0.4], 8192) / 8192,
-        scenario=np.repeat(np.arange(2, dtype=np.int32), 8192),
+        weight=np.repeat([0.6, 0.4], 2048) / 2048,
+        scenario=np.repeat(np.arange(2, dtype=np.int32), 2048),
         release=np.concatenate([left.release, right.release]),
     )
     base = (PLACE[0] - 0.8, PLACE[1] + 0.3)
@@ -126,14 +126,14 @@ def test_a_plan_is_near_the_bound_and_beats_what_is_done_by_hand(planned: tuple)
 
 def test_the_same_seed_gives_the_same_plan() -> None:
     two, units, asked = several()
-    few = record.sample(two, 3000)
+    few = record.sample(two, 800)
     one, other = (optimiser.plan(few, units[:1], asked, 5, [None, None]) for _ in range(2))
     assert one == other
 
 
 def test_daylight_and_spacing() -> None:
     """Night falls at 06:17 UTC at 180 E at the equinox: a visual search is over by then or waits for the morning."""
-    some = cloud(4096, STD, hours=20, bins=20)
+    some = cloud(1024, STD, hours=20, bins=20)
     one = unit(40.0, 5, NMI, Law(), daylight=True, least_spacing=1.5 * NMI, transit_speed=60.0)
     (task,) = optimiser.plan(some, [one], spec(20), 3, [None]).taskings
     assert task.on_scene > np.datetime64("2024-03-20T17:30:00")
@@ -159,7 +159,7 @@ def test_a_unit_that_comes_when_all_is_found_finds_nothing() -> None:
 
 def test_alive_is_worth_going_at_once() -> None:
     """A cloud that draws together is best searched late, unless nobody lives that long."""
-    tight, wide = cloud(4096, 2 * NMI, hours=10, bins=10), cloud(4096, 12 * NMI, hours=10, bins=10)
+    tight, wide = cloud(1024, 2 * NMI, hours=10, bins=10), cloud(1024, 12 * NMI, hours=10, bins=10)
     share = np.linspace(0, 1, 11)[:, None]
     lon = np.rint(wide.lon + ((tight.lon.astype(np.int64) - wide.lon + 2**31) % 2**32 - 2**31) * share)
     closing = replace(
@@ -191,12 +191,11 @@ def test_rectangles_are_as_far_apart_as_shapely_says() -> None:
         a, b = np.array([-1, 1, 1, -1]) * sides[0, k] / 2, np.array([-1, -1, 1, 1]) * sides[1, k] / 2
         return shapely.Polygon(np.column_stack([rows[k, 0] + a * sin + b * cos, rows[k, 1] + a * cos - b * sin]))
 
+    shapes = np.array([shape(k) for k in range(200)])
     for k in range(20):
         found = rectangle.apart(rows, flown(slice(None)), rows[k], flown(slice(k, k + 1)))
-        want = [shape(k).distance(shape(j)) for j in range(200)]
-        np.testing.assert_allclose(np.maximum(found, 0), want, atol=1e-9)
-        meets = [shape(k).intersects(shape(j)) for j in range(200)]
-        np.testing.assert_array_equal(found < 1e-9, meets)
+        np.testing.assert_allclose(np.maximum(found, 0), shapely.distance(shapes[k], shapes), atol=1e-9)
+        np.testing.assert_array_equal(found < 1e-9, shapely.intersects(shapes[k], shapes))
     later = flown(slice(0, 1))._replace(start=np.array([500.0]))
     assert np.all(np.isinf(rectangle.apart(rows, flown(slice(None)), rows[0], later)))
 

@@ -9,6 +9,7 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
+from plans import few_trials  # noqa: F401 (a fixture)
 
 import drift
 from drift.case.record import Case
@@ -18,6 +19,8 @@ from drift.planner.records import Plan
 from geo.box import Box
 from geo.coast import shore
 from geo.errors import UserError
+
+pytestmark = pytest.mark.usefixtures("few_trials")
 
 CASE = """
 title = "A boat behind an island"
@@ -79,7 +82,7 @@ def place(folder: Path, text: str = CASE) -> Case:
 
 
 @pytest.fixture(scope="module")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Plan]:
+def planned(tmp_path_factory: pytest.TempPathFactory, few_trials: None) -> tuple[Path, Plan]:  # noqa: F811
     """The plan and the folder of its files."""
     folder = tmp_path_factory.mktemp("boat")
     made, _ = planner.plan(place(folder), folder / "out")

@@ -201,10 +201,13 @@ def test_bins_end_where_steps_do_and_are_short(mixture: tuple[Job, Tracks]) -> N
     assert (kinds[2] > start + 1e6).all()  # the smuggler is in no distress
 
 
-def test_the_bound_counts_the_wider_of_both_states(mixture: tuple[Job, Tracks]) -> None:
+def test_the_bound_counts_the_wider_of_both_states(
+    mixture: tuple[Job, Tracks], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A unit that sees only what is under way, and one that sees only what is adrift: neither bound is 0, both are below that of one that sees both."""
+    monkeypatch.setattr(bins, "FINEST", follow.SHORTEST)  # as tracks have them
     job, tracks = mixture
-    few = record.sample(tracks, 1500)
+    few = record.sample(tracks, 1000)
     plane = next(unit for unit in job.case.units if unit.name == "plane")
     nothing = (0.0, 0.0, 0.0)
     limit = {
@@ -345,7 +348,7 @@ def test_there_is_no_bound_where_it_could_be_beaten(
 ) -> None:
     """Rows in which targets go farther than a sweep width; a sensor that counts first passes of each leg on a bridge."""
     job, tracks = mixture
-    few = record.sample(tracks, 1000)
+    few = record.sample(tracks, 300)
     units = {one.name: one for one in job.case.units}
     words = bound._field(few, [units["abeam"]], job.case.plan, [None] * 3)[3]
     assert "no limit is known" in words

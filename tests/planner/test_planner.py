@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 import plans
 import pytest
+from plans import few_trials  # noqa: F401 (a fixture)
 
 import drift
 from drift import flow
-from drift.planner import planner
+from drift.planner import files, planner
 from drift.planner.records import Plan
 from geo.errors import UserError
+
+pytestmark = pytest.mark.usefixtures("few_trials")
 
 CASE = (
     """
@@ -68,7 +71,7 @@ def case_of(folder: Path, rounds: int = 1, objective: str = "pos") -> drift.Case
 
 
 @pytest.fixture(scope="module")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Plan, drift.Result]:
+def planned(tmp_path_factory: pytest.TempPathFactory, few_trials: None) -> tuple[Path, Plan, drift.Result]:  # noqa: F811
     """The plan of one round for POS, and the folder of its case and files."""
     folder = tmp_path_factory.mktemp("planned")
     return folder, *planner.plan(case_of(folder), folder / "out")
@@ -121,7 +124,7 @@ def test_a_round_finds_alive_what_those_before_found_neither_alive_nor_dead(
 
     monkeypatch.setattr(planner.optimiser, "plan", told)
     case_of(tmp_path, rounds=2, objective="alive")
-    brief = {"scenario.0.survival": '{ median = "90 min", spread = 1.5 }'}
+    brief = {"scenario.0.survival": '{ median = "2 h", spread = 1.5 }'}
     made, _ = planner.plan(drift.load(tmp_path / "case.toml", brief))
     first, second = rounds
     found = 1 - math.prod(1 - tasking.pos for tasking in first.taskings)
@@ -233,12 +236,12 @@ def losing(folder: Path, edge: float) -> drift.Case:
 
 def test_a_plan_is_not_refused_for_being_good(tmp_path: Path) -> None:
     """A tenth of the probability leaves the domain; once the rest has been searched, most of what is left has left it."""
-    made, result = planner.plan(losing(tmp_path, 0.1), tmp_path / "out")
+    made, result = planner.plan(losing(tmp_path, 0.1))
     assert made.pos > 0.8
     account = result.summary["account"]
     assert account["left"] > 0.3
     executed = tmp_path / "executed.toml"
-    executed.write_text((tmp_path / "losing.toml").read_text() + "\n" + (tmp_path / "out/plan.toml").read_text())
+    executed.write_text((tmp_path / "losing.toml").read_text() + "\n" + files.toml(made))
     drift.run(drift.load(executed, {"duration": "6 h"}))  # and so when it has been flown
     with pytest.raises(UserError, match=r"30% of the probability was lost by the end: 0% ran out of forcing, 30% left"):
         planner.plan(losing(tmp_path, 0.3))
