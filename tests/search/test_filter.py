@@ -23,7 +23,21 @@ from drift.particles import resample
 from drift.particles.status import Status
 from drift.search import debris, sensor_path
 from drift.search.filter import Search
-from drift.search.records import Contact, Fix, Law, Resampling, Sortie, Watch
+from drift.search.records import (
+    Barrier,
+    Contact,
+    Field,
+    Fix,
+    Law,
+    Line,
+    Look,
+    Presence,
+    Resampling,
+    Sensors,
+    Sight,
+    Sortie,
+    Watch,
+)
 from geo import sphere
 from geo.errors import UserError
 from geo.polyline import Area, Legs
@@ -72,7 +86,7 @@ def load(tmp_path, text, **changes):
 def filter_of(case, begin):
     """Return a case's filter, also of a case in which nothing was searched or seen."""
     spec = start.ensemble_spec(case)
-    return Search(spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene)
+    return Search(spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors)
 
 
 def run(case, outputs=()):
@@ -771,16 +785,26 @@ def test_offspring_separate_and_remember(tmp_path):
 
 
 def of_every_kind(folder):
-    """Return in words, to the bit, what sorties of every kind, a shared factor and resampling made of a case."""
+    """Return in words, to the bit, what sorties of every kind, a shared factor, sensors and resampling made of a case."""
     text = FLOW.replace("[[scenario]]", '[uncertainty]\ndiffusivity = "20 m2/s"\n[[scenario]]')
     track = legs([(-9000, -3000), (8000, -2500), (8200, 1500), (-8500, 2000)], 0.4, 20.0)
     laws = (Law(), Law("m_beta", 0.7))
     sorties = tuple(dataclasses.replace(flown(law.kind, track, law, 900.0), shape=5.0, group="g") for law in laws)
-    case = load(folder, text, particles=5000, sorties=sorties, resampling=Resampling("kahn", 0.99))
+    field, ends = Field(180.02, 60.0, 0.0, 8000.0, 5000.0, 0.4), ((179.97, 59.9), (180.03, 60.1))
+    sensors = Sensors(
+        looks=(Look("look", hours(1.3), Field(179.98, 60.0, 4000.0), False, Sight("exponential", 2.0)),),
+        presences=(Presence("box", hours(0.4), hours(2.2), field, "never", 0.8),),
+        barriers=(Barrier("barrier", hours(0.3), hours(2.7), ends, 0.6),),
+        lines=(Line("line", ((180.04, 59.9), (180.05, 60.1))),),
+    )
+    drawn = Resampling("kahn", 0.99)
+    case = load(folder, text, particles=5000, sorties=sorties, sensors=sensors, resampling=drawn)
     search, ensemble, _ = run(case)
+    told = search.updates
+    assert sorted(update.kind for update in told.all) == ["barrier", "look", "presence", "sortie", "sortie"]
     columns = [ensemble.columns[name].to_numpy().tobytes() for name in ("lon", "lat", "log_weight")]
-    digest = hashlib.sha256(b"".join(columns)).hexdigest()
-    return f"{search.updates.all[1].resampled} {digest} {search.updates.log_evidence.hex()}"
+    digest = hashlib.sha256(b"".join([*columns, told.crossings.all[0].mass.tobytes()])).hexdigest()
+    return f"{any(update.resampled for update in told.all[:-1])} {digest} {told.log_evidence.hex()}"
 
 
 def test_the_same_bits_for_any_number_of_threads(tmp_path):
