@@ -130,13 +130,14 @@ def ashore(forecast: Forecast, run: str) -> str:
     cells = np.flatnonzero(last > 0)
     cells = cells[np.argsort(-last[cells], kind="stable")]
     half = np.argmax(every.reshape(len(every), -1)[:, cells] >= 0.5 * last[cells], axis=0)
-    lon, lat = np.meshgrid(data["lon"].values, data["lat"].values)
+    row, column = np.unravel_index(cells, every.shape[1:])
+    lon, lat = sphere.wrap_degrees(data["lon"].values)[column], data["lat"].values[row]
+    times = [notation.iso(time) for time in data["time"].values]
     many = f"{data['status_effective'].sel(status='ashore').values[-1]:.6g}"
-    rows = []
-    for cell, first in zip(cells, half, strict=True):
-        x, y = sphere.wrap_degrees(float(lon.ravel()[cell])), float(lat.ravel()[cell])
-        when = notation.iso(data["time"].values[first])
-        rows.append([*_numbers(x, y, form=".6f"), notation.position(x, y), f"{last[cell]:.4g}", when, many, run])
+    rows = [
+        [f"{x:.6f}", f"{y:.6f}", notation.position(x, y), f"{share:.4g}", times[first], many, run]
+        for x, y, share, first in zip(lon.tolist(), lat.tolist(), last[cells].tolist(), half.tolist(), strict=True)
+    ]
     header = ["lon", "lat", "position", "probability_ashore", "first_time", "effective_particles", "run_id"]
     return formats.csv_text(header, rows)
 

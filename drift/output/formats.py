@@ -65,7 +65,7 @@ def csv_text(header: list[str], rows: list[list[Any]]) -> str:
 
 def _cell(value: Any) -> Any:
     """Return a value as it may stand in a cell."""
-    if not isinstance(value, str):
+    if not isinstance(value, str) or (value[:1].isalnum() and value.isprintable()):  # no formula, no line break
         return value
     # Letters that stand for a formula's in full width, and blanks before it, which spreadsheets pass over
     runs = value.lstrip().startswith(FORMULAS) or value.startswith(("\t", "\r", "\n"))

@@ -1,5 +1,6 @@
 """A made-up search, consistent in itself: particles that move, sorties that fail, a contact, a plan; all by hand in NumPy."""
 
+import functools
 import itertools
 import math
 
@@ -162,6 +163,7 @@ class Cloud:
         return shapely.contains_xy(shapely.Polygon(sortie.area.ring), x, y)
 
 
+@functools.cache
 def search(lon=-88.2, lat=27.8):
     """Return (forecast, sorties, contacts, updates) of a search that found nothing, with a beacon fix in between."""
     cloud, done, seen = Cloud(lon, lat), sorties(lon, lat), contacts(lon, lat)[:2]

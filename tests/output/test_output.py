@@ -9,6 +9,7 @@ import sys
 import textwrap
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -69,16 +70,40 @@ def tracks(snapshots):
     return Trajectories(TIMES, some, snapshots[0].scenario[some], *columns)
 
 
-def write(folder, forecast, tracks, **more):
-    pictures = more.pop("pictures", {"map.png": lambda path: path.write_bytes(b"png")})
+def ink(path):
+    path.write_bytes(b"png")
+
+
+def write(folder, forecast, tracks):
     matter = forecast_chapter.Matter(forecast, tracks, Setting(Imprint("test")))
-    whole = replace(forecast_chapter.chapter(matter), pictures=pictures)
+    whole = replace(forecast_chapter.chapter(matter), pictures={"map.png": ink})
     run = Chapter({"wall": {"advance": 1.5}}, facts=ATTRIBUTES)
-    return writer.write(folder, [run, whole], **more)
+    return writer.write(folder, [run, whole])
 
 
-def test_all_files_and_nothing_else(tmp_path, forecast, tracks):
-    paths = write(tmp_path / "new" / "out", forecast, tracks)
+@pytest.fixture(scope="module")
+def written(tmp_path_factory, forecast, tracks):
+    """A folder of results, for those who read them."""
+    folder = tmp_path_factory.mktemp("above") / "new" / "out"
+    return folder, write(folder, forecast, tracks)
+
+
+@pytest.fixture
+def out(written):
+    return written[0]
+
+
+def write_little(folder, pictures=MappingProxyType({"map.png": ink}), **more):
+    """Write results that are quickly made, for those who look at the folder: the writer knows no topic."""
+    files = {
+        "forecast.nc": lambda stamped: xr.Dataset({"x": ("n", np.arange(3.0))}),
+        "track.csv": lambda stamped: "time,\n",
+    }
+    return writer.write(folder, [Chapter(files=files, pictures=pictures, facts=ATTRIBUTES)], **more)
+
+
+def test_all_files_and_nothing_else(written):
+    folder, paths = written
     names = {
         "forecast.nc",
         "particles.nc",
@@ -88,13 +113,12 @@ def test_all_files_and_nothing_else(tmp_path, forecast, tracks):
         "ashore.csv",
         "map.png",
     } | {"manifest.json"}
-    assert {p.name for p in paths} == names == {p.name for p in (tmp_path / "new" / "out").iterdir()}
-    assert [p.name for p in (tmp_path / "new").iterdir()] == ["out"]
+    assert {p.name for p in paths} == names == {p.name for p in folder.iterdir()}
+    assert [p.name for p in folder.parent.iterdir()] == ["out"]
 
 
-def test_forecast_opens_decoded_and_follows_cf(tmp_path, forecast, tracks):
-    write(tmp_path / "out", forecast, tracks)
-    with xr.open_dataset(tmp_path / "out" / "forecast.nc") as data:  # warnings are errors
+def test_forecast_opens_decoded_and_follows_cf(out, forecast):
+    with xr.open_dataset(out / "forecast.nc") as data:  # warnings are errors
         data.load()
     np.testing.assert_array_equal(data["time"].values, TIMES.astype("datetime64[ns]"))
     np.testing.assert_array_equal(data["probability"].values, forecast.data["probability"].values)
@@ -110,14 +134,13 @@ def test_forecast_opens_decoded_and_follows_cf(tmp_path, forecast, tracks):
             assert "units" in variable.attrs, name
         for other in variable.attrs.get("cell_measures", "").split()[1::2]:
             assert other in data
-    with xr.open_dataset(tmp_path / "out" / "forecast.nc", decode_cf=False) as raw:
+    with xr.open_dataset(out / "forecast.nc", decode_cf=False) as raw:
         assert raw["time"].attrs["units"].startswith("seconds since")
         assert "_FillValue" not in raw["lon"].attrs
 
 
-def test_particles_are_cf_trajectories(tmp_path, forecast, tracks):
-    write(tmp_path / "out", forecast, tracks)
-    with xr.open_dataset(tmp_path / "out" / "particles.nc") as data:
+def test_particles_are_cf_trajectories(out, tracks):
+    with xr.open_dataset(out / "particles.nc") as data:
         data.load()
     assert data.attrs["featureType"] == "trajectory"
     assert data["trajectory"].attrs["cf_role"] == "trajectory_id"
@@ -128,23 +151,21 @@ def test_particles_are_cf_trajectories(tmp_path, forecast, tracks):
     assert data["status"].attrs["flag_meanings"].split()[Status.ASHORE] == "ashore"
 
 
-def test_same_data_bit_for_bit(tmp_path, snapshots, tracks):
-    for name in ("a", "b"):
-        write(tmp_path / name, forecast_build.build(snapshots, scenarios=["x", "y"]), tracks)
+def test_same_data_bit_for_bit(tmp_path, out, snapshots, tracks):
+    write(tmp_path / "b", forecast_build.build(snapshots, scenarios=["raft alone", "boat"]), tracks)
     for file in ("forecast.nc", "particles.nc"):
-        with xr.open_dataset(tmp_path / "a" / file) as one, xr.open_dataset(tmp_path / "b" / file) as two:
+        with xr.open_dataset(out / file) as one, xr.open_dataset(tmp_path / "b" / file) as two:
             assert one.equals(two)
     for file in ("track.csv", "ashore.csv"):
-        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+        assert (out / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
-def test_summary_is_strict_json(tmp_path, forecast, tracks):
-    write(tmp_path / "out", forecast, tracks)
+def test_summary_is_strict_json(out):
 
     def refuse(token):
         raise AssertionError(token)
 
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text(), parse_constant=refuse)
+    summary = json.loads((out / "summary.json").read_text(), parse_constant=refuse)
     assert summary["seed"] == "7"
     assert summary["wall"] == {"advance": 1.5}
     last = summary["outputs"][-1]
@@ -158,9 +179,8 @@ def test_summary_is_strict_json(tmp_path, forecast, tracks):
     assert [s["name"] for s in summary["scenarios"]] == ["raft alone", "boat"]
 
 
-def test_contours_are_valid_geojson(tmp_path, forecast, tracks):
-    write(tmp_path / "out", forecast, tracks)
-    collection = json.loads((tmp_path / "out" / "contours.geojson").read_text())
+def test_contours_are_valid_geojson(out):
+    collection = json.loads((out / "contours.geojson").read_text())
     assert collection["type"] == "FeatureCollection"
     assert len(collection["features"]) == 9
     assert collection["title"] == "test"
@@ -182,17 +202,16 @@ def test_contours_are_valid_geojson(tmp_path, forecast, tracks):
     assert crossing
 
 
-def test_tables(tmp_path, forecast, tracks):
-    write(tmp_path / "out", forecast, tracks)
-    run_id = json.loads((tmp_path / "out" / "summary.json").read_text())["run_id"]
+def test_tables(out):
+    run_id = json.loads((out / "summary.json").read_text())["run_id"]
     assert run_id.endswith("-s7")
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "out" / "track.csv").read_text())))
+    rows = list(csv.DictReader(io.StringIO((out / "track.csv").read_text())))
     assert {r["run_id"] for r in rows} == {run_id}
     assert all(None not in r and None not in r.values() for r in rows)  # as many values as names, in one header row
     assert [r["date_time_group"] for r in rows] == ["211830ZNOV26", "220030ZNOV26", "220630ZNOV26"]
     assert float(rows[-1]["probability_ashore"]) == pytest.approx(0.1)
     assert float(rows[0]["mean_lat"]) == pytest.approx(-17.2, abs=0.02)
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "out" / "ashore.csv").read_text())))
+    rows = list(csv.DictReader(io.StringIO((out / "ashore.csv").read_text())))
     assert {r["run_id"] for r in rows} == {run_id}
     assert sum(float(r["probability_ashore"]) for r in rows) == pytest.approx(0.1, rel=1e-2)  # four digits a row
     assert {r["first_time"] for r in rows} == {"2026-11-22T06:30:00Z"}
@@ -211,13 +230,13 @@ def test_positions_in_degrees_and_minutes(lon, lat, text):
     assert notation.position(lon, lat) == text
 
 
-def test_a_failure_leaves_nothing(tmp_path, forecast, tracks):
+def test_a_failure_leaves_nothing(tmp_path):
     def fail(path: Path) -> None:
         path.write_bytes(b"half")
         raise RuntimeError("no ink")
 
     with pytest.raises(RuntimeError, match="no ink"):
-        write(tmp_path / "out", forecast, tracks, pictures={"map.png": fail})
+        write_little(tmp_path / "out", pictures={"map.png": fail})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -226,11 +245,10 @@ def test_a_kill_leaves_no_half_file(tmp_path):
     program = """
         import os, sys
         from pathlib import Path
-        sys.path[:0] = ["tests/oracles", "tests/output"]
-        import test_output as t
-        snapshots = t.scene(n=500)
-        made = t.forecast_build.build(snapshots, scenarios=["x", "y"])
-        t.write(Path(sys.argv[1]), made, t.tracks.__wrapped__(t.scene()), pictures={"map.png": lambda path: os._exit(9)})
+        from drift.output import writer
+        from drift.output.chapter import Chapter
+        files, pictures = {"track.csv": lambda stamped: "time"}, {"map.png": lambda path: os._exit(9)}
+        writer.write(Path(sys.argv[1]), [Chapter(files=files, pictures=pictures)])
     """
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(program), str(tmp_path / "out")],
@@ -243,27 +261,26 @@ def test_a_kill_leaves_no_half_file(tmp_path):
     writer.check_folder(tmp_path / "out")
 
 
-def test_overwrite_replaces_ours_and_keeps_the_rest(tmp_path, forecast, tracks):
+def test_overwrite_replaces_ours_and_keeps_the_rest(tmp_path):
     folder = tmp_path / "out"
-    write(folder, forecast, tracks)
+    write_little(folder)
     (folder / "notes.txt").write_text("mine")
     (folder / "track.csv").write_text("old")
     with pytest.raises(UserError, match=r"is not empty; .*--overwrite"):
-        write(folder, forecast, tracks)
+        write_little(folder)
     assert (folder / "track.csv").read_text() == "old"
-    write(folder, forecast, tracks, overwrite=True)
+    write_little(folder, overwrite=True)
     assert (folder / "notes.txt").read_text() == "mine"
     assert (folder / "track.csv").read_text().startswith("time,")
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-def test_overwrite_takes_away_what_only_an_earlier_run_wrote(tmp_path, forecast, tracks):
+def test_overwrite_takes_away_what_only_an_earlier_run_wrote(tmp_path):
     folder = tmp_path / "out"
-    pictures = {f"{name}.png": lambda path: path.write_bytes(b"png") for name in ("map", "old", "edited")}
-    write(folder, forecast, tracks, pictures=pictures)
+    write_little(folder, pictures={f"{name}.png": ink for name in ("map", "old", "edited")})
     (folder / "edited.png").write_bytes(b"mine now")
     (folder / "other.png").write_bytes(b"png")
-    write(folder, forecast, tracks, overwrite=True)
+    write_little(folder, overwrite=True)
     assert not (folder / "old.png").exists()
     assert (folder / "edited.png").read_bytes() == b"mine now"
     assert (folder / "other.png").exists()
@@ -280,7 +297,7 @@ def test_overwrite_takes_away_what_only_an_earlier_run_wrote(tmp_path, forecast,
         "{",
     ],
 )
-def test_a_foreign_manifest_takes_nothing_away(tmp_path, forecast, tracks, names):
+def test_a_foreign_manifest_takes_nothing_away(tmp_path, names):
     folder = tmp_path / "out"
     (folder / "a").mkdir(parents=True)
     for path in (tmp_path / "mine", folder / "a" / "mine"):
@@ -289,7 +306,7 @@ def test_a_foreign_manifest_takes_nothing_away(tmp_path, forecast, tracks, names
     held = f'{{"run_id": "x", "files": {names.replace("%s", digest)}}}'
     (folder / "manifest.json").write_text(held)
     with pytest.raises(UserError, match=r'"manifest.json" is in the way'):
-        write(folder, forecast, tracks, overwrite=True)
+        write_little(folder, overwrite=True)
     assert (tmp_path / "mine").exists()
     assert (folder / "a" / "mine").exists()
     assert (folder / "manifest.json").read_text() == held
@@ -328,25 +345,25 @@ def test_refused_folders(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
-def test_an_empty_folder_is_filled(tmp_path, forecast, tracks):
+def test_an_empty_folder_is_filled(tmp_path):
     (tmp_path / "out").mkdir()
-    write(tmp_path / "out", forecast, tracks)
+    write_little(tmp_path / "out")
     assert (tmp_path / "out" / "forecast.nc").exists()
 
 
-def test_a_run_that_another_has_overtaken_leaves_its_results_alone(tmp_path, forecast, tracks):
+def test_a_run_that_another_has_overtaken_leaves_its_results_alone(tmp_path):
     def meanwhile(path: Path) -> None:
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / "forecast.nc").write_text("the other's")
 
     with pytest.raises(UserError, match="meanwhile"):
-        write(tmp_path / "out", forecast, tracks, pictures={"map.png": meanwhile})
+        write_little(tmp_path / "out", pictures={"map.png": meanwhile})
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     assert (tmp_path / "out" / "forecast.nc").read_text() == "the other's"
 
 
 @pytest.mark.parametrize("trouble", [OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")])
-def test_a_full_disk_leaves_nothing(tmp_path, forecast, tracks, monkeypatch, trouble):
+def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch, trouble):
     """What netCDF4 and HDF5 raise on a file system of 100 kB."""
 
     def full(self: xr.Dataset, path: Path, **more: object) -> None:
@@ -355,14 +372,14 @@ def test_a_full_disk_leaves_nothing(tmp_path, forecast, tracks, monkeypatch, tro
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
     with pytest.raises(UserError, match=r"cannot be written \(.*make room"):
-        write(tmp_path / "above" / "out", forecast, tracks)
+        write_little(tmp_path / "above" / "out")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_there_is_staged_in_itself_not_beside_it(tmp_path, forecast, tracks):
+def test_a_folder_that_is_there_is_staged_in_itself_not_beside_it(tmp_path):
     """It may be a mount: what is beside it lies on another file system, where a rename fails."""
     (tmp_path / "out").mkdir()
     seen = []
     pictures = {"map.png": lambda path: (seen.append(path.parents[2]), path.write_bytes(b"png"))}
-    write(tmp_path / "out", forecast, tracks, pictures=pictures)
+    write_little(tmp_path / "out", pictures=pictures)
     assert seen == [tmp_path / "out"]

@@ -3,8 +3,6 @@
 import csv
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -199,23 +197,6 @@ def test_a_check_says_how_sensors_were_understood(written) -> None:
     assert lines['look "dip"'] == "7 by 3 nmi about 51-24.0N 179-54.0W, 210212ZNOV26, cookie cutter, sees nothing"
     assert lines['barrier "picket"'].endswith("detection 0.6, reports 210424ZNOV26")
     assert lines['line "sound"'] == "2 points; its first crossing is told"
-
-
-ONE = """
-import sys
-import drift
-result = drift.run(drift.load(sys.argv[1]), threads=1)
-print(result.probability.values.tobytes().hex(), result.updates.crossings.all[0].mass.tobytes().hex())
-"""
-
-
-def test_one_thread_and_two_give_the_same_bits(written) -> None:
-    """A process of its own has one; this one has two."""
-    told = [sys.executable, "-c", ONE, written[0].path]
-    one = subprocess.run(told, capture_output=True, text=True, check=True).stdout.split()
-    two = written[1].probability.values.tobytes().hex(), written[1].updates.crossings.all[0].mass.tobytes().hex()
-    assert one[0] == two[0]
-    assert one[1] == two[1]
 
 
 def test_a_line_without_first_crossings_has_no_times() -> None:
