@@ -25,8 +25,8 @@ from drift.case import file as case_file
 from drift.particles.status import Status
 
 CASES = ROOT / "cases"
-OURS = 24_000  # particles in all
-THEIRS = {"cast_submarine": 20_000, "medsearch_transit": 8_000, "smuggler_bridge": 20_000}  # of the oracle, a scenario
+OURS = 16_000  # particles in all
+THEIRS = {"cast_submarine": 12_000, "medsearch_transit": 5_000, "smuggler_bridge": 12_000}  # of the oracle, a scenario
 COMPARED = (
     400  # numbers that this file compares; together they are as sure as three standard errors hold one (Bonferroni)
 )
@@ -437,9 +437,9 @@ POSTERIORS = {
     "smuggler_bridge": smuggler_posterior,
 }
 SEEN = {
-    "cast_submarine": (20_000, 40_000),
-    "medsearch_transit": (6_000, 60_000),
-    "smuggler_bridge": (40_000, 40_000),
+    "cast_submarine": (12_000, 24_000),
+    "medsearch_transit": (5_000, 40_000),
+    "smuggler_bridge": (30_000, 30_000),
 }  # particles: theirs, ours
 
 
