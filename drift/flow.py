@@ -113,7 +113,7 @@ def forecasted(job: Job) -> Result:
             with clock.phase("finds"):
                 done, after = renewal.settle(case.period, case.spill, where.coast, stretches, done, renewed)
         snapshots = done.snapshots
-        account = record.account(done.ensemble, snapshots[-1].status)
+        account = record.account(done.ensemble, snapshots[-1].status, snapshots[-1].family)
         job.tell("map", 0.0)
         with clock.phase("products"):
             names = [scenario.name for scenario in case.scenarios]

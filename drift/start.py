@@ -158,9 +158,9 @@ def search(case: Case, begin: Start, beliefs: Beliefs | None = None) -> Search |
     if not (_is_searched(case) or case.sensors.lines):
         return None
 
-    def note(update: Update, log_weight: Array) -> None:
+    def note(update: Update, log_weight: Array, lineage: Array | None) -> None:
         assert beliefs is not None
-        beliefs.note(update.name, update.kind, update.time, log_weight)
+        beliefs.note(update.name, update.kind, update.time, log_weight, lineage)
 
     return Search(
         ensemble_spec(case), case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,

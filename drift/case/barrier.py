@@ -13,13 +13,6 @@ from geo import gnomonic, notation
 MOST_POINTS = 200
 
 
-def _false_rate(value: object) -> float:
-    """Return a rate of false reports [1/s]; a number without a unit would be taken for one a second."""
-    if not isinstance(value, str) or not any(letter.isalpha() for letter in value):
-        raise ValueError(f'{value!r} needs a unit here, like "0.01 /h"')
-    return fields.rate(value)
-
-
 class LineTable(fields.Table):
     """A [[line]] table as written."""
 
@@ -50,7 +43,7 @@ class BarrierTable(LineTable):
     detection: Detection
     reported: fields.Time | None = None
     error: fields.Duration | None = None
-    false_alarms: Annotated[float, BeforeValidator(_false_rate)] | None = None
+    false_alarms: Annotated[float, BeforeValidator(fields.spoken_rate)] | None = None
 
     @model_validator(mode="after")
     def reports(self) -> "BarrierTable":

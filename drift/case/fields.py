@@ -167,6 +167,13 @@ def rate(value: object) -> float:
     return number
 
 
+def spoken_rate(value: object) -> float:
+    """Return a rate of events [1/s] that has its unit; a number without one would be taken for one a second."""
+    if not isinstance(value, str) or not any(letter.isalpha() for letter in value):
+        raise ValueError(f'{value!r} needs a unit here, like "0.01 /h"')
+    return rate(value)
+
+
 def share(value: object) -> float:
     number = units.quantity(value, "", "share", "0.2")
     if not 0 <= number <= 1:

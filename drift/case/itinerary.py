@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift.case import fields, sources, units
 from drift.case.network import read
@@ -48,6 +48,7 @@ from geo import notation, sphere
 
 LEAST_RATIO = 1.0
 KNOT = notation.NMI / 3600  # [m/s]
+SHORTEST_LEG = 500.0  # [m] of an area to loiter in, on average
 SPREADS = 4.0  # standard deviations beyond which a place or a time is not expected
 
 
@@ -274,7 +275,18 @@ class LoiterTable(WindowedTable):
 
     polygon: list[fields.Position]
     speed: Speeds
-    leg: Annotated[fields.Length, Field(gt=0)]
+    leg: fields.Length
+
+    @field_validator("leg")
+    @classmethod
+    def long_enough(cls, leg: float) -> float:
+        """Refuse legs after which a target would do nothing but turn, for ever."""
+        if leg < SHORTEST_LEG:
+            raise ValueError(
+                f"{leg:.4g} m on average between turns is too short; allowed: {SHORTEST_LEG:.0f} m or more; a number "
+                "without a unit is in metres"
+            )
+        return leg
 
     @model_validator(mode="after")
     def simple(self) -> "LoiterTable":
@@ -508,7 +520,7 @@ class DistressTable(fields.Table):
     """When a target that is under way goes adrift: between two times, at a rate, or after a part of its way."""
 
     between: Time | None = None
-    rate: Annotated[float | None, BeforeValidator(fields.rate)] = None
+    rate: Annotated[float, BeforeValidator(fields.spoken_rate)] | None = None
     part: Parts | None = None
 
     @model_validator(mode="after")

@@ -202,17 +202,21 @@ class Account:
     """Where the probability is, by status and scenario, and how many particles count for it."""
 
     by_status: Array  # (scenario, status), sum 1
-    ess: float  # effective sample size, 1 / sum of squared weights (Kong 1992)
+    ess: float  # effective sample size, 1 / sum of squared weights (Kong 1992), copies as one
 
 
-def account(ensemble: Ensemble, status: Array | None = None) -> Account:
+def account(ensemble: Ensemble, status: Array | None = None, family: Array | None = None) -> Account:
     """Return the account of an ensemble.
 
-    status: int32 (n,) at another time than that of the last step; default: the ensemble's own.
+    status: int32 (n,) at another time than that of the last step; default: the ensemble's own. family: int32 (n,), the
+    particle of the begin from which each descends; None: itself.
     """
     status = ensemble.status.to_numpy() if status is None else status
     table = ensemble.blocks.partial(probability(ensemble), code=status, many=len(Status)).by_scenario[:, :, 0]
-    return Account(table / table.sum(), weighed(ensemble).ess)
+    ess = weighed(ensemble).ess
+    if family is not None:
+        ess = weights.effective(ensemble.blocks.grouped(family, probability(ensemble)))
+    return Account(table / table.sum(), ess)
 
 
 def sample(ensemble: Ensemble, slots: Array) -> Ensemble:

@@ -35,12 +35,12 @@ class Beliefs:
                 self._told.append(told)
         self.note("before the first update", "prior", spec.period.start, log_weight)
 
-    def note(self, name: str, kind: str, time: np.datetime64, log_weight: Array) -> None:
-        """Take down what is believed by log weights (n,) after an update."""
+    def note(self, name: str, kind: str, time: np.datetime64, log_weight: Array, lineage: Array | None = None) -> None:
+        """Take down what is believed by log weights (n,) after an update; lineage: see search.filter.Noted."""
         if not self._told:
             return
         drawn = self._drawn()
-        own = marginal.weighted(weights.relative(log_weight), self._ensemble.blocks)
+        own = marginal.weighted(weights.relative(log_weight), self._ensemble.blocks, lineage)
         told = tuple(self._marginal(told, drawn, own) for told in self._told)
         ess = float(own.ess[-1])
         scenarios = own.total[:-1] / own.total[-1]

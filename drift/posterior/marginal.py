@@ -38,12 +38,13 @@ class Weighted(NamedTuple):
 
     weight: Array  # float64 (n,), the largest is 1; 0 where a quantity means nothing
     total: Array  # (rows,)
-    squares: Array  # (rows,)
+    squares: Array  # (rows,) of the weights of families
     blocks: Blocks
+    family: Array | None  # int (n,) not negative: the particle of the begin from which each descends; None: itself
 
     @property
     def ess(self) -> Array:
-        """The effective number of particles (Kong 1992), (rows,); 0 of nothing."""
+        """The effective number of particles (Kong 1992), copies as one, (rows,); 0 of nothing."""
         none = np.zeros(len(self.total))
         return np.asarray(np.divide(self.total**2, self.squares, out=none, where=self.squares > 0))
 
@@ -57,10 +58,28 @@ class Laid(NamedTuple):
     turns: tuple[Array, Array, Array] | None = None  # of angles: brought into a turn from 0, their sine and cosine
 
 
-def weighted(weight: Array, blocks: Blocks) -> Weighted:
-    """Return weights, float64 (n,), as the other functions take them."""
+def weighted(weight: Array, blocks: Blocks, family: Array | None = None) -> Weighted:
+    """Return weights, float64 (n,), as the other functions take them.
+
+    family: int (n,), the particle of the begin from which each descends: copies count as one (drift.forecast.effective).
+    """
     total, squares = _with_all(blocks.partial(weight, weight**2))[:, 0].T
-    return Weighted(weight, total, squares, blocks)
+    if family is not None:
+        squares = _of_families(weight, blocks, family)
+    return Weighted(weight, total, squares, blocks, family)
+
+
+def _of_families(weight: Array, blocks: Blocks, family: Array) -> Array:
+    """Return the sums of the squared weights of families by scenario and, last, of all."""
+    heads = np.ones(blocks.n, bool)
+    heads[1:] = family[1:] != family[:-1]
+    heads[blocks.first] = True
+    begin = np.flatnonzero(heads)  # offspring lie side by side, so that runs are few
+    mass = np.add.reduceat(weight, begin)
+    scenario = np.searchsorted(_edges(blocks), begin, side="right") - 1
+    pairs, which = np.unique(family[begin].astype(np.int64) * blocks.scenarios + scenario, return_inverse=True)
+    squares = np.bincount(pairs % blocks.scenarios, np.bincount(which, mass) ** 2, blocks.scenarios)
+    return np.append(squares, squares.sum())
 
 
 def numbers(values: Array, low: float, high: float) -> Laid:
@@ -151,7 +170,7 @@ def _about(held: Weighted, within: Array, centre: Array, rows: Sequence[int]) ->
 
 def _held(own: Weighted, holds: Array) -> Weighted:
     """Return the weights of those for which a quantity means anything (n,), and none of others."""
-    return own if holds.all() else weighted(own.weight * holds, own.blocks)
+    return own if holds.all() else weighted(own.weight * holds, own.blocks, own.family)
 
 
 def _edges(blocks: Blocks) -> Array:

@@ -35,7 +35,7 @@ from kernels.advance import Step
 
 Device = Any
 
-Noted = Callable[[Update, Array], None]
+Noted = Callable[[Update, Array, Array | None], None]
 
 FARTHEST = 20.0  # most that the log of the sum of weights may be off before weights are brought back
 
@@ -56,7 +56,8 @@ class Search:
     ) -> None:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`.
 
-        noted: is told of each update as it takes effect, with the log weights (n,) after it.
+        noted: is told of each update as it takes effect, with the log weights (n,) after it, and the particle of the
+        begin from which each descends (n,); None: itself.
         """
         self._noted = noted
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
@@ -78,7 +79,7 @@ class Search:
         # Log weights (n,) by all that was seen, as if no sortie had been flown.
         self.unsearched = first.astype(np.float64)
         self._missed = np.ones(len(spec.scenarios) + 1)  # product of 1 - POS so far
-        self._lineage = np.arange(ensemble.n, dtype=np.int32)
+        self._lineage, self._drawn_anew = np.arange(ensemble.n, dtype=np.int32), False
         self._ancestors: Array | None = None
         self._events = 0
         self._never: Array | None = None  # product over sorties of the share of time that a particle was not searched
@@ -179,12 +180,13 @@ class Search:
         if any(s.survival for s in self._spec.scenarios):
             alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
         searched = flown.searched()
+        effective = self._effective(after)
         self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
         self._note(
             Update(
-                sortie.name, "sortie", sortie.end, evidence, now.scenarios, then.ess, now.ess,
+                sortie.name, "sortie", sortie.end, evidence, now.scenarios, self._effective(before), effective,
                 poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive,
-                cumulative=1 - self._missed, standing=self._standing(sortie.end, after, now.ess),
+                cumulative=1 - self._missed, standing=self._standing(sortie.end, after, effective),
             ),
             after,
         )  # fmt: skip
@@ -233,8 +235,11 @@ class Search:
         after = before + likelihood
         then, now = self._weighed(before), self._weighed(after)
         evidence = self._evidence(then, now, f'{kind} "{name}"')
-        standing = self._standing(when, after, now.ess)
-        update = Update(name, kind, when, evidence, now.scenarios, then.ess, now.ess, standing=standing)
+        effective = self._effective(after)
+        standing = self._standing(when, after, effective)
+        update = Update(
+            name, kind, when, evidence, now.scenarios, self._effective(before), effective, standing=standing
+        )
         self._note(update, after)
         self._settle(after, changed=True)
 
@@ -283,7 +288,7 @@ class Search:
         if ess >= rule.below * sum(self._target):
             return
         ancestors = self._draw(until)
-        self._lineage = self._lineage[ancestors]
+        self._lineage, self._drawn_anew = self._lineage[ancestors], True
         self._ancestors = ancestors if self._ancestors is None else self._ancestors[ancestors]
         weight = self.ensemble.log_weight.to_numpy()
         distinct = len(np.unique(self._lineage[weight > -np.inf])) / sum(self._target)
@@ -362,6 +367,12 @@ class Search:
             )
         return np.array([*sums, whole])
 
+    def _effective(self, log_weight: Array) -> float:
+        """Return the effective number of particles by log weights (n,), copies as one (drift.forecast.effective)."""
+        if not self._drawn_anew or log_weight.max() == -np.inf:
+            return self._weighed(log_weight).ess
+        return weights.effective(self.ensemble.blocks.grouped(self._lineage, weights.relative(log_weight)))
+
     def _weighed(self, log_weight: Array) -> Weighed:
         """Return what is needed of the weights of all particles."""
         return weights.weighed(log_weight, self.ensemble.blocks)
@@ -391,7 +402,7 @@ class Search:
         distinct = self._updates[-1].distinct if self._updates else 1.0
         self._updates.append(replace(update, distinct=distinct))
         if self._noted is not None:
-            self._noted(self._updates[-1], log_weight)
+            self._noted(self._updates[-1], log_weight, self._lineage if self._drawn_anew else None)
 
 
 def _living(ensemble: Ensemble) -> list[int]:

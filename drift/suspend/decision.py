@@ -14,6 +14,7 @@ import xarray as xr
 from drift.forecast import likeliest
 from drift.forecast.effective import Count
 from drift.motion.scenario import Scenario
+from drift.particles.status import ON_MAP
 from drift.search.standing import Standing
 from drift.search.updates import Update, Updates, shown_of, together
 from drift.suspend import further as searching_on
@@ -216,4 +217,5 @@ def off_map(data: xr.Dataset) -> float:
     It left the domain or the forcing, sank, or is not released.
     """
     status = data["status_probability"].isel(time=-1)
-    return float(status.sum()) - float(status.sel(status=["adrift", "ashore"]).sum())
+    shown = [code.name.lower() for code in ON_MAP if code.name.lower() in status["status"].values]
+    return float(status.sum()) - float(status.sel(status=shown).sum())
