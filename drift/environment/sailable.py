@@ -1,17 +1,17 @@
 """Refusals of itineraries that lead over land, where their vessel refuses land: lanes, voyages, areas to loiter in.
 
 Lanes are held against the full coast with their corridors, voyages with SPREADS standard deviations of their cross-track
-error, polygons as they are. A course, a track and a bridge lead anywhere, and are not refused: their way points lie in
+error, the way from one of these to the next with what is wider, polygons as they are. A course, a track and a bridge lead anywhere, and are not refused: their way points lie in
 water.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from drift.environment import corridors
 from drift.motion import lanes
-from drift.motion.itinerary import Abeam, InRing, Loiter, Ways
+from drift.motion.itinerary import Abeam, InRing, Loiter, Phase, Ways
 from drift.motion.lanes import Network
 from drift.motion.scenario import Scenario
 from geo import sphere
@@ -21,6 +21,7 @@ from geo.coast.edges import Coast
 from geo.errors import UserError
 
 SPREADS = 4.0  # standard deviations of a cross-track error: 1 target in 16,000 keeps farther off its voyage
+OTHERWISE = 'say vessel.land = "stop" or "ignore"'
 ROOM = 0.1  # [deg] of coast that must be known beyond what is held against it
 
 
@@ -66,7 +67,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
             corridors.refuse_lanes(lanes.joined([own.network for own in followed]), coast, list(routes.values()))
         except UserError as error:
             wrong |= dict.fromkeys(error.lines)
-    seen: dict[InRing | Ways, None] = {}
+    seen: dict[InRing, None] = {}
     shore = corridors.Shore.of(coast)
     for name, own in stories:
         for number, phase in enumerate(own.phases, 1):
@@ -79,15 +80,48 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                 except UserError as error:
                     wrong |= dict.fromkeys(error.lines)
             elif isinstance(phase, Ways) and (legs := _voyage(phase)) is not None:
-                route = lanes.route(legs, legs.name)
-                for lane, width, where in corridors.touching(legs, shore, [route]):
+                spread = f"with {SPREADS:g} standard deviations of cross_track to each side"
+                for lane, width, where in _touching(legs, shore, f"{place}.voyage", spread):
                     wrong[
-                        f"{place}.voyage: leg {lane + 1}, {width} wide with {SPREADS:g} standard deviations of "
-                        f'cross_track to each side, touches land {where}; move its waypoints, or say vessel.land = "stop" '
-                        'or "ignore"'
+                        f"{place}.voyage: leg {lane + 1}, {width} wide {spread}, touches land {where}; move its waypoints, "
+                        f"or {OTHERWISE}"
+                    ] = None
+            if number < len(own.phases) and (between := _between(phase, own.phases[number])) is not None:
+                for _, width, where in _touching(between, shore, place, f"on the way to phase {number + 1}"):
+                    wrong[
+                        f"{place}: the way from its end to where phase {number + 1} begins, {width} wide, touches land "
+                        f"{where}; let this one begin where that one ends, or {OTHERWISE}"
                     ] = None
     if wrong:
         raise UserError(*wrong)
+
+
+def _touching(legs: Network, shore: corridors.Shore, place: str, what: str) -> Iterator[tuple[int, str, str]]:
+    """Give the legs that touch land, as corridors.touching does; refuse those that cannot be held against the coast.
+
+    what: of them is spoken.
+    """
+    try:
+        yield from corridors.touching(legs, shore, [lanes.route(legs, legs.name)])
+    except ValueError as error:  # a turn too sharp for its width, or a leg that bulges out of the box of the coast
+        raise UserError(f"{place}: {what}: {error}; or {OTHERWISE}") from None
+
+
+def _between(before: Phase, after: Phase) -> Network | None:
+    """Return the way between two phases along fixed way points as a lane; None where there is none, or nobody knows it."""
+    if not isinstance(before, Ways) or not isinstance(after, Ways) or before.destinations:
+        return None
+    a, b = before.points[-1].place, after.points[0].place
+    if (
+        not isinstance(a, Abeam)
+        or not isinstance(b, Abeam)
+        or sphere.distance(a.lon, a.lat, b.lon, b.lat) < corridors.CLEAR
+    ):
+        return None
+    half = max(place.half * (SPREADS if place.law == "normal" else 1.0) for place in (a, b))
+    lon, lat = np.array([a.lon, b.lon]), np.array([a.lat, b.lat])
+    first, last = np.zeros(1, int), np.ones(1, int)
+    return Network(("end", "begin"), lon, lat, first, last, np.array([2 * half]), np.ones(1, np.bool_))
 
 
 def _voyage(phase: object) -> Network | None:
