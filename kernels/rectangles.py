@@ -17,6 +17,7 @@ BLOCK = 256
 # Numbers of a rectangle: x, y, sine and cosine of the orientation, length, width, start, duration, side of the creep.
 PARAMETERS = 9
 FULL = 8.0  # coverage beyond which more is not counted
+ROUNDING = 10.0  # [m] more than places on the plane are rounded by
 
 
 @ti.func
@@ -33,8 +34,10 @@ def _cover(
     half, wide, side = rectangle[p + 4] * 0.5, rectangle[p + 5] * 0.5, rectangle[p + 8]
     start, duration = rectangle[p + 6], rectangle[p + 7]
     total, under_way, worth, weight = 0.0, 0.0, 0.0, 0.0
-    reach = half + wide + box[3 * i + 2]
-    if ti.abs(box[3 * i] - cx) < reach and ti.abs(box[3 * i + 1] - cy) < reach:
+    # A particle whose box lies beside the rectangle never comes into it, where alone it is covered.
+    east, north = box[3 * i] - cx, box[3 * i + 1] - cy
+    reach = (box[3 * i + 2] + ROUNDING) * (ti.abs(sin) + ti.abs(cos))
+    if ti.abs(east * sin + north * cos) < half + reach and ti.abs(east * cos - north * sin) < wide + reach:
         end = start + duration
         creep = 2.0 * wide / duration
         t = 0

@@ -17,7 +17,7 @@ from drift.maps import page
 from drift.maps.imprint import Imprint
 from drift.motion.scenario import Survival
 from drift.preview import check
-from drift.suspend import further
+from drift.suspend import decision, further
 from drift.suspend import map as suspend_map
 from drift.suspend import text as suspend_text
 from geo.errors import UserError
@@ -242,7 +242,7 @@ def test_effort_over_two_stories_is_that_of_another_optimiser() -> None:
 
 def test_a_day_like_the_last_one(tmp_path: Path) -> None:
     """What is swept is W v t; a uniform area holds what random search of it finds, the searched third less."""
-    result = run(tmp_path, out=True)
+    result = run(tmp_path, particles=5000, out=True)
     suspension = flow.suspension(result)
     assert suspension is not None
     sorties = result.updates.sorties
@@ -263,18 +263,23 @@ def test_a_day_like_the_last_one(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "suspend.png").stat().st_size > 10_000
 
 
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> decision.Suspension:
+    """The decision by few particles."""
+    told = flow.suspension(run(tmp_path_factory.mktemp("small"), particles=1000))
+    assert told is not None
+    return told
+
+
 @pytest.mark.parametrize("mortal", [True, False])
 def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mortal: bool
+    small: decision.Suspension, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mortal: bool
 ) -> None:
     """What holding the map does to later days is not in the particles: +- would promise it. A plan's sorties meet particles that drift on."""
     drawn: list[Any] = []
     monkeypatch.setattr(page, "save", lambda canvas, *args, **more: drawn.append(canvas.figure))
-    suspension = flow.suspension(run(tmp_path, particles=2000))
-    assert suspension is not None
-    assert len(suspension.further) > 1
-    if not mortal:
-        suspension = replace(suspension, bases=(None, None))
+    assert len(small.further) > 1
+    suspension = small if mortal else replace(small, bases=(None, None))
     for planned in (False, True):
         some = replace(suspension, planned=planned)
         *_, words = suspend_text.text(some, "Title", "run").split("4  SEARCHING ON")
