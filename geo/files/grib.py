@@ -21,7 +21,7 @@ from xarray.core import indexing
 from geo import sphere
 from geo.array import Real
 from geo.errors import UserError
-from geo.files import decoder, messages
+from geo.files import decoder, messages, reference_system
 from geo.files.messages import Message
 
 # Which component a field is: (quantity, side), by short name, and by number where eccodes has no name.
@@ -320,7 +320,7 @@ def _plane(keys: Mapping[str, Any], lon: Real, lat: Real) -> tuple[dict[str, Any
     mapping = _mapping(keys)
     if mapping is None or min(lon.shape) < 2:
         return None
-    crs = pyproj.CRS.from_cf(mapping)
+    crs = reference_system.of(mapping)
     geographic = crs.source_crs if crs.is_derived and crs.is_geographic else crs.geodetic_crs
     x, y = (np.asarray(v) for v in pyproj.Transformer.from_crs(geographic, crs, always_xy=True).transform(lon, lat))
     if mapping["grid_mapping_name"] == "rotated_latitude_longitude":

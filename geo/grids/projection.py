@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
+from geo.files import reference_system
 from geo.grids.layout import Plane, points
 
 MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "epsg_code")
@@ -67,7 +68,7 @@ def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str
         mapping = described[0]
     attributes = dict(data[mapping].attrs)
     try:
-        return pyproj.CRS.from_cf(attributes)
+        return reference_system.of(attributes)
     except (KeyError, ValueError, TypeError, pyproj.exceptions.CRSError):
         for key in MAPPINGS:
             try:

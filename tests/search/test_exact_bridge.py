@@ -1,6 +1,6 @@
 """Brownian bridges to one of two destinations, a field, a barrier that ends midway, a field at the end: against small steps in float64.
 
-The brute force is one of paths in a plane about the middle of all (it bends distances there by less than 1e-4), in steps of 30 s: within
+The brute force is one of paths in a plane about the middle of all (it bends distances there by less than 1e-4), in steps of 60 s: within
 a step an edge that both its ends lie on one side of is touched with probability exp(-2 d1 d2 / (K^2 dt)); near the end of the barrier steps
 are cut in 16. Tolerances are three standard errors of the difference: the variance of one draw (delta method, from the brute force's draws)
 over the number of its draws plus that over the number of the run's; with resampling twice that of the run (Chopin 2004: it adds at most
@@ -13,7 +13,7 @@ import pytest
 import drift
 
 RADIUS, NMI, HOUR = 6_371_008.8, 1852.0, 3600.0
-PARTICLES, DRAWS, STEP = 40_000, 16_000, 30 / 3600
+PARTICLES, DRAWS, STEP = 25_000, 16_000, 60 / 3600
 MIDDLE = (-179.95, -35.1)
 FROM = ((179.2, -35.2), (3.0, 6.0), 30.0, 2.0)  # place, axes [nmi], orientation, departs at 0 to this [h]
 DISC = ((-178.9, -34.6), 8.0, (16.0, 20.0), 0.6)  # a destination: place, radius, times, probability

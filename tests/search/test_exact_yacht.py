@@ -1,6 +1,6 @@
 """A yacht on a voyage, in distress at a constant rate, then adrift; a sortie in vain; overdue: against brute force in float64.
 
-The brute force shares no code with ours: great circles of vectors, every minute of the sortie for each yacht, its hazard by the way
+The brute force shares no code with ours: great circles of vectors, every two minutes of the sortie for each yacht, its hazard by the way
 between yacht and aircraft in a plane about both. Tolerances are three standard errors of the difference: the variance of one draw (delta method, from the
 brute force's draws) over the number of its draws plus that over the number of the run's.
 """
@@ -13,7 +13,7 @@ import pytest
 import drift
 
 RADIUS, NMI, HOUR = 6_371_008.8, 1852.0, 3600.0
-PARTICLES, DRAWS = 40_000, 40_000
+PARTICLES, DRAWS = 25_000, 25_000
 WAY = ((-30.0, 40.0), (-28.2, 41.1), (-26.9, 40.6))
 SPEED = (4.0, 5.5, 8.0, 3.0)  # [kn] low, best, high, ratio
 LATEST, CROSS, RATE, OVERDUE = 3.0, 3.0, 0.03, 40.0  # [h], [nmi], [1/h], [h]
@@ -169,7 +169,7 @@ def plane(lon, lat, about):
     return (lon - about[0]) * 60 * np.cos(np.radians((lat + about[1]) / 2)), (lat - about[1]) * 60
 
 
-def missed(yachts, pace=60.0):
+def missed(yachts, pace=120.0):
     """Return the chance that the aircraft misses each: inverse cube, W^2 / (8 pi r^3) for each mile of relative way."""
     hazard = np.zeros(yachts.speed.size)
     for (begin, a), (end, b) in itertools.pairwise(FLOWN):
@@ -263,8 +263,8 @@ def test_speed_and_departure(yachts, result):
 
 
 def ways(yachts, begin, end, about):
-    """Give pieces of way, of four minutes from begin to end [h]: both ends, (east, north) [nmi] of a place."""
-    places = (plane(*yachts.at(time)[:2], about) for time in np.linspace(begin, end, round((end - begin) * 15) + 1))
+    """Give pieces of way, of ten minutes from begin to end [h]: both ends, (east, north) [nmi] of a place."""
+    places = (plane(*yachts.at(time)[:2], about) for time in np.linspace(begin, end, round((end - begin) * 6) + 1))
     yield from itertools.pairwise(np.stack(place, axis=-1) for place in places)
 
 

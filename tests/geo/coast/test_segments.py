@@ -214,7 +214,7 @@ def test_nearest_against_brute_force(fiji):
     points, owner = shapely.get_coordinates(shapely.segmentize(cut.lines, 20 / DEGREE), return_index=True)
     rng = np.random.default_rng(5)
     tested = 0
-    for lon, lat in zip(rng.uniform(178.2, 181.8, 40), rng.uniform(-17.8, -15.2, 40), strict=True):
+    for lon, lat in zip(rng.uniform(178.2, 181.8, 15), rng.uniform(-17.8, -15.2, 15), strict=True):
         metres = EARTH.inv(points[:, 0], points[:, 1], *np.broadcast_arrays(lon, lat, points[:, 0])[:2])[2]
         if metres.min() < 1000:
             continue
@@ -222,7 +222,7 @@ def test_nearest_against_brute_force(fiji):
         segment, distance = segments.nearest(cut, fiji, (lon + 180) % 360 - 180, lat)
         assert distance == pytest.approx(metres.min(), abs=0.1)
         assert metres[owner == segment].min() < metres.min() + 0.1
-    assert tested > 20
+    assert tested > 7
 
 
 def test_far_north_the_sphere_tells_which_is_nearest():

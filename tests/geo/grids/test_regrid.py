@@ -12,6 +12,7 @@ import xarray as xr
 
 from geo import sphere
 from geo.box import Box
+from geo.files import reference_system
 from geo.forcing import sources
 from geo.forcing.sources import Source
 from geo.grids import layout, rotation
@@ -245,3 +246,14 @@ def test_triangles_are_capped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     source = sources.open_source("current", writers.schism(tmp_path / "a.nc"))
     assert source.grid.nlon * source.grid.nlat <= 600
     assert any("coarser" in note for note in source.notes)
+
+
+@pytest.mark.parametrize(
+    "earth", [{}, {"earth_radius": 6.371e6}, {"semi_major_axis": 6378137.0, "semi_minor_axis": 6356752.0}]
+)
+def test_a_reference_system_is_that_of_pyproj(earth: dict[str, float]) -> None:
+    """Though pyproj is told where Greenwich is, which it would look up in half a second."""
+    pole = {"grid_north_pole_latitude": 40.0, "grid_north_pole_longitude": -170.0}
+    mapping = {"grid_mapping_name": "rotated_latitude_longitude"} | pole | earth
+    for more in ({}, {"longitude_of_prime_meridian": 2.5}):
+        assert reference_system.of(mapping | more).to_json() == pyproj.CRS.from_cf(mapping | more).to_json()
