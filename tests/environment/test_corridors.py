@@ -241,7 +241,7 @@ def test_a_coast_that_does_not_reach_as_far_as_the_lanes_is_no_proof() -> None:
         if known:
             assert refused(found, land) == []
         else:
-            with pytest.raises(ValueError, match="reach beyond the box of the coast"):
+            with pytest.raises(ValueError, match="leads beyond the box"):
                 corridors.refuse_lanes(found, land)
 
 
