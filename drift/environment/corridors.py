@@ -181,7 +181,9 @@ def _known(coast: Coast, points: Array) -> None:
     lon, lat = _binary(points[..., 0], points[..., 1])
     x, y = (lon.astype(np.int64) - coast.lon0) % sphere.TURN, lat.astype(np.int64) - coast.lat0
     if not ((x < coast.nx << coast.shift) & (y >= 0) & (y < coast.ny << coast.shift)).all():
-        raise ValueError("a leg or an edge leads beyond the box of its corners, in which the coast is known; give more of them")
+        raise ValueError(
+            "a leg or an edge leads beyond the box of its corners, in which the coast is known; give more of them"
+        )
 
 
 def _halfway(corners: Array) -> Array:
