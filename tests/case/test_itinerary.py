@@ -61,6 +61,14 @@ BAD = {
         STORY + AT + course(speed='{ low = "5 kn", best = "13 kn", high = "12 kn", ratio = 2 }'),
         "scenario \"one\".phase 1.course.speed: best '13 kn' must lie between low '5 kn' and high '12 kn'",
     ),
+    "a distress at a rate a second": (
+        STORY + "object = 'water'\ndistress = { rate = 0.02 }\n" + VOYAGE.format('departure = "+1 h"') + STILL,
+        'scenario "one".distress.rate: 0.02 needs a unit here, like "0.01 /h"',
+    ),
+    "legs of metres": (
+        STORY + AT + loiter().replace('"9 nmi"', "9"),
+        'scenario "one".phase 1.loiter.leg: 9 m on average between turns is too short; allowed: 500 m or more',
+    ),
     "a best course outside a sector through north": (
         STORY + AT + course("{ low = 340, best = 50, high = 20, ratio = 3 }"),
         'scenario "one".phase 1.course.course: best 410.0 must lie between',
@@ -261,6 +269,28 @@ def test_ways_over_land_are_refused_when_a_case_is_opened(tmp_path: Path) -> Non
         'scenario "one".phase 2.loiter.polygon',
     ]
     assert "leg 1, 4 nmi wide with 4 standard deviations of cross_track to each side, touches land near" in lines[0]
+
+
+def test_the_way_from_one_voyage_to_the_next_is_held_against_land(tmp_path: Path) -> None:
+    """Two voyages round an island, the second of which begins beyond it; not so where it begins where the first ends."""
+    first, second = (
+        PHASE + f'voyage = {{ waypoints = {points}, speed = "5 kn", cross_track = "0.3 nmi" }}\n'
+        for points in ("[[-30.2, 45.1], [-30.3, 45.4]]", "[[-31.3, 46.1], [-31.4, 46.3]]")
+    )
+    (line,) = on_an_island(tmp_path, STORY + first + second)
+    assert line.startswith(
+        'scenario "one".phase 1: the way from its end to where phase 2 begins, 2.4 nmi wide, touches land'
+    )
+    assert on_an_island(tmp_path, STORY + first + second.replace("[-31.3, 46.1]", "[-30.3, 45.4], [-30.2, 46.3]")) == ()
+    assert on_an_island(tmp_path, STORY + 'vessel = { land = "stop" }\n' + first + second) == ()
+
+
+def test_a_turn_too_sharp_for_the_error_is_told_by_its_place(tmp_path: Path) -> None:
+    sharp = VOYAGE.format('cross_track = "9 nmi"').replace("[-31.4, 46.3]]", "[-30.2, 45.3], [-29.2, 45.3]]")
+    (line,) = on_an_island(tmp_path, STORY + sharp)
+    assert line.startswith(
+        'scenario "one".phase 1.voyage: with 4 standard deviations of cross_track to each side: lane "1 - 2": 12 nmi long'
+    )
 
 
 @pytest.mark.parametrize("land", ["stop", "ignore"])

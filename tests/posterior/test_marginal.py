@@ -97,3 +97,19 @@ def test_categories_are_summed_exactly(some) -> None:  # type: ignore[no-untyped
         expected = [own.weight[mine & holds & (number == k)].sum() / own.weight[mine].sum() for k in range(3)]
         np.testing.assert_allclose(found.table[row], expected, rtol=1e-12)
     np.testing.assert_allclose(found.share[-1], own.weight[holds].sum() / own.weight.sum(), rtol=1e-12)
+
+
+def test_copies_count_as_one(some) -> None:  # type: ignore[no-untyped-def]
+    """Each particle parted into copies of its weight counts as the one that it was, wherever they lie in its scenario."""
+    own, scenario, holds, rng = some
+    copies = rng.integers(1, 5, scenario.size)
+    family = np.repeat(np.arange(scenario.size), copies)
+    family = family[np.lexsort((rng.random(family.size), scenario[family]))]
+    bounds = (0, *np.cumsum(np.bincount(scenario, copies, 4)).astype(int))
+    blocks = partials.cut(bounds, bounds[:-1], (partials.BLOCK,) * 4)
+    many = marginal.weighted((own.weight / copies)[family], blocks, family)
+    np.testing.assert_allclose(many.ess, own.ess, rtol=1e-10)
+    number = rng.integers(0, 3, scenario.size)
+    parted = marginal.of_category(many, number[family], holds[family], 3)
+    np.testing.assert_allclose(parted.ess, marginal.of_category(own, number, holds, 3).ess, rtol=1e-10)
+    assert marginal.weighted(many.weight, blocks).ess[-1] > 2 * own.ess[-1]  # what would be told without

@@ -765,13 +765,19 @@ def test_offspring_separate_and_remember(tmp_path):
     """After a narrow contact few ancestors remain; their offspring part by later noise, and tracks lead back to them."""
     text = STILL + NORMAL.format(d=30)
     fix = Contact("fix", hours(1), "position", fixes=(Fix(-179.98, 30.01),), major=300.0, minor=300.0)
-    case = load(tmp_path, text, particles=5000, contacts=(fix,), resampling=Resampling("systematic", 0.5))
-    search, _, moments = run(case, outputs=[0, 3600, 7200, 21_600])
+    vague = dataclasses.replace(fix, name="vague", time=hours(3), major=90e3, minor=90e3)
+    case = load(tmp_path, text, particles=5000, contacts=(fix, vague), resampling=Resampling("systematic", 0.5))
+    search, ensemble, moments = run(case, outputs=[0, 3600, 7200, 21_600])
     update = search.updates.all[0]
     assert update.resampled
     assert update.distinct < 0.05
     assert update.ess_after < 500
     assert update.ess_resampled == pytest.approx(5000, rel=1e-3)
+    later = search.updates.all[1]  # tells next to nothing: copies still count as one
+    assert later.ess_before == pytest.approx(update.ess_after, rel=0.02)
+    assert later.ess_after == pytest.approx(later.ess_before, rel=0.02)
+    family = moments[2].ancestors
+    assert record.account(ensemble, family=family).ess == pytest.approx(later.ess_after, rel=0.02)
     last, drawn = moments[-1], moments[2].ancestors
     assert moments[1].ancestors is None
     assert len(np.unique(drawn)) == round(update.distinct * 5000)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.container import ErrorbarContainer
 from scipy import integrate, optimize, stats
 
@@ -16,6 +17,7 @@ from drift.case import survival
 from drift.maps import page
 from drift.maps.imprint import Imprint
 from drift.motion.scenario import Survival
+from drift.particles.status import Status
 from drift.preview import check
 from drift.suspend import decision, further
 from drift.suspend import map as suspend_map
@@ -222,6 +224,14 @@ def test_effort_over_a_circular_normal_is_koopmans_optimum() -> None:
         gaps.append(1 - (1 + u) * np.exp(-u) - float((mass * -np.expm1(-swept / cells * share)).sum()))
     assert gaps[0] > 3 * gaps[1] > 0
     assert abs(gaps[1] - (gaps[0] - gaps[1]) / 3) < 0.1 * gaps[0]  # nothing is left once extrapolated
+
+
+def test_what_steers_or_has_stopped_is_on_the_map() -> None:
+    """Of an account only what is outside, has left, sank or is not released is not."""
+    chances = {status.name.lower(): 0.02 * (status + 1) for status in Status}
+    data = xr.Dataset({"status_probability": (("time", "status"), [list(chances.values())])}, {"status": list(chances)})
+    gone = sum(chances[name] for name in ("outside", "left", "sunk", "pending"))
+    assert decision.off_map(data) == pytest.approx(gone)
 
 
 def test_effort_over_two_stories_is_that_of_another_optimiser() -> None:
