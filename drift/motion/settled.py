@@ -17,7 +17,7 @@ from kernels import settled as kernel
 class Settled(NamedTuple):
     """Columns on the host, (n,) each; what a scenario does not have is 0 there, and an arrival that is unknown NEVER."""
 
-    speed: Array  # [m/s] of the first phase for which a speed is drawn
+    speed: Array  # [m/s] of the first phase for which a speed of advance is drawn
     course: Array  # [rad] the first one of the first phase that keeps a course, clockwise from north
     destination: Array  # number among those of the last phase that has a choice of them
     k: Array  # [m/sqrt(s)] of the first phase that is a Brownian bridge
@@ -49,9 +49,10 @@ def phases(itineraries: Sequence[Itinerary | None]) -> Array:
     table = np.full((len(itineraries), kernel.WANTED), -1, np.int32)
     number = 0
     for row, itinerary in zip(table, itineraries, strict=True):
-        for phase in itinerary.phases if itinerary else ():
+        for k, phase in enumerate(itinerary.phases if itinerary else ()):
             told = []
-            if isinstance(phase, Course | Loiter) or (isinstance(phase, Ways) and by_speed(phase)):
+            on_its_way = isinstance(phase, Course) or (isinstance(phase, Ways) and by_speed(phase))
+            if on_its_way or (isinstance(phase, Loiter) and k == 0):  # else it would be a speed on patrol
                 told.append(kernel.SPEED)
             if isinstance(phase, Course):
                 told.append(kernel.FIRST_COURSE)
