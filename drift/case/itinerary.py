@@ -365,8 +365,10 @@ class BridgeTable(BoundedTable):
         if len(self.points) + bool(self.destinations) < 2:
             raise ValueError("points: a bridge leads from one way point to another; give two, or destinations")
         given = [table.probability for table in self.destinations]
-        if self.destinations and (None in given or abs(math.fsum(x or 0.0 for x in given) - 1) > 1e-6):
-            raise ValueError("destinations: each has a probability, and they add up to 1")
+        if None in given:
+            raise ValueError(f"destinations.{given.index(None) + 1}.probability is missing; together they add up to 1")
+        if given and abs((total := math.fsum(x or 0.0 for x in given)) - 1) > 1e-6:
+            raise ValueError(f"destinations: their probabilities add up to {total:g}; they must add up to 1")
         if any(table.probability is not None for table in self.points):
             raise ValueError("points: a probability belongs to destinations")
         return self

@@ -135,7 +135,7 @@ BAD = {
     "probabilities that do not add up": (
         STORY + PHASE + "[scenario.phase.bridge]\nk = 5\npoints = [{ at = [-30, 45], time = '+1 h' }]\ndestinations = ["
         "{ at = [-31, 46], time = '+9 h', probability = 0.5 }, { at = [-31, 47], time = '+9 h', probability = 0.4 }]\n",
-        'scenario "one".phase 1.bridge: destinations: each has a probability, and they add up to 1',
+        'scenario "one".phase 1.bridge: destinations: their probabilities add up to 0.9; they must add up to 1',
     ),
     "a correlation with a place that is certain": (
         STORY + bridge('time = "+2 h"', 'time = "+18 h", std = "3 nmi", correlation = 0.4'),
