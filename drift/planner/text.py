@@ -163,11 +163,11 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
         ("Size", f"{size} nmi, length along {_both(tasking.orientation)}"),
     ]
     if sortie.legs is not None:
-        many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)}"
+        many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {'in pieces of up to' if tasking.cut else 'of'}"
         rows += [
             ("Pattern", PATTERN),
             ("CSP", f"{notation.position(*subareas.begin(tasking))}   (commence search point)"),
-            ("First leg", f"{_first_course(tasking):03d}T, {many} of {subareas.leg_length(tasking) / NMI:.1f} nmi"),
+            ("First leg", f"{_first_course(tasking):03d}T, {many} {subareas.leg_length(tasking) / NMI:.1f} nmi"),
             ("Creep", f"{subareas.degrees(tasking.creep):03d}T"),
             ("Track spacing", f"{tasking.spacing / NMI:.2f} nmi"),
         ]

@@ -152,6 +152,7 @@ def test_files_and_sheets_carry_the_way(planned: tuple[Path, Plan]) -> None:
     text = (out / "plan.txt").read_text()
     assert "nmi by sea" in text
     assert "Cut legs" in text
+    assert " in pieces of up to " in text
     assert "check the ways on a chart" in " ".join(text.split())
     told = next(task for task in json.loads((out / "plan.json").read_text())["taskings"] if task["unit"] == "boat")
     assert told["legs_cut"] == list(boat.cut)
