@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from drift.bridges.bridge import FARTHEST, WIDEST
 from drift.case import fields, sources, units
 from drift.case.network import read
 from drift.case.objects import SearchObject
@@ -373,6 +374,23 @@ class BridgeTable(BoundedTable):
             raise ValueError("points: a probability belongs to destinations")
         return self
 
+    def within_half_a_world(self, points: Sequence[WayPoint]) -> None:
+        """Refuse bridges for which `drift bridge` has no law either: between antipodes, or all over the Earth."""
+        for a, b in itertools.pairwise(points):
+            apart = float(sphere.distance(*middle(a.place), *middle(b.place))) / sphere.RADIUS
+            if apart > FARTHEST:
+                raise ValueError(
+                    f"two way points are {np.degrees(apart):.0f} degrees apart: the way between them is hardly told; give way "
+                    f"points at most {np.degrees(FARTHEST):.0f} degrees apart"
+                )
+            lasting = latest(b.time, 0.0) - latest(a.time, 0.0)
+            midway = self.k * self.k_spread * math.sqrt(max(lasting, 0.0)) / 2
+            if midway > WIDEST:
+                raise ValueError(
+                    f"k: {midway / notation.NMI:,.0f} nmi of standard deviation midway between two way points; allowed: up to "
+                    f"{WIDEST / notation.NMI:,.0f} nmi; give a smaller k, or way points between"
+                )
+
     def phase(self, start: np.datetime64, folder: Path) -> Ways:
         """Return the record."""
         points = _points(self.points, start, start)
@@ -380,11 +398,10 @@ class BridgeTable(BoundedTable):
         ends = tuple(
             (_point(table, last, start, start), float(table.probability or 0.0)) for table in self.destinations
         )
-        _in_order(list(points), start)
-        self.in_time(points)
-        for end, _ in ends:
-            _in_order([points[-1], end], start)
-            self.in_time((points[-1], end))
+        for some in (points, *((points[-1], end) for end, _ in ends)):
+            _in_order(list(some), start)
+            self.in_time(some)
+            self.within_half_a_world(some)
         return Ways(
             points, start, NONE, ends, k=self.k, k_spread=math.log(self.k_spread),
             slowest=self.min_speed, fastest=self.max_speed or math.inf,

@@ -61,6 +61,14 @@ BAD = {
         STORY + AT + course(speed='{ low = "5 kn", best = "13 kn", high = "12 kn", ratio = 2 }'),
         "scenario \"one\".phase 1.course.speed: best '13 kn' must lie between low '5 kn' and high '12 kn'",
     ),
+    "a bridge all over the Earth": (
+        STORY + bridge('time = "+2 h"', 'time = "+50 h"', 'k = "900 nmi/sqrt(h)"'),
+        'scenario "one".phase 1.bridge: k: 3,118 nmi of standard deviation midway between two way points; allowed: up to 1,720',
+    ),
+    "a bridge between antipodes": (
+        STORY + bridge('time = "+2 h"', 'time = "+50 h"').replace("[-31.4, 46.3]", "[151.2, -45.3]"),
+        'scenario "one".phase 1.bridge: two way points are 179 degrees apart: the way between them is hardly told',
+    ),
     "a distress at a rate a second": (
         STORY + "object = 'water'\ndistress = { rate = 0.02 }\n" + VOYAGE.format('departure = "+1 h"') + STILL,
         'scenario "one".distress.rate: 0.02 needs a unit here, like "0.01 /h"',
