@@ -5,7 +5,7 @@ where its way points may be, and where it loiters; what several scenarios share 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,8 @@ INK, WASH = "#1f4e8c", "#a9c4e6"  # of lanes and their corridors
 AREA: dict[str, Any] = {"color": "#7a1f6b", "linewidth": 1.5, "linestyle": (0, (6, 2))}
 WAY_COLOURS = ("#1b5e20", "#00838f", "#5d4037", "#9e7b00", "#b0306a")
 WAY_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), (0, (5, 1.5)), "-")
+STYLES = 5  # ways that can be told apart; more of them are drawn alike
+CROWD: dict[str, Any] = {"color": WAY_COLOURS[0], "linestyle": "-", "linewidth": 0.5, "alpha": 0.5}
 HALF = np.sqrt(2 * np.log(2))  # standard deviations within which half of a round normal law lies
 NAMED = 3  # scenarios that a row of the legend names
 FINE = 20_000.0  # [m] between points of great circles as drawn
@@ -119,18 +121,26 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     def draw(ax: Axes, frame: Frame) -> None:
         if network is not None:
             lanes(ax, frame, network, alpha=0.3)
-        for number, (shapes, _) in enumerate(groups):
-            _draw_ways(ax, frame, shapes, _style(number))
+        if len(groups) > STYLES:
+            _draw_ways(ax, frame, [replace(shapes, odds=()) for shapes, _ in groups], CROWD)
+        else:
+            for number, (shapes, _) in enumerate(groups):
+                _draw_ways(ax, frame, [shapes], _style(number))
         patrols(ax, frame, corners)
 
-    rows: list[tuple[Any, str]] = [
-        (Line2D([], [], **_style(number)), f"Way: {_names(names)}") for number, (_, names) in enumerate(groups)
-    ]
+    if len(groups) > STYLES:
+        rows: list[tuple[Any, str]] = [
+            (Line2D([], [], **CROWD), f"Ways of {sum(len(names) for _, names in groups)} scenarios")
+        ]
+    else:
+        rows = [(Line2D([], [], **_style(k)), f"Way: {_names(names)}") for k, (_, names) in enumerate(groups)]
     if any(shapes.outlines for shapes, _ in groups):
         rows.append((Patch(facecolor="none", edgecolor=WAY_COLOURS[0]), "A way point lies in it, or half of its law"))
     rows += key(areas=False) if network is not None else []
     rows += [(Line2D([], [], **AREA), "Area of patrol")] if rings else []
     places: dict[str, Sequence[Array]] = {f"the way of {_names(names)}": shapes.arrays for shapes, names in groups}
+    if len(groups) > STYLES:
+        places = {"the ways": [line for shapes, _ in groups for line in shapes.arrays]}
     if network is not None:
         places["the lanes"] = middles(network)
         places["where the lanes begin"] = _beginnings(stories)
@@ -211,14 +221,21 @@ def _over(place: Place) -> tuple[float, float]:
     return float(outline[0].mean()), float(outline[1].max())
 
 
-def _draw_ways(ax: Axes, frame: Frame, shapes: _Shapes, style: dict[str, Any]) -> None:
-    """Draw a way, where its way points may be, and the odds of its destinations."""
-    for line in shapes.lines:
-        ax.plot(*frame.project(*np.array(line).T), zorder=8, scalex=False, scaley=False, **style)
-    thin = {"color": style["color"], "linewidth": 0.9, "zorder": 8}
-    for outline in shapes.outlines:
-        ax.plot(*frame.project(*np.array(outline).T), scalex=False, scaley=False, **thin)
-    for lon, lat, share in shapes.odds:
+def _draw_ways(ax: Axes, frame: Frame, some: Sequence[_Shapes], style: dict[str, Any]) -> None:
+    """Draw ways of one style, where their way points may be, and the odds of their destinations."""
+
+    def lines(shapes: Iterable[Sequence[tuple[float, float]]], **how: Any) -> None:
+        """Draw many lines as one with gaps: hundreds of lines take a hundred times as long."""
+        drawn = [np.column_stack(frame.project(*np.array(shape).T)) for shape in shapes]
+        if drawn:
+            gap = np.full((1, 2), np.nan)
+            ax.plot(
+                *np.concatenate([x for one in drawn for x in (one, gap)]).T, scalex=False, scaley=False, zorder=8, **how
+            )
+
+    lines((line for shapes in some for line in shapes.lines), **style)
+    lines((outline for shapes in some for outline in shapes.outlines), color=style["color"], linewidth=0.9)
+    for lon, lat, share in (odds for shapes in some for odds in shapes.odds):
         x, y = frame.project(lon, lat)
         text = f"prior {100 * share:.3g} %"
         ax.annotate(
@@ -229,8 +246,8 @@ def _draw_ways(ax: Axes, frame: Frame, shapes: _Shapes, style: dict[str, Any]) -
 
 def _style(number: int) -> dict[str, Any]:
     return {
-        "color": WAY_COLOURS[number % len(WAY_COLOURS)],
-        "linestyle": WAY_DASHES[number % len(WAY_DASHES)],
+        "color": WAY_COLOURS[number],
+        "linestyle": WAY_DASHES[number],
         "linewidth": 1.3,
     }
 

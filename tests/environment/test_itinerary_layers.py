@@ -1,6 +1,7 @@
 """What charts show of itineraries: what scenarios share once, all that is on it in its places, lanes of several routes in one network."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from drift.case import file as case_file
 from drift.environment import layers
 from drift.maps import chart
 from drift.motion import lanes
+from drift.motion.itinerary import Ways
 
 
 def test_a_way_that_scenarios_share_is_drawn_once() -> None:
@@ -18,6 +20,30 @@ def test_a_way_that_scenarios_share_is_drawn_once() -> None:
     assert [text for _, text in overlay.key] == ["Way: dismasted, in the raft, slow, and under way"]
     (line,) = overlay.places["the way of dismasted, in the raft, slow, and under way"]
     np.testing.assert_allclose(line[[0, -1]], [[-87 - 16 / 60, 30 + 4 / 60], [-83.05, 27.6]], atol=1e-9)
+
+
+def test_many_ways_are_one_row_of_the_legend_and_one_line() -> None:
+    """Of forty voyages nobody tells colours apart; five have one each."""
+    (first, *_) = case_file.load("overdue_yacht").scenarios
+    assert first.itinerary is not None
+    (voyage,) = first.itinerary.phases
+    assert isinstance(voyage, Ways)
+    some = []
+    for k in range(40):
+        moved = tuple(replace(p, place=replace(p.place, lat=p.place.lat - 1e-4 * k)) for p in voyage.points)  # type: ignore[call-arg, union-attr]
+        itinerary = replace(first.itinerary, phases=(replace(voyage, points=moved),))
+        some.append(replace(first, name=f"story {k}", itinerary=itinerary))
+    frame = chart.frame(np.array([-89.0, -82.0]), np.array([27.0, 31.0]), 1.2)
+    for count, lines in ((5, 5), (40, 1)):
+        overlay = layers.itineraries(some[:count])
+        ax = Figure().add_axes((0, 0, 1, 1))
+        chart.prepare(ax, frame)
+        before = len(ax.lines)
+        overlay.draw(ax, frame)
+        assert len(ax.lines) - before == len(overlay.key) == len(overlay.places) == lines
+    assert [text for _, text in overlay.key] == ["Ways of 40 scenarios"]
+    (drawn,) = ax.lines[before:]
+    assert np.isnan(drawn.get_xdata()).sum() == 40  # type: ignore[arg-type]
 
 
 def test_way_points_patrols_and_odds_are_drawn() -> None:
