@@ -9,6 +9,7 @@ from targets import HOUR, KNOT, NMI, PERIOD, Fleet, triangle
 
 from drift.motion.itinerary import (
     NONE,
+    Abeam,
     Between,
     Course,
     InBox,
@@ -189,6 +190,34 @@ def test_inside_a_step_a_bridge_is_as_wide_as_at_its_end() -> None:
     end = sphere.offset(*centre, np.radians(fleet["lon"]), np.radians(fleet["lat"]))
     # Cov(x(s), x(t)) = K^2 s (T - t) / T.
     assert np.corrcoef(east, end[0])[0, 1] == pytest.approx(np.sqrt(15 * 10 / (35 * 40)), abs=4 / np.sqrt(n))
+
+
+def test_a_second_time_inside_a_step_goes_on_from_the_first() -> None:
+    """Between 15 and 17 h of one step a bridge of 50 h goes on its way, and strays by K sqrt(dt (1 - dt / T))."""
+    n, hours = 20_000, 50.0
+    fleet = Fleet(bridge(K12, reached(at(177.0, -37.9), hours)), n)
+    first, second = fleet.within(Step(4, 0, 40 * HOUR, 1), [15 * HOUR, 17 * HOUR], chained=True)
+    moved = np.array(sphere.offset(*np.radians(first), *np.radians(second)))
+    std = K12 * np.sqrt(2 * HOUR * (1 - 2 / hours))
+    way = np.array(sphere.offset(*np.radians(BEGIN), np.radians(177.0), np.radians(-37.9))) * 2 / hours
+    for made, mean in zip(moved, way, strict=True):
+        assert abs(made.std() / std - 1) < 4 / np.sqrt(2 * n)
+        assert abs(made.mean() - mean) < 4 * std / np.sqrt(n) + 0.02 * np.hypot(
+            *way
+        )  # the way turns by 4 degrees in all
+
+
+def test_a_target_keeps_its_side_of_a_way() -> None:
+    """By two legs along the equator, off it by a normal law: midway along both each is as far off, on the same side."""
+    points = tuple(
+        WayPoint(Abeam(np.radians(lon), 0.0, 5 * NMI, np.pi, "normal"), distance=far)
+        for lon, far in ((20.0, 0.0), (21.0, 60 * NMI), (22.0, 60 * NMI))
+    )
+    ways = Ways(points, PERIOD.start, speed=Spread(5.0, 5.0, 5.0))
+    fleet = Fleet(Itinerary((ways,), land="ignore"), 500)
+    off = [fleet.go(hours * HOUR, 1800, before * HOUR)["lat"] for before, hours in ((0, 3), (3, 9))]
+    assert np.std(off[0]) * 60 == pytest.approx(5, rel=0.1)
+    np.testing.assert_allclose(off[1], off[0], atol=1e-5)
 
 
 def test_places_and_times_of_a_track() -> None:
@@ -422,3 +451,12 @@ def test_copies_keep_what_is_settled_and_part_in_the_noise() -> None:
     fleet.go(20 * HOUR, HOUR, 3 * HOUR)
     assert len(set(zip(fleet["lon"], fleet["lat"], strict=True))) == 64
     assert len(set(fleet["to_lon"])) == 1
+
+
+def test_a_distress_that_would_be_before_the_departure_is_at_it() -> None:
+    ways = Ways(
+        (WayPoint(at(8.0, 34.0)), WayPoint(at(9.6, 34.9), distance=1.7e5)), PERIOD.start,
+        Spread(2 * HOUR, 6 * HOUR, 3 * HOUR), speed=Spread(4.0, 6.0, 5.0),
+    )  # fmt: skip
+    fleet = Fleet(Itinerary((ways,), Between(PERIOD.start, Spread(0.0, HOUR, 1800.0)), land="ignore"), 200)
+    np.testing.assert_array_equal(fleet["release"], fleet["departure"])

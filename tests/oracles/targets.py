@@ -50,14 +50,21 @@ class Fleet:
             self._move(Step(k, k * step, step, 1))
         return self
 
-    def within(self, step: Step, times: Sequence[int]) -> list[tuple[Array, Array]]:
-        """Make a step; return positions (lon, lat) [deg] at times [s] inside it, all asked of the step's begin."""
+    def within(self, step: Step, times: Sequence[int], chained: bool = False) -> list[tuple[Array, Array]]:
+        """Make a step; return positions (lon, lat) [deg] at times [s] inside it.
+
+        They are asked of the step's begin, or, chained, each of the one before.
+        """
         before = {name: runtime.copy(column) for name, column in self.columns.items()}
         self._move(step)
         places = []
+        at, since = (before["lon"], before["lat"]), step.elapsed
         for time in times:
-            at = runtime.copy(before["lon"]), runtime.copy(before["lat"])
-            steer.inside(before, self.slots, self.plan, self.seed, WORLD, None, step, at, step.elapsed, time, time)
+            if not chained:
+                at, since = (before["lon"], before["lat"]), step.elapsed
+            at = runtime.copy(at[0]), runtime.copy(at[1])
+            steer.inside(before, self.slots, self.plan, self.seed, WORLD, None, step, at, since, time, time)
+            since = time
             places.append(tuple(sphere.to_degrees(x.to_numpy()) for x in at))
         return places
 
