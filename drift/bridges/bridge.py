@@ -89,12 +89,28 @@ def between(
     matrix = np.zeros((size, size)) if covariance is None else np.asarray(covariance, np.float64)
     _refuse(lon, lat, seconds, spread_rate, matrix)
     bridge = Bridge(lon, lat, seconds, (matrix + matrix.T) / 2, float(spread_rate))
-    if (spread := widest(bridge)) > WIDEST:
+    refuse_width(widest(bridge))
+    return bridge
+
+
+def refuse_width(spread: float) -> None:
+    """Raise ValueError, one line, for a standard deviation [m] that a law of first order says little of."""
+    if spread > WIDEST:
         raise ValueError(
             f"it strays by {spread / notation.NMI:,.0f} nmi (standard deviation), more than the {WIDEST / notation.NMI:,.0f} nmi that the "
             "law is good for; lower the spread rate or the errors, or give way points in between"
         )
-    return bridge
+
+
+def refuse_antipodes(lon: Array, lat: Array) -> None:
+    """Raise ValueError, one line, for way points [rad] (n,) of which two in a row are so far apart that all ways are alike."""
+    apart = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / sphere.RADIUS
+    if apart.max(initial=0.0) > FARTHEST:
+        k = int(np.argmax(apart))
+        raise ValueError(
+            f"way points {k + 1} and {k + 2} are {np.degrees(apart[k]):.0f} degrees apart: the way between them is hardly "
+            f"told; give way points at most {np.degrees(FARTHEST):.0f} degrees apart"
+        )
 
 
 def widest(bridge: Bridge) -> float:
@@ -123,13 +139,7 @@ def _refuse(lon: Array, lat: Array, time: Array, spread_rate: float, covariance:
         raise ValueError(f"way point {k + 2} is reached {when} way point {k + 1}; way points stand in order of time")
     if not 0 <= spread_rate < np.inf:
         raise ValueError(f"spread rate {spread_rate!r} must be at least 0 m/sqrt(s), and finite")
-    apart = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / sphere.RADIUS
-    if apart.max() > FARTHEST:
-        k = int(np.argmax(apart))
-        raise ValueError(
-            f"way points {k + 1} and {k + 2} are {np.degrees(apart[k]):.0f} degrees apart: the way between them is hardly "
-            f"told; give way points at most {np.degrees(FARTHEST):.0f} degrees apart"
-        )
+    refuse_antipodes(lon, lat)
     if covariance.shape != (2 * lon.size,) * 2 or not np.isfinite(covariance).all():
         raise ValueError(f"covariance has shape {covariance.shape}; must be finite and {(2 * lon.size,) * 2}, in m2")
     tolerance = LOOSE * np.abs(covariance).max(initial=0.0)

@@ -43,7 +43,7 @@ class BarrierTable(LineTable):
     detection: Detection
     reported: fields.Time | None = None
     error: fields.Duration | None = None
-    false_alarms: Annotated[float, BeforeValidator(fields.spoken_rate)] | None = None
+    false_alarms: Annotated[float, BeforeValidator(fields.rate)] | None = None
 
     @model_validator(mode="after")
     def reports(self) -> "BarrierTable":

@@ -160,18 +160,13 @@ def _jibe(value: object) -> float:
 
 
 def rate(value: object) -> float:
-    """Return a rate of events [1/s]."""
+    """Return a rate of events [1/s]; it has its unit, for a bare number would be taken for one a second."""
+    if value != 0 and (not isinstance(value, str) or not any(letter.isalpha() for letter in value)):
+        raise ValueError(f'rate {value!r} needs a unit, like "{value} /h"')
     number = units.quantity(value, "1/s", "rate", "0.2 /day")
     if not 0 <= number <= 1:
         raise ValueError(f"rate {value!r} must be 0 to 1 per second")
     return number
-
-
-def spoken_rate(value: object) -> float:
-    """Return a rate of events [1/s] that has its unit; a number without one would be taken for one a second."""
-    if not isinstance(value, str) or not any(letter.isalpha() for letter in value):
-        raise ValueError(f'{value!r} needs a unit here, like "0.01 /h"')
-    return rate(value)
 
 
 def share(value: object) -> float:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from drift.bridges.bridge import FARTHEST, WIDEST
+from drift.bridges.bridge import refuse_antipodes, refuse_width
 from drift.case import fields, sources, units
 from drift.case.network import read
 from drift.case.objects import SearchObject
@@ -374,22 +374,12 @@ class BridgeTable(BoundedTable):
             raise ValueError("points: a probability belongs to destinations")
         return self
 
-    def within_half_a_world(self, points: Sequence[WayPoint]) -> None:
-        """Refuse bridges for which `drift bridge` has no law either: between antipodes, or all over the Earth."""
+    def has_law(self, points: Sequence[WayPoint]) -> None:
+        """Refuse what `drift bridge` refuses: ways between antipodes, or all over the Earth."""
+        refuse_antipodes(*np.array([middle(point.place) for point in points]).T)
         for a, b in itertools.pairwise(points):
-            apart = float(sphere.distance(*middle(a.place), *middle(b.place))) / sphere.RADIUS
-            if apart > FARTHEST:
-                raise ValueError(
-                    f"two way points are {np.degrees(apart):.0f} degrees apart: the way between them is hardly told; give way "
-                    f"points at most {np.degrees(FARTHEST):.0f} degrees apart"
-                )
             lasting = latest(b.time, 0.0) - latest(a.time, 0.0)
-            midway = self.k * self.k_spread * math.sqrt(max(lasting, 0.0)) / 2
-            if midway > WIDEST:
-                raise ValueError(
-                    f"k: {midway / notation.NMI:,.0f} nmi of standard deviation midway between two way points; allowed: up to "
-                    f"{WIDEST / notation.NMI:,.0f} nmi; give a smaller k, or way points between"
-                )
+            refuse_width(self.k * self.k_spread * math.sqrt(max(lasting, 0.0)) / 2)  # midway
 
     def phase(self, start: np.datetime64, folder: Path) -> Ways:
         """Return the record."""
@@ -401,7 +391,7 @@ class BridgeTable(BoundedTable):
         for some in (points, *((points[-1], end) for end, _ in ends)):
             _in_order(list(some), start)
             self.in_time(some)
-            self.within_half_a_world(some)
+            self.has_law(some)
         return Ways(
             points, start, NONE, ends, k=self.k, k_spread=math.log(self.k_spread),
             slowest=self.min_speed, fastest=self.max_speed or math.inf,
@@ -539,7 +529,7 @@ class DistressTable(fields.Table):
     """When a target that is under way goes adrift: between two times, at a rate, or after a part of its way."""
 
     between: Time | None = None
-    rate: Annotated[float, BeforeValidator(fields.spoken_rate)] | None = None
+    rate: Annotated[float, BeforeValidator(fields.rate)] | None = None
     part: Parts | None = None
 
     @model_validator(mode="after")

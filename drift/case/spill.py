@@ -70,18 +70,10 @@ class KindTable(fields.Table):
         return Kind(self.name, self.share / total, drifter, jibe, self.sinking.sinking() if self.sinking else None)
 
 
-def _rate(value: Any) -> float:
-    if (
-        isinstance(value, int | float) and not isinstance(value, bool) and value != 0
-    ):  # a bare number would be per second
-        raise ValueError(f'rate {value!r} needs a unit, like "{value:g} /day"')
-    return fields.rate(value)
-
-
 def _rates(value: Any) -> dict[str, float]:
     if not isinstance(value, dict):
         raise ValueError('must be a table of rates by kind of shore, like { town = "1 /day", wild = "0.02 /day" }')
-    return {str(kind): _rate(rate) for kind, rate in value.items()}
+    return {str(kind): fields.rate(rate) for kind, rate in value.items()}
 
 
 class ReportingTable(fields.Table):
@@ -90,7 +82,7 @@ class ReportingTable(fields.Table):
     rate: Annotated[dict[str, float], BeforeValidator(_rates)] = Field(
         default_factory=lambda: {"town": 1 / DAY, "road": 0.2 / DAY, "wild": 0.02 / DAY}
     )
-    removal: Annotated[float, BeforeValidator(_rate)] = 0.0
+    removal: Annotated[float, BeforeValidator(fields.rate)] = 0.0
     bias: Annotated[float, Field(ge=0, le=3)] = 0.0
     coast: str = "wild"
     until: fields.Time | None = None

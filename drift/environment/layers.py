@@ -32,7 +32,7 @@ INK, WASH = "#1f4e8c", "#a9c4e6"  # of lanes and their corridors
 AREA: dict[str, Any] = {"color": "#7a1f6b", "linewidth": 1.5, "linestyle": (0, (6, 2))}
 WAY_COLOURS = ("#1b5e20", "#00838f", "#5d4037", "#9e7b00", "#b0306a")
 WAY_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), (0, (5, 1.5)), "-")
-STYLES = 5  # ways that can be told apart; more of them are drawn alike
+# More ways than there are colours cannot be told apart; they are drawn alike.
 CROWD: dict[str, Any] = {"color": WAY_COLOURS[0], "linestyle": "-", "linewidth": 0.5, "alpha": 0.5}
 HALF = np.sqrt(2 * np.log(2))  # standard deviations within which half of a round normal law lies
 NAMED = 3  # scenarios that a row of the legend names
@@ -121,14 +121,14 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     def draw(ax: Axes, frame: Frame) -> None:
         if network is not None:
             lanes(ax, frame, network, alpha=0.3)
-        if len(groups) > STYLES:
+        if len(groups) > len(WAY_COLOURS):
             _draw_ways(ax, frame, [replace(shapes, odds=()) for shapes, _ in groups], CROWD)
         else:
             for number, (shapes, _) in enumerate(groups):
                 _draw_ways(ax, frame, [shapes], _style(number))
         patrols(ax, frame, corners)
 
-    if len(groups) > STYLES:
+    if len(groups) > len(WAY_COLOURS):
         rows: list[tuple[Any, str]] = [
             (Line2D([], [], **CROWD), f"Ways of {sum(len(names) for _, names in groups)} scenarios")
         ]
@@ -139,7 +139,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     rows += key(areas=False) if network is not None else []
     rows += [(Line2D([], [], **AREA), "Area of patrol")] if rings else []
     places: dict[str, Sequence[Array]] = {f"the way of {_names(names)}": shapes.arrays for shapes, names in groups}
-    if len(groups) > STYLES:
+    if len(groups) > len(WAY_COLOURS):
         places = {"the ways": [line for shapes, _ in groups for line in shapes.arrays]}
     if network is not None:
         places["the lanes"] = middles(network)

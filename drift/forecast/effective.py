@@ -80,11 +80,7 @@ def by(code: Array, many: int, weight: Array, family: Array | None = None, block
 
 def _by_family(code: Array, many: int, weight: Array, family: Array) -> Array:
     """Return the effective number of weights by code, where those of one family and code count as one."""
-    pair = family.astype(np.int64) * many + code
-    begin = np.flatnonzero(np.diff(pair, prepend=-1))  # offspring lie side by side, so that runs are few
-    pairs, which = np.unique(pair[begin], return_inverse=True)
-    mass: Array = np.bincount(which, np.add.reduceat(np.asarray(weight, np.float64), begin))
-    of = pairs % many
+    of, mass = weights.of_families(code, many, weight, family)
     top = np.zeros(many)
     np.maximum.at(top, of, mass)
     mass = mass / np.where(top > 0, top, 1.0)[of]  # squares of the smallest weights would underflow

@@ -30,6 +30,19 @@ def effective(weight: Array) -> float:
     return float(weight.sum() ** 2 / (weight**2).sum())
 
 
+def of_families(code: Array, many: int, weight: Array, family: Array) -> tuple[Array, Array]:
+    """Return the codes 0 to many - 1 of all families (k,), and the sum of each one's weights (k,).
+
+    code, weight, family: (n,) of the particles; those of one family and code are one of the result. family: int, the
+    particle of the begin from which each descends.
+    """
+    pair = family.astype(np.int64) * many + code
+    begin = np.flatnonzero(np.diff(pair, prepend=-1))  # offspring lie side by side, so that runs are few
+    pairs, which = np.unique(pair[begin], return_inverse=True)
+    mass = np.bincount(which, np.add.reduceat(np.asarray(weight, np.float64), begin))
+    return pairs % many, mass
+
+
 @dataclass(frozen=True)
 class Weighed:
     """What a run needs of all weights: sums by block, each in units of the block's largest weight."""

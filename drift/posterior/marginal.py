@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drift.particles import weights
 from drift.particles.partials import Blocks, Partial
 from geo.array import Array
 
@@ -71,14 +72,9 @@ def weighted(weight: Array, blocks: Blocks, family: Array | None = None) -> Weig
 
 def _of_families(weight: Array, blocks: Blocks, family: Array) -> Array:
     """Return the sums of the squared weights of families by scenario and, last, of all."""
-    heads = np.ones(blocks.n, bool)
-    heads[1:] = family[1:] != family[:-1]
-    heads[blocks.first] = True
-    begin = np.flatnonzero(heads)  # offspring lie side by side, so that runs are few
-    mass = np.add.reduceat(weight, begin)
-    scenario = np.searchsorted(_edges(blocks), begin, side="right") - 1
-    pairs, which = np.unique(family[begin].astype(np.int64) * blocks.scenarios + scenario, return_inverse=True)
-    squares = np.bincount(pairs % blocks.scenarios, np.bincount(which, mass) ** 2, blocks.scenarios)
+    scenario = np.repeat(np.arange(blocks.scenarios), np.diff(_edges(blocks)))
+    of, mass = weights.of_families(scenario, blocks.scenarios, weight, family)
+    squares = np.bincount(of, mass**2, blocks.scenarios)
     return np.append(squares, squares.sum())
 
 

@@ -180,11 +180,11 @@ class Search:
         if any(s.survival for s in self._spec.scenarios):
             alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
         searched = flown.searched()
-        effective = self._effective(after)
+        effective = self._effective(after, now)
         self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
         self._note(
             Update(
-                sortie.name, "sortie", sortie.end, evidence, now.scenarios, self._effective(before), effective,
+                sortie.name, "sortie", sortie.end, evidence, now.scenarios, self._effective(before, then), effective,
                 poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive,
                 cumulative=1 - self._missed, standing=self._standing(sortie.end, after, effective),
             ),
@@ -235,10 +235,10 @@ class Search:
         after = before + likelihood
         then, now = self._weighed(before), self._weighed(after)
         evidence = self._evidence(then, now, f'{kind} "{name}"')
-        effective = self._effective(after)
+        effective = self._effective(after, now)
         standing = self._standing(when, after, effective)
         update = Update(
-            name, kind, when, evidence, now.scenarios, self._effective(before), effective, standing=standing
+            name, kind, when, evidence, now.scenarios, self._effective(before, then), effective, standing=standing
         )
         self._note(update, after)
         self._settle(after, changed=True)
@@ -367,10 +367,10 @@ class Search:
             )
         return np.array([*sums, whole])
 
-    def _effective(self, log_weight: Array) -> float:
+    def _effective(self, log_weight: Array, weighed: Weighed) -> float:
         """Return the effective number of particles by log weights (n,), copies as one (drift.forecast.effective)."""
         if not self._drawn_anew or log_weight.max() == -np.inf:
-            return self._weighed(log_weight).ess
+            return weighed.ess
         return weights.effective(self.ensemble.blocks.grouped(self._lineage, weights.relative(log_weight)))
 
     def _weighed(self, log_weight: Array) -> Weighed:

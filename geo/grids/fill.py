@@ -42,7 +42,7 @@ def fill(
     inside a model's own domain: outside it a missing value means that the water is unknown, not that there is land.
     """
     result = np.array(values, np.float32, order="C")
-    if np.isfinite(result).all():
+    if not seamless and np.isfinite(result).all():
         return result
     wet = _wet(result) if reach > 0 else None
     _rings(result, cells, seamless)

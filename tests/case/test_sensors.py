@@ -188,7 +188,7 @@ WRONG = {
     ),
     "a rate without a unit": (
         BARRIER + WHEN + 'reported = "+7 h"\nerror = "5 min"\nfalse_alarms = "0.01"\n',
-        "barrier \"picket\".false_alarms: '0.01' needs a unit here, like \"0.01 /h\"",
+        "barrier \"picket\".false_alarms: rate '0.01' needs a unit, like \"0.01 /h\"",
     ),
     "no detection": (
         BARRIER.replace("detection = 0.8\n", "") + WHEN,

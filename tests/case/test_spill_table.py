@@ -293,7 +293,7 @@ SPILLS = {
     "misspelled": ("objects = 20", "objcets = 20", 'did you mean "objects"?'),
     "stretches too short": ('"4 km"', '"1 m"', "stretches.length"),
     "no file of stretches": ('"4 km"', '"4 km"\nfile = "no.geojson"', 'no file "no.geojson"'),
-    "rate without a unit": ('"4 km"', '"4 km"\n[spill.reporting]\nrate = { wild = 0.02 }', 'like "0.02 /day"'),
+    "rate without a unit": ('"4 km"', '"4 km"\n[spill.reporting]\nrate = { wild = 0.02 }', 'like "0.02 /h"'),
     "negative rate": ('"4 km"', '"4 km"\n[spill.reporting]\nrate = { wild = "-1 /day" }', "0 to 1 per second"),
     "rate nan": ('"4 km"', '"4 km"\n[spill.reporting]\nremoval = nan', "removal"),
     "shore without a rate": ('"4 km"', '"4 km"\n[spill.reporting]\ncoast = "twon"', "town, road, wild"),
