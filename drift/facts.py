@@ -20,6 +20,7 @@ from drift.output import formats
 from drift.output.chapter import Chapter
 from drift.particles.ensemble import Account
 from drift.particles.status import Status
+from drift.report import leaves
 from drift.start import Start
 from geo.files import digest
 from kernels import runtime
@@ -50,7 +51,32 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
 
 def chapter(case: Case, where: Environment, numbers: Mapping[str, Any]) -> Chapter:
     """Return the chapter of a run itself; numbers: of its summary."""
-    return Chapter(numbers, facts=attributes(case, where), warnings=tuple(numbers["warnings"]))
+    told = (partial(_leaves, case, numbers),)
+    return Chapter(numbers, leaves=told, facts=attributes(case, where), warnings=tuple(numbers["warnings"]))
+
+
+def _leaves(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
+    """Return what the report shows of how a case was understood."""
+    run = numbers["run"]
+    rows = [
+        [
+            "Run",
+            f"{run['start']}Z to {run['end']}Z, {run['particles']:,} particles, seed {run['seed']}, {run['backend']}",
+        ],
+        ["Step", f"{run['scheme']}, {run['step_s']} s"],
+        ["Errors", numbers["uncertainty"]["told"] or "none that anything feels"],
+        ["Coast", f"{numbers['coast']['source']}; {run['coast_behaviour']}"],
+        *(["Coast", note] for note in numbers["coast"]["notes"]),
+        *(
+            [f'{source["quantity"]} "{source["name"]}"', note]
+            for source in numbers["forcing"]
+            for note in source["understood"]
+        ),
+    ]
+    return [
+        leaves.table("How the case was understood", [("", "What", "words"), ("", "How", "words")], rows=rows),
+        leaves.text("The case as it was written", words=case.text),
+    ]
 
 
 def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setting:

@@ -15,12 +15,14 @@ from drift import facts, start
 from drift.backtrack import backward
 from drift.backtrack import chapter as backtrack_chapter
 from drift.case.record import Case
+from drift.environment.environment import Environment
 from drift.forecast import build as forecast_build
 from drift.forecast import chapter as forecast_chapter
 from drift.forecast import dataset, effective, off_grid
 from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Options, Report, in_turn, opened
+from drift.maps.imprint import Setting
 from drift.motion import scene, simulate
 from drift.motion.spool import Spool
 from drift.output import writer
@@ -47,6 +49,8 @@ from drift.suspend import decision
 from drift.suspend.further import Planned
 from geo.errors import UserError
 from kernels import deposit
+
+REPORT = "report.html"
 
 
 @dataclass(frozen=True)
@@ -184,6 +188,7 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
         if planned is not None:
             failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
         chapters = [facts.chapter(case, where, result.summary)]
+        chapters.append(Chapter(leaves=(partial(_surroundings, result, where, on),)))
         if after is not None:
             chapters.append(spill_chapter.chapter(spill_chapter.Matter(after, on)))
         if updates is not None:
@@ -202,17 +207,35 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
         # Legs and contacts would hide small maps; fields and barriers are few lines.
         sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
         forecast_matter = forecast_chapter.Matter(result.forecast, result.trajectories, failed, searches, sensors)
-        chapters.append(forecast_chapter.chapter(forecast_matter))
-        publish(job.out, chapters, overwrite=job.overwrite)
+        chapters.insert(0, forecast_chapter.chapter(forecast_matter))
+        publish(job.out, chapters, failed, overwrite=job.overwrite)
 
 
-def publish(out: Path, chapters: Sequence[Chapter], *, overwrite: bool) -> None:
-    """Write chapters; a picture that cannot be drawn is left out, with a warning."""
+def _surroundings(result: Result, where: Environment, on: Setting) -> list[Any]:
+    """Return what the report shows of where the run began, of ways, winds and currents."""
+    from drift.environment import report as environment_report  # here: Matplotlib takes a second to import
+    from drift.forecast import report as forecast_report
+    from drift.report import leaves
+
+    scenarios, times = result.case.scenarios, result.forecast.data["time"].values
+    likeliest = max(range(len(scenarios)), key=lambda number: scenarios[number].weight)
+    begun = [leaves.marked("Where it began", on.marks, on.lines, "start")] if on.marks or on.lines else []
+    flows = environment_report.flows(where.scenarios[likeliest], times, forecast_report.box(result.forecast))
+    return [*begun, *environment_report.itineraries(scenarios), *flows]
+
+
+def publish(out: Path, chapters: Sequence[Chapter], on: Setting, *, overwrite: bool) -> None:
+    """Write chapters and the report of them; a picture that cannot be drawn is left out, with a warning."""
     from drift.maps import page  # here: Matplotlib takes a second to import
+    from drift.report import page as report_page
 
     whole = joined(chapters)
     pictures = {name: page.kept(draw) for name, draw in whole.pictures.items()}
-    writer.write(out, [replace(whole, pictures=pictures)], overwrite=overwrite)
+
+    def told(path: Path) -> None:
+        report_page.write(path, [leaf for leaves in whole.leaves for leaf in leaves()], on, whole.warnings)
+
+    writer.write(out, [replace(whole, pictures=pictures, digests={REPORT: page.kept(told)})], overwrite=overwrite)
 
 
 def suspension(result: Result, planned: Planned | None = None) -> decision.Suspension | None:
@@ -258,7 +281,7 @@ def origin(
         matter = backtrack_chapter.Matter(release, case.spill.finds, facts.setting(case, where))
         run = Chapter(facts=facts.attributes(case, where))
         chapters = [run, backtrack_chapter.chapter(matter), Chapter({"wall_time_s": job.clock.seconds})]
-        publish(job.out, chapters, overwrite=job.overwrite)
+        publish(job.out, chapters, matter.setting, overwrite=job.overwrite)
     return release
 
 

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-from drift.backtrack import backward
+from drift.backtrack import backward, report
 from drift.backtrack.backward import Origin
 from drift.maps.imprint import Setting
 from drift.maps.marks import Mark
@@ -32,12 +33,15 @@ def _table(matter: Matter, stamped: Stamped) -> str:
 def _picture(matter: Matter, path: Path) -> None:
     from drift.backtrack import map as origin_map  # here: Matplotlib takes a second to import
 
-    marks = [
+    origin_map.draw(matter.origin, path, replace(matter.setting, marks=_marks(matter)))
+
+
+def _marks(matter: Matter) -> list[Mark]:
+    return [
         Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
         for k, find in enumerate(matter.finds, 1)
         if not math.isnan(find.lat)  # a find on a named stretch has no place of its own
     ]
-    origin_map.draw(matter.origin, path, replace(matter.setting, marks=marks))
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
@@ -53,4 +57,5 @@ def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a backward run."""
     warnings = backward.warnings(matter.origin)
     numbers = {"origin": backward.summary(matter.origin), "warnings": warnings}
-    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), warnings=tuple(warnings))
+    leaves = (partial(report.of, matter.origin, _marks(matter)),)
+    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=leaves, warnings=tuple(warnings))

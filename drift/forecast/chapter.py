@@ -5,6 +5,7 @@ The tracks are those of a subsample.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,12 @@ def _snapshots(matter: Matter, path: Path) -> None:
     forecast_map.draw_snapshots(matter.forecast, path, matter.setting, overlays=matter.small)
 
 
+def _leaves(matter: Matter) -> list[Any]:
+    from drift.forecast import report
+
+    return report.of(matter.forecast, matter.tracks)
+
+
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
     "forecast.nc": lambda matter, stamped: matter.forecast.data,
     "particles.nc": lambda matter, stamped: forecast_tracks.dataset(matter.tracks, matter.forecast),
@@ -54,4 +61,9 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 
 def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a forecast."""
-    return Chapter(tables.numbers(matter.forecast), bound(FILES, matter), bound(PICTURES, matter))
+    return Chapter(
+        tables.numbers(matter.forecast),
+        bound(FILES, matter),
+        bound(PICTURES, matter),
+        leaves=(partial(_leaves, matter),),
+    )

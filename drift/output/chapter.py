@@ -6,7 +6,7 @@ A room keeps its files and its pictures as tables: the name of each, and the fun
 has found. A new file is a new row.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,10 @@ class Chapter:
     numbers: Mapping[str, Any] = field(default_factory=dict)  # for summary.json
     files: Mapping[str, Callable[[Stamped], Contents]] = field(default_factory=dict)
     pictures: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)  # each draws to a path
+    # What is made from the run's other files, last of all; each writes to a path in their folder.
+    digests: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
+    # What the room shows in report.html, each returning records of drift.report.leaves.
+    leaves: tuple[Callable[[], Sequence[Any]], ...] = ()
     facts: Mapping[str, str] = field(default_factory=dict)  # attributes that every file of the run is to carry
     warnings: tuple[str, ...] = ()  # what every file is to warn of, under `warning`
 
@@ -45,6 +49,8 @@ def joined(chapters: Iterable[Chapter]) -> Chapter:
         numbers={name: value for chapter in every for name, value in chapter.numbers.items()},
         files={name: make for chapter in every for name, make in chapter.files.items()},
         pictures={name: draw for chapter in every for name, draw in chapter.pictures.items()},
+        digests={name: make for chapter in every for name, make in chapter.digests.items()},
+        leaves=tuple(leaf for chapter in every for leaf in chapter.leaves),
         facts={name: value for chapter in every for name, value in chapter.facts.items()},
         warnings=tuple(warning for chapter in every for warning in chapter.warnings),
     )

@@ -62,6 +62,8 @@ def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False)
             for name, draw in whole.pictures.items():
                 draw(stage.new / name)
             _json({**stamped, **whole.numbers}, stage.new / SUMMARY, indent=1)
+            for name, digest in whole.digests.items():
+                digest(stage.new / name)
             return publication.publish(stage, stamped["run_id"], overwrite)
     except OSError as error:
         file = f" at {os.path.basename(error.filename)}" if isinstance(error.filename, str) else ""

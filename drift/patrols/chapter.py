@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from drift.maps.imprint import Setting
 from drift.output.chapter import Chapter, Contents, Stamped, bound
 from drift.patrols import files as patrol_files
 from drift.patrols import planner as patrol_planner
+from drift.patrols import report
 from drift.patrols.planner import PatrolPlan
 from drift.spill import chapter as spill_chapter
 from drift.spill import renewal
@@ -53,4 +55,5 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 
 def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a plan of patrols."""
-    return Chapter({"patrol_plan": patrol_files.numbers(matter.plan)}, bound(FILES, matter), bound(PICTURES, matter))
+    numbers = {"patrol_plan": patrol_files.numbers(matter.plan)}
+    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=(partial(report.of, matter.plan),))

@@ -13,6 +13,7 @@ from drift.forecast.build import Forecast
 from drift.maps.imprint import Setting
 from drift.output.chapter import Chapter, Contents, Stamped, bound
 from drift.planner import files as plan_files
+from drift.planner import report
 from drift.planner import text as plan_text
 from drift.planner.records import Plan
 from geo.box import Box
@@ -66,6 +67,7 @@ def chapter(matter: Matter) -> Chapter:
         {},
         bound(FILES, matter),
         bound(PICTURES, matter) | _sheets(matter),
+        leaves=(partial(report.of, matter.plan),),
         warnings=tuple(plan_text.rough(matter.plan)),
     )
 

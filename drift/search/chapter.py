@@ -12,7 +12,7 @@ from typing import Any
 from drift.forecast.build import Forecast
 from drift.maps.imprint import Setting
 from drift.output.chapter import Chapter, Contents, Stamped, bound
-from drift.search import crossings
+from drift.search import crossings, report
 from drift.search import tables as search_tables
 from drift.search.records import NO_SENSORS, Contact, Sensors, Sortie
 from drift.search.updates import Updates
@@ -90,7 +90,9 @@ def chapter(matter: Matter, *, mapped: bool) -> Chapter:
 
         more = range(2, 1 + search_map.pages(matter.updates.sorties))
         pictures |= bound(MAPS, matter) | {f"search-{page}.png": partial(_search, matter, page=page) for page in more}
-    return Chapter({"search": search_tables.numbers(matter.updates)}, files, pictures)
+    sorties = matter.updates.sorties if mapped else ()  # where they are planned, the plan shows them
+    leaves = (partial(report.of, matter.updates, sorties, matter.contacts, matter.sensors),) if told else ()
+    return Chapter({"search": search_tables.numbers(matter.updates)}, files, pictures, leaves=leaves)
 
 
 def overlay(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS) -> Any:

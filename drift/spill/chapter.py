@@ -10,7 +10,7 @@ from pathlib import Path
 from drift.maps.imprint import Setting
 from drift.maps.marks import Mark
 from drift.output.chapter import Chapter, Contents, Stamped, bound
-from drift.spill import renewal, unknowns
+from drift.spill import renewal, report, unknowns
 from drift.spill import tables as washup_tables
 from drift.spill.renewal import Aftermath
 
@@ -59,4 +59,5 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 
 def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a spill."""
-    return Chapter(renewal.numbers(matter.after), bound(FILES, matter), bound(PICTURES, matter))
+    leaves = (lambda: report.of(finds(matter.after)),)
+    return Chapter(renewal.numbers(matter.after), bound(FILES, matter), bound(PICTURES, matter), leaves=leaves)

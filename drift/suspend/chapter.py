@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drift.maps.imprint import Imprint
 from drift.output.chapter import Chapter, Contents, Stamped, bound
+from drift.report import leaves as report_leaves
 from drift.suspend import decision
 from drift.suspend import text as suspend_text
 from drift.suspend.decision import Suspension
@@ -39,4 +40,6 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 
 def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a decision to suspend."""
-    return Chapter({"suspension": decision.numbers(matter.suspension)}, bound(FILES, matter), bound(PICTURES, matter))
+    leaves = (lambda: [report_leaves.text("For the decision to suspend", file="suspend.txt")],)
+    numbers = {"suspension": decision.numbers(matter.suspension)}
+    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=leaves)

@@ -1,0 +1,34 @@
+"""What report.html shows of a backward run: where the release may have been, by its time, and how sure that is."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drift.backtrack import backward
+from drift.backtrack.backward import Origin
+from drift.maps.marks import Mark
+from drift.report import leaves
+from drift.report.leaves import Leaf
+
+
+def of(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
+    """Return the leaves of a backward run and of its finds."""
+    area = np.broadcast_to(backward.cell_area(origin)[:, None], origin.probability.shape[1:])
+    whole = np.broadcast_to(origin.probability.sum(axis=0), origin.probability.shape)
+    stories = {
+        "At any time": whole,
+        "In this interval": origin.probability,
+        "In this interval, before the finds": origin.prior,
+    }
+    top = float((whole / area).max(initial=0.0)) or 1.0
+    row = backward.summary(origin)
+    return [
+        leaves.maps(
+            "Release", origin.time, origin.lon, origin.lat, stories, area, [top] * len(origin.time)
+        ),
+        leaves.marked("Finds", finds, (), "find", frame=True),
+        leaves.table(
+            "Release", [("", "Figure", "words"), ("", "Value", "words")], rows=[[name, str(value)] for name, value in row.items()],
+            note="A proposal where to look: the answer is a forward run weighted by the finds.",
+        ),
+    ]  # fmt: skip

@@ -1,0 +1,28 @@
+"""What report.html shows of a plan of patrols: the stretches that are visited, and the schedule."""
+
+from drift.patrols.planner import PatrolPlan
+from drift.report import leaves
+from drift.report.leaves import Leaf
+
+COLUMNS = [
+    ("time", "Time", "time"), ("patrol_unit", "Team", "words"), ("stretch", "Stretch", "words"), ("position", "Position", "words"),
+    ("access", "Access", "words"), ("length_km", "Length, km", "number"), ("lying", "Objects lying there", "number"), ("found", "Found", "number"),
+    ("found_se", "± (standard error)", "number"),
+]  # fmt: skip
+
+
+def of(plan: PatrolPlan) -> list[Leaf]:
+    """Return the leaves of a plan of patrols."""
+    visited = sorted({int(visit.segment) for visit in plan.visits})
+    return [
+        leaves.shapes(
+            "Planned patrols",
+            "washup.geojson",
+            "patrol",
+            where={"segment": visited},
+            told=[("name", "Stretch", "words")],
+            frame=True,
+        ),
+        leaves.table("Patrols", COLUMNS, file="patrols.csv", by_time="time"),
+        leaves.text("Schedule", file="patrols.txt"),
+    ]

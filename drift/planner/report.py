@@ -1,0 +1,31 @@
+"""What report.html shows of a plan: where each unit goes, and what the plan is worth."""
+
+from drift.planner import files
+from drift.planner.records import Plan
+from drift.report import leaves
+from drift.report.leaves import Leaf
+
+SPAN = ("on_scene", "off_scene")
+TOLD = [
+    ("unit", "Unit", "words"), ("on_scene", "On scene", "time"), ("off_scene", "Off scene", "time"), ("pos", "POS", "share"),
+    ("length_nmi", "Length, nmi", "number"), ("width_nmi", "Width, nmi", "number"), ("spacing_nmi", "Track spacing, nmi", "number"),
+    ("legs", "Legs", "count"), ("creep_deg", "Creep, deg true", "number"), ("search_speed_kn", "Search speed, kn", "number"),
+]  # fmt: skip
+
+
+def of(plan: Plan) -> list[Leaf]:
+    """Return the leaves of a plan."""
+    file = "plan.geojson"
+    rows = [[row["area"], *(row[name] for name, _, _ in TOLD)] for row in files.numbers(plan)["taskings"]]
+    return [
+        leaves.shapes(
+            "Planned areas", file, "planned", where={"shape": "area"}, span=SPAN, label="area", told=TOLD, frame=True
+        ),
+        leaves.shapes("Planned legs", file, "planned_legs", where={"shape": ["legs", "round"]}, told=TOLD),
+        leaves.shapes("Ways out and home", file, "planned_transit", where={"shape": "transit"}, shown=False),
+        leaves.shapes(
+            "Commence search points", file, "planned_point", where={"shape": "csp"}, told=[("area", "Area", "words")]
+        ),
+        leaves.table("Units of the plan", [("area", "Area", "words"), *TOLD], rows=rows),
+        leaves.text("Search action plan", file="plan.txt"),
+    ]

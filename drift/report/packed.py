@@ -1,0 +1,100 @@
+"""Arrays as text that a browser unpacks: zlib's format, in base64.
+
+Densities are logarithms of a byte, from a cell's share of 1e-5 of the densest upwards: 254 levels, 4.6 % apart, so that a value is
+told to 2.3 %. Shares are a byte too, to 0.2 %. Each map is cut to the cells that hold something, and each cell is told as its difference
+from the one before it in its column, which is near 0 where maps are smooth.
+"""
+
+import base64
+import math
+import zlib
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from geo.array import Array
+
+DECADES, LEVELS = 5.0, 254
+MOST = 40_000_000  # values of all maps together; with more of them cells are put together
+LEVEL = 6  # of zlib
+
+
+def text(data: bytes) -> str:
+    """Return bytes, compressed, as text."""
+    return base64.b64encode(zlib.compress(data, LEVEL)).decode("ascii")
+
+
+def numbers(values: Array, kind: npt.DTypeLike) -> str:
+    """Return numbers of any shape, little-endian and in C order."""
+    return text(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes())
+
+
+def fold(maps: int, rows: int, columns: int) -> int:
+    """Return how many cells of each direction are put together so that this many maps are not too many values."""
+    return max(1, math.ceil(math.sqrt(maps * rows * columns / MOST)))
+
+
+def axis(middles: Array, fold: int) -> dict[str, float]:
+    """Return an axis of evenly spaced middles of cells [deg]: the middle of its first cell, the step, how many."""
+    step = float(middles[1] - middles[0]) if len(middles) > 1 else 1.0
+    return {"first": float(middles[0]) + (fold - 1) * step / 2, "step": fold * step, "size": -(-len(middles) // fold)}
+
+
+def summed(values: Array, fold: int) -> Array:
+    """Return the sums of fold x fold cells, (..., nlat, nlon); what hangs over the edge counts as 0."""
+    return _folded(values, fold, 0.0).sum(axis=(-3, -1)) if fold > 1 else values
+
+
+def least(values: Array, fold: int) -> Array:
+    """Return the least of fold x fold cells, (..., nlat, nlon), NaN aside."""
+    return np.fmin.reduce(np.fmin.reduce(_folded(values, fold, np.nan), axis=-1), axis=-2) if fold > 1 else values
+
+
+def _folded(values: Array, fold: int, beyond: float) -> Array:
+    rows, columns = (-(-size // fold) for size in values.shape[-2:])
+    whole = np.full((*values.shape[:-2], rows * fold, columns * fold), beyond, values.dtype)
+    whole[..., : values.shape[-2], : values.shape[-1]] = values
+    return whole.reshape(*values.shape[:-2], rows, fold, columns, fold)
+
+
+def logarithms(values: Array) -> dict[str, Any]:
+    """Return maps (t, nlat, nlon) of numbers that are not negative.
+
+    A byte q > 0 stands for most * 10^(decades * ((q - 1) / (levels - 1) - 1)), and 0 for nothing.
+    """
+    most = float(values.max(initial=0.0))
+    frames = []
+    for values_then in values:
+        rows, columns = _held(values_then > 0)
+        part = values_then[rows, columns]
+        with np.errstate(divide="ignore"):
+            level = np.log10(part.astype(np.float32) / np.float32(most or 1.0))
+        level = np.rint(1 + (LEVELS - 1) * (1 + level / np.float32(DECADES)))
+        frames.append(_frame(np.where(level >= 1, level, 0).astype(np.uint8), rows, columns))
+    return {"most": most, "decades": DECADES, "levels": LEVELS, "frames": frames}
+
+
+def shares(values: Array) -> dict[str, Any]:
+    """Return maps (t, nlat, nlon) of shares: a byte q > 0 stands for 1 - (q - 1) / (levels - 1), and 0 for none."""
+    frames = []
+    for values_then in values:
+        rows, columns = _held(np.isfinite(values_then) & (values_then < 1))
+        part = values_then[rows, columns]
+        level = np.rint(1 + (LEVELS - 1) * (1 - part))
+        frames.append(_frame(np.where(np.isfinite(part), level, 0).astype(np.uint8), rows, columns))
+    return {"levels": LEVELS, "frames": frames}
+
+
+def _held(there: Array) -> tuple[slice, slice]:
+    """Return the rows and columns of a map that hold something."""
+    rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
+    if not rows.size:
+        return slice(0, 0), slice(0, 0)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def _frame(part: npt.NDArray[np.uint8], rows: slice, columns: slice) -> list[Any]:
+    """Return a map's first row and column, its numbers of them, and its bytes."""
+    down = np.diff(part, axis=0, prepend=np.uint8(0))  # modulo 256
+    return [rows.start, columns.start, *part.shape, text(down.tobytes())]
