@@ -9,6 +9,7 @@ import searches
 from places import ROOT
 from pydantic import BaseModel
 
+from drift import flow
 from drift.backtrack import chapter as backtrack_chapter
 from drift.case import scenario
 from drift.case.barrier import BarrierTable, LineTable
@@ -63,7 +64,7 @@ CHECKED: dict[str, type[BaseModel]] = {
     "barrier": BarrierTable, "line": LineTable, "unit": UnitTable, "plan": PlanTable, "resampling": ResamplingTable,
 }  # fmt: skip
 
-EVERY = {writer.SUMMARY, manifest.NAME}  # what every run writes
+EVERY = {writer.SUMMARY, manifest.NAME, flow.REPORT}  # what every run writes
 WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapters that it describes
     "README.md": {
         *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
@@ -112,7 +113,7 @@ def blocks(page: str) -> list[str]:
 def named(page: str) -> set[str]:
     """Return the names of files without a folder that stand in backticks on a page, but for its blocks of code."""
     text = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    return set(re.findall(r"`([^`\s/]*\.(?:png|csv|nc|txt|geojson|gpx|kml|json|toml))`", text))
+    return set(re.findall(r"`([^`\s/]*\.(?:png|csv|nc|txt|geojson|gpx|kml|json|toml|html))`", text))
 
 
 def test_the_table_of_files_is_what_a_run_with_sorties_writes() -> None:
