@@ -21,6 +21,7 @@ from drift.output.chapter import Chapter
 from drift.particles.ensemble import Account
 from drift.particles.status import Status
 from drift.report import leaves
+from drift.report.leaves import Leaf
 from drift.start import Start
 from geo.files import digest
 from kernels import runtime
@@ -75,8 +76,13 @@ def _leaves(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
     ]
     return [
         leaves.table("How the case was understood", [("", "What", "words"), ("", "How", "words")], rows=rows),
-        leaves.text("The case as it was written", words=case.text),
+        written(case),
     ]
+
+
+def written(case: Case) -> Leaf:
+    """Return the case as the report shows it."""
+    return leaves.text("The case as it was written", words=case.text)
 
 
 def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setting:

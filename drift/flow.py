@@ -280,7 +280,8 @@ def origin(
     if job.out is not None:
         matter = backtrack_chapter.Matter(release, case.spill.finds, facts.setting(case, where))
         run = Chapter(facts=facts.attributes(case, where))
-        chapters = [run, backtrack_chapter.chapter(matter), Chapter({"wall_time_s": job.clock.seconds})]
+        end = Chapter({"wall_time_s": job.clock.seconds}, leaves=(lambda: [facts.written(case)],))
+        chapters = [run, backtrack_chapter.chapter(matter), end]
         publish(job.out, chapters, matter.setting, overwrite=job.overwrite)
     return release
 

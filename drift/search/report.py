@@ -27,7 +27,7 @@ def of(updates: Updates, sorties: Sequence[Sortie], contacts: Sequence[Contact],
     if sorties:
         of_sortie = {"kind": "sortie", "name": [sortie.name for sortie in sorties]}
         shown += [
-            leaves.shapes("Sorties", FILE, "searched", where={**of_sortie, "shape": ["area", "zones"]}, when=leaves.DURING, label="name", told=SORTIE),
+            leaves.shapes("Sorties", FILE, "searched", where={**of_sortie, "shape": ["area", "zones", "point"]}, when=leaves.DURING, label="name", told=SORTIE),
             leaves.shapes("Legs flown", FILE, "legs", where={**of_sortie, "shape": "legs"}, when=leaves.DURING, told=SORTIE),
             leaves.shapes("Transits", FILE, "transit", where={**of_sortie, "shape": "transit"}, when=leaves.DURING, shown=False),
         ]  # fmt: skip

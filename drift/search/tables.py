@@ -177,8 +177,8 @@ def shapes(
 
     Shapes are cut at the antimeridian. Of many scenarios only the likeliest are told by name.
 
-    A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its end), or of a
-    contact point, region or line, of a look or a presence field, of a barrier or a line line. What drifts with a marker is where it was over the ground if the marker's track is
+    A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its end), point (where what stands
+    still stands), or of a contact point, region or line, of a look or a presence field, of a barrier or a line line. What drifts with a marker is where it was over the ground if the marker's track is
     known.
     """
     updates, of_case = together(updates), updates
@@ -192,8 +192,10 @@ def shapes(
         parts = search_shapes.flown(sortie)
         for shape, wanted in (("legs", True), ("transit", False)):
             some = [points for searching, points in parts if searching == wanted]
-            if some:
-                features.append(_feature(search_shapes.lines(some), shape, properties))
+            if some and (geometry := search_shapes.lines(some))["coordinates"]:
+                features.append(_feature(geometry, shape, properties))
+            elif some:  # a buoy stands still
+                features.append(_feature(search_shapes.point(*some[0][0]), "point", properties))
         if rings := search_shapes.zones(sortie, sortie.end):
             features.append(_feature(search_shapes.lines(rings), "zones", properties))
     for contact in contacts:

@@ -110,10 +110,14 @@ class Opened:
         self.context = browser.new_context(**{"viewport": {"width": 1200, "height": 900}, **options})
         self.page, self.asked, self.complaints = self.context.new_page(), [], []
         self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("console", self._heard)
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.goto((folder / flow.REPORT).as_uri())
         self.page.wait_for_selector("html[data-ready=yes]", timeout=30_000)
+
+    def _heard(self, message: Any) -> None:
+        if "willReadFrequently" not in message.text:  # advice on how OpenLayers looks for shapes under the pointer
+            self.complaints.append(message.text)
 
     def __enter__(self) -> Any:
         return self
@@ -152,7 +156,9 @@ def test_nothing_can_be_fetched(browser: Any, results: Path) -> None:
     with Opened(browser, results) as opened:
         refused = "fetch('data:,x').then(() => 'came', () => 'refused')"
         assert opened.page.evaluate(refused) == "refused"
-        opened.page.evaluate("document.body.append(Object.assign(document.createElement('script'), {textContent: 'window.run = 1'}))")
+        opened.page.evaluate(
+            "document.body.append(Object.assign(document.createElement('script'), {textContent: 'window.run = 1'}))"
+        )
         assert opened.page.evaluate("window.run") is None
 
 
@@ -192,7 +198,9 @@ def test_values_under_the_pointer(browser: Any, results: Path) -> None:
     sides = set()
     with Opened(browser, results) as opened:
         crs = ccrs.Mercator(central_longitude=middle(opened)["lon"], globe=GLOBE)
-        pixel = opened.page.evaluate("report.view.getResolution()") / 1852 * 1.2  # [arc minutes], and of the tenths that are told
+        pixel = (
+            opened.page.evaluate("report.view.getResolution()") / 1852 * 1.2
+        )  # [arc minutes], and of the tenths that are told
         for time in (1, 4, data.sizes["time"] - 1):
             opened.show(time)
             rows, columns = np.nonzero(density[time] > 0.02 * density[time].max())

@@ -117,6 +117,17 @@ def test_gdal_reads_the_shapes(tmp_path, lon, lat):
     assert sorted(set(fields["shape"])) == ["area", "legs", "line", "point", "region", "zones"]
 
 
+def test_what_stands_still_is_a_point():
+    """A buoy has one place at both ends of its watch: no line is drawn from it, which would be empty."""
+    lon, lat = 179.9, -61.0
+    towed = searches.watch(lon, lat)
+    buoy = replace(towed, name="buoy", legs=replace(towed.legs, lon=(lon, lon), lat=(lat, lat)))
+    made = search_tables.shapes((buoy,), (), Updates(searches.NAMES, searches.PRIOR, ()), {"run_id": "r"})
+    told = {feature["properties"]["shape"]: feature["geometry"] for feature in made["features"]}
+    assert set(told) == {"point", "zones"}
+    assert told["point"] == {"type": "Point", "coordinates": [lon, lat]}
+
+
 def test_legs_so_far_are_as_long_as_the_time_allows():
     sortie = searches.sorties(-88.2, 27.8)[0]
     for minutes in (7, 23.5):

@@ -29,7 +29,8 @@ function seamless(feature, map) {
 }
 
 function read(collection, map) {
-  const features = format.readFeatures(collection, { dataProjection: "EPSG:4326", featureProjection: map.projection });
+  const features = format.readFeatures(collection, { dataProjection: "EPSG:4326", featureProjection: map.projection })
+    .filter(feature => feature.getGeometry());
   features.forEach(feature => seamless(feature, map));
   return features;
 }

@@ -10,7 +10,7 @@ const INKS = {
 // ink: a name in INKS. width [px], dash [px], fill: share of the ink inside, symbol: of a point, size [px].
 const LOOKS = {
   area: { ink: "area", width: 2.2 },
-  searched: { ink: "search", width: 1.8, fill: 0.06 },
+  searched: { ink: "search", width: 1.8, fill: 0.06, symbol: "plus", size: 6 },
   legs: { ink: "search", width: 1 },
   transit: { ink: "search", width: 1, dash: [1, 4] },
   field: { ink: "search", width: 1.5, dash: [6, 3] },
@@ -111,7 +111,7 @@ function swatch(canvas, look, theme) {
   context.lineWidth = 2 * Math.min(made.width, 5);
   context.setLineDash((made.dash || []).map(length => 2 * length));
   context.beginPath();
-  if (made.symbol === "dot" || (made.symbol && !made.dash && made.symbol !== "arrow")) {
+  if (made.symbol === "dot" || (made.symbol && !made.dash && !made.fill && made.symbol !== "arrow")) {
     context.arc(wide / 2, high / 2, 2 * (made.size || 3), 0, 2 * Math.PI);
     if (made.symbol === "dot") context.fill();
   } else {
