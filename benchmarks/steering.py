@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import drift
-from drift.flow import Result
+from drift.result import Result
 
 PATHS, STEPS = 20_000, 500
 FEW, MANY = 4, 24  # steps of the runs whose difference is told

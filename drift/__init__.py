@@ -27,12 +27,13 @@ _HOMES = {
     "case.record": ["Case"],
     "drifters.fitting": ["fit_errors"],
     "drifters.verification": ["verify"],
-    "flow": ["Result", "origin", "run", "trace"],
+    "flow": ["origin", "run", "trace"],
     "many": ["Brief", "run_many"],
     "output.publication": ["results"],
     "patrols.patrol": ["patrol"],
     "planner.planner": ["plan"],
     "preview.check": ["check"],
+    "result": ["Result"],
     "version": ["__version__"],
 }
 __getattr__, _, _names = _lazy.attach(__name__, submod_attrs=_HOMES)

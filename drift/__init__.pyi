@@ -5,7 +5,6 @@ from drift.case.file import vary as vary
 from drift.case.record import Case as Case
 from drift.drifters.fitting import fit_errors as fit_errors
 from drift.drifters.verification import verify as verify
-from drift.flow import Result as Result
 from drift.flow import origin as origin
 from drift.flow import run as run
 from drift.flow import trace as trace
@@ -15,5 +14,6 @@ from drift.output.publication import results as results
 from drift.patrols.patrol import patrol as patrol
 from drift.planner.planner import plan as plan
 from drift.preview.check import check as check
+from drift.result import Result as Result
 from drift.version import __version__ as __version__
 from geo.errors import UserError as UserError

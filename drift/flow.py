@@ -3,13 +3,12 @@
 import contextlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from drift import facts, start
 from drift.backtrack import backward
@@ -19,7 +18,6 @@ from drift.environment.environment import Environment
 from drift.forecast import build as forecast_build
 from drift.forecast import chapter as forecast_chapter
 from drift.forecast import dataset, effective, off_grid
-from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Options, Report, in_turn, opened
 from drift.maps.imprint import Setting
@@ -33,6 +31,7 @@ from drift.particles.ensemble import Ensemble
 from drift.posterior import chapter as posterior_chapter
 from drift.posterior import tables as posterior_tables
 from drift.posterior.records import Posteriors
+from drift.result import Result
 from drift.search import chapter as search_chapter
 from drift.search import particles_left
 from drift.search import tables as search_tables
@@ -40,7 +39,7 @@ from drift.search.standing import Standing, standing
 from drift.search.updates import Updates
 from drift.spill import chapter as spill_chapter
 from drift.spill import evidence, renewal
-from drift.spill.renewal import Aftermath, Drifted
+from drift.spill.renewal import Drifted
 from drift.spill.strandings import Landings
 from drift.spill.worlds import Proposal
 from drift.start import Start
@@ -51,30 +50,6 @@ from geo.errors import UserError
 from kernels import deposit
 
 REPORT = "report.html"
-
-
-@dataclass(frozen=True)
-class Result:
-    """A forecast, the numbers about it, and its subsample's tracks."""
-
-    case: Case
-    forecast: Forecast
-    trajectories: Trajectories
-    summary: dict[str, Any]
-    aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
-    updates: Updates | None = None  # what sorties and contacts did
-    begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
-    posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
-
-    @property
-    def probability(self) -> xr.DataArray:
-        """Probability that the object is in a cell (time, lat, lon)."""
-        return self.forecast.probability
-
-    @property
-    def washup(self) -> xr.Dataset | None:
-        """What comes ashore where and when (see drift.spill.washup); None without a spill."""
-        return self.aftermath.washup if self.aftermath else None
 
 
 @in_turn
@@ -138,7 +113,8 @@ def forecasted(job: Job) -> Result:
         summary |= {"search": search_tables.numbers(updates)}
     if posteriors is not None:
         summary |= {"posteriors": posterior_tables.numbers(posteriors)}
-    return Result(case, forecast, tracks, summary, after, updates, begun, posteriors)
+    on = facts.with_coast(facts.setting(case, where, dataset.shown(forecast.data)))
+    return Result(case, forecast, tracks, summary, on, after, updates, begun, posteriors)
 
 
 def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
@@ -183,8 +159,7 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
     job.tell("write", 0.0)
     with job.clock.phase("write"):
         case, where, after, updates = result.case, job.where, result.aftermath, result.updates
-        on = facts.with_coast(facts.setting(case, where, dataset.shown(result.forecast.data)))
-        failed = on
+        failed = on = result.setting
         if planned is not None:
             failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
         chapters = [facts.chapter(case, where, result.summary)]

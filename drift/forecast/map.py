@@ -41,6 +41,17 @@ def draw_map(
     forecast: Forecast, path: Path, setting: Setting, *, time: int = -1, overlays: Sequence[AtTime] = ()
 ) -> None:
     """Draw the forecast at one output time (index); overlays: what other topics draw on it at its time."""
+    sheet.end(_drawn(forecast, setting, time, overlays), path, setting.imprint)
+
+
+def figure(forecast: Forecast, setting: Setting, *, time: int = -1, overlays: Sequence[AtTime] = ()) -> Figure:
+    """Return the same as a figure."""
+    on = _drawn(forecast, setting, time, overlays)
+    sheet.foot(on, setting.imprint)
+    return on.figure
+
+
+def _drawn(forecast: Forecast, setting: Setting, time: int, overlays: Sequence[AtTime]) -> sheet.Page:
     on = sheet.begin(SHEET)
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
@@ -77,7 +88,7 @@ def draw_map(
     _legend(on.figure, rows)
     _panel(on.figure, at, mesh)
     on.figure.text(0.055, 0.04, forecast_words.account(at), fontsize=9.5, color=INK)
-    sheet.end(on, path, setting.imprint)
+    return on
 
 
 def _layout(

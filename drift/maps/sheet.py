@@ -114,13 +114,18 @@ def _banner(on: Page, badge: Badge, text: str) -> None:
     page.banner(on.figure, badge.x, badge.y, badge.side, badge.size, text)
 
 
+def foot(on: Page, imprint: Imprint) -> None:
+    """Write the line at the foot."""
+    if imprint.footer:
+        say(on, on.sheet.footer, imprint.footer)
+
+
 def end(on: Page, path: Path, imprint: Imprint, title: str = "") -> None:
     """Write the line at the foot, and the picture into its file.
 
     title: of the file, where it differs from that of the imprint.
     """
-    if imprint.footer:
-        say(on, on.sheet.footer, imprint.footer)
+    foot(on, imprint)
     page.save(on.canvas, path, title or imprint.title, imprint.attributes, dpi=on.sheet.dpi)
 
 

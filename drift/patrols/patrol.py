@@ -6,11 +6,11 @@ from typing import Any
 
 from drift import facts, flow
 from drift.case.record import Case
-from drift.flow import Result
 from drift.job import Options, Report, in_turn, opened
 from drift.patrols import chapter
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan
+from drift.result import Result
 from drift.spill import evidence
 from geo.errors import UserError
 

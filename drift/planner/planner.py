@@ -15,7 +15,6 @@ import numpy as np
 
 from drift import facts, flow
 from drift.case.record import Case
-from drift.flow import Result
 from drift.forecast import effective, likeliest
 from drift.forecast.effective import Count
 from drift.job import Job, Options, Report, in_turn, opened
@@ -23,6 +22,7 @@ from drift.planner import bound as bounds
 from drift.planner import chapter, fleet, follow, optimiser
 from drift.planner.bound import Bound
 from drift.planner.records import Alternative, Plan, Tasking
+from drift.result import Result
 from drift.search.records import Unit
 from drift.search.updates import Updates
 from drift.suspend.further import Planned

@@ -1,0 +1,163 @@
+"""The result of a run, as Python and a notebook have it: arrays, tables, a map."""
+
+import base64
+import html
+import io
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas
+import xarray as xr
+
+from drift.case.record import Case
+from drift.forecast import effective
+from drift.forecast import tables as forecast_tables
+from drift.forecast import tracks as forecast_tracks
+from drift.forecast.build import Forecast
+from drift.forecast.tracks import Trajectories
+from drift.maps.imprint import Setting
+from drift.output import formats
+from drift.posterior import tables as posterior_tables
+from drift.posterior.records import Posteriors
+from drift.search import chapter as search_chapter
+from drift.search import crossings
+from drift.search import tables as search_tables
+from drift.search.standing import Standing
+from drift.search.updates import Updates
+from drift.spill import tables as washup_tables
+from drift.spill.renewal import Aftermath
+from geo import notation
+from geo.errors import UserError
+from geo.notation import NMI
+
+
+@dataclass(frozen=True)
+class Result:
+    """A forecast, the numbers about it, and its subsample's tracks."""
+
+    case: Case
+    forecast: Forecast
+    trajectories: Trajectories
+    summary: dict[str, Any]
+    setting: Setting  # what stands on every map of it
+    aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
+    updates: Updates | None = None  # what sorties and contacts did
+    begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
+    posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
+
+    @property
+    def probability(self) -> xr.DataArray:
+        """Probability that the object is in a cell (time, lat, lon)."""
+        return self.forecast.probability
+
+    @property
+    def washup(self) -> xr.Dataset | None:
+        """What comes ashore where and when (see drift.spill.washup); None without a spill."""
+        return self.aftermath.washup if self.aftermath else None
+
+    @property
+    def particles(self) -> xr.Dataset:
+        """The tracks of a subsample (trajectory, time), as in particles.nc; `.to_dataframe()` makes pandas' of them."""
+        return xr.decode_cf(forecast_tracks.dataset(self.trajectories, self.forecast))
+
+    @property
+    def tables(self) -> dict[str, pandas.DataFrame]:
+        """The tables of the run by name, those of its CSV files; times are UTC."""
+        run = formats.run_id(self.setting.imprint.attributes)
+        texts = {
+            "track": forecast_tables.track(self.forecast, run),
+            "ashore": forecast_tables.ashore(self.forecast, run),
+        }
+        if self.updates is not None:
+            texts["sorties"] = search_tables.csv(self.updates, run)
+            if self.updates.crossings is not None:
+                texts["lines"] = crossings.csv(self.updates.crossings, run)
+        if self.posteriors is not None:
+            texts["posteriors"] = posterior_tables.csv(self.posteriors, run)
+        if self.washup is not None:
+            texts["washup"] = washup_tables.stretches(self.washup, run)
+            texts["totals"] = washup_tables.totals(self.washup, run)
+        return {name: _frame(text) for name, text in texts.items()}
+
+    @property
+    def areas(self) -> Any:
+        """The areas that hold shares of the probability as a geopandas.GeoDataFrame: time, share, area_nmi2, geometry.
+
+        Longitudes run on across 180 degrees. Raises UserError without geopandas.
+        """
+        try:
+            import geopandas
+        except ImportError:
+            raise UserError("geopandas is not installed: pip install 'casp-drift[notebook]'") from None
+        rows = [(c.time, c.share, c.area / NMI**2, c.polygon) for c in self.forecast.contours]
+        columns = ["time", "share", "area_nmi2", "geometry"]
+        return geopandas.GeoDataFrame(rows, columns=columns, geometry="geometry", crs="EPSG:4326")
+
+    def plot(self, time: Any = None) -> Any:
+        """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or text, by default the last.
+
+        Raises UserError for a time that is no output's.
+        """
+        from drift.forecast import map as forecast_map  # here: Matplotlib takes a second to import
+        from drift.maps import page
+
+        updates, case = self.updates, self.case
+        flown = updates.sorties if updates else ()
+        searches = [partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors)]
+        with page.literal():
+            return forecast_map.figure(self.forecast, self.setting, time=self._output(time), overlays=searches)
+
+    def _output(self, time: Any) -> int:
+        """Return the number of an output time."""
+        times = self.forecast.data["time"].values
+        if time is None:
+            return len(times) - 1
+        try:
+            found = np.flatnonzero(times == np.datetime64(str(time).rstrip("Z")))
+        except ValueError:
+            found = np.empty(0, int)
+        if not found.size:
+            listed = ", ".join(notation.iso(one) for one in times[[0, -1]])
+            raise UserError(
+                f"time {time!r} is no output of this run; they are {len(times)}, the first and last {listed}"
+            )
+        return int(found[0])
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: how the run ended, its warnings and its map."""
+        data, last = self.forecast.data, self.forecast.data.isel(time=-1)
+        count = effective.at(data, -1, self.case.particles)
+        rows = [
+            ("Valid", notation.group(last["time"].values[()])),
+            ("Mean position", notation.position(last["mean_lon"].item(), last["mean_lat"].item()) or "none"),
+            ("Datum", notation.position(last["datum_lon"].item(), last["datum_lat"].item()) or "none"),
+            *(
+                (f"{notation.percent(share)} % area", f"{area / NMI**2:,.0f} nmi²" if area == area else "none")
+                for share, area in zip(last["share"].values, last["containment_area"].values, strict=True)
+            ),
+            ("Counts", count.words),
+        ]
+        cells = "".join(
+            f"<tr><th style='text-align:left'>{name}</th><td>{html.escape(words)}</td></tr>" for name, words in rows
+        )
+        cautions = [self.setting.imprint.caution, *self.summary["warnings"]]
+        warned = "".join(
+            f"<p style='color:#c62828;font-weight:bold'>{html.escape(words)}</p>" for words in cautions if words
+        )
+        picture = io.BytesIO()
+        self.plot().savefig(picture, format="png", dpi=80)
+        image = base64.b64encode(picture.getvalue()).decode("ascii")
+        title = html.escape(self.case.title)
+        return (
+            f"<h4>{title}</h4>{warned}<table>{cells}</table>"
+            f"<img alt='Map: {html.escape(self.case.title, quote=True)}' style='max-width:100%' src='data:image/png;base64,{image}'>"
+        )
+
+
+def _frame(text: str) -> pandas.DataFrame:
+    """Return a CSV text as a pandas.DataFrame, its times parsed."""
+    frame = pandas.read_csv(io.StringIO(text))
+    times = [name for name in frame.columns if name == "time" or name.endswith("_time")]
+    return frame.assign(**{name: pandas.to_datetime(frame[name]) for name in times})

@@ -1,0 +1,113 @@
+"""A result in Python and in a notebook, against the files of the same run as other libraries read them."""
+
+import re
+from base64 import b64decode
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pandas as pd
+import pytest
+import shapely
+import xarray as xr
+from pyproj import Geod
+
+import drift
+from geo import sphere
+
+CASE = """
+title = "A <b>raft</b> east of Fiji"
+start = "160600ZNOV15"
+duration = "9 h"
+particles = 3000
+seed = 3
+[output]
+every = "3 h"
+[[current]]
+constant = { speed = "0.8 kn", toward = 75 }
+[[wind]]
+constant = { speed = "12 kn", from = 250 }
+[uncertainty]
+current = { std = "0.2 m/s", time = "5 h" }
+wind = { std = "1.5 m/s", time = "6 h" }
+[[scenario]]
+name = "raft"
+object = "LIFE-RAFT-DB-11"
+search_object = "Raft 4 person"
+position = { at = [179.93, -19.2], error = "3 nmi" }
+[[contact]]
+name = "strobe"
+time = "161100ZNOV15"
+position = { at = [179.98, -19.22], error = "6 nmi" }
+"""
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Result, Path]:
+    folder = tmp_path_factory.mktemp("result")
+    (folder / "case.toml").write_text(CASE, encoding="utf-8")
+    return drift.run(drift.load(folder / "case.toml"), folder / "results"), folder / "results"
+
+
+def test_tables_are_those_of_the_files(ran: tuple[drift.Result, Path]) -> None:
+    result, folder = ran
+    assert set(result.tables) == {"track", "ashore", "sorties", "posteriors"} & {
+        path.stem for path in folder.glob("*.csv")
+    }
+    for name, table in result.tables.items():
+        written = pd.read_csv(folder / f"{name}.csv")
+        assert list(table.columns) == list(written.columns)
+        numbers = written.select_dtypes("number").columns
+        pd.testing.assert_frame_equal(table[numbers], written[numbers])
+    times = result.tables["track"]["time"]
+    assert (times.dt.tz_localize(None).to_numpy() == xr.open_dataset(folder / "forecast.nc")["time"].values).all()
+
+
+def test_particles_are_those_of_the_file(ran: tuple[drift.Result, Path]) -> None:
+    result, folder = ran
+    xr.testing.assert_allclose(result.particles.drop_attrs(), xr.open_dataset(folder / "particles.nc").drop_attrs())
+    frame = result.particles.to_dataframe().reset_index()
+    assert len(frame) == result.particles.sizes["trajectory"] * result.particles.sizes["time"]
+
+
+def test_areas_are_shapes_of_their_size(ran: tuple[drift.Result, Path]) -> None:
+    """By geodesics on the sphere; a polygon's chords and the cells that an outline cuts leave a few percent."""
+    areas = ran[0].areas
+    assert areas.crs.to_epsg() == 4326
+    geod = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
+    for row in areas.itertuples():
+        area = sum(abs(geod.geometry_area_perimeter(part)[0]) for part in shapely.get_parts(row.geometry))
+        assert area / 1852**2 == pytest.approx(row.area_nmi2, rel=0.03)
+    assert areas.geometry.total_bounds[0] < 180 < areas.geometry.total_bounds[2]  # no jump
+
+
+def test_the_map_is_map_png(ran: tuple[drift.Result, Path]) -> None:
+    """Pixel for pixel, and another output time is another map."""
+    result, folder = ran
+    drawn = BytesIO()
+    figure = result.plot()
+    figure.savefig(drawn, format="png", dpi=140)
+    same = matplotlib.image.imread(folder / "map.png")
+    np.testing.assert_array_equal(matplotlib.image.imread(BytesIO(drawn.getvalue())), same)
+    early = BytesIO()
+    result.plot("2015-11-16T09:00:00Z").savefig(early, format="png", dpi=140)
+    assert early.getvalue() != drawn.getvalue()
+    with pytest.raises(
+        drift.UserError,
+        match="is no output of this run; they are 5, the first and last 2015-11-16T06:00:00Z, 2015-11-16T15",
+    ):
+        result.plot("2015-11-16T10:00:00Z")
+    with pytest.raises(drift.UserError, match="is no output"):
+        result.plot("tomorrow")
+
+
+def test_a_notebook_shows_it(ran: tuple[drift.Result, Path]) -> None:
+    """Names from the case are text, and the picture is inside."""
+    shown = ran[0]._repr_html_()
+    assert "A &lt;b&gt;raft&lt;/b&gt; east of Fiji" in shown
+    assert "<b>" not in shown
+    picture = b64decode(re.search(r"data:image/png;base64,([^']+)", shown)[1])
+    assert matplotlib.image.imread(BytesIO(picture)).shape[1] > 800
+    mean = ran[0].tables["track"]["mean_position"].iloc[-1]
+    assert mean in shown
