@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift.output import chapter, formats, manifest, publication
+from drift.output import chapter, discovery, formats, manifest, publication
 from drift.output.chapter import Chapter, Contents, Stamped
 from drift.output.interrupt import undisturbed
 from geo.errors import UserError
@@ -48,7 +48,6 @@ def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False)
     warning = {"warning": "; ".join(whole.warnings)} if whole.warnings else {}
     now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     stamped = {
-        "Conventions": "CF-1.11",
         **whole.facts,
         **warning,
         "run_id": formats.run_id(whole.facts),
@@ -74,7 +73,7 @@ def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False)
 def _file(path: Path, contents: Contents, stamped: Stamped) -> None:
     """Write a dataset with the run's attributes, a JSON object, or a text."""
     if isinstance(contents, xr.Dataset):
-        _netcdf(contents.assign_attrs({**stamped, **contents.attrs}), path)
+        _netcdf(discovery.described(contents, stamped, path.stem), path)
     elif isinstance(contents, str):
         path.write_text(contents, encoding="utf-8", newline="\n")
     else:
@@ -86,7 +85,7 @@ def _netcdf(data: xr.Dataset, path: Path) -> None:
     for name, variable in data.variables.items():
         encoding[str(name)] = {"_FillValue": None}
         if variable.dtype.kind == "f":
-            if name not in data.dims:
+            if name not in data.dims and not str(name).endswith("_bnds"):  # neither may be missing (CF, 5 and 7.1)
                 encoding[str(name)] = {"_FillValue": variable.dtype.type(np.nan)}
             if variable.ndim > 1:
                 chunks = (*([1] * (variable.ndim - 2)), *variable.shape[-2:])
