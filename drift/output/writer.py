@@ -9,7 +9,7 @@ all files. Data depend on the chapters alone; the date of creation stands in att
 import json
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -44,24 +44,33 @@ def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False)
     this one does not is taken away.
     """
     publication.check(folder, overwrite)
-    whole = chapter.joined(chapters)
-    warning = {"warning": "; ".join(whole.warnings)} if whole.warnings else {}
+    joined = chapter.joined(chapters)
+    warning = {"warning": "; ".join(joined.warnings)} if joined.warnings else {}
     now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     stamped = {
-        **whole.facts,
+        **joined.facts,
         **warning,
-        "run_id": formats.run_id(whole.facts),
-        "history": f"{now} {whole.facts.get('source', 'casp-drift')}",
+        "run_id": formats.run_id(joined.facts),
+        "history": f"{now} {joined.facts.get('source', 'casp-drift')}",
         "date_created": now,
     }
+
+    def fill(place: Path) -> None:
+        for name, make in joined.files.items():
+            _file(place / name, make(stamped), stamped)
+        for name, draw in joined.pictures.items():
+            draw(place / name)
+        _json({**stamped, **joined.numbers}, place / SUMMARY, indent=1)
+
+    return whole(folder, stamped["run_id"], fill, overwrite=overwrite)
+
+
+def whole(folder: Path, run_id: str, fill: Callable[[Path], None], *, overwrite: bool) -> list[Path]:
+    """Have files written into a folder, all of them or none; return their paths. fill: writes into the path it is given."""
     try:
         with publication.staged(folder) as stage:
-            for name, make in whole.files.items():
-                _file(stage.new / name, make(stamped), stamped)
-            for name, draw in whole.pictures.items():
-                draw(stage.new / name)
-            _json({**stamped, **whole.numbers}, stage.new / SUMMARY, indent=1)
-            return publication.publish(stage, stamped["run_id"], overwrite)
+            fill(stage.new)
+            return publication.publish(stage, run_id, overwrite)
     except OSError as error:
         file = f" at {os.path.basename(error.filename)}" if isinstance(error.filename, str) else ""
         raise UserError(

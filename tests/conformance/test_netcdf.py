@@ -2,19 +2,12 @@
 
 from pathlib import Path
 
-import finished
-import numpy as np
 import pytest
-import spills
-from plans import few_trials  # noqa: F401 (a fixture)
-
-import drift
 
 checker = pytest.importorskip("compliance_checker.suite", reason="pip install -e '.[conformance]'")
 pytestmark = [
     pytest.mark.conformance,
     pytest.mark.filterwarnings("ignore"),  # the checker's own
-    pytest.mark.usefixtures("few_trials"),
 ]
 
 FILES = ("forecast.nc", "particles.nc", "washup.nc", "origin.nc", "verify.nc")
@@ -32,29 +25,12 @@ PERSONAL = {  # ACDD's attributes that only who hands a file on can fill, and th
 }
 RECOMMENDED = 2  # the weight of what is recommended; 3: required or highly recommended, 1: suggested
 CRASHES = {"verify.nc": {"check_time_extents"}}  # the checker takes times for a line: here they go by forecast and hour
-TRACK = [(0.0, 0.0), (0.02, 0.01), (0.05, 0.01), (0.07, 0.03)]
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory, few_trials: None) -> dict[str, Path]:  # noqa: F811
-    """Every kind of netCDF file, by name."""
-    folder = tmp_path_factory.mktemp("nc")
-    found = {path.name: path for path in finished.plan(folder).glob("*.nc")}
-    find = '[[find]]\nat = [-0.1, 0.03]\ntime = "+20 h"\nat_sea = true\nradius = "20 km"\n'
-    spill = spills.case_of(folder, more="", duration="1 d", objects=20, worlds=60, per_world=30)
-    drift.run(spill, folder / "spill")
-    (folder / "found.toml").write_text((folder / "case.toml").read_text() + find)
-    drift.origin(drift.load(folder / "found.toml"), folder / "origin")
-    start = np.datetime64("2026-06-01T20:00", "s")
-    rows = [f"b,{start + np.timedelta64(8 * k, 'h')}Z,{179.9 + x},{-41 + y}" for k, (x, y) in enumerate(TRACK)]
-    (folder / "buoys.csv").write_text("\n".join(["id,time,lon,lat", *rows]))
-    (folder / "water.toml").write_text(finished.CASE[: finished.CASE.index('[[scenario]]\nname = "drift')])
-    drift.verify(
-        drift.load(folder / "water.toml"), folder / "buoys.csv", folder / "verify", particles=500, gap=9 * 3600.0
-    )
-    for name in ("spill", "origin", "verify"):
-        found |= {path.name: path for path in (folder / name).glob("*.nc") if path.name not in found}
-    return found
+def files(written: Path) -> dict[str, Path]:
+    """One file of every kind, by name; those of forecasts are of the plan's."""
+    return {path.name: path for path in sorted(written.glob("*/*.nc"), key=lambda path: path.parent.name == "plan")}
 
 
 def complaints(path: Path, checked: str) -> list[str]:
