@@ -58,6 +58,7 @@ def _document(run: Finished) -> str:
     _tracks(document, run, spans)
     _search(document, run)
     _plan(document, run)
+    _coast(document, run)
     return markup.text(root)
 
 
@@ -121,3 +122,19 @@ def _plan(document: ET.Element, run: Finished) -> None:
         words = f"{name}: on scene {told['on_scene']} to {told['off_scene']}, POS {told['pos']:.1%}"
         look = {"area": "field", "csp": ""}.get(told["shape"], "legs")
         kml.place(folders[name], f"{told['area']} {told['shape']}", words, span, look, feature["geometry"])
+
+
+def _coast(document: ET.Element, run: Finished) -> None:
+    """Append the stretches of coast to which a spill comes, by rank, over the whole forecast."""
+    features = run.features("washup.geojson")
+    times = run.forecast["time"].values
+    if features:
+        folder = kml.folder(document, "Coast")
+    for feature in features:
+        told = feature["properties"]
+        words = (
+            f"{told['position']}, {told['access']}, {told['length_km']:.1f} km: {told['expected']:.3g} objects expected at "
+            f"the end, probability of any {told['probability']:.1%}, that any ever comes {told['ever']:.1%}"
+        )
+        span = notation.iso(times[0]), notation.iso(times[-1])
+        kml.place(folder, f"{told['rank']}  {told['name']}", words, span, "track", feature["geometry"])

@@ -22,9 +22,15 @@ def files(run: Finished) -> dict[str, bytes]:
     times = run.forecast["time"].values
     if times[-1] - times[0] <= np.timedelta64(1, "D"):
         return {"forecast.gpx": _document(run, "").encode()}
-    told = [point[0] for point in run.positions("mean")]
-    days = sorted({notation.iso(time)[:10] for time in told})
+    told = [notation.iso(time) for time, _, _ in run.positions("mean")]
+    told += [str(feature["properties"]["start"]) for feature in _legs(run)]
+    days = sorted({time[:10] for time in told}) or [notation.iso(times[0])[:10]]
     return {f"forecast-{day.replace('-', '')}.gpx": _document(run, day).encode() for day in days}
+
+
+def _legs(run: Finished) -> list[dict[str, Any]]:
+    """Return the features of what units searched along."""
+    return [feature for feature in run.search() if feature["properties"]["shape"] == "legs"]
 
 
 def _document(run: Finished, day: str) -> str:
@@ -47,9 +53,9 @@ def _document(run: Finished, day: str) -> str:
             words = f"{percent} % area {notation.group(time)}, {told['area_nmi2']:,.1f} nmi2"
             lines = [line for polygon in geometry["coordinates"] for ring in polygon for line in opened(ring)]
             _lines(_track(root, f"{percent}% {names[time]}", words, "area"), lines)
-    for feature in run.search():
+    for feature in _legs(run):
         told = feature["properties"]
-        if told["shape"] == "legs" and str(told["start"]).startswith(day):
+        if str(told["start"]).startswith(day):
             words = f"{told['kind']} {told['start']} to {told['end']}"
             _lines(_track(root, str(told["name"]), words, "search"), feature["geometry"]["coordinates"])
     return markup.text(root)

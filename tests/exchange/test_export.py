@@ -21,6 +21,7 @@ import drift
 from drift.cli import commands
 from drift.cli import export as export_command
 from drift.exchange import exporter, plotter, raster
+from drift.exchange.finished import Finished
 from geo import notation
 from geo.errors import UserError
 
@@ -183,7 +184,31 @@ def test_outlines_of_cut_shapes() -> None:
     assert [-179, 2] in found[0] or [-179, 2] in found[1]
 
 
-def test_a_long_forecast_has_a_file_a_day_and_waypoints_of_one_name_each() -> None:
+def test_a_long_forecast_has_a_file_a_day(tmp_path: Path) -> None:
+    """Each point and no other is in that of its day; a day on which nothing is anywhere has none."""
+    times = np.datetime64("2026-06-01T18:00", "ns") + np.arange(10) * np.timedelta64(6, "h")
+    lon, lat = np.linspace(179.5, 180.5, 10), np.linspace(-41.0, -40.0, 10)
+    lat[5:9] = np.nan  # 3 June, all of it
+    data = xr.Dataset(
+        {f"{name}_{axis}": ("time", v) for name in ("mean", "datum") for axis, v in (("lon", lon), ("lat", lat))},
+        {"time": times, "share": [0.5]},
+        {"title": "t", "run_id": "r"},
+    )
+    made = plotter.files(Finished(tmp_path, frozenset(), data))
+    assert list(made) == ["forecast-20260601.gpx", "forecast-20260602.gpx", "forecast-20260604.gpx"]
+    told = [
+        (point.findtext("{*}time"), float(point.get("lon")), float(point.get("lat")))
+        for text in made.values()
+        for point in ET.fromstring(text).findall("{*}wpt")
+    ]
+    kept = np.isfinite(lat)
+    assert [time for time, _, _ in told] == [notation.iso(time) for time in times[kept]]
+    assert np.abs((np.array([x for _, x, _ in told]) - lon[kept] + 180) % 360 - 180).max() <= HALF
+    data["datum_lat"][:] = data["mean_lat"][:] = np.nan
+    assert list(plotter.files(Finished(tmp_path, frozenset(), data))) == ["forecast-20260601.gpx"]
+
+
+def test_waypoints_have_a_name_each() -> None:
     start = np.datetime64("2026-06-01T20:00:10", "s")
     close = plotter._names(np.array([start, start + 30, start + 80, start + 400]))
     assert list(close.values()) == ["012000Z", "012000Zb", "012001Z", "012006Z"]
