@@ -22,6 +22,7 @@ from drift.cli import commands
 from drift.cli import export as export_command
 from drift.exchange import exporter, plotter, raster
 from drift.exchange.finished import Finished
+from drift.exchange.finished import _chosen as chosen
 from geo import notation
 from geo.errors import UserError
 
@@ -259,6 +260,12 @@ def test_outputs_that_are_wanted(run: Path, tmp_path: Path) -> None:
         p.findtext("{*}TimeSpan/{*}begin") for p in folder.findall("{*}Placemark") if p.find("{*}Point") is not None
     ]
     assert begins == ["2026-06-01T20:00:00Z", "2026-06-02T08:00:00Z"]
+
+
+def test_outputs_of_a_backward_run_come_in_ascending_order() -> None:
+    outputs = np.datetime64("2026-06-01T20:00:40", "ns") - np.arange(4) * np.timedelta64(4, "h")
+    assert chosen(outputs, []) == [3, 2, 1, 0]
+    assert chosen(outputs, ["011200ZJUN26", "-4 h"]) == [2, 1]
 
 
 @pytest.mark.parametrize(
