@@ -123,6 +123,13 @@ def test_kml_has_the_search_and_the_plan_and_needs_no_colour(run: Path, tmp_path
     assert summary["uncertainty"]["told"] in told
 
 
+def test_files_say_who_made_them(run: Path, forecast: xr.Dataset) -> None:
+    told = {"creator_name": "MRCC <test>", "license": "CC BY 4.0", "naming_authority": "org.example"}
+    for held in (forecast.attrs, json.loads((run / "summary.json").read_text()),
+                 json.loads((run / "contours.geojson").read_text())):  # fmt: skip
+        assert told.items() <= held.items()
+
+
 def test_kmz_is_the_same_and_the_same_every_time(run: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         drift.export(run, "kmz", tmp_path / name)

@@ -11,6 +11,7 @@ duration = "12 h"
 particles = 4000
 [output]
 every = "4 h"
+about = { creator_name = "MRCC <test>", license = "CC BY 4.0", naming_authority = "org.example" }
 [clock]
 step = "30 min"
 [coast]
