@@ -15,6 +15,8 @@ from drift.output import publication
 from geo import notation
 from geo.errors import UserError
 
+LARGE = ["probability_by_scenario", "probability_ashore"]  # variables of forecast.nc that no format has
+
 
 @dataclass(frozen=True)
 class Finished:
@@ -86,7 +88,7 @@ def opened(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Finishe
     names = frozenset(path.name for path in publication.results(folder))
     if "forecast.nc" not in names:
         raise UserError(f"results {folder}: hold no forecast.nc; export what drift run or drift plan wrote")
-    forecast = xr.load_dataset(folder / "forecast.nc")
+    forecast = xr.load_dataset(folder / "forecast.nc", drop_variables=LARGE)
     return Finished(folder, names, forecast.isel(time=_chosen(forecast["time"].values, times)))
 
 

@@ -25,6 +25,10 @@ def files(run: Finished) -> dict[str, bytes]:
         import rasterio  # noqa: F401 (an extra)
     except ImportError:
         raise UserError("geotiff needs rasterio: pip install 'casp-drift[geotiff]'") from None
+    if "lon_bnds" not in run.forecast:
+        raise UserError(
+            f"results {run.folder}: are of an older version, which wrote no edges of cells; run the case again"
+        )
     made = {}
     lon, sides = run.forecast["lon"].values, {}
     turns = np.floor((lon + 180) / 360).astype(int)
