@@ -5,6 +5,7 @@ from drift.case.file import vary as vary
 from drift.case.record import Case as Case
 from drift.drifters.fitting import fit_errors as fit_errors
 from drift.drifters.verification import verify as verify
+from drift.exchange.exporter import export as export
 from drift.flow import origin as origin
 from drift.flow import run as run
 from drift.flow import trace as trace

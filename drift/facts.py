@@ -47,6 +47,8 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
         "coast": where.coast.source if where.coast else "none",
         "uncertainty": errors(case),
         "case": case.text,
+        **case.about,
+        **({"caution": words} if (words := caution(case)) else {}),
     }
 
 

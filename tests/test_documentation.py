@@ -78,6 +78,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
         *backtrack_chapter.FILES, *backtrack_chapter.PICTURES,
     },
     "docs/verify.md": {*drifters_chapter.FILES, *drifters_chapter.PICTURES},
+    "docs/formats.md": {"forecast.kml", "forecast.gpx"},  # of exports
 }  # fmt: skip
 
 

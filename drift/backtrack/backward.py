@@ -377,17 +377,26 @@ def dataset(origin: Origin) -> xr.Dataset:
             "prior": (dims, origin.prior, {"long_name": "prior probability of the release", "units": "1"}),
         },
         {
-            "time": ("time", origin.time.astype("datetime64[ns]"), {"standard_name": "time", "long_name": "release"}),
-            "lat": ("lat", origin.lat, {"standard_name": "latitude", "units": "degrees_north"}),
-            "lon": ("lon", origin.lon, {"standard_name": "longitude", "units": "degrees_east"}),
+            "time": (
+                "time",
+                origin.time.astype("datetime64[ns]"),
+                {"standard_name": "time", "long_name": "time of release, UTC", "axis": "T"},
+            ),
+            "lat": ("lat", origin.lat, _axis("latitude", "Y", "degrees_north")),
+            "lon": ("lon", origin.lon, _axis("longitude", "X", "degrees_east")),
         },
         {
             "title": "Release of a spill, proposed by tracks back from its finds",
+            "summary": "Where and when a spill may have been released, by cells and times: before and after its finds.",
             "comment": "a proposal where to look; the forward posterior is the answer",
             "worlds": origin.worlds,
             "effective_worlds": origin.effective,
         },
     )
+
+
+def _axis(name: str, axis: str, units: str) -> dict[str, str]:
+    return {"standard_name": name, "long_name": f"{name} of the cell's centre", "axis": axis, "units": units}
 
 
 def edges(centres: Real) -> Real:

@@ -37,7 +37,12 @@ SHEET = Sheet(
 )  # fmt: skip
 BLUE = "#0b4f8a"
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
-LINES = ("#b3261e", "#1b5e20", "#6a3d9a", "#8a5a00")  # colours of the lines that are asked about
+LINES: tuple[tuple[str, Any, str], ...] = (  # colours, dashes and marks of the lines that are asked about
+    ("#b3261e", "-", "o"),
+    ("#1b5e20", (0, (5, 1)), "s"),
+    ("#6a3d9a", (0, (1.2, 0.8)), "^"),
+    ("#8a5a00", (0, (5, 1, 1.2, 1)), "D"),
+)
 CELLS, MOMENTS = 180, 121  # along each side of the shading's grid; times over which it averages
 WIDEST = 0.99  # share of the probability at every time that is in the frame
 WORDS = 9  # times that are labelled
@@ -139,7 +144,8 @@ def _lines(axes: Axes, frame: Frame, asked: Answers) -> None:
         x, y = frame.project(lon, lat)
         leap = np.hypot(np.diff(x), np.diff(y)) > 3 * (frame.x[1] - frame.x[0])
         x, y = (np.insert(v.astype(float), 1 + np.flatnonzero(leap), np.nan) for v in (x, y))
-        axes.plot(x, y, color=LINES[k % len(LINES)], linewidth=2.0, zorder=8, scalex=False, scaley=False)
+        colour, dashes, _ = LINES[k % len(LINES)]
+        axes.plot(x, y, color=colour, linestyle=dashes, linewidth=2.0, zorder=8, scalex=False, scaley=False)
 
 
 def _great_circle(line: Line) -> tuple[Array, Array]:
@@ -185,11 +191,11 @@ def _touches(axes: Axes, asked: Answers) -> None:
     top = 0.0
     for k, touch in enumerate(asked.touches):
         time, touched = study.curve(touch)
-        colour = LINES[k % len(LINES)]
-        axes.plot((time - bridge.time[0]) / 3600, touched, color=colour, linewidth=1.8)
+        colour, dashes, mark = LINES[k % len(LINES)]
+        axes.plot((time - bridge.time[0]) / 3600, touched, color=colour, linestyle=dashes, linewidth=1.8)
         marks = (np.array(touch.percentiles) - bridge.time[0]) / 3600
         axes.plot(
-            marks, np.array(asked.study.percentiles) * touch.chance.value, linestyle="none", marker="o", markersize=5,
+            marks, np.array(asked.study.percentiles) * touch.chance.value, linestyle="none", marker=mark, markersize=5,
             color=colour, markeredgecolor="white",
         )  # fmt: skip
         top = max(top, touch.chance.value)
@@ -242,7 +248,7 @@ def _key(asked: Answers) -> Sequence[tuple[Any, str]]:
     rows.append((Patch(facecolor="#e0607a", edgecolor=GREY), "density over all the time"))
     for k, touch in enumerate(asked.touches):
         chance = f"{touch.chance.value:.3g}"
-        rows.append(
-            (Line2D([], [], color=LINES[k % len(LINES)], linewidth=2), f"{page.fit(touch.line.name, 22)}: {chance}")
-        )
+        colour, dashes, _ = LINES[k % len(LINES)]
+        symbol = Line2D([], [], color=colour, linestyle=dashes, linewidth=2)
+        rows.append((symbol, f"{page.fit(touch.line.name, 22)}: {chance}"))
     return rows

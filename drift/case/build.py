@@ -73,6 +73,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         outputs=outputs,
         trajectories=table.output.trajectories,
         areas=table.output.fractions(),
+        about=table.output.about.told(),
         grid=table.output.grid.cells() if table.output.grid else None,
         step=table.clock.step,
         scheme=table.clock.scheme,

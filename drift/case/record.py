@@ -66,6 +66,7 @@ class Case:
     resampling: Resampling
     expect: Expect
     sensors: Sensors = field(default_factory=Sensors)  # looks, fields, barriers, lines
+    about: Mapping[str, str] = field(default_factory=dict)  # attributes that every file is to carry
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included

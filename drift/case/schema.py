@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from drift.case import fields, units
+from drift.case.about import AboutTable
 from drift.case.barrier import BarrierTable, LineTable
 from drift.case.contact import ContactTable
 from drift.case.expect import Expect
@@ -40,6 +41,7 @@ class OutputTable(fields.Table):
     areas: Annotated[tuple[float, ...], BeforeValidator(shares.percents)] = tuple(
         100 * share for share in shares.SHARES
     )
+    about: AboutTable = AboutTable()
 
     @model_validator(mode="after")
     def one_way(self) -> "OutputTable":

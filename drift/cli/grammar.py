@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from drift.cli import export
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
@@ -14,6 +15,7 @@ BACKENDS = ("cpu", "cuda", "vulkan", "metal")
 EXAMPLES = """examples:
   drift run overdue_boat
   drift plan overdue_boat
+  drift export overdue_boat-forecast kml
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
   drift objects raft deep ballast
   drift fit-bridge ships.csv --every '6 h' --min-speed '5 kn' --hold-out
@@ -52,6 +54,8 @@ def parser() -> Parser:
     origin = commands.add_parser("origin", help="run a spill backward from its finds to where it may have come from")
     _add_case(origin)
     _add_results(origin, "NAME-origin")
+
+    export.add(commands)
 
     _add_verify(commands)
 

@@ -14,6 +14,11 @@ from geo.array import Array
 
 Variable = tuple[tuple[str, ...], Array, dict[str, str]]  # dimensions, values and attributes
 
+SUMMARY = (
+    "Forecasts of real drifters from many starts beside what the drifters did: separation, spread, which areas held them, "
+    "ranks and skill."
+)
+
 
 def numbers(result: Verification) -> dict[str, Any]:
     """Return the summary's numbers: shares held, separations and skill, each with its clustered standard error."""
@@ -73,17 +78,26 @@ def dataset(result: Verification) -> xr.Dataset:
     def metres(values: Array, long_name: str) -> Variable:
         return hourly(values, long_name, "m")
 
+    def position(values: Array, axis: str, units: str) -> Variable:
+        dims, values, words = hourly(values, f"{axis} of the drifter", units)
+        return dims, values, {"standard_name": axis, **words}
+
     def share(values: Array, long_name: str) -> Variable:
         return ("forecast", "lead"), values, {"long_name": long_name, "units": "1"}
 
     names = np.array(result.names, dtype=object)[result.drifter]
+    since = {"standard_name": "forecast_period", "long_name": "time after the start", "units": "h"}
     starts = result.start.astype("datetime64[s]").astype("datetime64[ns]")
     return xr.Dataset(
         {
             "drifter": ("forecast", names, {"long_name": "name of the drifter"}),
-            "start": ("forecast", starts, {"long_name": "start of the forecast, UTC"}),
-            "drifter_lon": hourly(result.lon, "longitude of the drifter", "degrees_east"),
-            "drifter_lat": hourly(result.lat, "latitude of the drifter", "degrees_north"),
+            "start": (
+                "forecast",
+                starts,
+                {"standard_name": "forecast_reference_time", "long_name": "start of the forecast, UTC"},
+            ),
+            "drifter_lon": position(result.lon, "longitude", "degrees_east"),
+            "drifter_lat": position(result.lat, "latitude", "degrees_north"),
             "separation": metres(result.apart, "distance of the mean position from the drifter"),
             "persistence": metres(result.waiting, "distance of the start from the drifter"),
             "way": metres(result.way, "way of the drifter since the start"),
@@ -95,8 +109,13 @@ def dataset(result: Verification) -> xr.Dataset:
             "lost": ("forecast", result.lost, {"long_name": "probability on no map at the end", "units": "1"}),
         },
         {
-            "hours": ("hours", result.hours.astype(float), {"long_name": "time after the start", "units": "h"}),
-            "lead": ("lead", result.leads.astype(float), {"long_name": "time after the start", "units": "h"}),
+            "hours": ("hours", result.hours.astype(float), since),
+            "lead": ("lead", result.leads.astype(float), since),
+            "time": (
+                ("forecast", "hours"),
+                starts[:, None] + (result.hours * 3600).astype("timedelta64[s]"),
+                {"standard_name": "time", "long_name": "time, UTC"},
+            ),
         },
-        {"comment": verification_text.headline(result)},
+        {"summary": SUMMARY, "comment": verification_text.headline(result)},
     )  # fmt: skip

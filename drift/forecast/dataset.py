@@ -17,14 +17,22 @@ from geo.cells import Cells
 
 AREA = "area: cell_area"
 COUNTED = "of what was drawn anew, that of the particles from which it descends"
+SUMMARY = (
+    "Probability of where an object at sea is over time, by cells, from weighted particles: what they drifted or steered, "
+    "what searches and contacts told up to each time, areas that hold stated shares, and what became of the object."
+)
+SUMMED = "time: point area: sum"  # CF's cell methods of a share of the cell at a time
 CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
 
 
 def _positions(name: str, dims: tuple[str, ...], words: str) -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
     """Return the two variables of a position."""
     return {
-        f"{name}_lon": (dims, {"long_name": f"longitude of {words}", "units": "degrees_east"}),
-        f"{name}_lat": (dims, {"long_name": f"latitude of {words}", "units": "degrees_north"}),
+        f"{name}_{short}": (
+            dims,
+            {"standard_name": axis, "long_name": f"{axis} of {words}", "units": f"degrees_{toward}"},
+        )
+        for short, axis, toward in (("lon", "longitude", "east"), ("lat", "latitude", "north"))
     }
 
 
@@ -38,12 +46,18 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
             "long_name": "probability that the object is in the cell, adrift or ashore",
             "units": "1",
             "cell_measures": AREA,
+            "cell_methods": SUMMED,
             "ancillary_variables": "containment",
         },
     ),
     "probability_ashore": (
         CELLWISE,
-        {"long_name": "probability that the object is ashore in the cell", "units": "1", "cell_measures": AREA},
+        {
+            "long_name": "probability that the object is ashore in the cell",
+            "units": "1",
+            "cell_measures": AREA,
+            "cell_methods": SUMMED,
+        },
     ),
     "probability_by_scenario": (
         ("time", "scenario", "lat", "lon"),
@@ -51,6 +65,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
             "long_name": "probability of the scenario and of the object being in the cell; adds up to probability",
             "units": "1",
             "cell_measures": AREA,
+            "cell_methods": SUMMED,
         },
     ),
     "containment": (
@@ -66,6 +81,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         ("lat", "lon"),
         {"standard_name": "cell_area", "long_name": "area of the cell on the sphere", "units": "m2"},
     ),
+    "lat_bnds": (("lat", "bnds"), {}),  # edges have their coordinate's attributes (CF, 7.1)
+    "lon_bnds": (("lon", "bnds"), {}),
     "containment_area": (
         ("time", "share"),
         {"long_name": "area of the smallest region that holds the share", "units": "m2", "comment": CALIBRATED},
@@ -168,13 +185,13 @@ def build(
         data["probability_by_scenario"] = (MAPPED_ALONE, *data["probability_by_scenario"][1:])
         names = np.array(mapped_alone.names(scenarios), object)
         coordinates["mapped_scenario"] = ("mapped_scenario", names, {"long_name": "scenario, or all that have no map"})
-    forecast = xr.Dataset(data, coordinates)
+    forecast = xr.Dataset(data, coordinates, {"summary": SUMMARY})
     if "effective_worlds" in forecast:
         forecast["effective_worlds"].attrs["worlds"] = counted[0].drawn
     if not any(under_way(snapshot.status).any() for snapshot in snapshots):
         return forecast.isel(status=slice(int(Status.UNDER_WAY)))  # nothing steers: it is the last three
     for variable in forecast.variables.values():
-        for drifting, steering in STEERING.items():
+        for drifting, steering in STEERING.items() if variable.attrs else ():
             variable.attrs["long_name"] = variable.attrs["long_name"].replace(drifting, steering)
     return forecast
 
@@ -208,8 +225,22 @@ def _maps(maps: Sequence[areas.Area | None], grid: Cells, scenarios: int) -> dic
         "probability_ashore": ashore,
         "probability_by_scenario": by_scenario,
         "containment": contained,
+        **_edges(grid),
         "cell_area": np.repeat(grid.area()[:, None], grid.nlon, axis=1),
         "off_grid": off,
+    }
+
+
+def _edges(grid: Cells) -> dict[str, Array]:
+    """Return the edges of the cells [deg], (n, 2)."""
+
+    def pairs(first: int, width: int, count: int) -> Array:
+        edges = (first + width * np.arange(count + 1)) * (360 / sphere.TURN)
+        return np.stack([edges[:-1], edges[1:]], axis=1)
+
+    return {
+        "lat_bnds": np.clip(pairs(grid.lat0, grid.height, grid.nlat), -90, 90),
+        "lon_bnds": pairs(grid.lon0, grid.width, grid.nlon),
     }
 
 
@@ -235,12 +266,16 @@ def _coordinates(
         "lat": (
             "lat",
             grid.lat(),
-            {**_axis("latitude", "Y", "latitude of the cell's centre"), "units": "degrees_north"},
+            {**_axis("latitude", "Y", "latitude of the cell's centre"), "units": "degrees_north", "bounds": "lat_bnds"},
         ),
         "lon": (
             "lon",
             grid.lon(),
-            {**_axis("longitude", "X", "longitude of the cell's centre"), "units": "degrees_east"},
+            {
+                **_axis("longitude", "X", "longitude of the cell's centre"),
+                "units": "degrees_east",
+                "bounds": "lon_bnds",
+            },
         ),
         "scenario": ("scenario", np.array(scenarios, object), {"long_name": "scenario"}),
         "status": (

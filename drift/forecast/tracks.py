@@ -88,7 +88,11 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                 {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"},
             ),
         },
-        {"featureType": "trajectory"},
+        {
+            "featureType": "trajectory",
+            "summary": "Tracks of a subsample of the particles of a forecast: where each was, what had become of it, and "
+            "its weight, at each output time.",
+        },
     )
 
 
@@ -128,6 +132,10 @@ def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]
         words = {"long_name": "time of going ashore, out of the forcing or out of the domain, UTC; see status", **clock}
         variables["time_ended"] = ("trajectory", times(tracks.ended, halted), words)
     if tracks.edge is not None:
-        words = {"long_name": "edge of the run's shoreline where it went ashore", "comment": "-1: not ashore"}
+        words = {
+            "long_name": "edge of the run's shoreline where it went ashore",
+            "units": "1",
+            "comment": "-1: not ashore",
+        }
         variables["coast_edge"] = ("trajectory", tracks.edge.astype(np.int32), words)
     return variables

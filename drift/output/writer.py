@@ -9,14 +9,14 @@ all files. Data depend on the chapters alone; the date of creation stands in att
 import json
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from drift.output import chapter, formats, manifest, publication
+from drift.output import chapter, discovery, formats, manifest, publication
 from drift.output.chapter import Chapter, Contents, Stamped
 from drift.output.interrupt import undisturbed
 from geo.errors import UserError
@@ -44,27 +44,35 @@ def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False)
     this one does not is taken away.
     """
     publication.check(folder, overwrite)
-    whole = chapter.joined(chapters)
-    warning = {"warning": "; ".join(whole.warnings)} if whole.warnings else {}
+    joined = chapter.joined(chapters)
+    warning = {"warning": "; ".join(joined.warnings)} if joined.warnings else {}
     now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     stamped = {
-        "Conventions": "CF-1.11",
-        **whole.facts,
+        **joined.facts,
         **warning,
-        "run_id": formats.run_id(whole.facts),
-        "history": f"{now} {whole.facts.get('source', 'casp-drift')}",
+        "run_id": formats.run_id(joined.facts),
+        "history": f"{now} {joined.facts.get('source', 'casp-drift')}",
         "date_created": now,
     }
+
+    def fill(place: Path) -> None:
+        for name, make in joined.files.items():
+            _file(place / name, make(stamped), stamped)
+        for name, draw in joined.pictures.items():
+            draw(place / name)
+        _json({**stamped, **joined.numbers}, place / SUMMARY, indent=1)
+        for name, digest in joined.digests.items():
+            digest(place / name)
+
+    return whole(folder, stamped["run_id"], fill, overwrite=overwrite)
+
+
+def whole(folder: Path, run_id: str, fill: Callable[[Path], None], *, overwrite: bool) -> list[Path]:
+    """Have files written into a folder, all of them or none; return their paths. fill: writes into the path it is given."""
     try:
         with publication.staged(folder) as stage:
-            for name, make in whole.files.items():
-                _file(stage.new / name, make(stamped), stamped)
-            for name, draw in whole.pictures.items():
-                draw(stage.new / name)
-            _json({**stamped, **whole.numbers}, stage.new / SUMMARY, indent=1)
-            for name, digest in whole.digests.items():
-                digest(stage.new / name)
-            return publication.publish(stage, stamped["run_id"], overwrite)
+            fill(stage.new)
+            return publication.publish(stage, run_id, overwrite)
     except OSError as error:
         file = f" at {os.path.basename(error.filename)}" if isinstance(error.filename, str) else ""
         raise UserError(
@@ -76,7 +84,7 @@ def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False)
 def _file(path: Path, contents: Contents, stamped: Stamped) -> None:
     """Write a dataset with the run's attributes, a JSON object, or a text."""
     if isinstance(contents, xr.Dataset):
-        _netcdf(contents.assign_attrs({**stamped, **contents.attrs}), path)
+        _netcdf(discovery.described(contents, stamped, path.stem), path)
     elif isinstance(contents, str):
         path.write_text(contents, encoding="utf-8", newline="\n")
     else:
@@ -88,7 +96,7 @@ def _netcdf(data: xr.Dataset, path: Path) -> None:
     for name, variable in data.variables.items():
         encoding[str(name)] = {"_FillValue": None}
         if variable.dtype.kind == "f":
-            if name not in data.dims:
+            if name not in data.dims and not str(name).endswith("_bnds"):  # neither may be missing (CF, 5 and 7.1)
                 encoding[str(name)] = {"_FillValue": variable.dtype.type(np.nan)}
             if variable.ndim > 1:
                 chunks = (*([1] * (variable.ndim - 2)), *variable.shape[-2:])

@@ -1,6 +1,5 @@
 """A plan as files for navigators and maps (GPX 1.1 routes, KML 2.2, GeoJSON) and as tables for the case."""
 
-import html
 import json
 import math
 import xml.etree.ElementTree as ET
@@ -9,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from drift.output import gpx as gpx_file
+from drift.output import kml as kml_file
+from drift.output import markup
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
@@ -17,8 +19,6 @@ from drift.search import shapes as search_shapes
 from geo import notation, sphere
 from geo.notation import KNOT, NMI
 
-GPX = "http://www.topografix.com/GPX/1/1"
-KML = "http://www.opengis.net/kml/2.2"
 SAME = 20.0  # [m] by which legs may differ from those of a pattern that is written instead of them
 INKS = ("ff2a00c8", "ffb04f0b", "ff008a1c", "ff7a0f9b", "ff006a8a", "ff3a3a3a")  # aabbggrr
 
@@ -33,88 +33,46 @@ def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
 
     The search point is a waypoint.
     """
-    root = ET.Element("gpx", {"xmlns": GPX, "version": "1.1", "creator": "casp-drift"})
-    about = ET.SubElement(root, "metadata")
-    _leaf(about, "name", title)
-    if words := _about(plan, run):
-        _leaf(about, "desc", words)
+    root = gpx_file.document(title, _about(plan, run))
     named = list(zip(subareas.names(plan), plan.taskings, strict=True))
     for name, tasking in named:
         start = next(point for point in subareas.route(name, tasking) if point.what == "csp")
         _point(root, "wpt", start, f"commence search, {tasking.unit.name}")
     for number, (name, tasking) in enumerate(named, 1):
         way = ET.SubElement(root, "rte")
-        _leaf(way, "name", f"{name} {tasking.unit.name}")
-        _leaf(way, "desc", _description(tasking))
-        _leaf(way, "number", str(number))
-        _leaf(way, "type", "search")
+        markup.leaf(way, "name", f"{name} {tasking.unit.name}")
+        markup.leaf(way, "desc", _description(tasking))
+        markup.leaf(way, "number", str(number))
+        markup.leaf(way, "type", "search")
         for point in subareas.route(name, tasking):
             _point(way, "rtept", point, "")
-    return _xml(root)
+    return markup.text(root)
 
 
-def _point(parent: ET.Element, tag: str, point: subareas.Waypoint, words: str) -> None:
-    lon = sphere.wrap_degrees(point.lon)
-    element = ET.SubElement(parent, tag, {"lat": f"{point.lat:.7f}", "lon": f"{lon:.7f}"})
-    _leaf(element, "time", notation.iso(point.time))
-    _leaf(element, "name", point.name)
-    if words:
-        _leaf(element, "desc", words)
-    _leaf(element, "type", point.what)
+def _point(parent: ET.Element, tag: str, at: subareas.Waypoint, words: str) -> None:
+    gpx_file.point(parent, tag, at.lon, at.lat, time=at.time, name=at.name, words=words, kind=at.what)
 
 
 def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
     """Return a folder for each tasking: sub-area, legs, ways out and home, search point; cut at 180 degrees."""
-    root = ET.Element("kml", {"xmlns": KML})
-    document = ET.SubElement(root, "Document")
-    _leaf(document, "name", title)
-    _leaf(document, "description", _about(plan, run))
+    root, document = kml_file.document(title, _about(plan, run))
     for k, ink in enumerate(INKS):
-        for kind, width in (("area", "3"), ("legs", "1.5"), ("transit", "1")):
-            style = ET.SubElement(document, "Style", {"id": f"{kind}{k}"})
-            line = ET.SubElement(style, "LineStyle")
-            _leaf(line, "color", ink if kind != "transit" else f"99{ink[2:]}")
-            _leaf(line, "width", width)
-            if kind == "area":
-                fill = ET.SubElement(style, "PolyStyle")
-                _leaf(fill, "color", f"22{ink[2:]}")
+        kml_file.style(document, f"area{k}", ink, "3", fill=f"22{ink[2:]}")
+        kml_file.style(document, f"legs{k}", ink, "1.5")
+        kml_file.style(document, f"transit{k}", f"99{ink[2:]}", "1")
     for k, (name, tasking) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
-        folder = ET.SubElement(document, "Folder")
-        _leaf(folder, "name", f"{name} {tasking.unit.name}")
+        folder = kml_file.folder(document, f"{name} {tasking.unit.name}")
         for shape, geometry in _shapes(tasking).items():
-            place = ET.SubElement(folder, "Placemark")
-            _leaf(place, "name", name if shape == "area" else f"{name} {shape}")
-            _leaf(place, "description", html.escape(_description(tasking), quote=False))  # shown as HTML
-            span = ET.SubElement(place, "TimeSpan")
-            _leaf(span, "begin", notation.iso(tasking.takeoff if shape == "transit" else tasking.on_scene))
-            _leaf(span, "end", notation.iso(tasking.home if shape == "transit" else tasking.off_scene))
-            if shape != "csp":
-                _leaf(place, "styleUrl", f"#{'transit' if shape == 'round' else shape}{k % len(INKS)}")
-            _geometry(place, geometry)
-    return _xml(root)
-
-
-def _geometry(parent: ET.Element, geometry: Mapping[str, Any]) -> None:
-    """Append a GeoJSON geometry as KML's."""
-    kind, coordinates = geometry["type"], geometry["coordinates"]
-    if kind == "Point":
-        _leaf(ET.SubElement(parent, "Point"), "coordinates", _coordinates([coordinates]))
-        return
-    many = ET.SubElement(parent, "MultiGeometry")
-    for part in coordinates:
-        if kind == "MultiLineString":
-            line = ET.SubElement(many, "LineString")
-            _leaf(line, "tessellate", "1")
-            _leaf(line, "coordinates", _coordinates(part))
-            continue
-        polygon = ET.SubElement(many, "Polygon")
-        _leaf(polygon, "tessellate", "1")
-        for edge, ring in zip(["outerBoundaryIs", *["innerBoundaryIs"] * (len(part) - 1)], part, strict=True):
-            _leaf(ET.SubElement(ET.SubElement(polygon, edge), "LinearRing"), "coordinates", _coordinates(ring))
-
-
-def _coordinates(points: Sequence[Sequence[float]]) -> str:
-    return " ".join(f"{lon:.7f},{lat:.7f}" for lon, lat in points)
+            ends = (tasking.takeoff, tasking.home) if shape == "transit" else (tasking.on_scene, tasking.off_scene)
+            kml_file.place(
+                folder,
+                name if shape == "area" else f"{name} {shape}",
+                _description(tasking),
+                (notation.iso(ends[0]), notation.iso(ends[1])),
+                "" if shape == "csp" else f"{'transit' if shape == 'round' else shape}{k % len(INKS)}",
+                geometry,
+            )
+    return markup.text(root)
 
 
 def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
@@ -158,16 +116,6 @@ def _description(tasking: Tasking) -> str:
 def _about(plan: Plan, run: str) -> str:
     """Return what stands at the head of a file: the run, and what of the plan stands on few particles."""
     return ". ".join([*([f"run {run}"] if run else []), *(f"WARNING: {warning}" for warning in plan_text.rough(plan))])
-
-
-def _leaf(parent: ET.Element, tag: str, text: str) -> None:
-    """Append an element with a text, without what XML 1.0 cannot hold."""
-    ET.SubElement(parent, tag).text = "".join(c for c in text if c >= " " and c not in "\ufffe\uffff")
-
-
-def _xml(root: ET.Element) -> str:
-    ET.indent(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
 def toml(plan: Plan, taken: Sequence[str] = ()) -> str:

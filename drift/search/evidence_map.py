@@ -34,19 +34,19 @@ HUGE = 1e6  # Bayes factor beyond which its exact value adds nothing
 MOST = 22  # rows; of more updates the last are shown
 DIGIT = 0.072  # [in] width of a small digit
 OVERHANG = 0.12  # [in] how far numbers over a chart may reach beyond its right edge
-# Neighbours differ by lightness or hatch, in grey print too.
+# Any two differ by hatch, or by a lightness that is seen in grey print too.
 FILLS: tuple[dict[str, Any], ...] = (
     {"facecolor": "#cfe0ee", "hatch": ""},
     {"facecolor": "#0b4f8a", "hatch": ""},
     {"facecolor": "#f3d9a4", "hatch": "////"},
     {"facecolor": "#7d8894", "hatch": ""},
     {"facecolor": "#ffffff", "hatch": "...."},
-    {"facecolor": "#a33b20", "hatch": ""},
+    {"facecolor": "#e6b8ab", "hatch": "||||"},
     {"facecolor": "#dfe7d3", "hatch": "\\\\\\\\"},
-    {"facecolor": "#3f6b3a", "hatch": ""},
+    {"facecolor": "#b6cfb2", "hatch": "----"},
     {"facecolor": "#e7c3d4", "hatch": "xxxx"},
-    {"facecolor": "#7a1fa2", "hatch": ""},
-    {"facecolor": "#eeeeee", "hatch": ""},
+    {"facecolor": "#d6bfe4", "hatch": "++++"},
+    {"facecolor": "#eeeeee", "hatch": "oo"},
 )
 STROKES: tuple[tuple[str, Any, str], ...] = (  # colour, dashes, marker
     ("#5b8db8", (0, (6, 2)), "s"),

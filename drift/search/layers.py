@@ -25,9 +25,9 @@ ZONES: dict[str, Any] = {"color": "#003b36", "linewidth": 1.0, "linestyle": (0, 
 CONTACT: dict[str, Any] = {"color": "#a30052", "linewidth": 1.1, "linestyle": (0, (5, 1.5, 1, 1.5))}
 SENSORS: dict[str, dict[str, Any]] = {
     "Field, nothing there": {"color": "#003b36", "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
-    "Field, something there": {"color": "#a30052", "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
+    "Field, something there": {"color": "#a30052", "linewidth": 1.3, "linestyle": (0, (6, 1.2, 1, 1.2, 1, 1.2))},
     "Barrier, silent": {"color": "#003b36", "linewidth": 2.6, "linestyle": (0, (1.2, 0.8))},
-    "Barrier, reported": {"color": "#a30052", "linewidth": 2.6, "linestyle": (0, (1.2, 0.8))},
+    "Barrier, reported": {"color": "#a30052", "linewidth": 2.6, "linestyle": (0, (4, 0.8, 1.2, 0.8))},
     "Line asked about": {"color": "#333333", "linewidth": 1.4, "linestyle": (0, (7, 2, 1, 2))},
 }
 POINT: dict[str, Any] = {"marker": "D", "linestyle": "none", "markeredgewidth": 1.4, "markerfacecolor": "white"}

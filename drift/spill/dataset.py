@@ -45,6 +45,10 @@ FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "total": (("fate", "time"), "1", "expected number of objects by what has become of them"),
     "total_number": (("quantile", "fate", "time"), "1", "quantile of the number of objects by what has become of them"),
 }
+SUMMARY = (
+    "What of a spill of many objects lies on which stretch of coast, and when it arrived: expected numbers, probabilities "
+    "and quantiles over simulated spills, with standard errors; and what has become of all objects."
+)
 ERROR = "standard error, from the number of worlds and of particles, of the "
 ERRORS_MEAN = (
     "errors of means and probabilities hold what worlds that were not seen leave open (drift.spill.estimate.unseen); "
@@ -74,7 +78,11 @@ def build(
             (start + outputs.astype("timedelta64[s]")).astype("datetime64[ns]"),
             {"standard_name": "time", "long_name": "time, UTC", "axis": "T"},
         ),
-        "start": ((), start.astype("datetime64[ns]"), {"long_name": "start of the run, UTC"}),
+        "start": (
+            (),
+            start.astype("datetime64[ns]"),
+            {"standard_name": "forecast_reference_time", "long_name": "start of the run, UTC"},
+        ),
         "segment": ("segment", touched.astype(np.int32), {"long_name": "number of the stretch of coast"}),
         **_places(segments, touched),
         "quantile": ("quantile", np.array(SHARES), {"long_name": "share of the distribution below", "units": "1"}),
@@ -104,7 +112,7 @@ def build(
         {"long_name": "effective number of worlds", "units": "1"},
     )
     data["realisations"] = ((), realisations, {"long_name": "simulated spills of each world", "units": "1"})
-    return xr.Dataset(data, coords)
+    return xr.Dataset(data, coords, {"summary": SUMMARY})
 
 
 def _variables(figures: Mapping[str, Array], sizes: Mapping[str, int], begin: float) -> dict[str, tuple[Any, ...]]:

@@ -415,6 +415,15 @@ def test_more_mistakes_than_help_are_counted(tmp_path: Path) -> None:
     assert found[-1] == "and 7 more"
 
 
+def test_who_makes_it(tmp_path: Path) -> None:
+    """Of ACDD's names, each one line of words."""
+    assert load(tmp_path).about == {}
+    text = load(tmp_path, **{"output.about": '{ institution = "MRCC", license = "CC0" }'})
+    assert text.about == {"institution": "MRCC", "license": "CC0"}
+    assert "institution" in refusal(tmp_path, changes={"output.about.institutoin": '"MRCC"'})
+    assert "must be one line" in refusal(tmp_path, changes={"output.about.license": '"a\\nb"'})
+
+
 def test_end_before_start(tmp_path: Path) -> None:
     text = CASE.replace('duration = "24 h"', 'end = "201830ZNOV26"')
     assert "end 201830ZNOV26 is before start 211830ZNOV26 in a forward run; give an end after" in refusal(

@@ -124,16 +124,23 @@ def test_forecast_opens_decoded_and_follows_cf(out, forecast):
     np.testing.assert_array_equal(data["probability"].values, forecast.data["probability"].values)
     np.testing.assert_array_equal(data["containment_area"].values, forecast.data["containment_area"].values)
     assert list(data["scenario"].values) == ["raft alone", "boat"]
-    assert data.attrs["Conventions"] == "CF-1.11"
+    assert data.attrs["Conventions"] == "CF-1.11, ACDD-1.3"
     assert {*ATTRIBUTES, "history"} <= set(data.attrs)
     assert (np.diff(data["lon"].values) > 0).all()
     assert data["lon"].values[-1] > 180
     for name, variable in data.variables.items():
+        if str(name).endswith("_bnds"):  # edges have the attributes of their coordinate (CF, 7.1)
+            continue
         assert "long_name" in variable.attrs, name
         if variable.dtype.kind == "f":
             assert "units" in variable.attrs, name
         for other in variable.attrs.get("cell_measures", "").split()[1::2]:
             assert other in data
+    assert data.set_xindex("status").sel(status="ashore")["status_probability"].shape == (3,)  # a label, by one call
+    assert data.attrs["time_coverage_start"] == notation.iso(TIMES[0])
+    assert data.attrs["geospatial_lon_max"] == data["lon"].values[-1]
+    np.testing.assert_allclose(data["lon_bnds"].mean("bnds"), data["lon"], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(data["lat_bnds"][1:, 0], data["lat_bnds"][:-1, 1])
     with xr.open_dataset(out / "forecast.nc", decode_cf=False) as raw:
         assert raw["time"].attrs["units"].startswith("seconds since")
         assert "_FillValue" not in raw["lon"].attrs

@@ -1,0 +1,140 @@
+"""A forecast as KML 2.2 for Google Earth and the like: areas, datum, mean track, search and plan, shown by time.
+
+Areas are told apart by the width of their outline and how full they are, and by name, not by colour alone.
+"""
+
+import io
+import zipfile
+from collections.abc import Mapping
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import shapely
+
+from drift.exchange.finished import Finished
+from drift.output import geojson, kml, markup
+from geo import notation
+
+INK = "ff7a2f00"  # aabbggrr: one dark blue, of which the smallest area has most
+FILLS = ("b0", "70", "38", "1c")  # opacity, from the smallest area to the largest; then none
+WIDTHS = ("4", "2.5", "1.5", "1")
+DARK, GREY = "ff202020", "ff707070"
+EMPTY = (1980, 1, 1, 0, 0, 0)  # date in the archive, so that the same run gives the same bytes
+
+
+def kml_files(run: Finished) -> dict[str, bytes]:
+    """Return forecast.kml."""
+    return {"forecast.kml": _document(run).encode()}
+
+
+def kmz_files(run: Finished) -> dict[str, bytes]:
+    """Return forecast.kmz: the same, compressed."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        entry = zipfile.ZipInfo("doc.kml", EMPTY)
+        entry.compress_type = zipfile.ZIP_DEFLATED
+        archive.writestr(entry, _document(run))
+    return {"forecast.kmz": packed.getvalue()}
+
+
+def _document(run: Finished) -> str:
+    root, document = kml.document(run.title, run.words)
+    for k in range(len(run.shares)):
+        full, width = (row[min(k, len(row) - 1)] for row in (FILLS, WIDTHS))
+        kml.style(document, f"area{k}", INK, width, fill=f"{full}{INK[2:]}")
+    kml.style(document, "track", DARK, "2")
+    kml.style(document, "legs", GREY, "1.5")
+    kml.style(document, "field", GREY, "2", fill="00ffffff")
+    days: dict[str, ET.Element] = {}
+    spans = _spans(run.forecast["time"].values)
+    for time, share, geometry, told in run.areas():
+        day = notation.iso(time)[:10]
+        if day not in days:
+            days[day] = kml.folder(document, f"Forecast {day}")
+        name = f"{notation.percent(share)} % {notation.group(time)}"
+        words = f"{run.words}. {notation.percent(share)} % area of {told['area_nmi2']:,.1f} nmi2"
+        kml.place(days[day], name, words, spans[notation.iso(time)], f"area{run.shares.index(share)}", geometry)
+    _tracks(document, run, spans)
+    _search(document, run)
+    _plan(document, run)
+    _coast(document, run)
+    return markup.text(root)
+
+
+def _spans(times: Any) -> dict[str, tuple[str, str]]:
+    """Return from when to when what holds at each output is shown: until a second before the next output."""
+    ends = [*(times[1:] - np.timedelta64(1, "s")), times[-1]]
+    return {notation.iso(a): (notation.iso(a), notation.iso(b)) for a, b in zip(times, ends, strict=True)}
+
+
+def _tracks(document: ET.Element, run: Finished, spans: Mapping[str, tuple[str, str]]) -> None:
+    """Append the datum and the mean position: a place at each output, and the ways of both."""
+    for name, words in (("datum", "Datum (mean of those adrift)"), ("mean", "Mean position")):
+        points = run.positions(name)
+        if not points:
+            continue
+        folder = kml.folder(document, words)
+        for time, lon, lat in points:
+            told = f"{words} {notation.position(lon, lat)}. {run.words}"
+            title = f"{name} {notation.group(time)}"
+            kml.place(folder, title, told, spans[notation.iso(time)], "", geojson.point(lon, lat))
+        if len(points) > 1:
+            way = geojson.lines([shapely.LineString([(lon, lat) for _, lon, lat in points])])
+            span = notation.iso(points[0][0]), notation.iso(points[-1][0])
+            kml.place(folder, f"{name}, way", run.words, span, "track", way)
+
+
+def _search(document: ET.Element, run: Finished) -> None:
+    """Append a folder for each sortie, look and contact."""
+    folders: dict[str, ET.Element] = {}
+    features = run.search()
+    if features:
+        parent = kml.folder(document, "Search")
+    for feature in features:
+        told = feature["properties"]
+        name = str(told.get("name") or told["kind"])
+        if name not in folders:
+            folders[name] = kml.folder(parent, name)
+        begin = str(told.get("start") or told["time"])
+        facts = [
+            f"{told['kind']} {name}",
+            *(f"{k.upper()} {told[k]:.1%}" for k in ("poc", "pod", "pos") if told.get(k)),
+        ]
+        look = "legs" if told["shape"] == "legs" else "field"
+        span = (begin, str(told.get("end") or begin))
+        kml.place(folders[name], f"{name} {told['shape']}", ", ".join(facts), span, look, feature["geometry"])
+
+
+def _plan(document: ET.Element, run: Finished) -> None:
+    """Append a folder for each unit's task of a plan."""
+    folders: dict[str, ET.Element] = {}
+    features = run.features("plan.geojson")
+    if features:
+        parent = kml.folder(document, "Plan")
+    for feature in features:
+        told = feature["properties"]
+        name = f"{told['area']} {told['unit']}"
+        if name not in folders:
+            folders[name] = kml.folder(parent, name)
+        out = told["shape"] == "transit"
+        span = (told["takeoff"], told["home"]) if out else (told["on_scene"], told["off_scene"])
+        words = f"{name}: on scene {told['on_scene']} to {told['off_scene']}, POS {told['pos']:.1%}"
+        look = {"area": "field", "csp": ""}.get(told["shape"], "legs")
+        kml.place(folders[name], f"{told['area']} {told['shape']}", words, span, look, feature["geometry"])
+
+
+def _coast(document: ET.Element, run: Finished) -> None:
+    """Append the stretches of coast to which a spill comes, by rank, over the whole forecast."""
+    features = run.features("washup.geojson")
+    times = run.forecast["time"].values
+    if features:
+        folder = kml.folder(document, "Coast")
+    for feature in features:
+        told = feature["properties"]
+        words = (
+            f"{told['position']}, {told['access']}, {told['length_km']:.1f} km: {told['expected']:.3g} objects expected at "
+            f"the end, probability of any {told['probability']:.1%}, that any ever comes {told['ever']:.1%}"
+        )
+        span = notation.iso(times[0]), notation.iso(times[-1])
+        kml.place(folder, f"{told['rank']}  {told['name']}", words, span, "track", feature["geometry"])

@@ -1,0 +1,109 @@
+"""A forecast as GPX 1.1 for chart plotters (OpenCPN and others): datum as waypoints, areas, mean and search as tracks.
+
+Names are short, for many plotters cut them: D for datum, then day and time, D221830Z; no two waypoints have the same.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from drift.exchange.finished import Finished
+from drift.output import gpx, markup
+from geo import notation
+
+MONTH = np.timedelta64(27, "D")  # after which days of the month may come again
+
+
+def files(run: Finished) -> dict[str, bytes]:
+    """Return forecast.gpx; of more than a day, one file for each day (UTC)."""
+    times = run.forecast["time"].values
+    if times[-1] - times[0] <= np.timedelta64(1, "D"):
+        return {"forecast.gpx": _document(run, "").encode()}
+    told = [notation.iso(time) for time, _, _ in run.positions("mean")]
+    told += [str(feature["properties"]["start"]) for feature in _legs(run)]
+    days = sorted({time[:10] for time in told}) or [notation.iso(times[0])[:10]]
+    return {f"forecast-{day.replace('-', '')}.gpx": _document(run, day).encode() for day in days}
+
+
+def _legs(run: Finished) -> list[dict[str, Any]]:
+    """Return the features of what units searched along."""
+    return [feature for feature in run.search() if feature["properties"]["shape"] == "legs"]
+
+
+def _document(run: Finished, day: str) -> str:
+    """Return a document of what is of a day, of all if it is ""."""
+    names = _names(run.forecast["time"].values)
+    root = gpx.document(f"{run.title} {day}".strip(), run.words)
+    for time, lon, lat in run.positions("datum"):
+        if notation.iso(time).startswith(day):
+            name = f"D{names[time]}"
+            words = f"datum {notation.group(time)}, mean of those adrift"
+            gpx.point(root, "wpt", lon, lat, time=time, name=name, words=words, kind="datum")
+    mean = [point for point in run.positions("mean") if notation.iso(point[0]).startswith(day)]
+    if len(mean) > 1:
+        segment = ET.SubElement(_track(root, "MEAN", "mean position, adrift or ashore", "mean"), "trkseg")
+        for time, lon, lat in mean:
+            gpx.point(segment, "trkpt", lon, lat, time=time)
+    for time, share, geometry, told in run.areas():
+        if notation.iso(time).startswith(day):
+            percent = notation.percent(share)
+            words = f"{percent} % area {notation.group(time)}, {told['area_nmi2']:,.1f} nmi2"
+            lines = [line for polygon in geometry["coordinates"] for ring in polygon for line in opened(ring)]
+            _lines(_track(root, f"{percent}% {names[time]}", words, "area"), lines)
+    for feature in _legs(run):
+        told = feature["properties"]
+        if str(told["start"]).startswith(day):
+            words = f"{told['kind']} {told['start']} to {told['end']}"
+            _lines(_track(root, str(told["name"]), words, "search"), feature["geometry"]["coordinates"])
+    return markup.text(root)
+
+
+def _names(times: Any) -> dict[Any, str]:
+    """Return a short name of each output, 221830Z: with the month before it, or a letter behind, where two were alike."""
+    month = np.ptp(times) > MONTH
+    names: dict[Any, str] = {}
+    for time in times:
+        plain = name = f"{notation.iso(time)[5:7] if month else ''}{notation.day_time(time)}"
+        letter = "a"
+        while name in names.values():
+            letter = chr(ord(letter) + 1)
+            name = f"{plain}{letter}"
+        names[time] = name
+    return names
+
+
+def _track(root: ET.Element, name: str, words: str, kind: str) -> ET.Element:
+    track = ET.SubElement(root, "trk")
+    for key, value in (("name", name), ("desc", words), ("type", kind)):
+        markup.leaf(track, key, value)
+    return track
+
+
+def _lines(track: ET.Element, lines: Sequence[Sequence[Sequence[float]]]) -> None:
+    """Append a segment for each line."""
+    for line in lines:
+        segment = ET.SubElement(track, "trkseg")
+        for lon, lat in line:
+            gpx.point(segment, "trkpt", lon, lat)
+
+
+def opened(ring: Sequence[Sequence[float]]) -> Iterator[list[Sequence[float]]]:
+    """Yield the outline of a ring without the edges along 180 degrees, where a shape was cut that goes on beyond."""
+    cut = [abs(a[0]) == abs(b[0]) == 180 for a, b in pairwise(ring)]
+    if not any(cut):
+        yield list(ring)
+        return
+    first = cut.index(True) + 1
+    points = [*ring[first:-1], *ring[:first]]  # from the end of a cut edge to the beginning of it
+    line = [points[0]]
+    for a, b in pairwise(points):
+        if abs(a[0]) == abs(b[0]) == 180:
+            if len(line) > 1:
+                yield line
+            line = []
+        line.append(b)
+    if len(line) > 1:
+        yield line
