@@ -9,6 +9,7 @@ cases = [drift.vary(case, {"seed": k}) for k in range(100)]
 for one in drift.run_many(cases): ...  # many forecasts, forcing and coast opened once
 result.washup                       # of a spill: xarray.Dataset by stretch of coast and time
 drift.results("results")            # paths of a finished run's files, once all are as it wrote them
+drift.compare(case, drift.vary(case, {...}))  # what-if on common random numbers: b less a, with standard errors
 drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters, and how they went: see drift.verify
 drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.fit_errors
 drift.check(case)                   # how a case was understood, nothing run
@@ -25,6 +26,7 @@ from geo.errors import UserError
 _HOMES = {
     "case.file": ["load", "vary"],
     "case.record": ["Case"],
+    "contrast.contrast": ["compare"],
     "drifters.fitting": ["fit_errors"],
     "drifters.verification": ["verify"],
     "flow": ["Result", "origin", "run", "trace"],

@@ -68,6 +68,7 @@ class Case:
     sensors: Sensors = field(default_factory=Sensors)  # looks, fields, barriers, lines
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
+    counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included
 
     @property

@@ -90,10 +90,10 @@ def test_interrupt_and_own_errors(capsys: pytest.CaptureFixture[str], monkeypatc
 
         return raising
 
-    monkeypatch.setattr(cli, "_cases", fail(KeyboardInterrupt()))
+    monkeypatch.setitem(cli.COMMANDS, "cases", fail(KeyboardInterrupt()))
     status, out, err = call(capsys, "cases")
     assert (status, out, err.count("\n")) == (130, "", 1)
-    monkeypatch.setattr(cli, "_cases", fail(ZeroDivisionError("oops")))
+    monkeypatch.setitem(cli.COMMANDS, "cases", fail(ZeroDivisionError("oops")))
     status, out, err = call(capsys, "cases")
     assert (status, out) == (1, "")
     assert err.splitlines()[-1] == "drift: an error of drift itself: ZeroDivisionError: oops"

@@ -1,0 +1,57 @@
+"""What a comparison hands out: maps and figures as netCDF, figures as a table, words, and a picture."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from drift import facts
+from drift.contrast import text
+from drift.contrast.record import Contrast
+from drift.job import Job
+from drift.maps.imprint import Setting
+from drift.output.chapter import Chapter, Contents, Stamped, bound
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and pictures are made from."""
+
+    contrast: Contrast
+    setting: Setting  # of case A, with the title of both
+
+
+def _map(matter: Matter, path: Path) -> None:
+    from drift.contrast import map as contrast_map  # imported here, for Matplotlib takes a second
+
+    contrast_map.draw(matter.contrast, path, matter.setting)
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "compare.nc": lambda matter, stamped: matter.contrast.data,
+    "compare.csv": lambda matter, stamped: text.table(matter.contrast, stamped["run_id"]),
+    "compare.txt": lambda matter, stamped: text.page(matter.contrast),
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "compare.png": _map,
+}
+
+
+def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
+    """Return the chapters of a comparison; jobs: of A and of B."""
+    a, b = (facts.attributes(job.case, job.where) for job in jobs)
+    attributes = {
+        **a,
+        "title": found.title,
+        "forcing": f"A: {a['forcing']} B: {b['forcing']}",
+        "uncertainty": a["uncertainty"] if a["uncertainty"] == b["uncertainty"] else f"A: {a['uncertainty']} B: {b['uncertainty']}",
+        "case": f"{a['case']}\n# --- B ---\n{b['case']}",
+    }  # fmt: skip
+    on = facts.setting(jobs[0].case, jobs[0].where)
+    caution = facts.caution(jobs[0].case) or facts.caution(jobs[1].case)
+    on = replace(on, imprint=replace(on.imprint, title=found.title, attributes=attributes, caution=caution))
+    matter = Matter(found, facts.with_coast(on))
+    warnings = tuple(
+        f"{name}: {words}" for name, result in (("A", found.a), ("B", found.b)) for words in result.summary["warnings"]
+    )
+    numbers = {"compare": text.numbers(found), "a": found.a.summary, "b": found.b.summary, "warnings": list(warnings)}
+    return [Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), attributes, warnings)]
