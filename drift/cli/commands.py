@@ -29,6 +29,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Answer]] = {
     "fit-bridge": bridges.fit_bridge,
     "check": jobs.check,
     "cases": lists.cases,
+    "new": lists.new,
     "objects": lists.objects,
     "info": lists.info,
 }

@@ -15,6 +15,7 @@ BACKENDS = ("cpu", "cuda", "vulkan", "metal")
 EXAMPLES = """examples:
   drift run overdue_boat
   drift plan overdue_boat
+  drift new search my_case.toml
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
   drift compare overdue_boat --set-b wind.0.constant.speed='25 kn'
   drift objects raft deep ballast
@@ -83,6 +84,11 @@ def parser() -> Parser:
 
     cases = commands.add_parser("cases", help="list the cases that ship with drift")
     _add_output(cases, quiet=False)
+
+    new = commands.add_parser("new", help="write a commented case to begin with")
+    new.add_argument("story", metavar="STORY", help="position, passage, spill or search")
+    new.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a new file (default: STORY.toml)")
+    _add_output(new)
 
     objects = commands.add_parser("objects", help="list leeway classes, or search them")
     objects.add_argument("words", nargs="*", metavar="WORDS", help="only classes that hold every word")

@@ -1,4 +1,4 @@
-"""Commands that list or describe: cases, objects, info."""
+"""Commands that list or describe, and the one that begins a case: cases, new, objects, info."""
 
 import argparse
 from pathlib import Path
@@ -26,14 +26,30 @@ def cases(given: argparse.Namespace) -> Answer:
     return Answer(numbers={"cases": [{"name": name, "title": title} for name, title in shipped]}, show=show)
 
 
+def new(given: argparse.Namespace) -> Answer:
+    """Write a commented case to begin with."""
+    from drift.case import template
+
+    path = given.file or Path(f"{given.story}.toml")
+    template.write(given.story, path)
+    return Answer(lines=(f"{path}: {template.STORIES[given.story]}. Next: drift check {path}",), numbers={"file": path})
+
+
 def objects(given: argparse.Namespace) -> Answer:
     """List leeway classes, or search them."""
-    from drift.motion import leeway
+    from drift.motion import everyday, leeway
 
     words = " ".join(given.words)
     classes = leeway.search(words)
     if not classes:
         raise UserError(f'no leeway class holds "{words}"; see them all: drift objects')
+    names = tuple(leeway.classes())
+    meant = ((word, everyday.meaning(word, names)) for word in everyday.parts(words))
+    notes = [f"{word}: {meaning.note}." for word, meaning in meant if meaning and meaning.note]
+    seen: dict[str, list[str]] = {}
+    for drifter in classes:
+        if found := everyday.search_objects(drifter.name):
+            seen.setdefault(found.words, []).append(drifter.name)
 
     def show() -> None:
         table = terminal.table("Class", "Description")
@@ -49,21 +65,41 @@ def objects(given: argparse.Namespace) -> Answer:
         if upwind := [f"{drifter.name} {drifter.lull:.1f}" for drifter in classes if drifter.lull > 0]:
             told = ", ".join(upwind)
             terminal.say(f"Mean drift is upwind, as published, in winds below [m/s]: {told} (docs/leeway.md).")
+        for target, own in seen.items():
+            terminal.say(f"search_object of {_listed(own)}: {target}")
+        for note in notes:
+            terminal.say(note)
         if not words:
             terminal.say(
                 'Besides: "water" for a pure water drifter, { windage = "3 %" } or lines of your own in the case file.'
             )
 
-    return Answer(numbers={"objects": [_numbers(drifter) for drifter in classes]}, show=show)
+    return Answer(numbers={"objects": [_numbers(drifter) for drifter in classes], "notes": notes}, show=show)
+
+
+def _listed(names: list[str]) -> str:
+    """Return names of one kind in few words: SKIFF-1, -2, -4, SPORT-BOAT."""
+    kinds: dict[str, list[str]] = {}
+    for name in names:
+        kind, _, number = name.rpartition("-")
+        if number[:1].isdigit():
+            kinds.setdefault(f"{kind}-", []).append(number)
+        else:
+            kinds[name] = [""]
+    return ", ".join(kind + ", -".join(numbers) for kind, numbers in kinds.items())
 
 
 def _numbers(drifter: Any) -> dict[str, Any]:
     """Return a leeway class for programs, in SI."""
+    from drift.motion import everyday
+
+    found = everyday.search_objects(drifter.name)
     lines = {"downwind": drifter.down, "right": drifter.right, "left": drifter.left}
     return {
         "name": drifter.name,
         "description": drifter.description,
         "level": drifter.level,
+        "search_objects": list(found.names) if found else [],
         **{
             name: {"slope": line.slope, "offset_m_per_s": line.offset, "std_m_per_s": line.std}
             for name, line in lines.items()
