@@ -89,6 +89,11 @@ def _dispatch(argv: Sequence[str] | None) -> int:
 
         terminal.say(f"drift {version('casp-drift')}")
         return 0
+    if given.print_completion is not None:
+        from drift.cli import completion
+
+        terminal.say(completion.script(whole, given.print_completion))
+        return 0
     if given.command is None:
         whole.print_help()
         return 0

@@ -36,7 +36,6 @@ def plan(given: argparse.Namespace) -> Answer:
         from drift.cli import outcome
         from drift.patrols import files as patrol_files
         from drift.patrols import patrol
-        from drift.planner import files as plan_files
         from drift.planner import planner
 
         if case.spill:
@@ -48,7 +47,7 @@ def plan(given: argparse.Namespace) -> Answer:
         told, line = patrol_files.facts(patrols, result.aftermath), f"Patrols in {out / 'patrols.txt'}"
         return Answer(case.title, told, (f"{line}, all results in {out}",), patrol_files.numbers(patrols), out)
     line = f"Search action plan in {out / 'plan.txt'}, all results in {out}"
-    return Answer(case.title, outcome.plan(search_plan), (line,), plan_files.numbers(search_plan), out)
+    return Answer(case.title, outcome.plan(search_plan), (line,), outcome.plan_numbers(search_plan), out)
 
 
 def origin(given: argparse.Namespace) -> Answer:

@@ -115,6 +115,38 @@ def plan(planned: Plan) -> Facts:
     return facts
 
 
+def plan_numbers(planned: Plan) -> dict[str, Any]:
+    """Return the same for programs: positions and directions in degrees, the rest in SI."""
+    return {
+        "objective": planned.spec.objective,
+        "value": planned.value,
+        "pos": planned.pos,
+        "pos_by_scenario": dict(subareas.stories(planned)),
+        "bound": planned.bound,
+        "idle": planned.idle,
+        "taskings": [
+            {
+                "area": name,
+                "unit": tasking.unit.name,
+                "round": tasking.round,
+                "takeoff": tasking.takeoff,
+                "on_scene": tasking.on_scene,
+                "off_scene": tasking.off_scene,
+                "home": tasking.home,
+                "centre": {"lon_deg": tasking.centre[0], "lat_deg": tasking.centre[1]},
+                "length_m": tasking.length,
+                "width_m": tasking.width,
+                "orientation_deg": np.degrees(tasking.orientation) % 360,
+                "creep_deg": np.degrees(tasking.creep) % 360,
+                "spacing_m": tasking.spacing,
+                "legs": tasking.legs,
+                "pos": tasking.pos,
+            }
+            for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True)
+        ],
+    }
+
+
 def _at_sea(tasking: Tasking) -> str:
     """Return of a boat how far it goes by sea, and which of its legs are cut."""
     remarks = [

@@ -25,7 +25,7 @@ def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = call(capsys, "--help")
     assert (status, err) == (0, "")
-    for command in ("run", "check", "cases", "objects", "info"):
+    for command in ("run", "compare", "check", "cases", "new", "objects", "info"):
         assert f"  {command} " in out
     assert call(capsys)[0] == 0
     assert call(capsys, "--version")[1].startswith("drift ")
