@@ -108,12 +108,12 @@ class Moved:
     begun: Standing | None
 
 
-def forecasted(job: Job) -> Result:
-    """Return the forecast of a job's case."""
+def forecasted(job: Job, noted: Noted | None = None) -> Result:
+    """Return the forecast of a job's case; noted: as `moved` takes it."""
     with job.clock.phase("start"):
         begin = start.prepare(job.case, job.where)
     with contextlib.ExitStack() as stack:
-        return made(job, moved(job, begin, stack))
+        return made(job, moved(job, begin, stack, noted))
 
 
 def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:

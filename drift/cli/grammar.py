@@ -68,7 +68,7 @@ def parser() -> Parser:
     fit = commands.add_parser("fit-errors", help="fit a case's [uncertainty] to the tracks of real drifters")
     _add_case(fit)
     _add_drifters(fit)
-    _add_output(fit)
+    _add_output(fit, quiet=False)
     fit.add_argument(
         "--hold-out",
         action="store_true",
@@ -160,6 +160,9 @@ def _add_compare(commands: Any) -> None:
         "--set-b", action="append", default=[], dest="changes_b", metavar="KEY=VALUE",
         help="change one place of B alone, where --set changes both; may be repeated",
     )  # fmt: skip
+    compare.add_argument(
+        "--plan", action="store_true", help="plan the next search of each too, and compare what it finds"
+    )
     _add_results(compare, "NAME-compare")
 
 
@@ -230,7 +233,7 @@ def _add_fit_bridge(commands: Any) -> None:
         action="store_true",
         help="also fit every other track and say what the 50 and 90 %% areas hold of the rest",
     )
-    _add_output(fit)
+    _add_output(fit, quiet=False)
 
 
 def _add_info(commands: Any) -> None:

@@ -76,7 +76,7 @@ def compare(given: argparse.Namespace) -> Answer:
                 )
             both = [f"{key}={value}" for key, value in changes.items()]
             other = take.case(given.other or given.case, both, given.seed)
-        found = contrast.compare(case, other, out, **options)
+        found = contrast.compare(case, other, out, plan=given.plan, **options)
     return Answer(found.title, text.facts(found), (f"Results in {out}",), text.numbers(found), out)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from drift import flow, start
 from drift.case.record import Case
 from drift.contrast import chapter, dataset, detection, figures, pairing, units, washup
+from drift.contrast.figures import Figures
 from drift.contrast.maps import Maps, maps
 from drift.contrast.record import Contrast
 from drift.contrast.units import Difference, Units
@@ -26,6 +27,8 @@ from drift.job import Job, Options, Report, in_turn, opened
 from drift.motion import scene
 from drift.output import writer
 from drift.particles.snapshot import Snapshot
+from drift.planner import planner
+from drift.planner.records import Plan
 from drift.start import Start
 from geo.array import Array
 from geo.cells import Cells
@@ -37,6 +40,7 @@ def compare(
     b: Case,
     out: str | os.PathLike[str] | None = None,
     *,
+    plan: bool = False,
     datasets: Mapping[str, Any] | None = None,
     threads: int | None = None,
     backend: str = "cpu",
@@ -46,12 +50,15 @@ def compare(
     """Run two cases on the same random numbers and say how b differs from a; with `out`, write that there.
 
     b takes the particles of each scenario, the seed and the grid of a; without a grid one is chosen that holds both.
-    datasets: the xarray.Datasets that the sources of either name. Raises UserError for cases that do not compare, and
+    plan: whether the next search of each is planned too, and what the plans find compared. datasets: the
+    xarray.Datasets that the sources of either name. Raises UserError for cases that do not compare, and
     for all that the user can mend.
     """
     if out is not None:
         writer.check_folder(Path(out), overwrite, (*chapter.FILES, *chapter.PICTURES))
     case_a, case_b = pairing.paired(a, b)
+    for case in (case_a, case_b) if plan else ():
+        planner.check(case)
 
     def job_of(case: Case, name: str) -> Job:
         named = {spec.dataset for spec in case.sources}
@@ -74,13 +81,32 @@ def compare(
         job_a.tell("compare", 0.0)
         rows, pictures = _by_time(run_a, run_b, result_a, result_b, times, grid, drawn)
     rows += _of_run(run_a, run_b, logs, drawn)
+    plans = None
+    if plan:
+        plans, more = _planned(job_a, job_b, begin_a.clock.step, drawn)
+        rows += more
     data = dataset.build(times, grid, pictures, rows)
-    found = Contrast(result_a, result_b, tuple(times), tuple(rows), data, begin_a.clock.step, tuple(notes))
+    found = Contrast(result_a, result_b, tuple(times), tuple(rows), data, begin_a.clock.step, plans, tuple(notes))
     if out is not None:
         job_a.tell("write", 0.0)
         chapters = chapter.chapters(found, (job_a, job_b))
         flow.publish(Path(out), chapters, overwrite=overwrite)
     return found
+
+
+def _planned(job_a: Job, job_b: Job, step: int, drawn: Units) -> tuple[tuple[Plan, Plan], list[Difference]]:
+    """Return the next search of each of two cases, and the difference of what they find; step [s] of both.
+
+    Each is planned on particles of its own and executed on those of its case, which come in pairs.
+    """
+
+    def one(job: Job) -> tuple[Plan, Figures]:
+        log = detection.Log(drawn)
+        found, _, _ = planner.scheme(replace(job, case=replace(job.case, step=step)), log.note)
+        return found, detection.of_plan(log, found)
+
+    (plan_a, a), (plan_b, b) = one(job_a), one(job_b)
+    return (plan_a, plan_b), units.differences(job_a.case.plan.until, a, b, drawn)
 
 
 def _of(report: Report | None, name: str) -> Report | None:

@@ -7,6 +7,7 @@ import numpy as np
 from drift.contrast.figures import Figures
 from drift.contrast.units import Figure, Units
 from drift.particles import weights
+from drift.planner.records import Plan
 from drift.search.updates import Update
 from geo.array import Array
 
@@ -32,6 +33,11 @@ class Log:
         if self.found:
             found["cumulative POS", "all", "1"] = _pos(list(self.found.values()))
         return found
+
+
+def of_plan(log: Log, plan: Plan) -> Figures:
+    """Return the POS of a plan, by the log of the run in which it was executed and found nothing."""
+    return {("POS of the next plan", "all", "1"): _pos([log.found[tasking.sortie.name] for tasking in plan.taskings])}
 
 
 def _pos(sorties: list[Figure]) -> Figure:

@@ -8,8 +8,9 @@ import xarray as xr
 
 from drift.contrast.units import Difference
 from drift.flow import Result
+from drift.planner.records import Plan
 
-OF_RUN = ("POS", "cumulative POS", "ashore")  # quantities of the run as a whole
+OF_RUN = ("POS", "cumulative POS", "POS of the next plan", "ashore")  # quantities of the run as a whole
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Contrast:
     differences: tuple[Difference, ...]  # by time, those of the whole run last
     data: xr.Dataset  # what compare.nc holds: see drift.contrast.dataset
     step: int  # [s]
+    plans: tuple[Plan, Plan] | None = None  # the next search of each, where that was asked for
     notes: tuple[str, ...] = ()  # what keeps the random numbers from being common
 
     @property

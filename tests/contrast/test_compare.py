@@ -309,3 +309,39 @@ def test_means_of_strata_are_no_chance() -> None:
     spare = replace(drawn, begun=np.arange(drawn.size) % 2 == 0)
     half = np.sqrt(sum(n / 2 * noise[(drawn.stratum == k) & spare.begun].var(ddof=1) for k, n in enumerate(STRATA)))
     assert spare.error(level + noise) == pytest.approx(half)
+
+
+UNIT = """
+[[unit]]
+name = "aircraft"
+kind = "Aircraft"
+base = "28 00N 088 00W"
+ready = "+0 h"
+search_speed = "120 kn"
+transit_speed = "180 kn"
+endurance = "40 min"
+altitude = "500 ft"
+daylight = false
+sweep_width = "0.3 nmi"
+[plan]
+begin = "+4 h"
+until = "+6 h"
+particles = 1000
+"""
+
+
+def test_the_next_search_of_each_is_planned_and_compared(tmp_path: Path, search: drift.Case) -> None:
+    a = case_of(tmp_path, SEARCH + UNIT, particles=1500)
+    same = drift.compare(a, a, plan=True)
+    (row,) = [row for row in same.of_run if row.quantity == "POS of the next plan"]
+    assert same.plans is not None
+    assert row.a == row.b == pytest.approx(same.plans[0].pos)
+    assert (row.difference, row.error) == (0.0, 0.0)
+    found = drift.compare(a, drift.vary(a, {"scenario.1.position.std": "6 nmi"}), plan=True)
+    (row,) = [row for row in found.of_run if row.quantity == "POS of the next plan"]
+    assert found.plans is not None
+    assert (row.a, row.b) == tuple(pytest.approx(plan.pos) for plan in found.plans)
+    assert row.a == pytest.approx(same.plans[0].pos)
+    assert 0 < row.error < 0.02
+    with pytest.raises(drift.UserError, match="has no \\[\\[unit\\]\\] to plan with"):
+        drift.compare(search, search, plan=True)
