@@ -5,6 +5,7 @@ how much of it chance may be is told with each (drift.contrast.units).
 """
 
 import contextlib
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -115,7 +116,7 @@ def _of(report: Report | None, name: str) -> Report | None:
 
 
 def _begun(job_a: Job, job_b: Job) -> tuple[Start, Start, list[str]]:
-    """Return the starts of two runs, in the shorter of their steps; and why their steps share no random numbers."""
+    """Return the starts of two runs, in a step that divides both; and why their steps share no random numbers."""
     begun: list[Start] = []
     try:
         for job in (job_a, job_b):
@@ -125,7 +126,7 @@ def _begun(job_a: Job, job_b: Job) -> tuple[Start, Start, list[str]]:
         for begin in begun:
             begin.scene.forcing.close()
         raise
-    step = min(begin.clock.step for begin in begun)
+    step = math.gcd(*(begin.clock.step for begin in begun))  # so that both still end at the times of their files
     a, b = (replace(begin, clock=replace(begin.clock, step=step, phase=begin.clock.phase % step)) for begin in begun)
     notes = []
     if a.clock.phase != b.clock.phase:
@@ -148,7 +149,9 @@ def _by_time(
     """Return the differences of figures and of maps at each output of both."""
     rows: list[Difference] = []
     pictures: list[Maps] = []
-    land, names = _land(run_a, grid), tuple(scenario.name for scenario in a.case.scenarios)
+    land = _land(run_a, grid)
+    # The classes of a spill keep their shares, whatever becomes of them.
+    names = () if a.case.spill else tuple(scenario.name for scenario in a.case.scenarios)
     for time in times:
         at_a, at_b = _output(run_a, a, time), _output(run_b, b, time)
         own = a.forecast.data.isel(time=at_a.place)

@@ -22,7 +22,7 @@ from drift.forecast import layers
 from drift.maps import chart, page, sheet
 from drift.maps.chart import INK, Frame
 from drift.maps.imprint import Setting
-from drift.maps.sheet import Badge, Row, Sheet
+from drift.maps.sheet import Badge, Page, Row, Sheet
 from geo import notation, sphere
 from geo.array import Array
 from geo.notation import NMI
@@ -49,13 +49,13 @@ def draw(found: Contrast, path: Path, setting: Setting) -> None:
     }
     frame = _frame(found, setting)
     land = chart.land_path(frame, setting.polygons(frame.box()), 500)
-    top = max(float(np.max(density["probability_a"])), float(np.max(density["probability_b"])), 1e-12)
+    top = max(layers.scale_top(result.forecast.data.isel(time=-1)) for result in (found.a, found.b))
     panels = [on.figure.add_axes((left, LOW, WIDE, HIGH)) for left in LEFT]
     for k, (ax, name, result) in enumerate(
         zip(panels, ("probability_a", "probability_b"), (found.a, found.b), strict=False)
     ):
         _panel(ax, frame, land, setting, first=k == 0)
-        shown = np.where(density[name] > top / 500, density[name], np.nan)
+        shown = np.where(_holding(at[name].values, density[name]), density[name], np.nan)
         mesh = layers.shade(ax, frame, result.forecast, shown, PowerNorm(0.5, 0, top))
         last = result.forecast.data["time"].values[-1]
         outlines = layers.areas_of(result.forecast, last, result.forecast.ends)
@@ -69,7 +69,7 @@ def draw(found: Contrast, path: Path, setting: Setting) -> None:
         )
     _, unit = sheet.density_bar(on.figure, (0.1, 0.115, 0.45, 0.018), mesh)
     on.figure.text(0.1, 0.142, f"A and B: probability density [% per {unit}]", fontsize=8, color=INK)
-    _difference(on, panels[2], frame, land, setting, found, density)
+    _difference(on, panels[2], frame, land, setting, found, density, top)
     when = notation.group(found.times[-1])
     east, north = (next(iter(found.at(found.times[-1], name))) for name in SHIFT)
     shift = "" if east.difference != east.difference else (
@@ -79,6 +79,15 @@ def draw(found: Contrast, path: Path, setting: Setting) -> None:
     areas = "; ".join(f"{row.name} area {text.words(row)}" for row in found.at(found.times[-1], "area"))
     sheet.head(on, setting.imprint, f"Valid {when}{shift}", areas.replace("+-", "±").replace("nmi2", "nmi²"))
     sheet.end(on, path, setting.imprint)
+
+
+def _holding(probability: Array, density: Array) -> Array:
+    """Return the densest cells that hold as much of the probability as maps shade, bool (nlat, nlon)."""
+    order = np.argsort(-density, axis=None, kind="stable")
+    inside = np.cumsum(probability.ravel()[order], dtype=np.float64)
+    shown = np.zeros(density.size, bool)
+    shown[order[: int(np.searchsorted(inside, layers.SHOWN * inside[-1])) + 1]] = True
+    return shown.reshape(density.shape) & (density > 0)
 
 
 def _frame(found: Contrast, setting: Setting) -> Frame:
@@ -109,12 +118,13 @@ def _panel(ax: Axes, frame: Frame, land: Outline | None, setting: Setting, first
 
 
 def _difference(
-    on: Any, ax: Axes, frame: Frame, land: Outline | None, setting: Setting, found: Contrast, density: dict[str, Array]
-) -> None:
-    """Draw B - A, its lines and its scale."""
+    on: Page, ax: Axes, frame: Frame, land: Outline | None, setting: Setting, found: Contrast, density: dict[str, Array],
+    top: float,
+) -> None:  # fmt: skip
+    """Draw B - A, its lines and its scale, which ends where that of A and B does: along a shore differences are larger."""
     _panel(ax, frame, land, setting, first=False)
     change, error = density["difference"], density["difference_error"]
-    most = float(np.max(np.abs(change)))
+    most = min(float(np.max(np.abs(change))), top)
     sure = np.abs(change) > SURE * error
     scale = TwoSlopeNorm(0.0, -max(most, 1e-12), max(most, 1e-12))
     lon, lat = chart.edges(found.data["lon"].values), chart.edges(found.data["lat"].values)
@@ -138,7 +148,7 @@ def _difference(
     place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (LEFT[2], 0.045)}
     sheet.legend(on.figure, rows, ncols=len(rows), fontsize=7.5, borderaxespad=0, borderpad=0, **place)
     bar = on.figure.add_axes((LEFT[2], 0.115, WIDE, 0.018))
-    on.figure.colorbar(mesh, cax=bar, orientation="horizontal")
+    on.figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="both" if most == top else "neither")
     bar.xaxis.set_major_locator(MaxNLocator(5))
     bar.tick_params(labelsize=7)
     on.figure.text(LEFT[2], 0.142, "B - A: probability density [% per nmi²]", fontsize=8, color=INK)

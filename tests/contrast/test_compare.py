@@ -151,6 +151,31 @@ def test_files_hold_what_was_found(search: drift.Case, tmp_path: Path, capsys: p
     assert "nothing to compare with" in capsys.readouterr().err
 
 
+def test_steps_that_end_elsewhere_share_no_errors_and_this_is_said(tmp_path: Path) -> None:
+    """The same current in files whose times are twenty minutes apart: the difference is none but for chance."""
+    field = small_case.field()
+    field.to_netcdf(tmp_path / "current.nc")
+    field.assign_coords(time=field.time + np.timedelta64(20, "m")).to_netcdf(tmp_path / "later.nc")
+    a = case_of(tmp_path, small_case.CASE, particles=2000, uncertainty__current={"std": "0.2 m/s", "time": "3 h"})
+    assert drift.compare(a, a).notes == ()
+    found = drift.compare(a, drift.vary(a, {"current.0.files": "later.nc"}))
+    assert len(found.notes) == 1
+    assert "random numbers of their own" in found.notes[0]
+    for name in figures.SHIFT:
+        (row,) = found.at(found.times[-1], name)
+        assert row.error > 10
+        assert abs(row.difference) < 4 * row.error  # one in 16,000
+
+
+def test_backward_against_backward(tmp_path: Path) -> None:
+    text = small_case.STEADY.replace('duration = "6 h"', 'duration = "6 h"\ndirection = "backward"')
+    a = case_of(tmp_path, text, particles=500, start="2026-11-21T06:00Z", uncertainty="none")
+    found = drift.compare(a, drift.vary(a, {"current.0.constant": {"east": 0.5, "north": 0.0}}))
+    assert found.times[0] > found.times[-1]
+    (east,) = found.at(found.times[-1], "mean, east")
+    assert east.difference == pytest.approx(-(0.5 - 0.5 * 1852 / 3600) * 3600 * HOURS, abs=2.0)
+
+
 def test_a_grid_of_the_first_case_is_that_of_both(search: drift.Case) -> None:
     grid = {"west": -88.3, "south": 27.2, "east": -87.4, "north": 27.9, "spacing": "1 nmi"}
     a = drift.vary(search, {"output.grid": grid})
