@@ -10,6 +10,7 @@ for one in drift.run_many(cases): ...  # many forecasts, forcing and coast opene
 result.washup                       # of a spill: xarray.Dataset by stretch of coast and time
 drift.results("results")            # paths of a finished run's files, once all are as it wrote them
 drift.export("results", "kml")      # the same for other programs: kml, kmz, gpx, geotiff, rtz
+drift.compare(case, drift.vary(case, {...}))  # what-if on common random numbers: b less a, with standard errors
 drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters, and how they went: see drift.verify
 drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.fit_errors
 drift.check(case)                   # how a case was understood, nothing run
@@ -26,6 +27,7 @@ from geo.errors import UserError
 _HOMES = {
     "case.file": ["load", "vary"],
     "case.record": ["Case"],
+    "contrast.contrast": ["compare"],
     "drifters.fitting": ["fit_errors"],
     "drifters.verification": ["verify"],
     "exchange.exporter": ["export"],

@@ -3,7 +3,7 @@
 import contextlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,11 +35,12 @@ from drift.result import Result
 from drift.search import chapter as search_chapter
 from drift.search import particles_left
 from drift.search import tables as search_tables
+from drift.search.filter import Noted
 from drift.search.standing import Standing, standing
 from drift.search.updates import Updates
 from drift.spill import chapter as spill_chapter
 from drift.spill import evidence, renewal
-from drift.spill.renewal import Drifted
+from drift.spill.renewal import Aftermath, Drifted
 from drift.spill.strandings import Landings
 from drift.spill.worlds import Proposal
 from drift.start import Start
@@ -74,34 +75,61 @@ def run(
     return result
 
 
-def forecasted(job: Job) -> Result:
-    """Return the forecast of a job's case."""
-    case, where, clock = job.case, job.where, job.clock
-    with clock.phase("start"):
-        begin = start.prepare(case, where)
+@dataclass(frozen=True)
+class Moved:
+    """A run whose particles have been moved, before anything is made of them."""
+
+    begin: Start
+    done: Drifted
+    updates: Updates | None
+    posteriors: Posteriors | None
+    after: Aftermath | None
+    begun: Standing | None
+
+
+def forecasted(job: Job, noted: Noted | None = None) -> Result:
+    """Return the forecast of a job's case; noted: as `moved` takes it."""
+    with job.clock.phase("start"):
+        begin = start.prepare(job.case, job.where)
+    with contextlib.ExitStack() as stack:
+        return made(job, moved(job, begin, stack, noted))
+
+
+def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
+    """Return a job's run, moved from its start; its particles can be read as long as the stack is open.
+
+    noted: is told of each sortie, contact and sensor, as drift.search.filter does.
+    """
+    case, where = job.case, job.where
+    with job.clock.phase("start"):
         stretches = start.stretches(case, where, begin)
     begun = _begun(case, begin.ensemble)
-    with contextlib.ExitStack() as stack:
-        (done, updates, posteriors), after = _drifted(job, begin, stack), None
-        if case.spill and where.coast and stretches:
+    (done, updates, posteriors), after = _drifted(job, begin, stack, noted), None
+    if case.spill and where.coast and stretches:
 
-            def renewed(proposal: Proposal, number: int) -> Drifted:
-                """Draw a spill's worlds anew, and move their objects through the run."""
-                return _drifted(job, start.renew(case, where, begin, proposal, number), stack)[0]
+        def renewed(proposal: Proposal, number: int) -> Drifted:
+            """Draw a spill's worlds anew, and move their objects through the run."""
+            return _drifted(job, start.renew(case, where, begin, proposal, number), stack)[0]
 
-            with clock.phase("finds"):
-                done, after = renewal.settle(case.period, case.spill, where.coast, stretches, done, renewed)
-        snapshots = done.snapshots
-        account = record.account(done.ensemble, snapshots[-1].status, snapshots[-1].family)
-        job.tell("map", 0.0)
-        with clock.phase("products"):
-            names = [scenario.name for scenario in case.scenarios]
-            is_land = scene.land_of(begin.scene)
-            forecast = forecast_build.build(
-                snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
-            )
-            tracks = _trajectories(case, done.ensemble, snapshots)
-    summary = facts.numbers(case, where, account, begin, clock.seconds)
+        with job.clock.phase("finds"):
+            done, after = renewal.settle(case.period, case.spill, where.coast, stretches, done, renewed)
+    return Moved(begin, done, updates, posteriors, after, begun)
+
+
+def made(job: Job, run: Moved) -> Result:
+    """Return what is made of a run that has been moved, whose particles can still be read."""
+    case, where, begin, snapshots = job.case, job.where, run.begin, run.done.snapshots
+    after, updates, posteriors = run.after, run.updates, run.posteriors
+    account = record.account(run.done.ensemble, snapshots[-1].status, snapshots[-1].family)
+    job.tell("map", 0.0)
+    with job.clock.phase("products"):
+        names = [scenario.name for scenario in case.scenarios]
+        is_land = scene.land_of(begin.scene)
+        forecast = forecast_build.build(
+            snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
+        )
+        tracks = _trajectories(case, run.done.ensemble, snapshots)
+    summary = facts.numbers(case, where, account, begin, job.clock.seconds)
     off_map = off_grid.warnings(forecast.data)
     summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates) + off_map
     if after is not None:
@@ -114,7 +142,7 @@ def forecasted(job: Job) -> Result:
     if posteriors is not None:
         summary |= {"posteriors": posterior_tables.numbers(posteriors)}
     on = facts.with_coast(facts.setting(case, where, dataset.shown(forecast.data)))
-    return Result(case, forecast, tracks, summary, on, after, updates, begun, posteriors)
+    return Result(case, forecast, tracks, summary, on, after, updates, run.begun, posteriors)
 
 
 def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
@@ -127,7 +155,9 @@ def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
     return standing(case.start, ensemble, ensemble.log_weight.to_numpy(), None, record.weighed(ensemble).ess)
 
 
-def _drifted(job: Job, begin: Start, stack: contextlib.ExitStack) -> tuple[Drifted, Updates | None, Posteriors | None]:
+def _drifted(
+    job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None
+) -> tuple[Drifted, Updates | None, Posteriors | None]:
     """Return an ensemble moved through the run, what sorties and contacts did, and what they tell; close the forcing.
 
     What it was like at every output can be read as long as the stack is open.
@@ -137,7 +167,7 @@ def _drifted(job: Job, begin: Start, stack: contextlib.ExitStack) -> tuple[Drift
     with job.clock.phase("drift"), contextlib.closing(begin.scene.forcing):
         landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
         beliefs = start.beliefs(case, begin)
-        search = start.search(case, begin, beliefs)
+        search = start.search(case, begin, beliefs, noted)
         moments = simulate.run(
             begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), landings.watch, search
         )

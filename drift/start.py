@@ -24,7 +24,7 @@ from drift.particles.ensemble import Ensemble
 from drift.particles.snapshot import Snapshot
 from drift.particles.weights import shares
 from drift.posterior.beliefs import Beliefs
-from drift.search.filter import Search
+from drift.search.filter import Noted, Search
 from drift.search.updates import Update
 from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
@@ -61,6 +61,7 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
         resampling=case.resampling.method if case.resampling.below > 0 else None,
         debris=tuple(contact.drifter for contact in case.contacts if contact.drifter is not None),
         release=Release(case.spill.release_std, case.spill.windage_bias) if case.spill else None,
+        counts=case.counts,
     )
 
 
@@ -150,21 +151,23 @@ def beliefs(case: Case, begin: Start) -> Beliefs | None:
     return Beliefs(ensemble_spec(case), begin.ensemble, begin.scene.steering)
 
 
-def search(case: Case, begin: Start, beliefs: Beliefs | None = None) -> Search | None:
+def search(case: Case, begin: Start, beliefs: Beliefs | None = None, noted: Noted | None = None) -> Search | None:
     """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing.
 
-    beliefs: takes down what is believed after each update.
+    beliefs: takes down what is believed after each update. noted: is told of each too.
     """
     if not (_is_searched(case) or case.sensors.lines):
         return None
 
-    def note(update: Update, log_weight: Array, lineage: Array | None) -> None:
-        assert beliefs is not None
-        beliefs.note(update.name, update.kind, update.time, log_weight, lineage)
+    def note(update: Update, before: Array, log_weight: Array, lineage: Array | None) -> None:
+        if beliefs is not None:
+            beliefs.note(update.name, update.kind, update.time, log_weight, lineage)
+        if noted is not None:
+            noted(update, before, log_weight, lineage)
 
     return Search(
         ensemble_spec(case), case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
-        note if beliefs else None,
+        note if beliefs or noted else None,
     )  # fmt: skip
 
 

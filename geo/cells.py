@@ -74,14 +74,23 @@ def deposit(lon: Array, lat: Array, weight: Array, cells: Cells) -> Array:
 
     lon, lat: int32 binary angles (n,); weight: int64 fixed point (n,), whose sum is at most 2^53.
     """
+    cell = index(lon, lat, cells)
+    inside = cell >= 0
+    if not inside.all():
+        cell, weight = cell[inside], weight[inside]
+    summed = np.bincount(cell, weights=weight, minlength=cells.nlon * cells.nlat)
+    return np.asarray(summed.astype(np.int64).reshape(cells.shape))
+
+
+def index(lon: Array, lat: Array, cells: Cells) -> Array:
+    """Return the flat index of the cell that holds each particle, int64 (n,); -1 off the grid.
+
+    lon, lat: int32 binary angles (n,).
+    """
     ix = (lon.view(np.uint32) - np.uint32(cells.lon0 % sphere.TURN)) // np.uint32(cells.width)
     iy = (lat.view(np.uint32) - np.uint32(cells.lat0 % sphere.TURN)) // np.uint32(cells.height)
     inside = (ix < cells.nlon) & (iy < cells.nlat)  # unsigned differences of what lies west or south are large
-    if not inside.all():
-        ix, iy, weight = ix[inside], iy[inside], weight[inside]
-    cell = iy.astype(np.int64) * cells.nlon + ix
-    summed = np.bincount(cell, weights=weight, minlength=cells.nlon * cells.nlat)
-    return np.asarray(summed.astype(np.int64).reshape(cells.shape))
+    return np.asarray(np.where(inside, iy.astype(np.int64) * cells.nlon + ix, -1))
 
 
 def fixed(probability: Array) -> Array:

@@ -20,6 +20,7 @@ from drift.case.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.presence import PresenceTable
 from drift.case.sensor import ConditionsTable, SensorTable
 from drift.case.sortie import MarkerTable, SortieTable, WatchTable
+from drift.contrast import chapter as contrast_chapter
 from drift.drifters import chapter as drifters_chapter
 from drift.forecast import chapter as forecast_chapter
 from drift.output import manifest, writer
@@ -77,6 +78,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
         *spill_chapter.FILES, *spill_chapter.PICTURES, *patrols_chapter.FILES, *patrols_chapter.PICTURES,
         *backtrack_chapter.FILES, *backtrack_chapter.PICTURES,
     },
+    "docs/compare.md": {*contrast_chapter.FILES, *contrast_chapter.PICTURES},
     "docs/verify.md": {*drifters_chapter.FILES, *drifters_chapter.PICTURES},
     "docs/formats.md": {"forecast.kml", "forecast.gpx"},  # of exports
 }  # fmt: skip

@@ -8,6 +8,7 @@ from typing_extensions import assert_type
 
 import drift
 from drift.backtrack.backward import Origin
+from drift.contrast.record import Contrast
 from drift.planner.records import Plan
 
 case = drift.load(Path("case.toml"))
@@ -19,6 +20,7 @@ assert_type(result.probability, xr.DataArray)
 assert_type(result.washup, xr.Dataset | None)
 assert_type(drift.plan(case), tuple[Plan, drift.Result])
 assert_type(drift.origin(case), Origin)
+assert_type(drift.compare(case, case), Contrast)
 assert_type(drift.check(case), dict[str, str])
 assert_type(drift.run_many([case]), Iterator[drift.Brief])
 assert_type(drift.results("results"), list[Path])

@@ -50,6 +50,43 @@ def answers(found: Answers) -> Facts:
     return facts | {f"note {k}": note for k, note in enumerate(found.notes, 1)}
 
 
+def numbers(found: Answers) -> dict[str, Any]:
+    """Return the same for programs: positions in degrees, the rest in SI."""
+    study, place = found.study, found.position
+    long, short, direction = ellipse.axes(place.covariance)
+    return {
+        "spread_rate_m_per_sqrt_s": study.bridge.spread_rate,
+        "positions": [
+            {
+                "time": np.datetime64(round(time), "s"),
+                "lon_deg": np.degrees(place.lon[k]),
+                "lat_deg": np.degrees(place.lat[k]),
+                "std_major_m": long[k],
+                "std_minor_m": short[k],
+                "orientation_deg": np.degrees(direction[k]),
+                "area_m2": {
+                    f"{notation.percent(share)}%": area * NMI**2
+                    for share, area in zip(study.shares, found.areas[k], strict=True)
+                },
+            }
+            for k, time in enumerate(place.time)
+        ],
+        "lines": [
+            {
+                "name": touch.line.name,
+                "probability": touch.chance.value,
+                "by": {
+                    f"{notation.percent(share)}%": np.datetime64(round(time), "s")
+                    for share, time in zip(study.percentiles, touch.percentiles, strict=True)
+                }
+                if touch.chance.value > 0
+                else {},
+            }
+            for touch in found.touches
+        ],
+    }
+
+
 def _touch(found: Answers, touch: Touch) -> str:
     error = f" ± {touch.chance.error:.1g}" if touch.chance.error > CERTAIN else ""
     words = f"touched with probability {touch.chance.value:.4g}{error}"

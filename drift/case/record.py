@@ -69,6 +69,7 @@ class Case:
     about: Mapping[str, str] = field(default_factory=dict)  # attributes that every file is to carry
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
+    counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included
 
     @property

@@ -11,12 +11,15 @@ from drift.cli import export
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
+SHELLS = ("bash", "zsh", "fish", "tcsh")
 BACKENDS = ("cpu", "cuda", "vulkan", "metal")
 EXAMPLES = """examples:
   drift run overdue_boat
   drift plan overdue_boat
   drift export overdue_boat-forecast kml
+  drift new search my_case.toml
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
+  drift compare overdue_boat --set-b wind.0.constant.speed='25 kn'
   drift objects raft deep ballast
   drift fit-bridge ships.csv --every '6 h' --min-speed '5 kn' --hold-out
   drift info currents/*.nc --plot currents.png"""
@@ -39,6 +42,11 @@ def parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     whole.add_argument("--version", action="store_true", help="print the version")
+    whole.add_argument(
+        "--print-completion", choices=SHELLS, metavar="SHELL",
+        help=f"print what makes a shell complete words of drift: {', '.join(SHELLS)}",
+    )  # fmt: skip
+    whole.set_defaults(json=False, quiet=False)
     commands = whole.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
 
     run = commands.add_parser("run", help="forecast a case and write maps and tables")
@@ -55,13 +63,15 @@ def parser() -> Parser:
     _add_case(origin)
     _add_results(origin, "NAME-origin")
 
-    export.add(commands)
+    _add_output(export.add(commands))
+    _add_compare(commands)
 
     _add_verify(commands)
 
     fit = commands.add_parser("fit-errors", help="fit a case's [uncertainty] to the tracks of real drifters")
     _add_case(fit)
     _add_drifters(fit)
+    _add_output(fit, quiet=False)
     fit.add_argument(
         "--hold-out",
         action="store_true",
@@ -73,11 +83,19 @@ def parser() -> Parser:
 
     check = commands.add_parser("check", help="validate a case and its forcing without running")
     _add_case(check)
+    _add_output(check)
 
-    commands.add_parser("cases", help="list the cases that ship with drift")
+    cases = commands.add_parser("cases", help="list the cases that ship with drift")
+    _add_output(cases, quiet=False)
+
+    new = commands.add_parser("new", help="write a commented case to begin with")
+    new.add_argument("story", metavar="STORY", help="position, passage, spill or search")
+    new.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a new file (default: STORY.toml)")
+    _add_output(new)
 
     objects = commands.add_parser("objects", help="list leeway classes, or search them")
     objects.add_argument("words", nargs="*", metavar="WORDS", help="only classes that hold every word")
+    _add_output(objects, quiet=False)
 
     _add_info(commands)
     return whole
@@ -122,6 +140,33 @@ def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
     )
     command.add_argument("--backend", choices=BACKENDS, default="cpu", help="where the particles move (default: cpu)")
     command.add_argument("--overwrite", action="store_true", help="replace results that the folder holds")
+    _add_output(command)
+
+
+def _add_output(command: argparse.ArgumentParser, *, quiet: bool = True) -> None:
+    how = command.add_mutually_exclusive_group()
+    how.add_argument("--json", action="store_true", help="print one JSON object, errors too")
+    if quiet:
+        how.add_argument("--quiet", action="store_true", help="print errors and warnings alone")
+
+
+def _add_compare(commands: Any) -> None:
+    compare = commands.add_parser("compare", help="run two cases on the same random numbers and say what differs")
+    _add_case(compare)
+    compare.add_argument(
+        "other",
+        metavar="B",
+        nargs="?",
+        help="the case that is compared with it (default: the same, changed by --set-b)",
+    )
+    compare.add_argument(
+        "--set-b", action="append", default=[], dest="changes_b", metavar="KEY=VALUE",
+        help="change one place of B alone, where --set changes both; may be repeated",
+    )  # fmt: skip
+    compare.add_argument(
+        "--plan", action="store_true", help="plan the next search of each too, and compare what it finds"
+    )
+    _add_results(compare, "NAME-compare")
 
 
 def _add_verify(commands: Any) -> None:
@@ -148,6 +193,7 @@ def _add_bridge(commands: Any) -> None:
     bridge.add_argument("--k", metavar="RATE", help="another spread rate than the file's, like '24 nmi/sqrt(h)'")
     bridge.add_argument("--out", type=Path, metavar="PNG", help="draw the areas on the coast, and the crossing times")
     bridge.add_argument("--geojson", type=Path, metavar="FILE", help="write the areas and mean positions as GeoJSON")
+    _add_output(bridge)
 
 
 def _add_fit_bridge(commands: Any) -> None:
@@ -190,6 +236,7 @@ def _add_fit_bridge(commands: Any) -> None:
         action="store_true",
         help="also fit every other track and say what the 50 and 90 %% areas hold of the rest",
     )
+    _add_output(fit, quiet=False)
 
 
 def _add_info(commands: Any) -> None:
@@ -207,4 +254,5 @@ def _add_info(commands: Any) -> None:
         help="a key of a case's source, like variables.east=ue, units=cm/s, steady=true or depth='5 m'; "
         "may be repeated",
     )
+    _add_output(info, quiet=False)
     info.add_argument("--plot", type=Path, metavar="PNG", help="draw a map of the first time")

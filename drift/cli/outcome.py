@@ -45,6 +45,40 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     return facts | _stories(numbers["scenario_weights"])
 
 
+def numbers(last: dict[str, Any]) -> dict[str, Any]:
+    """Return the same for programs, at the end of the run: positions in degrees, the rest in SI.
+
+    last: the numbers of the summary. What there are more of stands in summary.json.
+    """
+    end, run = last["outputs"][-1], last["run"]
+    told = {
+        "time": end["time"],
+        **{
+            name: end[name] and {"lon_deg": end[name]["lon"], "lat_deg": end[name]["lat"]} for name in ("mean", "datum")
+        },
+        "area_m2": {share: 1e6 * area for share, area in end["area_km2"].items()},
+        "status": last["account"],
+        "scenarios": {
+            name: {key: story[key] for key in ("prior", "posterior")}
+            for name, story in last["scenario_weights"].items()
+        },
+        "effective_particles": end["effective_particles"],
+        "particles": run["particles"],
+        "seed": run["seed"],
+        "step_s": run["step_s"],
+        "warnings": list(last["warnings"]),
+    }
+    if "search" in last:
+        told["sorties"] = [
+            {"name": update["name"], "pos": update["pos"]["all"], "cumulative_pos": update["cumulative_pos"]["all"]}
+            for update in last["search"]["updates"]
+            if update["kind"] == "sortie"
+        ]
+    if "spill" in last:
+        told |= {key: last["spill"][key] for key in ("totals", "worst_stretches", "effective_worlds")}
+    return told
+
+
 def _stories(stories: dict[str, Any]) -> Facts:
     """Return how likely each scenario is; of many the likeliest, and the others together."""
     facts: Facts = {}
@@ -79,6 +113,38 @@ def plan(planned: Plan) -> Facts:
     if len(planned.scenarios) > 1:
         facts |= {f'POS if "{scenario}"': _percent(pos) for scenario, pos in subareas.stories(planned)}
     return facts
+
+
+def plan_numbers(planned: Plan) -> dict[str, Any]:
+    """Return the same for programs: positions and directions in degrees, the rest in SI."""
+    return {
+        "objective": planned.spec.objective,
+        "value": planned.value,
+        "pos": planned.pos,
+        "pos_by_scenario": dict(subareas.stories(planned)),
+        "bound": planned.bound,
+        "idle": planned.idle,
+        "taskings": [
+            {
+                "area": name,
+                "unit": tasking.unit.name,
+                "round": tasking.round,
+                "takeoff": tasking.takeoff,
+                "on_scene": tasking.on_scene,
+                "off_scene": tasking.off_scene,
+                "home": tasking.home,
+                "centre": {"lon_deg": tasking.centre[0], "lat_deg": tasking.centre[1]},
+                "length_m": tasking.length,
+                "width_m": tasking.width,
+                "orientation_deg": np.degrees(tasking.orientation) % 360,
+                "creep_deg": np.degrees(tasking.creep) % 360,
+                "spacing_m": tasking.spacing,
+                "legs": tasking.legs,
+                "pos": tasking.pos,
+            }
+            for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True)
+        ],
+    }
 
 
 def _at_sea(tasking: Tasking) -> str:

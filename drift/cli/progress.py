@@ -14,9 +14,9 @@ def silent(phase: str, share: float) -> None:
 
 
 @contextmanager
-def shown(case: Case) -> Iterator[Report]:
-    """Give a function that shows the progress of a case, on standard error."""
-    if not sys.stderr.isatty():
+def shown(case: Case, *, quiet: bool = False) -> Iterator[Report]:
+    """Give a function that shows the progress of a case, on standard error, unless it is to be quiet."""
+    if quiet or not sys.stderr.isatty():
         yield silent
         return
     from rich.console import Console
@@ -39,7 +39,7 @@ def shown(case: Case) -> Iterator[Report]:
                 bar.update(done, completed=1.0, visible=False)
             tasks[phase] = bar.add_task(phase, total=None, rate="")  # a pulse until a share is known
         speed = next(task.speed for task in bar.tasks if task.id == tasks[phase])
-        rate = f"{speed * hours:.1f} h/s" if speed and phase == "drift" else ""
+        rate = f"{speed * hours:.1f} h/s" if speed and phase.endswith("drift") else ""
         if share > 0:
             bar.update(tasks[phase], total=1.0, completed=share, rate=rate)
 

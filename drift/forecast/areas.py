@@ -60,7 +60,7 @@ class Area:
 More = tuple[Array, ...] | None  # what density.wider returns
 
 
-def _guides(
+def guides_of(
     cells: Array, mass: Array, squares: Array, media: Sequence[density.Medium], more: More = None
 ) -> list[density.Histogram]:
     """Return what guides the kernels of each medium, from weights and squared weights (media, n) in cells."""
@@ -70,7 +70,7 @@ def _guides(
     ]
 
 
-def _spread(
+def spread(
     cells: Array,
     mass: Array,
     guides: Sequence[density.Histogram],
@@ -103,7 +103,7 @@ def _choose(
     pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
 
     def guided(more: More) -> list[list[density.Histogram]]:
-        return [_guides(cells, *half, media, more) for half in halves]
+        return [guides_of(cells, *half, media, more) for half in halves]
 
     plain = guided(None)
     weights, where = [], []
@@ -117,7 +117,7 @@ def _choose(
         logs = []
         for (half, _), there in zip(pairs, where, strict=True):
             mass = halves[half][0]
-            smooth = _spread(cells, mass, guides[half], start * 2.0**step, media, there)
+            smooth = spread(cells, mass, guides[half], start * 2.0**step, media, there)
             # The small constant keeps a single particle off the map from deciding everything.
             logs.append(np.log(smooth + 1e-6 * mass.sum() / media[0].allowed.size))
         return np.concatenate(logs)
@@ -173,7 +173,7 @@ def build(
     area, held = cells.area(), deposits.cells
 
     def smooth(mass: Array, squares: Array, m: float, more: More) -> Array:
-        return _spread(held, mass, _guides(held, mass, squares, media, more), m, media)
+        return spread(held, mass, guides_of(held, mass, squares, media, more), m, media)
 
     groups = deposits.mass.sum(axis=(1, 2))
     mass, squares = deposits.mass.sum(axis=0), deposits.squares.sum(axis=0)
@@ -200,10 +200,10 @@ def build(
             for fold, other in zip(folds, others, strict=True)
         ]
         share_held = np.average(checks, axis=0, weights=groups)
-    guides = _guides(held, mass, squares, media, more)
+    guides = guides_of(held, mass, squares, media, more)
     probability = np.stack(
         [
-            np.stack([_spread(held, scenario[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])
+            np.stack([spread(held, scenario[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])
             for scenario in deposits.scenario
         ]
     )

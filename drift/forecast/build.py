@@ -157,6 +157,17 @@ def begin(
     return rest
 
 
+def grid_of(snapshots: Sequence[Snapshot]) -> Cells:
+    """Return the grid that `build` would choose for some snapshots, of cells that it can be given again."""
+    centre = _reference(snapshots)
+    grid = _windows([_cloud(snapshot, centre) for snapshot in snapshots], centre)[1]
+    width, height = (-(-size // QUANTUM) * QUANTUM for size in (grid.width, grid.height))
+    columns, rows = (-(-count * old // new) for count, old, new in (
+        (grid.nlon, grid.width, width), (grid.nlat, grid.height, height)
+    ))  # fmt: skip
+    return Cells(grid.lon0, grid.lat0, width, height, min(columns, sphere.TURN // width), rows)
+
+
 def _shown(snapshots: Sequence[Snapshot], scenarios: int) -> Shown:
     """Return which scenarios have maps of their own, as `dataset.shown` will of what is made of these snapshots."""
     if scenarios <= likeliest.MOST + 1:
@@ -327,7 +338,7 @@ def group(n: int) -> Array:
 
 def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
     """Return the map of one snapshot on its own cells, which divide `common`, and the outlines of its areas."""
-    media, k = _media(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
+    media, k = media_of(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
     area = areas.build(laid.cells, laid.deposits, media, shares, k)
     return area, areas.contours(area)
 
@@ -364,7 +375,7 @@ def _deposits(snapshot: Snapshot, cloud: _Cloud, window: Cells, shown: Shown, de
     return areas.Deposits(held, mass, squares, by_scenario)
 
 
-def _media(deposits: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
+def media_of(deposits: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
     """Return where the object can be adrift, in water that holds a particle, and ashore, along its shoreline."""
     mass = deposits.mass.sum(axis=0)
     if land is None:

@@ -35,6 +35,7 @@ class EnsembleSpec:
     resampling: str | None = None
     debris: tuple[Drifter, ...] = ()  # what drifts beside the objects, and is reported by contacts
     release: Release | None = None  # only of a spill
+    counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
 
     @property
     def story(self) -> str:

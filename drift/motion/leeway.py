@@ -12,6 +12,7 @@ from functools import lru_cache
 from importlib import resources
 from typing import Any
 
+from drift.motion import everyday
 from geo.errors import UserError
 
 AIR_IN_WATER = 0.0346  # sqrt(1.225 kg/m3 / 1025 kg/m3)
@@ -119,12 +120,15 @@ def _hint(name: str) -> str:
 
 
 def search(words: str = "") -> list[Drifter]:
-    """Return the classes whose name or description, or their main classes' ones, hold every word, in any case."""
-    wanted = words.lower().split()
+    """Return the classes whose name or description, or their main classes' ones, hold every word, in any case.
+
+    An everyday word, such as yacht, is held by the classes that it stands for too: drift.motion.everyday.
+    """
+    wanted = [(word, everyday.meaning(word, tuple(classes()))) for word in everyday.parts(words)]
     matches, above = [], [""] * 8
     for drifter in classes().values():
         above[drifter.level] = f"{drifter.name} {drifter.description}".lower()
         text = " ".join(above[: drifter.level + 1])
-        if all(word in text for word in wanted):
+        if all(word in text or (meant and drifter.name in meant.classes) for word, meant in wanted):
             matches.append(drifter)
     return matches

@@ -46,7 +46,7 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
         raise UserError(
             f"particles: {spec.particles} cannot tell {len(spec.scenarios)} scenarios; give at least one each"
         )
-    counts = _counts(spec)
+    counts = counts_of(spec)
     ensemble = record.empty(spec.seed, _bounds(spec, counts), models.columns(spec.scenarios))
     key = noise.key(spec.seed)
     tried: list[tuple[int, int]] = []
@@ -82,8 +82,10 @@ def _dry(spec: EnsembleSpec, number: int, slots: Slots, tried: Array, coast: Dev
     return 1.0 - many / float(drawn) if drawn else 0.0  # what begins where another object goes adrift is not drawn
 
 
-def _counts(spec: EnsembleSpec) -> list[int]:
+def counts_of(spec: EnsembleSpec) -> list[int]:
     """Return how many particles each scenario gets."""
+    if spec.counts is not None:
+        return list(spec.counts)
     weights = np.array([scenario.weight for scenario in spec.scenarios])
     share = np.maximum(weights, resample.LEAST_SHARE / weights.size)
     inner = np.rint(np.cumsum(share / share.sum()) * spec.particles).astype(int)

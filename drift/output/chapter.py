@@ -29,12 +29,12 @@ class Chapter:
     numbers: Mapping[str, Any] = field(default_factory=dict)  # for summary.json
     files: Mapping[str, Callable[[Stamped], Contents]] = field(default_factory=dict)
     pictures: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)  # each draws to a path
-    # What is made from the run's other files, last of all; each writes to a path in their folder.
-    digests: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
-    # What the room shows in report.html, each returning records of drift.report.leaves.
-    leaves: tuple[Callable[[], Sequence[Any]], ...] = ()
     facts: Mapping[str, str] = field(default_factory=dict)  # attributes that every file of the run is to carry
     warnings: tuple[str, ...] = ()  # what every file is to warn of, under `warning`
+    # What the room shows in report.html, each returning records of drift.report.leaves.
+    leaves: tuple[Callable[[], Sequence[Any]], ...] = ()
+    # What is made from the run's other files, last of all; each writes to a path in their folder.
+    digests: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
 
 def bound(table: Mapping[str, Callable[Concatenate[T, P], R]], matter: T) -> dict[str, Callable[P, R]]:

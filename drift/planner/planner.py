@@ -23,6 +23,7 @@ from drift.planner import chapter, fleet, follow, optimiser
 from drift.planner.bound import Bound
 from drift.planner.records import Alternative, Plan, Tasking
 from drift.result import Result
+from drift.search.filter import Noted
 from drift.search.records import Unit
 from drift.search.updates import Updates
 from drift.suspend.further import Planned
@@ -48,6 +49,21 @@ def plan(
 
     The folder is written completely or not at all. Raises UserError for all that the user can mend.
     """
+    check(case)
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
+    proposed, executed, result = scheme(job)
+    if job.out is not None:
+        shown = None if proposed.shares is None else likeliest.of(proposed.shares)
+        setting = facts.with_coast(facts.setting(executed, job.where, shown))
+        taken = [sortie.name for sortie in case.sorties]
+        land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
+        matter = chapter.Matter(proposed, result.forecast, setting, taken, land, facts.synthetic(case))
+        flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
+    return proposed, result
+
+
+def check(case: Case) -> None:
+    """Raise UserError unless the next search of a case can be planned."""
     if not case.units:
         raise UserError(
             f"{case.path.name}: has no [[unit]] to plan with: "
@@ -74,16 +90,6 @@ def plan(
             f"{case.path.name}: plan.begin {group(case.plan.begin)} is before {what}, {group(last)}: "
             "a plan begins when all is known; give a later begin in [plan], or leave it out"
         )
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
-    proposed, executed, result = scheme(job)
-    if job.out is not None:
-        shown = None if proposed.shares is None else likeliest.of(proposed.shares)
-        setting = facts.with_coast(facts.setting(executed, job.where, shown))
-        taken = [sortie.name for sortie in case.sorties]
-        land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
-        matter = chapter.Matter(proposed, result.forecast, setting, taken, land, facts.synthetic(case))
-        flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
-    return proposed, result
 
 
 @dataclass(frozen=True)
@@ -100,10 +106,13 @@ class _Rounds:
     said: tuple[str, ...]  # of boats
 
 
-def scheme(job: Job) -> tuple[Plan, Case, Result]:
-    """Return a plan, the case in which it has been executed and found nothing, and the forecast of that."""
+def scheme(job: Job, noted: Noted | None = None) -> tuple[Plan, Case, Result]:
+    """Return a plan, the case in which it has been executed and found nothing, and the forecast of that.
+
+    noted: is told of each sortie of that forecast, as drift.search.filter does.
+    """
     rounds = _rounds(job)
-    result = flow.forecasted(replace(job, case=rounds.executed))
+    result = flow.forecasted(replace(job, case=rounds.executed), noted)
     return _worth(job.case, rounds, result), rounds.executed, result
 
 

@@ -35,7 +35,7 @@ from kernels.advance import Step
 
 Device = Any
 
-Noted = Callable[[Update, Array, Array | None], None]
+Noted = Callable[[Update, Array, Array, Array | None], None]
 
 FARTHEST = 20.0  # most that the log of the sum of weights may be off before weights are brought back
 
@@ -56,8 +56,8 @@ class Search:
     ) -> None:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`.
 
-        noted: is told of each update as it takes effect, with the log weights (n,) after it, and the particle of the
-        begin from which each descends (n,); None: itself.
+        noted: is told of each update as it takes effect, with the log weights (n,) before and after it, and the
+        particle of the begin from which each descends (n,); None: itself.
         """
         self._noted = noted
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
@@ -188,6 +188,7 @@ class Search:
                 poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive,
                 cumulative=1 - self._missed, standing=self._standing(sortie.end, after, effective),
             ),
+            before,
             after,
         )  # fmt: skip
         self._settle(after.astype(np.float64))
@@ -240,7 +241,7 @@ class Search:
         update = Update(
             name, kind, when, evidence, now.scenarios, self._effective(before, then), effective, standing=standing
         )
-        self._note(update, after)
+        self._note(update, before, after)
         self._settle(after, changed=True)
 
     def _settle(self, log_weight: Array, changed: bool = False) -> None:
@@ -397,12 +398,12 @@ class Search:
         self._least = min(self._least, ess)
         return standing(time, self.ensemble, log_weight, self._never, self._least)
 
-    def _note(self, update: Update, log_weight: Array) -> None:
-        """Take an update down, with the log weights (n,) after it."""
+    def _note(self, update: Update, before: Array, log_weight: Array) -> None:
+        """Take an update down, with the log weights (n,) before and after it."""
         distinct = self._updates[-1].distinct if self._updates else 1.0
         self._updates.append(replace(update, distinct=distinct))
         if self._noted is not None:
-            self._noted(self._updates[-1], log_weight, self._lineage if self._drawn_anew else None)
+            self._noted(self._updates[-1], before, log_weight, self._lineage if self._drawn_anew else None)
 
 
 def _living(ensemble: Ensemble) -> list[int]:

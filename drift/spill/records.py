@@ -120,6 +120,7 @@ class Spill:
     finds: tuple[Find, ...]
     patrols: tuple[Patrol, ...]
     teams: tuple[Team, ...] = ()  # teams that a plan may send
+    counts: tuple[int, ...] | None = None  # particles of each class in a world; None: by their shares
 
     @property
     def particles(self) -> int:

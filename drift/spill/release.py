@@ -28,6 +28,8 @@ def per_world(spill: Spill) -> tuple[int, ...]:
 
     They are in proportion to its share, at least a hundredth of all and about ten.
     """
+    if spill.counts is not None:
+        return spill.counts
     share = np.maximum([kind.share for kind in spill.kinds], max(0.01, FEWEST_PARTICLES / spill.per_world))
     ends = np.rint(np.cumsum(share / share.sum()) * spill.per_world).astype(int)
     return tuple(int(n) for n in np.diff(ends, prepend=0))

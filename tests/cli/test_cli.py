@@ -25,7 +25,7 @@ def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = call(capsys, "--help")
     assert (status, err) == (0, "")
-    for command in ("run", "check", "cases", "objects", "info"):
+    for command in ("run", "compare", "check", "cases", "new", "objects", "info"):
         assert f"  {command} " in out
     assert call(capsys)[0] == 0
     assert call(capsys, "--version")[1].startswith("drift ")
@@ -33,7 +33,9 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_objects_lists_and_searches(capsys: pytest.CaptureFixture[str]) -> None:
     _, whole, _ = call(capsys, "objects")
-    assert sum(line.strip() != "" for line in whole.splitlines()) == 85 + 5
+    assert (
+        sum(line.strip() != "" for line in whole.splitlines()) == 85 + 5 + 14
+    )  # classes, headings and notes, search objects
     assert "upwind, as published, in winds below [m/s]: PIW-3 2.5, LIFE-RAFT-DB-10 0.7" in whole
     status, out, _ = call(capsys, "objects", "raft", "15-50", "light")
     assert status == 0
@@ -41,6 +43,10 @@ def test_objects_lists_and_searches(capsys: pytest.CaptureFixture[str]) -> None:
     assert "0.38  -3.33" in out
     assert "-0.59  +1.59" in out
     assert "DB-18" not in out
+    assert "search_object of LIFE-RAFT-DB-19: Raft 15 person to Raft 25 person, by capacity" in out
+    status, out, _ = call(capsys, "objects", "jet", "ski")
+    assert status == 0
+    assert "no class of personal watercraft: small powerboats are nearest" in out
 
 
 def test_cases_lists_titles(capsys: pytest.CaptureFixture[str]) -> None:
@@ -90,10 +96,10 @@ def test_interrupt_and_own_errors(capsys: pytest.CaptureFixture[str], monkeypatc
 
         return raising
 
-    monkeypatch.setattr(cli, "_cases", fail(KeyboardInterrupt()))
+    monkeypatch.setitem(cli.COMMANDS, "cases", fail(KeyboardInterrupt()))
     status, out, err = call(capsys, "cases")
     assert (status, out, err.count("\n")) == (130, "", 1)
-    monkeypatch.setattr(cli, "_cases", fail(ZeroDivisionError("oops")))
+    monkeypatch.setitem(cli.COMMANDS, "cases", fail(ZeroDivisionError("oops")))
     status, out, err = call(capsys, "cases")
     assert (status, out) == (1, "")
     assert err.splitlines()[-1] == "drift: an error of drift itself: ZeroDivisionError: oops"

@@ -1,0 +1,36 @@
+"""Commented cases to begin with, one a story: what `drift new` writes."""
+
+from importlib import resources
+from pathlib import Path
+
+from geo.errors import UserError
+
+STORIES = {
+    "position": "adrift from a reported position",
+    "passage": "overdue on passage: under way, then adrift, or late",
+    "spill": "many objects from one cause, and where they come ashore",
+    "search": "sorties that found nothing, and units for the next search",
+}
+
+
+def text(story: str) -> str:
+    """Return the template of a story; raise UserError for one that there is none of."""
+    if story not in STORIES:
+        listed = ", ".join(f"{name} ({words})" for name, words in STORIES.items())
+        raise UserError(f'no story "{story}"; there are: {listed}')
+    return resources.files("cases").joinpath("templates", f"{story}.toml").read_text(encoding="utf-8")
+
+
+def write(story: str, path: Path) -> None:
+    """Write the template of a story to a new file; raise UserError where that cannot be, or is there already."""
+    words = text(story)
+    if path.suffix != ".toml":
+        raise UserError(f"{str(path)[:300]!a}: a case file ends in .toml")
+    try:
+        with open(path, "x", encoding="utf-8", newline="\n") as file:
+            file.write(words)
+    except FileExistsError:
+        raise UserError(f"{path}: is there already, and is not replaced; name another file") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise UserError(f"{str(path)[:300]!a}: cannot be written ({reason}); name another file") from None

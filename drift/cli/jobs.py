@@ -1,0 +1,150 @@
+"""Commands that work on a case: run, plan, origin, compare, verify, fit-errors, check."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from drift.cli import given as take
+from drift.cli.answer import Answer
+from drift.output import interrupt
+from geo.errors import UserError
+
+
+def run(given: argparse.Namespace) -> Answer:
+    """Forecast a case."""
+    with _started(given, "forecast") as (case, out, options):
+        from drift import facts, flow
+        from drift.cli import outcome
+        from drift.forecast import tables
+
+        result = flow.run(case, out, **options)
+    made = result.summary["run"]
+    last = {**tables.numbers(result.forecast), **result.summary}
+    told = outcome.spill(last) if case.spill else outcome.forecast(last)
+    # What steers is moved exactly: only drift has a scheme and errors of its step.
+    scheme = f"{made['scheme']}, step {made['step_s']} s, " if facts.drifts(case) else ""
+    basis = f"{made['particles']:,} particles, {scheme}seed {made['seed']}"
+    return Answer(case.title, told, (f"{basis}\nResults in {out}",), outcome.numbers(last), out)
+
+
+def plan(given: argparse.Namespace) -> Answer:
+    """Plan the next search, or the next patrols of a spill."""
+    with _started(given, "plan") as (case, out, options):
+        from drift.cli import outcome
+        from drift.patrols import files as patrol_files
+        from drift.patrols import patrol
+        from drift.planner import planner
+
+        if case.spill:
+            patrols, result = patrol.patrol(case, out, **options)
+        else:
+            search_plan, _ = planner.plan(case, out, **options)
+    if case.spill:
+        assert result.aftermath is not None
+        told, line = patrol_files.facts(patrols, result.aftermath), f"Patrols in {out / 'patrols.txt'}"
+        return Answer(case.title, told, (f"{line}, all results in {out}",), patrol_files.numbers(patrols), out)
+    line = f"Search action plan in {out / 'plan.txt'}, all results in {out}"
+    return Answer(case.title, outcome.plan(search_plan), (line,), outcome.plan_numbers(search_plan), out)
+
+
+def origin(given: argparse.Namespace) -> Answer:
+    """Run a spill backward from its finds."""
+    with _started(given, "origin") as (case, out, options):
+        from drift import flow
+        from drift.backtrack import backward
+        from drift.cli import outcome
+
+        release = flow.origin(case, out, **options)
+    found, warnings = backward.summary(release), backward.warnings(release)
+    numbers = {"origin": found, "warnings": list(warnings)}
+    return Answer(case.title, outcome.origin(found, warnings), (f"Results in {out}",), numbers, out)
+
+
+def compare(given: argparse.Namespace) -> Answer:
+    """Run two cases on the same random numbers and say what differs."""
+    with _started(given, "compare") as (case, out, options):
+        from drift.contrast import contrast, text
+
+        with interrupt.leaving_at_once():
+            changes = {**take.changed(given.changes), **take.changed(given.changes_b, "--set-b")}
+            if given.other is None and not given.changes_b:
+                raise UserError(
+                    "compare: nothing to compare with; name a second case, or change one by --set-b KEY=VALUE"
+                )
+            both = [f"{key}={value}" for key, value in changes.items()]
+            other = take.case(given.other or given.case, both, given.seed)
+        found = contrast.compare(case, other, out, plan=given.plan, **options)
+    return Answer(found.title, text.facts(found), (f"Results in {out}",), text.numbers(found), out)
+
+
+def verify(given: argparse.Namespace) -> Answer:
+    """Forecast real drifters from many starts."""
+    drifters = take.drifters(given)
+    drifters |= {
+        "every": take.quantity(given.every, "s", "--every", "12 h"),
+        "error": take.quantity(given.error, "m", "--error", "100 m"),
+        "hours": given.hours,
+        "particles": given.particles,
+    }
+    with _started(given, "verify") as (case, out, options):
+        from drift.drifters import files, verification
+        from drift.drifters import text as verification_text
+
+        verified = verification.verify(case, given.drifters, out, **drifters, **options)
+    told, numbers = verification_text.facts(verified), {"verification": files.numbers(verified)}
+    return Answer(case.title, told, (f"Results in {out}",), numbers, out)
+
+
+def fit_errors(given: argparse.Namespace) -> Answer:
+    """Fit a case's [uncertainty] to real drifters."""
+    drifters = take.drifters(given)
+    with interrupt.leaving_at_once():  # nothing is written
+        case = take.case(given.case, given.changes, given.seed)
+        from drift.drifters import fitting, fitting_text
+
+        fitted = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
+    toml = fitting_text.toml(fitted)
+    title = f"{case.title}: errors that suit the drifters"
+    return Answer(title, fitting_text.facts(fitted), (f"\n{toml}",), {"toml": toml})
+
+
+def check(given: argparse.Namespace) -> Answer:
+    """Validate a case and its forcing without running."""
+    with interrupt.leaving_at_once():  # nothing is written
+        case = take.case(given.case, given.changes, given.seed)
+        from drift.preview import check
+
+        understood = check.check(case)
+    return Answer(f"{case.title}: ready to run", understood, numbers={"ready": True})
+
+
+@contextmanager
+def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, dict[str, Any]]]:
+    """Give the case, the folder for its results, and how to run it, showing progress meanwhile."""
+    with interrupt.leaving_at_once():
+        case = take.case(given.case, given.changes, given.seed)
+        out = given.out or Path(f"{case.path.stem}-{kind}")
+        if given.threads is not None and given.threads < 1:
+            raise UserError(f"--threads {given.threads} must be at least 1")
+        from drift import flow  # noqa: F401 - flow: what is slow to import is imported here
+        from drift.cli import progress
+        from drift.preview import outlook
+        from kernels import runtime
+
+        cores = runtime.cores()
+        if given.threads is not None and given.threads > cores:
+            print(f"drift: --threads {given.threads}: runs on {cores}, all the cores it may use here", file=sys.stderr)
+
+    if worth := outlook.caution(case):
+        print(f"drift: {worth}", file=sys.stderr)
+    with progress.shown(case, quiet=given.quiet) as show:
+
+        def report(phase: str, share: float) -> None:
+            interrupt.heed()
+            show(phase, share)
+
+        options = {"threads": given.threads, "backend": given.backend, "overwrite": given.overwrite, "report": report}
+        yield case, out, options

@@ -1,0 +1,1 @@
+"""Two cases on common random numbers: what differs, and how sure that is."""

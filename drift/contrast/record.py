@@ -1,0 +1,58 @@
+"""What a comparison of two cases found."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from drift.contrast.units import Difference
+from drift.planner.records import Plan
+from drift.result import Result
+
+OF_RUN = ("POS", "cumulative POS", "POS of the next plan", "ashore")  # quantities of the run as a whole
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Two results on common random numbers, and their differences."""
+
+    a: Result
+    b: Result
+    times: tuple[np.datetime64, ...]  # outputs of both
+    differences: tuple[Difference, ...]  # by time, those of the whole run last
+    data: xr.Dataset  # what compare.nc holds: see drift.contrast.dataset
+    step: int  # [s]
+    plans: tuple[Plan, Plan] | None = None  # the next search of each, where that was asked for
+    notes: tuple[str, ...] = ()  # what keeps the random numbers from being common
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """What A and B are called: their titles; or, of one file, what was changed in B alone."""
+        a, b = self.a.case, self.b.case
+        if a.title != b.title:
+            return a.title, b.title
+        own = Counter(_changes(b.text)) - Counter(_changes(a.text))
+        return "as it is", ", ".join(own) or "the same"
+
+    @property
+    def title(self) -> str:
+        """What is compared."""
+        a, b = self.names
+        title = self.a.case.title
+        return f"{b} against {a}" if a == title else f"{title}: {b}"
+
+    def at(self, time: np.datetime64, quantity: str) -> list[Difference]:
+        """Return the differences of a quantity at an output."""
+        return [row for row in self.differences if row.time == time and row.quantity == quantity]
+
+    @property
+    def of_run(self) -> list[Difference]:
+        """Those that are of the run as a whole: sorties and stretches."""
+        return [row for row in self.differences if row.quantity in OF_RUN]
+
+
+def _changes(text: str) -> list[str]:
+    """Return what was changed in a case after its file was read."""
+    mark = "# --set "  # drift.case.file
+    return [line.removeprefix(mark) for line in text.splitlines() if line.startswith(mark)]

@@ -1,0 +1,38 @@
+"""What report.html shows of a comparison: where each case has more, and every figure with its standard error."""
+
+import numpy as np
+
+from drift.contrast.record import Contrast
+from drift.report import leaves
+from drift.report.leaves import Leaf
+
+TENTH = 0.1  # share of the probability in the cells that end the colours of its map
+
+
+def of(found: Contrast) -> list[Leaf]:
+    """Return the leaves of a comparison."""
+    data = found.data
+    a, b, more = (data[name].values.astype(np.float64) for name in ("probability_a", "probability_b", "difference"))
+    stories = {"A": a, "B": b, "More in B than in A": np.maximum(more, 0), "More in A than in B": np.maximum(-more, 0)}
+    area = data["cell_area"].values
+    columns = [
+        ("time", "Time", "time"), ("quantity", "Quantity", "words"), ("name", "Of", "words"), ("unit", "Unit", "words"),
+        ("a", "A", "number"), ("b", "B", "number"), ("difference", "B less A", "number"), ("error", "± (standard error)", "number"),
+    ]  # fmt: skip
+    names = [[letter, name] for letter, name in zip("AB", found.names, strict=True)]
+    return [
+        leaves.maps(
+            "Probability", np.array(found.times), data["lon"].values, data["lat"].values, stories, area,
+            [_top(values / area, values) for values in a],
+        ),
+        leaves.table("The two cases", [("", "Case", "words"), ("", "What it is", "words")], rows=names),
+        leaves.table("Differences", columns, file="compare.csv", by_time="time", note="Errors are of chance alone, on common random numbers."),
+        leaves.text("In words", file="compare.txt"),
+    ]  # fmt: skip
+
+
+def _top(density: np.ndarray, mass: np.ndarray) -> float:
+    """Return the density [1/m2] above which cells hold a tenth of the probability; 1 where there is none."""
+    order = np.argsort(-density.ravel(), kind="stable")
+    held = np.cumsum(mass.ravel()[order])
+    return float(density.ravel()[order][np.searchsorted(held, TENTH * held[-1])]) if held[-1] > 0 else 1.0
