@@ -18,10 +18,12 @@ from drift.environment.environment import Environment
 from drift.forecast import build as forecast_build
 from drift.forecast import chapter as forecast_chapter
 from drift.forecast import dataset, effective, off_grid
+from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Options, Report, in_turn, opened
 from drift.maps.imprint import Setting
 from drift.motion import scene, simulate
+from drift.motion.forcing import Sources
 from drift.motion.spool import Spool
 from drift.output import writer
 from drift.output.chapter import Chapter, joined
@@ -142,7 +144,25 @@ def made(job: Job, run: Moved) -> Result:
     if posteriors is not None:
         summary |= {"posteriors": posterior_tables.numbers(posteriors)}
     on = facts.with_coast(facts.setting(case, where, dataset.shown(forecast.data)))
-    return Result(case, forecast, tracks, summary, on, after, updates, run.begun, posteriors)
+    flown = updates.sorties if updates else ()
+    over = (
+        partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors),
+        partial(_flows, _of_likeliest(case, where), forecast),
+    )
+    return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors)
+
+
+def _of_likeliest(case: Case, where: Environment) -> Sources:
+    """Return the winds and currents of the scenario that was likeliest at first."""
+    return where.scenarios[max(range(len(case.scenarios)), key=lambda number: case.scenarios[number].weight)]
+
+
+def _flows(sources: Sources, forecast: Forecast, time: Any) -> Any:
+    """Return what a map shows of winds and currents at a time, a drift.maps.overlay.Overlay."""
+    from drift.environment import layers  # here: Matplotlib takes a second to import
+    from drift.forecast import report
+
+    return layers.flows(sources, report.box(forecast), time)
 
 
 def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
@@ -207,11 +227,11 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
             lost = decision.off_map(result.forecast.data)
             suspend_matter = suspend_chapter.Matter(basis, on.imprint, facts.synthetic(case), lost)
             chapters.append(suspend_chapter.chapter(suspend_matter))
-        flown = updates.sorties if updates else ()
-        searches = [partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors)]
         # Legs and contacts would hide small maps; fields and barriers are few lines.
         sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
-        forecast_matter = forecast_chapter.Matter(result.forecast, result.trajectories, failed, searches, sensors)
+        forecast_matter = forecast_chapter.Matter(
+            result.forecast, result.trajectories, failed, result.overlays, sensors
+        )
         chapters.insert(0, forecast_chapter.chapter(forecast_matter))
         publish(job.out, chapters, failed, overwrite=job.overwrite)
 
@@ -223,9 +243,8 @@ def _surroundings(result: Result, where: Environment, on: Setting) -> list[Any]:
     from drift.report import leaves
 
     scenarios, times = result.case.scenarios, result.forecast.data["time"].values
-    likeliest = max(range(len(scenarios)), key=lambda number: scenarios[number].weight)
     begun = [leaves.marked("Where it began", on.marks, on.lines, "start")] if on.marks or on.lines else []
-    flows = environment_report.flows(where.scenarios[likeliest], times, forecast_report.box(result.forecast))
+    flows = environment_report.flows(_of_likeliest(result.case, where), times, forecast_report.box(result.forecast))
     return [*begun, *environment_report.itineraries(scenarios), *flows]
 
 

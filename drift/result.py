@@ -3,8 +3,8 @@
 import base64
 import html
 import io
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from drift.maps.imprint import Setting
 from drift.output import formats
 from drift.posterior import tables as posterior_tables
 from drift.posterior.records import Posteriors
-from drift.search import chapter as search_chapter
 from drift.search import crossings
 from drift.search import tables as search_tables
 from drift.search.standing import Standing
@@ -42,6 +41,7 @@ class Result:
     trajectories: Trajectories
     summary: dict[str, Any]
     setting: Setting  # what stands on every map of it
+    overlays: tuple[Callable[[Any], Any], ...]  # what else stands on its own map: drift.maps.overlay.AtTime
     aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
     updates: Updates | None = None  # what sorties and contacts did
     begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
@@ -103,11 +103,8 @@ class Result:
         from drift.forecast import map as forecast_map  # here: Matplotlib takes a second to import
         from drift.maps import page
 
-        updates, case = self.updates, self.case
-        flown = updates.sorties if updates else ()
-        searches = [partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors)]
         with page.literal():
-            return forecast_map.figure(self.forecast, self.setting, time=self._output(time), overlays=searches)
+            return forecast_map.figure(self.forecast, self.setting, time=self._output(time), overlays=self.overlays)
 
     def _output(self, time: Any) -> int:
         """Return the number of an output time."""

@@ -1,1 +1,1 @@
-"""Published tables: leeway classes, sweep widths."""
+"""Published tables: leeway classes, sweep widths, names of places."""

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from drift.motion.forcing import Sources
 from geo import notation
 from geo.array import Array
+from geo.box import Box
 from geo.forcing.sources import Source
 from geo.forcing.stream import Bracket, Slices
 from geo.grids.grid import Grid, sample
@@ -35,6 +36,18 @@ def at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: 
                         values[k, missing] = _then(slices, source.grid, moment, lon[missing], lat[missing])
             total = values if number == 0 else total + values
     return total
+
+
+def lattice(box: Box, across: int) -> tuple[Array, Array]:
+    """Return places (lon, lat) [deg] (m,) spread over a box, so many along its longer side."""
+    high = box.north - box.south
+    wide = (box.east - box.west) * np.cos(np.radians((box.north + box.south) / 2))
+    step = max(high, wide, 1e-3) / across
+    rows, columns = (max(int(side / step), 1) for side in (high, wide))
+    lat = box.south + (np.arange(rows) + 0.5) * high / rows
+    lon = box.west + (np.arange(columns) + 0.5) * (box.east - box.west) / columns
+    x, y = np.meshgrid(lon, lat)
+    return x.ravel(), y.ravel()
 
 
 def _tiles(sources: Sources, quantity: str, term: Sequence[Source]) -> list[tuple[Source, int]]:

@@ -17,16 +17,19 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 
-from drift.environment import corridors
+from drift.environment import ambient, corridors
 from drift.maps import labels
 from drift.maps.chart import Frame
 from drift.maps.overlay import Overlay
 from drift.motion import lanes as network_of
+from drift.motion.forcing import Sources
 from drift.motion.itinerary import InBox, InDisc, InRing, Itinerary, Near, Place, Ways
 from drift.motion.lanes import Network
 from drift.motion.scenario import Scenario
 from geo import polyline, sphere
 from geo.array import Array
+from geo.box import Box
+from geo.notation import KNOT
 
 INK, WASH = "#1f4e8c", "#a9c4e6"  # of lanes and their corridors
 AREA: dict[str, Any] = {"color": "#7a1f6b", "linewidth": 1.5, "linestyle": (0, (6, 2))}
@@ -34,6 +37,11 @@ WAY_COLOURS = ("#1b5e20", "#00838f", "#5d4037", "#9e7b00", "#b0306a")
 WAY_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), (0, (5, 1.5)), "-")
 # More ways than there are colours cannot be told apart; they are drawn alike.
 CROWD: dict[str, Any] = {"color": WAY_COLOURS[0], "linestyle": "-", "linewidth": 0.5, "alpha": 0.5}
+ARROW = 0.05  # of the chart's width: the longest arrow of a current
+ARROWS: dict[str, Any] = {
+    "color": "#00629b", "angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.0016, "headwidth": 4.5, "alpha": 0.75,
+}  # fmt: skip
+BARBS: dict[str, Any] = {"color": "#4a4a4a", "length": 5.5, "linewidth": 0.7, "alpha": 0.8}
 HALF = np.sqrt(2 * np.log(2))  # standard deviations within which half of a round normal law lies
 NAMED = 3  # scenarios that a row of the legend names
 FINE = 20_000.0  # [m] between points of great circles as drawn
@@ -105,6 +113,57 @@ def key(areas: bool = True) -> list[tuple[Any, str]]:
         (Patch(facecolor=WASH, alpha=0.75), "Its corridor, joints included"),
     ]
     return [*rows, (Line2D([], [], **AREA), "Area of patrol")] if areas else rows
+
+
+def flows(sources: Sources, box: Box, time: np.datetime64) -> Overlay:
+    """Return the current and the wind over a box at a time as a layer of a chart: arrows, and barbs in knots."""
+    drawn: list[tuple[str, Array, Array, Array]] = []
+    for quantity, across in (("current", 12), ("wind", 4)):
+        if sources.of(quantity):
+            lon, lat = ambient.lattice(box, across)
+            velocity = ambient.at(sources, quantity, np.array([time]), lon, lat)[0]
+            there = np.isfinite(velocity).all(axis=1)
+            if there.any():
+                drawn.append((quantity, lon[there], lat[there], velocity[there]))
+
+    def draw(ax: Axes, frame: Frame) -> None:
+        for quantity, lon, lat, velocity in drawn:
+            x, y = frame.project(lon, lat)
+            u, v = _turned(frame, lon, lat, velocity)
+            if quantity == "wind":
+                ax.barbs(x, y, u / KNOT, v / KNOT, zorder=4.6, **BARBS)
+            else:
+                long = ARROW * (frame.x[1] - frame.x[0]) / max(np.hypot(u, v).max(), 1e-9)
+                ax.quiver(x, y, long * u, long * v, zorder=4.5, **ARROWS)
+
+    rows: list[tuple[Any, str]] = []
+    for quantity, _, _, velocity in drawn:
+        fastest = np.hypot(*velocity.T).max() / KNOT
+        if quantity == "wind":
+            rows.append(
+                (
+                    Line2D([], [], color=BARBS["color"], marker=(3, 0, 0), linewidth=1),
+                    f"Wind, barbs, up to {fastest:.0f} kn",
+                )
+            )
+        else:
+            rows.append(
+                (
+                    Line2D([], [], color=ARROWS["color"], marker=">", linewidth=1),
+                    f"Current, longest arrow {fastest:.1f} kn",
+                )
+            )
+    return Overlay(draw, {}, rows)
+
+
+def _turned(frame: Frame, lon: Array, lat: Array, velocity: Array) -> tuple[Array, Array]:
+    """Return velocities east and north (m, 2) as they lie on a chart, whose north is up in its middle alone."""
+    little = np.where(lat > 89, -0.01, 0.01)
+    x0, y0 = frame.project(lon, lat)
+    x1, y1 = frame.project(lon, lat + little)
+    turn = np.arctan2((y1 - y0) * np.sign(little), (x1 - x0) * np.sign(little)) - np.pi / 2
+    east, north = velocity.T
+    return east * np.cos(turn) - north * np.sin(turn), east * np.sin(turn) + north * np.cos(turn)
 
 
 def itineraries(scenarios: Sequence[Scenario]) -> Overlay:

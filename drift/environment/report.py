@@ -21,13 +21,7 @@ ACROSS = 14  # arrows along the longer side of the map
 
 def flows(sources: Sources, times: npt.NDArray[np.datetime64], box: Box) -> list[Leaf]:
     """Return arrows of what a scenario drifts in, at places spread over a box."""
-    high = box.north - box.south
-    wide = (box.east - box.west) * np.cos(np.radians((box.north + box.south) / 2))
-    step = max(high, wide, 1e-3) / ACROSS
-    rows, columns = (max(int(side / step), 1) for side in (high, wide))
-    lat = box.south + (np.arange(rows) + 0.5) * high / rows
-    lon = box.west + (np.arange(columns) + 0.5) * (box.east - box.west) / columns
-    x, y = (values.ravel() for values in np.meshgrid(lon, lat))
+    x, y = ambient.lattice(box, ACROSS)
     shown: list[Leaf] = []
     for quantity in QUANTITIES:
         if sources.of(quantity):

@@ -17,7 +17,7 @@ from matplotlib.path import Path as Outline
 
 from drift.forecast import beyond, effective
 from drift.forecast.build import Contour, Forecast
-from drift.maps import chart, labels
+from drift.maps import chart, gazetteer, labels
 from drift.maps.chart import Frame
 from drift.maps.marks import Line, Mark
 from geo import notation, sphere
@@ -37,6 +37,9 @@ OTHERS: dict[str, Any] = {
     "linestyle": "none", "marker": "o", "markersize": 2.6, "color": "#55606b", "markeredgecolor": "white",
     "markeredgewidth": 0.4,
 }  # fmt: skip
+NAME: dict[str, Any] = {"fontsize": 8, "color": "#003b36", "weight": "bold"}
+TOWN: dict[str, Any] = {"marker": "o", "linestyle": "none", "markersize": 3, "color": "#3b3b3b", "markeredgewidth": 0}
+TOWN_NAME: dict[str, Any] = {"fontsize": 7.5, "color": "#3b3b3b", "style": "italic"}
 PRIOR_COLOURS = ("#1b5e20", "#00a0b0", "#5d4037", "#8bc34a", "#000000")
 PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), "-")
 
@@ -353,9 +356,17 @@ def spaced(times: Array, most: int) -> list[int]:
 
 
 def track(
-    ax: Axes, canvas: FigureCanvasAgg, frame: Frame, forecast: Forecast, time: int, marks: Sequence[Mark]
+    ax: Axes,
+    canvas: FigureCanvasAgg,
+    frame: Frame,
+    forecast: Forecast,
+    time: int,
+    marks: Sequence[Mark],
+    names: Sequence[tuple[float, float, str]] = (),
 ) -> None:
-    """Draw the mean track to the map's time with its times, the marks, and the scale bar in a free corner.
+    """Draw the mean track to the map's time with its times, the marks, names, and the scale bar in a free corner.
+
+    names: of what else stands on the map (lon, lat [deg], text), written where there is room; so are towns and harbours.
 
     While a part is not released yet, the mean jumps with each release: that part of the track is thin and dotted.
     """
@@ -382,4 +393,16 @@ def track(
     cx, cy = occupied(frame, forecast, [times[last]])
     mx, my = frame.project([m.lon for m in marks], [m.lat for m in marks])
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, np.append(cx, mx), np.append(cy, my)))
-    labels.place(ax, canvas, texts, [bar], must={*must, len(texts) - 1})
+    now = len(texts) - 1
+    texts += [(*_at(frame, lon, lat), name, NAME) for lon, lat, name in names]
+    towns = [place for place in gazetteer.around(frame.box()) if frame.holds(*_at(frame, place.lon, place.lat))]
+    ax.plot(
+        *frame.project([t.lon for t in towns], [t.lat for t in towns]), zorder=6, scalex=False, scaley=False, **TOWN
+    )
+    texts += [(*_at(frame, place.lon, place.lat), place.name, TOWN_NAME) for place in towns]
+    labels.place(ax, canvas, texts, [bar], must={*must, now})
+
+
+def _at(frame: Frame, lon: float, lat: float) -> tuple[float, float]:
+    x, y = frame.project(lon, lat)
+    return float(x), float(y)

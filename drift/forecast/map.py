@@ -75,7 +75,9 @@ def _drawn(forecast: Forecast, setting: Setting, time: int, overlays: Sequence[A
     for overlay in drawn_over:
         overlay.draw(ax, frame)
     ashore = layers.ashore_marks(ax, frame, forecast, time)
-    layers.track(ax, on.canvas, frame, forecast, time, setting.marks)
+    stories = [(*max(zip(line.lon, line.lat, strict=True), key=lambda at: at[1]), line.label) for line in setting.lines]
+    names = [*stories, *(name for overlay in drawn_over for name in overlay.names)]
+    layers.track(ax, on.canvas, frame, forecast, time, setting.marks, names)
 
     valid = f"Valid {notation.group(now)}   ({notation.iso(now)}, UTC)"
     sheet.head(on, setting.imprint, valid, forecast_words.basis(forecast, time, setting.particles))

@@ -19,8 +19,10 @@ from typing import Any
 import numpy as np
 import shapely
 
+from drift.maps import gazetteer
 from drift.maps.imprint import Setting
-from drift.output import formats
+from drift.output import formats, geojson
+from drift.report import leaves as records
 from drift.report import packed
 from drift.report.leaves import Leaf
 from geo import sphere
@@ -34,6 +36,7 @@ LARGEST = 4_000_000  # [characters] of a file as it is carried; a larger one is 
 MERCATOR_UP_TO = 75.0  # [deg] latitude, as the charts of drift.maps.chart
 FINE = 1 / 6000  # of the map's size: detail of the shoreline
 FINEST = 1e-4  # [deg]
+PLACES = 40  # named at most
 AROUND = 0.5  # of the map's size: land that is carried beyond each side
 
 
@@ -41,6 +44,7 @@ def write(path: Path, leaves: Sequence[Leaf], on: Setting, warnings: Sequence[st
     """Write the page of a run beside its other files."""
     folder = path.parent
     box = _box(leaves, on, folder)
+    leaves = [*leaves, _places(box)]
     stamped = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     carried, beside = _files(folder, {name for leaf in leaves for name in _read_by(leaf)})
     about = {
@@ -57,6 +61,15 @@ def write(path: Path, leaves: Sequence[Leaf], on: Setting, warnings: Sequence[st
     }
     data = json.dumps(formats.plain(about), allow_nan=False, separators=(",", ":"))
     path.write_text(_filled(on.imprint.title, data), encoding="utf-8", newline="\n")
+
+
+def _places(box: Box) -> Leaf:
+    """Return names of towns and harbours."""
+    drawn = [
+        geojson.feature(geojson.point(place.lon, place.lat), {"name": place.name})
+        for place in gazetteer.around(box.grown(0.3 * (box.east - box.west), 0.3 * (box.north - box.south)), PLACES)
+    ]
+    return records.features("Towns and harbours", drawn, "place", label="name")
 
 
 def _read_by(leaf: Leaf) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -53,7 +54,29 @@ def reminder(
         for what in heard:
             sensor(ax, frame, what, LIGHT)
 
-    return Overlay(draw, places(seen, begun) | sensor_places(heard), key(begun, seen, LIGHT) + sensor_key(heard, LIGHT))
+    named = [(*_beside(points), name) for name, points in _named(begun, seen, heard)]
+    places_of = places(seen, begun) | sensor_places(heard)
+    return Overlay(draw, places_of, key(begun, seen, LIGHT) + sensor_key(heard, LIGHT), named)
+
+
+def _named(
+    sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sequence[Sensor]
+) -> list[tuple[str, Array]]:
+    """Return names and one shape (n, 2) [deg] of each."""
+    named = []
+    for flown in sorties:
+        ring = search_shapes.searched(flown)
+        legs = [points for searching, points in search_shapes.flown(flown) if searching]
+        if ring is not None or legs:
+            named.append((flown.name, ring if ring is not None else legs[0]))
+    named += [(contact.name, search_shapes.contact(contact)[0][1]) for contact in contacts]
+    return named + [(what.name, search_shapes.sensor(what)) for what in sensors]
+
+
+def _beside(points: Array) -> tuple[float, float]:
+    """Return the northernmost point of a shape [deg]."""
+    top = points[np.argmax(points[:, 1])]
+    return float(top[0]), float(top[1])
 
 
 def sortie(ax: Axes, frame: Frame, flown: Sortie, time: Any, *, light: bool = False) -> None:

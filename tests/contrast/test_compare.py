@@ -134,7 +134,7 @@ def test_files_hold_what_was_found(search: drift.Case, tmp_path: Path, capsys: p
         rows = list(csv.DictReader(file))
     summary = json.loads((out / "summary.json").read_text())
     with xr.open_dataset(out / "compare.nc") as data:
-        assert data.attrs["Conventions"] == "CF-1.11"
+        assert data.attrs["Conventions"] == "CF-1.11, ACDD-1.3"
         assert len(rows) == len(summary["compare"]["differences"]) == data.sizes["figure"]
         np.testing.assert_allclose(
             data["difference"], data["probability_b"] - data["probability_a"], atol=1e-7

@@ -1,0 +1,50 @@
+"""Names of towns and harbours on coasts, for whoever reads a map; data/places.md says where they come from."""
+
+import csv
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+from geo import sphere
+from geo.array import Array
+from geo.box import Box
+
+HARBOUR = 5.0  # factor by which a harbour counts for more than a town of its size
+APART = 0.08  # of the box's size: places that are shown are at least so far from each other
+
+
+@dataclass(frozen=True)
+class Place:
+    """A town or harbour [deg]."""
+
+    name: str
+    lon: float
+    lat: float
+    harbour: bool
+
+
+@cache
+def _all() -> tuple[list[str], Array, Array, Array, Array]:
+    text = resources.files("drift.data").joinpath("places.csv").read_text(encoding="utf-8")
+    rows = list(csv.reader(text.splitlines()))[1:]
+    lon, lat, people, harbour = np.array([row[1:] for row in rows], float).T
+    return [row[0] for row in rows], lon, lat, people, harbour > 0
+
+
+def around(box: Box, most: int = 12) -> list[Place]:
+    """Return the places of a box that matter most, harbours first, well apart from each other."""
+    names, lon, lat, people, harbour = _all()
+    x = sphere.east_of_degrees(lon, box.west)
+    inside = np.flatnonzero((x <= box.east) & (lat >= box.south) & (lat <= box.north))
+    rank = (people + 100) * np.where(harbour, HARBOUR, 1.0)
+    narrow = np.cos(np.radians((box.south + box.north) / 2))
+    apart = APART * max(box.north - box.south, (box.east - box.west) * narrow)
+    chosen: list[int] = []
+    for k in inside[np.argsort(-rank[inside], kind="stable")]:
+        if all(np.hypot((x[k] - x[other]) * narrow, lat[k] - lat[other]) >= apart for other in chosen):
+            chosen.append(int(k))
+        if len(chosen) == most:
+            break
+    return [Place(names[k], float(x[k]), float(lat[k]), bool(harbour[k])) for k in chosen]
