@@ -13,6 +13,7 @@ drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters,
 drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.fit_errors
 drift.check(case)                   # how a case was understood, nothing run
 plan, result = drift.plan(case)     # the next search by the case's units; of a spill: drift.patrol
+drift.serve("cases")                # edit, run and read cases in the browser
 drift.origin(case)                  # of a spill: where it may have come from, backward from its finds
 """
 
@@ -25,6 +26,7 @@ from geo.errors import UserError
 _HOMES = {
     "case.file": ["load", "vary"],
     "case.record": ["Case"],
+    "desk.server": ["serve"],
     "drifters.fitting": ["fit_errors"],
     "drifters.verification": ["verify"],
     "flow": ["Result", "origin", "run", "trace"],

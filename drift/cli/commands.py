@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drift.cli import grammar, terminal
+from drift.cli import grammar, serve, terminal
 from drift.output import interrupt
 from geo.errors import UserError
 
@@ -77,6 +77,7 @@ def _dispatch(argv: Sequence[str] | None) -> int:
         "cases": _cases,
         "objects": _objects,
         "info": _info,
+        "serve": serve.run,
     }
     commands[given.command](given)
     return 0

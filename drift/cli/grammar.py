@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from drift.cli import serve
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
@@ -76,6 +77,7 @@ def parser() -> Parser:
     objects.add_argument("words", nargs="*", metavar="WORDS", help="only classes that hold every word")
 
     _add_info(commands)
+    serve.add(commands)
     return whole
 
 
