@@ -8,9 +8,10 @@ from contextlib import asynccontextmanager
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
@@ -54,11 +55,12 @@ class Desk:
     async def shown(self, request: Request) -> Response:
         """What the folder holds."""
         try:
-            runs = [{**run, "key": self.secret.key(run["name"])} for run in shelf.runs(self.folder)]
-            cases = shelf.cases(self.folder)
+            runs = await run_in_threadpool(shelf.runs, self.folder)  # a large summary takes its time
+            cases = await run_in_threadpool(shelf.cases, self.folder)
         except OSError as error:
             return _refusal(500, f"the folder cannot be read: {error.strerror}")
-        shipped = [{"name": name, "title": title} for name, title in case_file.shipped()]
+        shipped = [{"name": name, "title": title} for name, title in _shipped()]
+        runs = [{**run, "key": self.secret.key(run["name"])} for run in runs]
         called = self.folder.name or str(self.folder)
         return JSONResponse({"folder": called, "cases": cases, "runs": runs, "shipped": shipped})
 
@@ -76,7 +78,7 @@ class Desk:
     async def copied(self, request: Request) -> Response:
         """Lay a copy of a case that ships with the project into the folder, under a free name."""
         name = request.path_params["name"]
-        if name not in {shipped for shipped, _ in case_file.shipped()}:
+        if name not in {shipped for shipped, _ in _shipped()}:
             return _refusal(404, "no such case")
         text = _asset("cases", f"{name}.toml")
         try:
@@ -142,7 +144,7 @@ class Desk:
         if kind is None:
             kind = mimetypes.types_map.get(suffix, "application/octet-stream") if suffix != ".html" else "text/plain"
             headers["Content-Disposition"] = "attachment"
-        response = StreamingResponse(_pieces(handle, size), headers=headers)
+        response = StreamingResponse(_pieces(os.fdopen(handle, "rb"), size), headers=headers)
         response.headers["Content-Type"] = kind
         return response
 
@@ -150,8 +152,8 @@ class Desk:
         return {**told, "key": self.secret.key(told["out"]) if told["out"] else None}
 
 
-def _pieces(handle: int, size: int) -> Iterator[bytes]:
-    with os.fdopen(handle, "rb") as file:
+def _pieces(file: BinaryIO, size: int) -> Iterator[bytes]:
+    with file:
         while size > 0 and (piece := file.read(min(CHUNK, size))):
             size -= len(piece)
             yield piece
@@ -163,6 +165,9 @@ def _nothing() -> tuple[str, str]:
 
 def _refusal(status: int, line: str) -> Response:
     return JSONResponse({"error": line}, status)
+
+
+_shipped = lru_cache(case_file.shipped)
 
 
 @lru_cache

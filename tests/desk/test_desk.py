@@ -242,6 +242,19 @@ def test_plain_names_are_taken(name: str) -> None:
     assert names.case(name)
 
 
+@pytest.mark.parametrize(
+    ("text", "title"),
+    [
+        ('title = "a"', "a"), ("# x\ntitle='b \\\\ c'", "b \\\\ c"), ('title = "\\u00e5 \\"x\\""', 'å "x"'), ('title = "\\U0001F6A2"', "\\U0001F6A2"), ('title = "open', ""),
+        ("title = 3", ""), ("x" * 1000, ""), ("a." * 400_000 + "a = 1\ntitle = 'late'", "late"),
+    ],
+)  # fmt: skip
+def test_titles_are_found_without_reading_toml(tmp_path: Path, text: str, title: str) -> None:
+    """A key of 400,000 parts would hold the server for hours."""
+    (tmp_path / "x.toml").write_text(text, encoding="utf-8")
+    assert [case["title"] for case in shelf.cases(tmp_path)] == [title]
+
+
 # --- saving ----------------------------------------------------------------------------------------------------------
 
 
