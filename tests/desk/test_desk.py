@@ -76,6 +76,7 @@ STRANGERS: dict[str, tuple[str, str, Any, dict[str, str | None], int]] = {
     "our other name": ("POST", "/api/cases/x.toml", GOOD, {"Origin": "http://localhost:{port}", "Sec-Fetch-Site": None}, 403),
     "https for http": ("POST", "/api/cases/x.toml", GOOD, {"Origin": "https://127.0.0.1:{port}"}, 403),
     "nobody says from where": ("POST", "/api/cases/x.toml", GOOD, {"Origin": None, "Sec-Fetch-Site": None}, 403),
+    "asked for by hand": ("POST", "/api/cases/x.toml", GOOD, {"Sec-Fetch-Site": "none"}, 403),
     "another site reads": ("GET", "/api/folder", None, {"Sec-Fetch-Site": "cross-site"}, 403),
     "another port reads": ("GET", "/api/folder", None, {"Sec-Fetch-Site": "same-site"}, 403),
     "a form": ("POST", "/api/cases/x.toml", GOOD, {"Content-Type": "application/x-www-form-urlencoded"}, 415),
@@ -380,8 +381,9 @@ def test_one_run_at_a_time_and_a_cancelled_one_leaves_nothing(served: Server) ->
 
 
 @pytest.mark.slow
-def test_modules_in_the_folder_are_not_imported(served: Server) -> None:
-    """A numpy.py among the cases would run as the user."""
+def test_modules_in_the_folder_are_not_imported(served: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A numpy.py among the cases would run as the user, also where the server was started there by `python -m drift`."""
+    monkeypatch.syspath_prepend(str(served.folder))
     (served.folder / "numpy.py").write_text("raise SystemExit('owned')", encoding="utf-8")
     job = over(served, ask_for(served, "check", "modules.toml", small_case.STEADY))
     (served.folder / "numpy.py").unlink()

@@ -10,6 +10,7 @@ import pytest
 import small_case
 from places import ROOT
 
+import drift
 from drift.case import file as case_file
 from drift.case import sources
 from geo.box import Box
@@ -45,7 +46,7 @@ def fenced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     "written",
     [
-        "/etc/passwd", "../secret/current.nc", "./../secret/current.nc", "link.nc", "folder/current.nc", "folder/*.nc",
+        "/etc/passwd", "../secret/current.nc", "./../secret/current.nc", "../inside-too/x.nc", "link.nc", "folder/current.nc", "folder/*.nc",
         "*/current.nc", "../*/current.nc", "*/../../secret/current.nc", "**/../../secret/*.nc", "/etc/pass*", "~/.ssh/id_rsa",
         "~root/.bashrc", "[.][.]/secret/current.nc/../current.nc", "${A_SECRET}", "$A_SECRET/x.nc", "/proc/self/environ", "/dev/fd/0",
         "file:///etc/passwd", "http://169.254.169.254/latest/meta-data", "https://localhost/x", "http://localhost:22/x",
@@ -136,3 +137,32 @@ def test_every_key_that_names_a_file_goes_through_the_fence() -> None:
     for path in readers:  # bridge.py reads the files of `drift bridge`, which is not served
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"glob\.glob|expanduser|\bopen\(|read_bytes\(|os\.environ", text), path
+
+
+KEYS = {  # every key of a case that names a file, in a shipped case that has its table
+    "current.0.files": "norkyst_raft", "wind.0.files": "norkyst_raft", "coast.source": "overdue_boat", "coast.lakes": "overdue_boat",
+    "depth.file": "overdue_boat", "sortie.0.actual": "overdue_boat", "sortie.0.track": "overdue_boat", "sortie.0.marker.track": "overdue_boat",
+    "scenario.0.phase.0.lanes.network": "medsearch_transit", "spill.stretches.file": "gulf_containers",
+}  # fmt: skip
+
+ALONGSIDE = {"sortie.0.track": {"sortie.0.pattern": None}, "sortie.0.marker.track": {"sortie.0.frame": "datum"}}
+
+
+def _changed(place: Path, key: str, written: str) -> None:
+    if key.startswith("sortie"):
+        drift.vary(drift.load(place), {key: written, **ALONGSIDE.get(key, {})})
+    else:
+        drift.load(place, {key: f'"{written}"'})
+
+
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("written", ["/etc/passwd", "../etc/../../etc/passwd", "/no/such/file"])
+def test_every_key_that_names_a_file(fenced: Path, monkeypatch: pytest.MonkeyPatch, key: str, written: str) -> None:
+    """It is refused, whether the file is there or not."""
+    name = KEYS[key]
+    shutil.copytree(ROOT / "cases", fenced / "cases")
+    monkeypatch.setenv("DRIFT_DATA", str(fenced))
+    place = fenced / "cases" / f"{name}.toml"
+    with pytest.raises(UserError, match=OUT) as refused:
+        _changed(place, key, written)
+    assert any(written in line and re.search(OUT, line) for line in refused.value.lines)
