@@ -74,10 +74,8 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
     if remote(path):
         fence.check_address(path)
     else:
-        fence.check(path)
-    is_zarr = os.path.isdir(path)
-    if is_zarr:
         fence.check_store(path)
+    is_zarr = os.path.isdir(path)
     if not remote(path) and not is_zarr and not os.path.isfile(path):  # a pipe would wait for ever
         raise UserError(f'"{path}" is neither a file nor a folder; {where}')
     if is_zarr and not any(os.path.exists(os.path.join(path, n)) for n in (".zgroup", ".zmetadata", "zarr.json")):

@@ -77,7 +77,7 @@ def _files(path: str) -> Iterator[str]:
 
 
 def _digest(path: str) -> str:
-    fence.check_store(path) if os.path.isdir(path) else fence.check(path)
+    fence.check_store(path)
     total = hashlib.sha256()
     for file in _files(path):
         if file != path:

@@ -67,7 +67,7 @@ def check_open(handle: int, path: str | os.PathLike[str]) -> None:
 
 
 def check_store(folder: str) -> None:
-    """Raise UserError unless a folder of files (Zarr), links in it included, may be read."""
+    """Raise UserError unless a file, or a folder of files (Zarr) with the links in it, may be read."""
     if raised() is None:
         return
     check(folder)
