@@ -438,6 +438,17 @@ def test_no_run_outlives_the_server(tmp_path: Path, how: signal.Signals) -> None
     assert not (tmp_path / "slow-forecast").exists()
 
 
+def test_a_job_that_tells_nothing_ends_with_the_server_too() -> None:
+    """One that tells progress meets a closed pipe; one that waits for a file or an address would go on."""
+    silent = "import time; from drift.cli import commands, tethered; commands.leave = lambda: time.sleep(60); tethered.main()"
+    with subprocess.Popen([sys.executable, "-c", silent], stdin=subprocess.PIPE, cwd=ROOT) as process:
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(2)  # it goes on as long as its input does
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait(20) in (-signal.SIGTERM, 128 + signal.SIGTERM)
+
+
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     assert commands.main(["serve", "--no-browser", *words]) == 2
     error = capsys.readouterr().err
