@@ -15,7 +15,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from drift.case import file as case_file
 from drift.desk import names, shelf
@@ -144,7 +144,7 @@ class Desk:
         if kind is None:
             kind = mimetypes.types_map.get(suffix, "application/octet-stream") if suffix != ".html" else "text/plain"
             headers["Content-Disposition"] = "attachment"
-        response = StreamingResponse(_pieces(os.fdopen(handle, "rb"), size), headers=headers)
+        response = Pieces(os.fdopen(handle, "rb"), size, headers)
         response.headers["Content-Type"] = kind
         return response
 
@@ -152,11 +152,25 @@ class Desk:
         return {**told, "key": self.secret.key(told["out"]) if told["out"] else None}
 
 
+class Pieces(StreamingResponse):
+    """A file in pieces; it is closed also where nobody reads it to its end."""
+
+    def __init__(self, file: BinaryIO, size: int, headers: dict[str, str]) -> None:
+        super().__init__(_pieces(file, size), headers=headers)
+        self._file = file
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._file.close()
+
+
 def _pieces(file: BinaryIO, size: int) -> Iterator[bytes]:
-    with file:
-        while size > 0 and (piece := file.read(min(CHUNK, size))):
-            size -= len(piece)
-            yield piece
+    while size > 0 and (piece := file.read(min(CHUNK, size))):
+        size -= len(piece)
+        yield piece
 
 
 def _nothing() -> tuple[str, str]:
