@@ -15,6 +15,7 @@ drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters,
 drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.fit_errors
 drift.check(case)                   # how a case was understood, nothing run
 plan, result = drift.plan(case)     # the next search by the case's units; of a spill: drift.patrol
+drift.serve("cases")                # edit, run and read cases in the browser
 drift.origin(case)                  # of a spill: where it may have come from, backward from its finds
 """
 
@@ -28,6 +29,7 @@ _HOMES = {
     "case.file": ["load", "vary"],
     "case.record": ["Case"],
     "contrast.contrast": ["compare"],
+    "desk.server": ["serve"],
     "drifters.fitting": ["fit_errors"],
     "drifters.verification": ["verify"],
     "exchange.exporter": ["export"],

@@ -14,7 +14,7 @@ import drift
 
 NAMES = {
     "Brief", "Case", "Result", "UserError", "__version__", "check", "compare", "export", "fit_errors", "load", "origin", "patrol", "plan", "results",
-    "run", "run_many", "trace", "vary", "verify",
+    "run", "run_many", "serve", "trace", "vary", "verify",
 }  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from drift.case import fields, units
 from drift.environment.forcing_spec import ForcingSpec, Report, Slices
 from geo import notation
 from geo.errors import UserError
+from geo.files import fence
 from geo.forcing.quantity import QUANTITIES
 
 SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
@@ -212,13 +213,22 @@ def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
 def matching(written: str, folder: Path) -> list[str]:
     """Return the files that a path or pattern names, absolute and sorted; addresses pass as they are."""
     text = re.sub(r"\$\{(\w+)\}|\$(\w+)", lambda match: _variable(match[1] or match[2], written), written)
-    if ADDRESS.match(text):
-        return [text]
-    path = folder / os.path.expanduser(text)
+    try:
+        if ADDRESS.match(text):
+            fence.check_address(text)
+            return [text]
+        path = folder / os.path.expanduser(text)
+        fence.check_pattern(str(path))
+    except UserError as error:
+        raise ValueError(str(error)) from None
     try:
         matches = [str(path)] if path.exists() else sorted(glob.glob(str(path), recursive=True))
         if matches:
+            for match in matches:
+                fence.check(match)
             return [str(Path(match).resolve(strict=True)) for match in matches]  # a link may lead nowhere
+    except UserError as error:
+        raise ValueError(str(error)) from None
     except (OSError, RuntimeError, ValueError) as error:  # too long a name, a loop of links
         reason = error.strerror if isinstance(error, OSError) else None
         raise ValueError(f'no file "{_short(written)}" ({reason or "a loop of links"}); name another') from None
@@ -230,6 +240,10 @@ def _short(text: str) -> str:
 
 
 def _variable(name: str, written: str) -> str:
+    try:
+        fence.check_variable(name)
+    except UserError as error:
+        raise ValueError(str(error)) from None
     if name not in os.environ:
         raise ValueError(
             f'"{written}" needs the environment variable {name}; set it: export {name}=/folder/of/the/data'

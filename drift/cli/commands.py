@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from drift.cli import answer, bridges, export, grammar, jobs, lists, terminal
+from drift.cli import answer, bridges, export, grammar, jobs, lists, serve, terminal
 from drift.cli.answer import Answer
 from drift.output import interrupt
 from geo.errors import UserError
@@ -33,6 +33,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Answer]] = {
     "new": lists.new,
     "objects": lists.objects,
     "info": lists.info,
+    "serve": serve.run,
 }
 
 

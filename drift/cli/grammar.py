@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from drift.cli import export
+from drift.cli import export, serve
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
@@ -98,6 +98,7 @@ def parser() -> Parser:
     _add_output(objects, quiet=False)
 
     _add_info(commands)
+    serve.add(commands)
     return whole
 
 

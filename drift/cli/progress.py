@@ -1,6 +1,12 @@
-"""Progress of a run: a bar with rate and time left on a terminal, nothing where the output is piped."""
+"""Progress of a run: a bar with rate and time left on a terminal, nothing where the output is piped.
 
+With the environment variable DRIFT_PROGRESS=lines, which `drift serve` sets, lines of JSON for another program.
+"""
+
+import json
+import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -13,9 +19,26 @@ def silent(phase: str, share: float) -> None:
     """Report nothing."""
 
 
+def lines() -> Report:
+    """Return a function that writes progress on standard error, a line each: a mark (RS) and JSON, five a second."""
+    last = ("", 0.0)
+
+    def report(phase: str, share: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if phase != last[0] or now - last[1] >= 0.2:
+            last = (phase, now)
+            print(f"\x1e{json.dumps({'phase': phase, 'share': share})}", file=sys.stderr, flush=True)
+
+    return report
+
+
 @contextmanager
 def shown(case: Case, *, quiet: bool = False) -> Iterator[Report]:
     """Give a function that shows the progress of a case, on standard error, unless it is to be quiet."""
+    if os.environ.get("DRIFT_PROGRESS") == "lines":
+        yield lines()
+        return
     if quiet or not sys.stderr.isatty():
         yield silent
         return

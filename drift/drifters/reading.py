@@ -23,7 +23,7 @@ from drift.tracks.records import Track, selected
 from geo import notation
 from geo.array import Array
 from geo.errors import UserError
-from geo.files import small
+from geo.files import fence, small
 from geo.forcing.quantity import QUANTITIES
 
 LARGEST = 1024 * 2**20  # [bytes] largest CSV file
@@ -212,6 +212,7 @@ def _moment(text: str) -> float:
 
 def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     """Return the tracks of a netCDF file; raise ValueError where it holds none."""
+    fence.check(path)
     try:
         with xr.open_dataset(path, decode_timedelta=False) as data:
             return _tracks(data.load(), path, wanted)

@@ -15,6 +15,7 @@ from geo import sphere
 from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
+from geo.files import fence
 
 UP = ("height", "altitude", "elevation", "topography")
 DOWN = ("depth", "bathymetry")
@@ -24,6 +25,7 @@ def shoals(source: Depth, box: Box, draught: float) -> Array:
     """Return polygons [deg] of what is shallower than a draught [m] in a box, or not known within the grid."""
     import xarray as xr
 
+    fence.check(source.file)
     try:
         with xr.open_dataset(source.file) as data:
             lon, lat, depth = _grid(data, source)

@@ -27,6 +27,7 @@ import shapely
 
 from geo.box import Box
 from geo.errors import UserError
+from geo.files import fence
 
 VAST = 4_000.0  # [deg2] the coast of a larger box is thinned for a preview
 ISLET = 0.05  # [deg] extent; smaller islands are left out of such a preview
@@ -149,6 +150,7 @@ def _without_lakes(land: Polygons, path: Path, cut: Box, box: Box) -> tuple[Poly
 
 def _name_and_digest(path: str | os.PathLike[str]) -> str:
     """Return a file's name and a digest of what it holds."""
+    fence.check(path)
     return f"{Path(path).name} (sha256 {hashlib.sha256(Path(path).read_bytes()).hexdigest()[:12]})"
 
 
@@ -265,6 +267,7 @@ def _read(path: Path, word: str, wanted: str) -> _Contents:
     word: "shoreline" or "lakes", wanted: what a user may give, both for messages.
     """
     label = f'{word} "{path}"'
+    fence.check(path)
     if not path.is_file():
         raise UserError(f"{label}: no such file; give {wanted}")
     if path.suffix.lower() == ".bna":
@@ -272,6 +275,7 @@ def _read(path: Path, word: str, wanted: str) -> _Contents:
     import pyogrio
     import pyproj
 
+    fence.check_shapes(path)
     try:
         with warnings.catch_warnings():
             # GDAL's warnings are about what is refused or repaired below.

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from geo.errors import UserError
-from geo.files import address, digest, grib, messages
+from geo.files import address, digest, fence, grib, messages
 
 WHOLE = 2**28  # [bytes] a file up to this size is hashed whole, a larger one in 256 samples from its start to its end
 SAMPLE = 2**16  # [bytes] size of a sample
@@ -71,6 +71,10 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.D
     timeout: how long the server of an address may leave a question unanswered [s].
     """
     where = f"set {key(path, quantity)}"
+    if remote(path):
+        fence.check_address(path)
+    else:
+        fence.check_store(path)
     is_zarr = os.path.isdir(path)
     if not remote(path) and not is_zarr and not os.path.isfile(path):  # a pipe would wait for ever
         raise UserError(f'"{path}" is neither a file nor a folder; {where}')

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
 
+from geo.files import fence
+
 CHUNK = 2**22  # [bytes]
 
 Key = tuple[tuple[str, int, int], ...]  # path, size and time of change of each file
@@ -75,6 +77,7 @@ def _files(path: str) -> Iterator[str]:
 
 
 def _digest(path: str) -> str:
+    fence.check_store(path)
     total = hashlib.sha256()
     for file in _files(path):
         if file != path:

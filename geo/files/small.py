@@ -8,6 +8,8 @@ import os
 import stat
 from pathlib import Path
 
+from geo.files import fence
+
 LARGEST = 64 * 2**20  # [bytes]
 
 
@@ -15,10 +17,12 @@ def contents(path: Path, largest: int = LARGEST) -> bytes:
     """Return the bytes of a file.
 
     Raises OSError, with a strerror in words for users, where the file cannot be read, is a pipe or a device (which
-    might wait or go on for ever), or has more than `largest` bytes.
+    might wait or go on for ever), or has more than `largest` bytes; UserError where it may not be read (`geo.files.fence`).
     """
+    fence.check(path)
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
+        fence.check_open(handle, path)
         status = os.fstat(handle)
         if stat.S_ISDIR(status.st_mode):
             raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))

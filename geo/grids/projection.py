@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
-from geo.files import reference_system
+from geo.files import fence, reference_system
 from geo.grids.layout import Plane, points
 
 MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "epsg_code")
@@ -55,6 +55,7 @@ def plane(
 def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]) -> pyproj.CRS | None:
     """Return the reference system that the case chooses or the file describes; None where neither does."""
     if chosen.get("crs"):
+        fence.check_crs(chosen["crs"])
         try:
             return pyproj.CRS.from_user_input(chosen["crs"])
         except pyproj.exceptions.CRSError as error:

@@ -1,0 +1,138 @@
+"""What this process may read where a case came from elsewhere: folders and hosts in the environment variable DRIFT_FENCE.
+
+`drift serve` sets it for the processes that work on what a browser sent; without it all is allowed. Asked where files are
+opened, not where names are read, so that no pattern, link or later change gets round it. A link inside an allowed folder
+is taken for what it leads to.
+"""
+
+import json
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from geo.errors import UserError
+
+NAME = "DRIFT_FENCE"  # {"folders": [...], "hosts": ["host" or "host:port", ...]} as JSON
+VARIABLES = {"DRIFT_DATA"}  # environment variables that a fenced case may use; others may be secrets
+ADVICE = "put it into the folder that is served, or start drift serve with --allow"
+PLACE = re.compile(
+    r"[A-Za-z0-9.-]+(:\d{1,5})?"
+)  # a host with its port: no user, no brackets, nothing that two readers read in two ways
+
+
+@dataclass(frozen=True)
+class Fence:
+    """Folders (and files), as real paths, and hosts that may be read."""
+
+    folders: tuple[Path, ...] = ()
+    hosts: frozenset[str] = frozenset()
+
+
+def text(fence: Fence) -> str:
+    """Return a fence as the environment variable holds it."""
+    return json.dumps({"folders": [str(folder) for folder in fence.folders], "hosts": sorted(fence.hosts)})
+
+
+def raised() -> Fence | None:
+    """Return the fence of this process, None for none; where it can't be read, nothing is allowed."""
+    written = os.environ.get(NAME)
+    if written is None:
+        return None
+    try:
+        held = json.loads(written)
+        return Fence(tuple(Path(folder) for folder in held["folders"]), frozenset(map(str, held["hosts"])))
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return Fence()
+
+
+def check(path: str | os.PathLike[str]) -> None:
+    """Raise UserError unless a file or folder, wherever links lead from it, may be read."""
+    fence = raised()
+    if fence is not None and not _inside(fence, os.path.realpath(path)):
+        raise _refusal(path)
+
+
+def check_open(handle: int, path: str | os.PathLike[str]) -> None:
+    """Raise UserError unless a file that is open already may be read: nobody can exchange it any more."""
+    fence = raised()
+    if fence is None:
+        return
+    real = os.path.realpath(path)
+    if os.path.islink(there := f"/proc/self/fd/{handle}"):  # Linux
+        real = os.readlink(there)
+    if not _inside(fence, real):
+        raise _refusal(path)
+
+
+def check_store(folder: str) -> None:
+    """Raise UserError unless a file, or a folder of files (Zarr) with the links in it, may be read."""
+    if raised() is None:
+        return
+    check(folder)
+    for place, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            if os.path.islink(os.path.join(place, name)):
+                check(os.path.join(place, name))
+
+
+def check_pattern(pattern: str) -> None:
+    """Raise UserError where a path or pattern could lead out, before anything is looked for."""
+    if raised() is None:
+        return
+    parts = Path(pattern).parts
+    plain = next((k for k, part in enumerate(parts) if re.search(r"[*?\[]", part)), len(parts))
+    if ".." in parts[plain:]:
+        raise _refusal(pattern)
+    check(Path(*parts[:plain]))
+
+
+def check_variable(name: str) -> None:
+    """Raise UserError unless a path may use an environment variable."""
+    if raised() is not None and name not in VARIABLES:
+        raise UserError(
+            f"the environment variable {name} may not be used here; allowed: {', '.join(sorted(VARIABLES))}"
+        )
+
+
+def check_address(address: str) -> None:
+    """Raise UserError unless an address may be asked."""
+    fence = raised()
+    if fence is None:
+        return
+    scheme, _, rest = address.partition("://")
+    place = re.split(r"[/?#]", rest, maxsplit=1)[0].lower()
+    plain = scheme.lower() in ("http", "https") and PLACE.fullmatch(place) and re.fullmatch(r"[!-~]+", rest)
+    # A fragment (#mode=file) would have the netCDF library read something else than an address.
+    if not plain or "\\" in rest or "#" in rest or not {place, str(urlsplit(address).hostname)} & fence.hosts:
+        raise UserError(
+            f'the address "{address[:200]}" may not be asked here; start drift serve with --allow-host and its host'
+        )
+
+
+def check_crs(written: object) -> None:
+    """Raise UserError where a reference system in a case has PROJ open a file."""
+    if raised() is not None and re.search(r"[/\\]|init|grids|file|catalog", str(written), re.IGNORECASE):
+        raise UserError("a reference system that names files may not be used here; give an EPSG code")
+
+
+def check_shapes(path: Path) -> None:
+    """Raise UserError unless a file's first bytes are those of a format whose files name no others.
+
+    GDAL goes by contents: a file of any name may be a virtual one, which has it read files and addresses of its choice.
+    """
+    if raised() is None:
+        return
+    with open(path, "rb") as file:
+        start = file.read(16).lstrip(b"\xef\xbb\xbf \t\r\n")
+    if not start.startswith((b"{", b"\x00\x00\x27\x0a")):
+        raise UserError(f'shoreline "{path.name}": only GeoJSON, a shapefile or .bna may be read here')
+
+
+def _inside(fence: Fence, real: str) -> bool:
+    return any(Path(real).is_relative_to(folder) for folder in fence.folders)
+
+
+def _refusal(path: str | os.PathLike[str]) -> UserError:
+    return UserError(f'"{str(path)[:200]}" is outside the folders that may be read here; {ADVICE}')

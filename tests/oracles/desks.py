@@ -1,0 +1,98 @@
+"""A desk (`drift serve`) on a free port of the loopback, and a client that can lie to it."""
+
+import http.client
+import json
+import socket
+import threading
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+
+from drift.desk import app, gate, server
+from drift.output import manifest
+
+NASTY = "</script><img src=x onerror=alert(1)>"
+
+
+class Server:
+    """A desk on a free port, and a client that can lie to it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.secret = folder, gate.Secret()
+        self.socket = socket.socket()
+        self.socket.bind(("127.0.0.1", 0))
+        self.port = self.socket.getsockname()[1]
+        self.host = f"127.0.0.1:{self.port}"
+        allowed = server._allowed(folder, [], ["thredds.example.org"])
+        made = app.make(folder, (self.host, f"localhost:{self.port}"), self.secret, allowed)
+        self._uvicorn = uvicorn.Server(server.configured(made))
+        self._thread = threading.Thread(target=self._uvicorn.run, kwargs={"sockets": [self.socket]})
+
+    def __enter__(self) -> "Server":
+        self._thread.start()
+        until(lambda: self._uvicorn.started, 20)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._uvicorn.should_exit = True
+        self._thread.join(30)
+        assert not self._thread.is_alive()
+        self.socket.close()
+
+    @property
+    def own(self) -> dict[str, str]:
+        """What our own page sends."""
+        return {
+            "Host": self.host, "Cookie": f"drift-{self.port}={self.secret.cookie}", "Origin": f"http://{self.host}",
+            "Sec-Fetch-Site": "same-origin", "Content-Type": "application/json",
+        }  # fmt: skip
+
+    def ask(self, method: str, path: str, body: Any = None, **changes: str | None) -> tuple[int, dict[str, str], bytes]:
+        """Return status, headers and body; changes: of our own headers, None to leave one out."""
+        data = body if isinstance(body, bytes) else json.dumps({} if body is None else body).encode()
+        headers = self.own | {name.replace("_", "-"): value for name, value in changes.items()}
+        if method == "POST":
+            headers = {"Content-Length": str(len(data))} | headers
+        lines = [
+            f"{method} {path} HTTP/1.1",
+            *(f"{name}: {value}" for name, value in headers.items() if value is not None),
+        ]
+        with closing(socket.create_connection(("127.0.0.1", self.port), 20)) as line:
+            line.sendall("\r\n".join([*lines, "Connection: close", "", ""]).encode("latin-1") + (data if method == "POST" else b""))  # fmt: skip
+            answer = http.client.HTTPResponse(line, method=method)
+            answer.begin()
+            return answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+
+    def json(self, method: str, path: str, body: Any = None) -> Any:
+        """Return what our own page would get."""
+        status, _, data = self.ask(method, path, body)
+        assert status == 200, data
+        return json.loads(data)
+
+    def job(self, number: int) -> Any:
+        """Return a job as it is now."""
+        return next(job for job in self.json("GET", "/api/jobs")["jobs"] if job["number"] == number)
+
+
+def until(happened: Any, seconds: float) -> Any:
+    """Wait until something is true, at most so long."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if found := happened():
+            return found
+        time.sleep(0.05)
+    raise AssertionError(f"not in {seconds} s")
+
+
+def finished(place: Path, title: str = "a run", **files: str) -> None:
+    """Lay a whole result of a run into a folder."""
+    place.mkdir()
+    summary = {"title": title, "run": {"start": "2026-11-21T00:00:00", "end": "2026-11-22T00:00:00"}, "warnings": [title], "date_created": "2026-11-22T10:00:00Z", "wall_time_s": {"drift": 2.0}}  # fmt: skip
+    held = {"summary.json": json.dumps(summary), "report.html": f"<title>{NASTY}</title>", **{k.replace("_", "."): v for k, v in files.items()}}  # fmt: skip
+    for name, text in held.items():
+        (place / name).write_text(text, encoding="utf-8")
+    listed = manifest.of("run", [place / name for name in held])
+    (place / manifest.NAME).write_text(manifest.text(listed), encoding="utf-8")
