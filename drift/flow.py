@@ -14,11 +14,12 @@ from drift import facts, start
 from drift.backtrack import backward
 from drift.backtrack import chapter as backtrack_chapter
 from drift.case.record import Case
+from drift.environment import ambient
+from drift.environment.ambient import Flow
 from drift.environment.environment import Environment
 from drift.forecast import build as forecast_build
 from drift.forecast import chapter as forecast_chapter
-from drift.forecast import dataset, effective, off_grid
-from drift.forecast.build import Forecast
+from drift.forecast import dataset, effective, mapped, off_grid
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Options, Report, in_turn, opened
 from drift.maps.imprint import Setting
@@ -53,6 +54,7 @@ from geo.errors import UserError
 from kernels import deposit
 
 REPORT = "report.html"
+ARROWS = {"current": 12, "wind": 4}  # along the longer side of a map
 
 
 @in_turn
@@ -147,7 +149,11 @@ def made(job: Job, run: Moved) -> Result:
     flown = updates.sorties if updates else ()
     over = (
         partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors),
-        partial(_flows, _of_likeliest(case, where), forecast),
+        # What flows is kept, and not its sources: a dataset that was handed in is let go.
+        partial(
+            _flows,
+            ambient.over(_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values, ARROWS),
+        ),
     )
     return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors)
 
@@ -157,12 +163,11 @@ def _of_likeliest(case: Case, where: Environment) -> Sources:
     return where.scenarios[max(range(len(case.scenarios)), key=lambda number: case.scenarios[number].weight)]
 
 
-def _flows(sources: Sources, forecast: Forecast, time: Any) -> Any:
+def _flows(found: Mapping[str, Flow], time: Any) -> Any:
     """Return what a map shows of winds and currents at a time, a drift.maps.overlay.Overlay."""
     from drift.environment import layers  # here: Matplotlib takes a second to import
-    from drift.forecast import report
 
-    return layers.flows(sources, report.box(forecast), time)
+    return layers.flows(found, time)
 
 
 def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
@@ -239,12 +244,11 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
 def _surroundings(result: Result, where: Environment, on: Setting) -> list[Any]:
     """Return what the report shows of where the run began, of ways, winds and currents."""
     from drift.environment import report as environment_report  # here: Matplotlib takes a second to import
-    from drift.forecast import report as forecast_report
     from drift.report import leaves
 
     scenarios, times = result.case.scenarios, result.forecast.data["time"].values
     begun = [leaves.marked("Where it began", on.marks, on.lines, "start")] if on.marks or on.lines else []
-    flows = environment_report.flows(_of_likeliest(result.case, where), times, forecast_report.box(result.forecast))
+    flows = environment_report.flows(_of_likeliest(result.case, where), times, mapped.box(result.forecast.data))
     return [*begun, *environment_report.itineraries(scenarios), *flows]
 
 

@@ -22,7 +22,7 @@ from matplotlib.patches import Patch
 
 from drift.backtrack import backward
 from drift.backtrack.backward import Origin
-from drift.forecast import areas, density, effective, layers
+from drift.forecast import areas, density, effective, layers, mapped
 from drift.maps import chart, labels, page, sheet
 from drift.maps.chart import GREY, INK, Frame
 from drift.maps.imprint import Imprint, Setting
@@ -144,7 +144,7 @@ def _outline(origin: Origin, values: Array, level: float) -> shapely.MultiPolygo
 
 def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) -> Frame:
     """Return the frame of the shaded cells, the finds, and the prior's outline where it is not far off."""
-    rows, columns = (np.flatnonzero(_within(shown.containment, layers.SHOWN).any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero(_within(shown.containment, mapped.SHOWN).any(axis=axis)) for axis in (1, 0))
     lon, lat = backward.edges(origin.lon), backward.edges(origin.lat)
     middle = float(lon.mean())
     x = [lon[columns[0]], lon[columns[-1] + 1], origin.mean[0], *(layers.near(mark.lon, middle) for mark in marks)]
@@ -160,7 +160,7 @@ def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
     """Shade the cells by their density; what exceeds the top of the scale holds a tenth."""
     top = float(shown.density[_within(shown.containment, 0.1)].min())
     corners = frame.project(*np.meshgrid(backward.edges(origin.lon), backward.edges(origin.lat)))
-    inside = np.ma.masked_where(~_within(shown.containment, layers.SHOWN), shown.density)
+    inside = np.ma.masked_where(~_within(shown.containment, mapped.SHOWN), shown.density)
     norm = PowerNorm(0.5, 0, top)
     return ax.pcolormesh(*corners, inside, cmap=layers.shading(), norm=norm, zorder=1, rasterized=True)
 

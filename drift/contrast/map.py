@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from drift.contrast import text
 from drift.contrast.figures import SHIFT
 from drift.contrast.record import Contrast
-from drift.forecast import layers
+from drift.forecast import layers, mapped
 from drift.maps import chart, page, sheet
 from drift.maps.chart import INK, Frame
 from drift.maps.imprint import Setting
@@ -86,7 +86,7 @@ def _holding(probability: Array, density: Array) -> Array:
     order = np.argsort(-density, axis=None, kind="stable")
     inside = np.cumsum(probability.ravel()[order], dtype=np.float64)
     shown = np.zeros(density.size, bool)
-    shown[order[: int(np.searchsorted(inside, layers.SHOWN * inside[-1])) + 1]] = True
+    shown[order[: int(np.searchsorted(inside, mapped.SHOWN * inside[-1])) + 1]] = True
     return shown.reshape(density.shape) & (density > 0)
 
 

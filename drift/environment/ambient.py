@@ -3,8 +3,9 @@
 Particles are moved by the same slices on the device (drift.motion.forcing); here they are read for some hundred places.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +37,26 @@ def at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: 
                         values[k, missing] = _then(slices, source.grid, moment, lon[missing], lat[missing])
             total = values if number == 0 else total + values
     return total
+
+
+@dataclass(frozen=True)
+class Flow:
+    """A quantity at places [deg] (m,) and times (t,): velocity east and north [m/s], (t, m, 2), NaN where there is none."""
+
+    time: npt.NDArray[np.datetime64]
+    lon: Array
+    lat: Array
+    velocity: Array
+
+
+def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64], across: Mapping[str, int]) -> dict[str, Flow]:
+    """Return what flows over a box, at places spread over it: so many along its longer side, by quantity."""
+    found = {}
+    for quantity, many in across.items():
+        if sources.of(quantity):
+            lon, lat = lattice(box, many)
+            found[quantity] = Flow(times, lon, lat, at(sources, quantity, times, lon, lat))
+    return found
 
 
 def lattice(box: Box, across: int) -> tuple[Array, Array]:

@@ -17,18 +17,17 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 
-from drift.environment import ambient, corridors
+from drift.environment import corridors
+from drift.environment.ambient import Flow
 from drift.maps import labels
 from drift.maps.chart import Frame
 from drift.maps.overlay import Overlay
 from drift.motion import lanes as network_of
-from drift.motion.forcing import Sources
 from drift.motion.itinerary import InBox, InDisc, InRing, Itinerary, Near, Place, Ways
 from drift.motion.lanes import Network
 from drift.motion.scenario import Scenario
 from geo import polyline, sphere
 from geo.array import Array
-from geo.box import Box
 from geo.notation import KNOT
 
 INK, WASH = "#1f4e8c", "#a9c4e6"  # of lanes and their corridors
@@ -115,16 +114,14 @@ def key(areas: bool = True) -> list[tuple[Any, str]]:
     return [*rows, (Line2D([], [], **AREA), "Area of patrol")] if areas else rows
 
 
-def flows(sources: Sources, box: Box, time: np.datetime64) -> Overlay:
-    """Return the current and the wind over a box at a time as a layer of a chart: arrows, and barbs in knots."""
+def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
+    """Return current and wind at a time as a layer of a chart: arrows, and barbs in knots."""
     drawn: list[tuple[str, Array, Array, Array]] = []
-    for quantity, across in (("current", 12), ("wind", 4)):
-        if sources.of(quantity):
-            lon, lat = ambient.lattice(box, across)
-            velocity = ambient.at(sources, quantity, np.array([time]), lon, lat)[0]
+    for quantity, flow in found.items():
+        for velocity in flow.velocity[flow.time == time]:
             there = np.isfinite(velocity).all(axis=1)
             if there.any():
-                drawn.append((quantity, lon[there], lat[there], velocity[there]))
+                drawn.append((quantity, flow.lon[there], flow.lat[there], velocity[there]))
 
     def draw(ax: Axes, frame: Frame) -> None:
         for quantity, lon, lat, velocity in drawn:

@@ -17,6 +17,7 @@ from matplotlib.path import Path as Outline
 
 from drift.forecast import beyond, effective
 from drift.forecast.build import Contour, Forecast
+from drift.forecast.mapped import SHOWN
 from drift.maps import chart, gazetteer, labels
 from drift.maps.chart import Frame
 from drift.maps.marks import Line, Mark
@@ -30,7 +31,6 @@ OUTERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": 
 ROUGH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#55606b", "hatch": "////", "linewidth": 0.0, "alpha": 0.55}
 LARGER = 1.6  # factor by which a frame may grow to show a place that is far off
 TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", chart.RED
-SHOWN = 0.995  # containment of the cells that are shaded
 ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
 PARTIAL: dict[str, Any] = {"color": TRACK, "linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": ".", "markersize": 3}
 OTHERS: dict[str, Any] = {

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.path import Path as Outline
 
-from drift.forecast import beyond, effective, layers
+from drift.forecast import beyond, effective, layers, mapped
 from drift.forecast import words as forecast_words
 from drift.forecast.build import Contour, Forecast
 from drift.maps import chart, labels, sheet
@@ -62,7 +62,7 @@ def _drawn(forecast: Forecast, setting: Setting, time: int, overlays: Sequence[A
     ax = on.figure.add_axes((0.055, 0.095, 0.665, height))
     chart.prepare(ax, frame)
     density = layers.density(forecast, time)
-    shown = np.where(at["containment"].values <= layers.SHOWN, density, np.nan)
+    shown = np.where(at["containment"].values <= mapped.SHOWN, density, np.nan)
     mesh = layers.shade(ax, frame, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
     land = chart.land_path(frame, setting.polygons(frame.box()), 1100)
     chart.draw_land(ax, land)
@@ -174,7 +174,7 @@ def _small_map(
     """
     at, density = forecast.data.isel(time=i), layers.density(forecast, i)
     chart.prepare(ax, frame)
-    holds = (at["containment"].values <= layers.SHOWN) & (density > 0)
+    holds = (at["containment"].values <= mapped.SHOWN) & (density > 0)
     shown = np.where(holds, np.maximum(density, top / 1000), np.nan)
     mesh = layers.shade(ax, frame, forecast, shown, LogNorm(top / 1000, top))
     chart.draw_land(ax, land)
@@ -323,7 +323,7 @@ def _panel(figure: Figure, at: Any, mesh: Any) -> None:
         0.738,
         0.145,
         f"Areas are the smallest that hold the stated\nshare of the probability {forecast_words.mapped(at)}.\n"
-        f"Shaded: {100 * layers.SHOWN:g} %. Islands and holes of under\n"
+        f"Shaded: {100 * mapped.SHOWN:g} %. Islands and holes of under\n"
         f"{100 * layers.ISLAND:g} % of an area are not drawn.",
         fontsize=8,
         color=GREY,

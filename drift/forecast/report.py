@@ -2,19 +2,14 @@
 
 from typing import Any
 
-import numpy as np
-
-from drift.forecast import layers
+from drift.forecast import layers, mapped
 from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
 from drift.particles.status import Status
 from drift.report import leaves
 from drift.report.leaves import Leaf
 from geo import notation, sphere
-from geo.box import Box
 from geo.notation import NMI
-
-MORE = 0.15  # of a side: how far arrows reach beyond the maps
 
 
 def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
@@ -30,7 +25,7 @@ def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
     return [
         leaves.maps(
             "Probability", data["time"].values, data["lon"].values, data["lat"].values, stories, data["cell_area"].values, tops,
-            containment=data["containment"].values, shown=layers.SHOWN,
+            containment=data["containment"].values, shown=mapped.SHOWN,
         ),
         leaves.shapes(
             "Areas", "contours.geojson", "area", when=leaves.AT, frame=True,
@@ -46,20 +41,6 @@ def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
         leaves.track("Mean position", "track.csv", "mean_lon", "mean_lat", "mean"),
         leaves.table("By time", _columns(data), file="track.csv", by_time="time", note="Press a row to see its map."),
     ]  # fmt: skip
-
-
-def box(forecast: Forecast) -> Box:
-    """Return the box of all that the map of any time shows, and somewhat more; that of the grid where there is none."""
-    data = forecast.data
-    inside = np.any(data["containment"].values <= layers.SHOWN, axis=0)
-    rows, columns = inside.any(axis=1), inside.any(axis=0)
-    lat, lon = (
-        data[name].values[shown] if shown.any() else data[name].values
-        for name, shown in (("lat", rows), ("lon", columns))
-    )
-    west, south, east, north = lon.min(), lat.min(), lon.max(), lat.max()
-    wide, high = MORE * (east - west), MORE * (north - south)
-    return Box(float(west - wide), max(float(south - high), -90.0), float(east + wide), min(float(north + high), 90.0))
 
 
 def _columns(data: Any) -> list[tuple[str, str, str]]:

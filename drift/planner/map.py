@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift.forecast import beyond, effective, layers
+from drift.forecast import beyond, effective, layers, mapped
 from drift.forecast.build import Forecast
 from drift.maps import chart, labels, page, sheet
 from drift.maps.chart import INK, Frame
@@ -58,7 +58,7 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
     frame, high, out = _framed(forecast, plan, i, setting.marks, MAP[3] - ROW * least.few)
     ax = on.figure.add_axes((*MAP[:3], high))
     chart.prepare(ax, frame)
-    shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
+    shown = np.where(at["containment"].values <= mapped.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, frame, forecast, shown, PowerNorm(0.5, 0, layers.scale_top(at)))
     land = chart.land_path(frame, setting.polygons(frame.box()), 1000)
     chart.draw_land(ax, land)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.path import Path as Outline
 
-from drift.forecast import beyond, effective, layers
+from drift.forecast import beyond, effective, layers, mapped
 from drift.forecast.build import Forecast
 from drift.maps import chart, labels, sheet
 from drift.maps import page as paper  # `page` is the number of one
@@ -177,7 +177,7 @@ def _map(
     """Draw the probability at an output with its smallest and its largest area; return the shading."""
     chart.prepare(ax, frame)
     at = forecast.data.isel(time=i)
-    shown = np.where(at["containment"].values <= layers.SHOWN, layers.density(forecast, i), np.nan)
+    shown = np.where(at["containment"].values <= mapped.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, frame, forecast, shown, norm)
     chart.draw_land(ax, land)
     count = effective.at(forecast.data, i, setting.particles)
