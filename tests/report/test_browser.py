@@ -247,7 +247,7 @@ def test_layers_can_be_switched(browser: Any, results: Path) -> None:
         assert titles[:2] == ["Probability", "Areas"]
         for wanted in ("Tracks of a sample", "Where it began", "Current", "Wind", "Sorties", "Legs flown", "Contacts"):
             assert wanted in titles
-        for title in titles:
+        for title in (one for one in titles if one != "Towns and harbours"):  # of which none need lie in view
             before = page.locator("#map").screenshot()
             page.locator("#layers label", has_text=re.compile(f"^{title}$")).locator("input").click()
             page.wait_for_timeout(250)
