@@ -12,6 +12,7 @@ drift.results("results")            # paths of a finished run's files, once all 
 drift.export("results", "kml")      # the same for other programs: kml, kmz, gpx, geotiff, rtz
 drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters, and how they went: see drift.verify
 drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.fit_errors
+drift.fetch("my.toml", out="forcing")  # winds and currents for a case from providers; see drift fetch --list
 drift.check(case)                   # how a case was understood, nothing run
 plan, result = drift.plan(case)     # the next search by the case's units; of a spill: drift.patrol
 drift.origin(case)                  # of a spill: where it may have come from, backward from its finds
@@ -35,6 +36,7 @@ _HOMES = {
     "patrols.patrol": ["patrol"],
     "planner.planner": ["plan"],
     "preview.check": ["check"],
+    "providers.fetching": ["fetch"],
     "result": ["Result"],
     "version": ["__version__"],
 }

@@ -9,6 +9,7 @@ from typing_extensions import assert_type
 import drift
 from drift.backtrack.backward import Origin
 from drift.planner.records import Plan
+from drift.providers.fetching import Fetched
 
 case = drift.load(Path("case.toml"))
 assert_type(case, drift.Case)
@@ -23,4 +24,5 @@ assert_type(drift.check(case), dict[str, str])
 assert_type(drift.run_many([case]), Iterator[drift.Brief])
 assert_type(drift.results("results"), list[Path])
 assert_type(drift.export("results", "kml"), list[Path])
+assert_type(drift.fetch("my.toml", out="forcing"), Fetched)
 assert_type(drift.__version__, str)

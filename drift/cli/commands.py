@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drift.cli import export, grammar, terminal
+from drift.cli import export, fetch, grammar, terminal
 from drift.output import interrupt
 from geo.errors import UserError
 
@@ -70,6 +70,7 @@ def _dispatch(argv: Sequence[str] | None) -> int:
         "plan": _plan,
         "origin": _origin,
         "export": export.run,
+        "fetch": fetch.run,
         "verify": _verify,
         "fit-errors": _fit_errors,
         "bridge": _bridge,

@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from drift.cli import export
+from drift.cli import export, fetch
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
@@ -17,6 +17,7 @@ EXAMPLES = """examples:
   drift plan overdue_boat
   drift export overdue_boat-forecast kml
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
+  drift fetch my_case.toml --dry-run
   drift objects raft deep ballast
   drift fit-bridge ships.csv --every '6 h' --min-speed '5 kn' --hold-out
   drift info currents/*.nc --plot currents.png"""
@@ -56,6 +57,8 @@ def parser() -> Parser:
     _add_results(origin, "NAME-origin")
 
     export.add(commands)
+
+    fetch.add(commands)
 
     _add_verify(commands)
 

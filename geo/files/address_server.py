@@ -17,6 +17,7 @@ from geo.files.child import limit, listen, send
 MEMORY = 4 * 2**30  # [bytes] of memory at most, so that a nonsensical length does not exhaust the machine's
 DISK = 2**30  # [bytes] of a temporary file at most, because an answer may have no end
 COOKIES = "HTTP.COOKIEJAR"  # where the netCDF library keeps cookies; by default it leaves a file in /tmp
+NETRC = "HTTP.NETRC"  # the file of names and passwords, which the library leaves alone unless it is told of it
 GRACE = 30.0  # [s] after the time-out of a question this process ends by itself
 
 
@@ -31,6 +32,9 @@ def main(scratch: str) -> None:
     with contextlib.suppress(Exception):  # netCDF4 before 1.6.4 has no such function and writes into /tmp
         if not netCDF4.rc_get(COOKIES):
             netCDF4.rc_set(COOKIES, os.path.join(scratch, "cookies"))
+        own = os.path.expanduser("~/.netrc")
+        if os.path.isfile(own) and not netCDF4.rc_get(NETRC):
+            netCDF4.rc_set(NETRC, own)
     send(answers, {})
     nowhere = open(os.devnull, "w")  # noqa: SIM115 - it stays open as long as the process lives
     dataset: Any = None
