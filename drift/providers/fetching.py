@@ -67,8 +67,8 @@ def box_of(text: str) -> Box:
         west, south, east, north = (float(word) for word in text.split(","))
     except ValueError:
         raise UserError(f'--box "{text}" must be west,south,east,north in degrees, like 4,59,7,61') from None
-    if not (-90 <= south < north <= 90 and -360 <= west <= 360 and -360 <= east <= 540 and west != east):
-        raise UserError(f'--box "{text}": south must be less than north, both in -90 to 90, longitudes in -360 to 360')
+    if not (-90 <= south < north <= 90 and -360 <= west <= 540 and -360 <= east <= 540 and west != east):
+        raise UserError(f'--box "{text}": south must be less than north, both in -90 to 90, longitudes in -360 to 540')
     start_ = float(sphere.wrap_degrees(west))
     width = 360.0 if abs(east - west) >= 360 else (east - west) % 360
     return Box(start_, south, start_ + width, north)
