@@ -13,6 +13,7 @@ drift.export("results", "kml")      # the same for other programs: kml, kmz, gpx
 drift.compare(case, drift.vary(case, {...}))  # what-if on common random numbers: b less a, with standard errors
 drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters, and how they went: see drift.verify
 drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.fit_errors
+drift.fetch("my.toml", out="forcing")  # winds and currents for a case from providers; see drift fetch --list
 drift.check(case)                   # how a case was understood, nothing run
 plan, result = drift.plan(case)     # the next search by the case's units; of a spill: drift.patrol
 drift.serve("cases")                # edit, run and read cases in the browser
@@ -39,6 +40,7 @@ _HOMES = {
     "patrols.patrol": ["patrol"],
     "planner.planner": ["plan"],
     "preview.check": ["check"],
+    "providers.fetching": ["fetch"],
     "result": ["Result"],
     "version": ["__version__"],
 }

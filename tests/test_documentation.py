@@ -29,6 +29,7 @@ from drift.planner import chapter as planner_chapter
 from drift.planner import unit_sheet
 from drift.posterior import chapter as posterior_chapter
 from drift.posterior.quantities import QUANTITIES
+from drift.providers import fetching
 from drift.search import chapter as search_chapter
 from drift.spill import chapter as spill_chapter
 from drift.suspend import chapter as suspend_chapter
@@ -79,6 +80,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
         *backtrack_chapter.FILES, *backtrack_chapter.PICTURES,
     },
     "docs/compare.md": {*contrast_chapter.FILES, *contrast_chapter.PICTURES},
+    "docs/fetch.md": {fetching.TABLES, "manifest.json"},
     "docs/verify.md": {*drifters_chapter.FILES, *drifters_chapter.PICTURES},
     "docs/formats.md": {"forecast.kml", "forecast.gpx"},  # of exports
 }  # fmt: skip

@@ -13,7 +13,7 @@ from places import ROOT
 import drift
 
 NAMES = {
-    "Brief", "Case", "Result", "UserError", "__version__", "check", "compare", "export", "fit_errors", "load", "origin", "patrol", "plan", "results",
+    "Brief", "Case", "Result", "UserError", "__version__", "check", "compare", "export", "fetch", "fit_errors", "load", "origin", "patrol", "plan", "results",
     "run", "run_many", "serve", "trace", "vary", "verify",
 }  # fmt: skip
 

@@ -10,6 +10,7 @@ import drift
 from drift.backtrack.backward import Origin
 from drift.contrast.record import Contrast
 from drift.planner.records import Plan
+from drift.providers.fetching import Fetched
 
 case = drift.load(Path("case.toml"))
 assert_type(case, drift.Case)
@@ -25,4 +26,5 @@ assert_type(drift.check(case), dict[str, str])
 assert_type(drift.run_many([case]), Iterator[drift.Brief])
 assert_type(drift.results("results"), list[Path])
 assert_type(drift.export("results", "kml"), list[Path])
+assert_type(drift.fetch("my.toml", out="forcing"), Fetched)
 assert_type(drift.__version__, str)

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from drift.cli import answer, bridges, export, grammar, jobs, lists, serve, terminal
+from drift.cli import answer, bridges, export, fetch, grammar, jobs, lists, serve, terminal
 from drift.cli.answer import Answer
 from drift.output import interrupt
 from geo.errors import UserError
@@ -24,6 +24,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Answer]] = {
     "origin": jobs.origin,
     "compare": jobs.compare,
     "export": export.run,
+    "fetch": fetch.run,
     "verify": jobs.verify,
     "fit-errors": jobs.fit_errors,
     "bridge": bridges.bridge,

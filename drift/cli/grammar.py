@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from drift.cli import export, serve
+from drift.cli import export, fetch, serve
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
@@ -20,6 +20,7 @@ EXAMPLES = """examples:
   drift new search my_case.toml
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
   drift compare overdue_boat --set-b wind.0.constant.speed='25 kn'
+  drift fetch my_case.toml --dry-run
   drift objects raft deep ballast
   drift fit-bridge ships.csv --every '6 h' --min-speed '5 kn' --hold-out
   drift info currents/*.nc --plot currents.png"""
@@ -65,6 +66,8 @@ def parser() -> Parser:
 
     _add_output(export.add(commands))
     _add_compare(commands)
+
+    _add_output(fetch.add(commands))
 
     _add_verify(commands)
 

@@ -34,8 +34,8 @@ def lines() -> Report:
 
 
 @contextmanager
-def shown(case: Case, *, quiet: bool = False) -> Iterator[Report]:
-    """Give a function that shows the progress of a case, on standard error, unless it is to be quiet."""
+def shown(case: Case | None = None, *, quiet: bool = False) -> Iterator[Report]:
+    """Give a function that shows progress, of a case with its rate, on standard error, unless it is to be quiet."""
     if os.environ.get("DRIFT_PROGRESS") == "lines":
         yield lines()
         return
@@ -45,7 +45,7 @@ def shown(case: Case, *, quiet: bool = False) -> Iterator[Report]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-    hours = abs((case.end - case.start).astype(int)) / 3600
+    hours = 0.0 if case is None else abs((case.end - case.start).astype(int)) / 3600
     bar = Progress(
         TextColumn("{task.description:<12}"),
         BarColumn(),

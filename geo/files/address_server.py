@@ -1,22 +1,28 @@
 """The other end of `geo.files.address`: a process that serves the header and the values of one address.
 
 It is another process because the answers of a server can crash or hang the C libraries that read them (see
-`geo.files.child`).
+`geo.files.child`). Values are read by `geo.files.dap`, which counts them; all else by the netCDF library.
 """
 
 import contextlib
 import faulthandler
 import os
+import re
 import shutil
+import time
 import warnings
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from geo.errors import UserError
+from geo.files import dap, web
 from geo.files.child import limit, listen, send
 
 MEMORY = 4 * 2**30  # [bytes] of memory at most, so that a nonsensical length does not exhaust the machine's
 DISK = 2**30  # [bytes] of a temporary file at most, because an answer may have no end
 COOKIES = "HTTP.COOKIEJAR"  # where the netCDF library keeps cookies; by default it leaves a file in /tmp
+NETRC = "HTTP.NETRC"  # the file of names and passwords, which the library leaves alone unless it is told of it
 GRACE = 30.0  # [s] after the time-out of a question this process ends by itself
 
 
@@ -31,19 +37,23 @@ def main(scratch: str) -> None:
     with contextlib.suppress(Exception):  # netCDF4 before 1.6.4 has no such function and writes into /tmp
         if not netCDF4.rc_get(COOKIES):
             netCDF4.rc_set(COOKIES, os.path.join(scratch, "cookies"))
+        own = os.path.expanduser("~/.netrc")
+        if os.path.isfile(own) and not netCDF4.rc_get(NETRC):
+            netCDF4.rc_set(NETRC, own)
     send(answers, {})
     nowhere = open(os.devnull, "w")  # noqa: SIM115 - it stays open as long as the process lives
-    dataset: Any = None
+    dataset: Dataset | None = None
     for question, _ in questions:
         # This timer is a C thread that needs no interpreter lock, so it ends calls that hang while they hold it.
         faulthandler.dump_traceback_later(question["timeout"] + GRACE, exit=True, file=nowhere)
         values: Any = b""
         try:
             if question["ask"] == "open":
-                dataset = _open(question["address"])
-                reply: dict[str, Any] = header(dataset)
+                dataset = Dataset(question["address"])
+                reply: dict[str, Any] = header(dataset.data)
             else:
-                reply, values = _values(dataset, question)
+                assert dataset is not None
+                reply, values = dataset.values(question)
         except BaseException as raised:  # backends raise errors of all kinds; the other end makes one line of each
             error = raised
             while error.__cause__ is not None:  # xarray hides the error of a library behind its own advice
@@ -52,9 +62,59 @@ def main(scratch: str) -> None:
         faulthandler.cancel_dump_traceback_later()
         send(answers, reply, values)
     if dataset is not None:
-        dataset.close()
+        dataset.data.close()
     shutil.rmtree(scratch, ignore_errors=True)
     os._exit(0)
+
+
+class Dataset:
+    """The dataset at an address: its header and texts as the netCDF library reads them, its numbers by `geo.files.dap`."""
+
+    def __init__(self, address: str) -> None:
+        self.data = _open(address)
+        self._address = address.replace("dods://", "http://", 1)
+        # Only the library knows what it makes of an address with a constraint (?) or its own switches (#).
+        self._counted = self._address.startswith("http") and not re.search(r"[?#]", address)
+        self._grids: frozenset[str] | None = None
+
+    def values(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+        """Return shape and type of a piece of a variable, and its bytes; texts stand in the first of the two."""
+        import numpy as np
+
+        name, key = question["name"], tuple(slice(*bounds) for bounds in question["key"])
+        variable = self.data.variables[name]
+        if self._speaks_dap(question["timeout"]) and variable.dtype.kind in "biuf":
+            asked = f"{name}.{name}" if name in (self._grids or ()) else name
+            piece = _patiently(
+                lambda: dap.read(self._address, asked, key, variable.dtype, question["timeout"]), question["timeout"]
+            )
+        else:
+            piece = np.asarray(variable[key].values)
+        if piece.dtype.kind == "O":
+            return {"shape": piece.shape, "texts": [str(text) for text in piece.ravel()]}, b""
+        piece = np.ascontiguousarray(piece)
+        return {"shape": piece.shape, "dtype": piece.dtype.str}, piece.reshape(-1).view(np.uint8)
+
+    def _speaks_dap(self, timeout: float) -> bool:
+        if self._counted and self._grids is None:
+            try:
+                self._grids = dap.grids(self._address, timeout)
+            except UserError:  # another kind of server, like one of Zarr
+                self._counted = False
+        return self._counted
+
+
+def _patiently(ask: Callable[[], Any], timeout: float) -> Any:
+    """Return an answer, asked for anew while its failures may pass, for half the time that the other end waits."""
+    until, pause = time.monotonic() + timeout / 2, 0.5
+    while True:
+        try:
+            return ask()
+        except web.Passing:
+            if time.monotonic() + pause > until:
+                raise
+            time.sleep(pause)
+            pause *= 2
 
 
 def _open(address: str) -> Any:
@@ -98,15 +158,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | list | tuple):
         return [_plain(item) for item in list(value)]
     return value if isinstance(value, str | int | float | bool | None) else str(value)
-
-
-def _values(dataset: Any, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-    """Return shape and type of a piece of a variable, and its bytes; texts stand in the first of the two."""
-    import numpy as np
-
-    key = tuple(slice(*bounds) for bounds in question["key"])
-    piece = np.asarray(dataset.variables[question["name"]][key].values)
-    if piece.dtype.kind == "O":
-        return {"shape": piece.shape, "texts": [str(text) for text in piece.ravel()]}, b""
-    piece = np.ascontiguousarray(piece)
-    return {"shape": piece.shape, "dtype": piece.dtype.str}, piece.reshape(-1).view(np.uint8)

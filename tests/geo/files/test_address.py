@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -270,6 +271,36 @@ def test_the_time_out_is_the_case_s(tmp_path: Path) -> None:
     for wrong in ('"0.5 s"', '"2 h"', '"soon"'):
         with pytest.raises(UserError, match="timeout"):
             drift.load(case_file(tmp_path, "http://127.0.0.1:9/sea", f"timeout = {wrong}"))
+
+
+@pytest.mark.parametrize("length", [0.5, 0.999, 1.2])
+def test_values_of_another_length_are_never_used(length: float) -> None:
+    """A whole answer in HTTP, whose values are not whole: the netCDF library gives what is in memory."""
+
+    def answer(connection: socket.socket, target: str) -> None:
+        head, gap, body = hostile.good(SEA, target).partition(b"\r\n\r\n")
+        if ".dods?u" in target:
+            text, mark, values = body.partition(b"\nData:\n")
+            whole = values * 2
+            connection.sendall(hostile.http(text + mark + whole[: int(length * len(values))]))
+        else:
+            connection.sendall(head + gap + body)
+
+    with hostile.serving(answer) as url, pytest.raises(UserError, match=r"came with .* bytes in place of"):
+        sources.open_source("current", url, timeout=SHORT)
+
+
+def test_values_that_are_whole_at_the_second_asking_are_read() -> None:
+    asked: set[str] = set()
+
+    def answer(connection: socket.socket, target: str) -> None:
+        content = hostile.good(SEA, target)
+        connection.sendall(content if target in asked or ".dods" not in target else content[: len(content) // 2])
+        asked.add(target)
+
+    with hostile.serving(answer) as url:
+        data = dataset.open_one(url, "current")
+        np.testing.assert_array_equal(data["v"][2].values, SEA["v"].values[2])
 
 
 @pytest.mark.parametrize("seed", [4, 1936])  # the last one aborts the library, netCDF 4.10.1

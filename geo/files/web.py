@@ -1,0 +1,121 @@
+"""Questions to web servers: bounded in time and size, each way in which they fail told in one line.
+
+Names and passwords come from ~/.netrc alone, go only to the machine that stands there, and are told to nobody.
+"""
+
+import functools
+import http.client
+import netrc
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from urllib.parse import urlsplit
+
+from geo.errors import UserError
+from geo.files import fence
+
+BLOCK = 2**16  # [bytes] read at once
+SAFE = ("127.0.0.1", "localhost", "::1")  # machines to which a password may go unencrypted
+
+
+class Passing(Exception):
+    """A failure that may pass: the server is down, slow, or sent half an answer."""
+
+
+def get(address: str, timeout: float, most: int) -> bytes:
+    """Return what an address answers, whole.
+
+    timeout [s]: for each wait, and ten times that for all; most [bytes]. Raises UserError for what stays as it is, Passing
+    for what may pass.
+    """
+    until = time.monotonic() + 10 * timeout
+    asked, address = address, address.partition("?")[0]  # in messages
+    with _answer(asked, timeout) as answer:
+        length = answer.headers.get("Content-Length")
+        content = bytearray()
+        while block := answer.read1(BLOCK):
+            content += block
+            if len(content) > most:
+                raise UserError(f'"{address}" sends more than the {most:,} bytes that this can have')
+            if time.monotonic() > until:
+                raise Passing(f'"{address}" sends too slowly: {len(content):,} bytes in {10 * timeout:g} s')
+    if length is not None and length.isdecimal() and len(content) != int(length):
+        raise Passing(f'"{address}" sent half: {len(content):,} of {int(length):,} bytes')
+    if content[:512].lstrip().lower().startswith((b"<!doctype html", b"<html")):
+        raise UserError(f'"{address}" sent a web page in place of data: it may ask for a login, or be under repair')
+    return bytes(content)
+
+
+@contextmanager
+def _answer(address: str, timeout: float) -> Iterator[Any]:
+    """Give the answer of a server, or raise in one line what it says in place of one."""
+    request = urllib.request.Request(address, headers={"User-Agent": "casp-drift"})
+    address = address.partition("?")[0]
+    _authorize(request)
+    try:
+        with _opener().open(request, timeout=timeout) as answer:
+            yield answer
+    except urllib.error.HTTPError as error:
+        error.close()
+        raise _refusal(address, error.code, error.reason) from None
+    except TimeoutError:
+        raise Passing(f'"{address}" did not answer for {timeout:g} s') from None
+    except urllib.error.URLError as error:
+        if isinstance(error.reason, TimeoutError):
+            raise Passing(f'"{address}" did not answer for {timeout:g} s') from None
+        raise Passing(f'"{address}" cannot be reached ({error.reason})') from None
+    except http.client.IncompleteRead as error:
+        raise Passing(f'"{address}" sent half: {len(error.partial):,} bytes, then no more') from None
+    except (OSError, http.client.HTTPException, ValueError) as error:
+        raise Passing(f'"{address}" broke off ({error or type(error).__name__})') from None
+
+
+class _Redirects(urllib.request.HTTPRedirectHandler):
+    """Goes where a server sends us, with the name and password of that machine, if it may be asked."""
+
+    def redirect_request(self, *told: Any) -> urllib.request.Request | None:
+        """Return the request to the other address."""
+        request = super().redirect_request(*told)
+        if request is not None:
+            fence.check_address(request.full_url)
+            _authorize(request)
+        return request
+
+
+@functools.cache
+def _opener() -> urllib.request.OpenerDirector:
+    """Return what opens addresses; cookies last as long as the process."""
+    return urllib.request.build_opener(_Redirects, urllib.request.HTTPCookieProcessor)
+
+
+def _refusal(address: str, status: int, reason: str) -> Exception:
+    host = urlsplit(address).hostname
+    if status in (401, 403):
+        return UserError(f'"{address}" asks for credentials ({status}): put those of machine {host} into ~/.netrc')
+    if status in (404, 410):
+        return UserError(f'"{address}" is not there ({status}): no such dataset, or none of that time any more')
+    if status == 413:
+        return UserError(
+            f'"{address}" says that this is too much at once (413): ask for a smaller box or a shorter span'
+        )
+    if status == 429 or status >= 500:
+        return Passing(f'"{address}" failed ({status} {reason})')
+    return UserError(f'"{address}" refuses the question ({status} {reason})')
+
+
+def _authorize(request: urllib.request.Request) -> None:
+    """Add the name and password of ~/.netrc, if it has some for this machine; a redirect elsewhere gets that machine's."""
+    import base64
+
+    if request.type != "https" and request.host.partition(":")[0] not in SAFE:
+        return
+    try:
+        found = netrc.netrc().authenticators(urlsplit(request.full_url).hostname or "")
+    except (OSError, netrc.NetrcParseError):
+        return
+    if found is not None and found[2] is not None:
+        token = base64.b64encode(f"{found[0]}:{found[2]}".encode()).decode()
+        request.add_unredirected_header("Authorization", f"Basic {token}")
