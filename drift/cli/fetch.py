@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drift.cli import given as take
-from drift.cli import progress, terminal
+from drift.cli import terminal
 from drift.cli.answer import Answer
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
@@ -58,6 +58,7 @@ def run(given: argparse.Namespace) -> Answer:
     """Fetch what a case needs, and return what it takes to read it."""
     if given.listed:
         return _list(given.catalogue)
+    from drift.cli import progress
     from drift.providers import fetching, parts
 
     if not 0 < given.timeout < 1e6:

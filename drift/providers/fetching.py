@@ -18,13 +18,14 @@ from drift.case.record import Case
 from drift.environment import domain
 from drift.output import publication
 from drift.providers import catalogue, grib_filter, opendap, parts, toolbox
+from drift.providers.catalogue import Provider
 from drift.providers.order import Order, Shipment
 from drift.providers.parts import Report, patiently
 from geo import sphere
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import address
-from geo.forcing import sources
+from geo.forcing import level, sources
 from geo.forcing.quantity import QUANTITIES
 
 SHIP: dict[str, Callable[[Order], Shipment]] = {
@@ -140,8 +141,9 @@ def _refuse_unread(shipment: Shipment, files: list[Path]) -> None:
     order = shipment.order
     try:
         sources.open_source(
-            order.provider.quantity, [str(f) for f in files], variables=_variables(shipment), lenient=True
-        )
+            order.provider.quantity, [str(f) for f in files], variables=_variables(shipment),
+            depth=_depth(order.provider), lenient=True,
+        )  # fmt: skip
     except UserError as error:
         raise UserError(
             f"{order.provider.name} came whole, but cannot be read as {order.provider.quantity}: {error}"
@@ -154,6 +156,12 @@ def _variables(shipment: Shipment) -> dict[str, str] | None:
     if provider.protocol == "grib_filter":  # eccodes' own names
         return None
     return dict(zip(("east", "north"), provider.variables, strict=True))
+
+
+def _depth(provider: Provider) -> float | None:
+    """Return the depth [m] that the case must name, as it would not pass for the surface."""
+    deep = provider.quantity != "wind" and provider.level is not None and abs(provider.level) > level.DEEPEST
+    return abs(provider.level) if deep and provider.level is not None else None
 
 
 def _place(part: Path, new: Path) -> None:
@@ -180,6 +188,8 @@ def _tables(out: Path, shipments: Sequence[Shipment]) -> str:
         if names := _variables(shipment):
             east, north = (_text(names[side]) for side in ("east", "north"))
             lines += [f"variables = {{ east = {east}, north = {north} }}"]
+        if (depth := _depth(provider)) is not None:
+            lines += [f'depth = "{depth:g} m"']
         lines += [""]
     return "\n".join(lines)
 

@@ -55,7 +55,8 @@ class Header:
 class Field:
     """One variable of a dataset, and what of it is wanted.
 
-    time: the dimension along which parts are cut; level: index by dimension of all that is neither time nor place.
+    time: the dimension along which parts are cut; level: index by dimension of all that is neither time nor place; points:
+    longitudes and latitudes [deg] of the whole grid, as they are stored.
     """
 
     data: "Header"
@@ -66,6 +67,7 @@ class Field:
     rows: Hashable
     columns: Hashable
     places: tuple[str, str]
+    points: tuple[NDArray[np.float64], NDArray[np.float64]]
     window: Window
 
 
@@ -77,8 +79,12 @@ def ship(order: Order) -> Shipment:
     if len(addresses) == 1:
         addresses *= 2
     first, second = fields = [_field(order, one, n) for one, n in zip(addresses, provider.variables, strict=True)]
-    if not np.array_equal(first.times, second.times) or first.window != second.window:
-        raise UserError(f"{provider.name}: its two components have other times or places")
+    if not np.array_equal(first.times, second.times):
+        raise UserError(f"{provider.name}: its two components have other times")
+    if not all(np.array_equal(*pair, equal_nan=True) for pair in zip(first.points, second.points, strict=True)):
+        raise UserError(
+            f"{provider.name}: its two components stand at other points (a staggered grid), which fetch cannot do"
+        )
     begin, end = _span(first, order)
     itemsize = sum(field.data.variables[field.name].dtype.itemsize for field in fields)
     slice_size = itemsize * int(np.prod(first.window.shape))
@@ -135,7 +141,7 @@ def _field(order: Order, one: str, name: str) -> Field:
             f"{np.nanmax(lon):.2f} E, {np.nanmin(lat):.2f} to {np.nanmax(lat):.2f} N"
         )
     level = {d: _level(data, d, order) for d in variable.dims if d not in (time, rows, columns)}
-    return Field(data, name, time, _times(data, time), level, rows, columns, places, found)
+    return Field(data, name, time, _times(data, time), level, rows, columns, places, (lon, lat), found)
 
 
 def _is_time(data: Header, dim: Hashable) -> bool:
@@ -181,8 +187,7 @@ def _places(data: Header, name: str) -> tuple[str, str]:
 
 def _level(data: Header, dim: Hashable, order: Order) -> int:
     """Return which member of a dimension is wanted that is neither time nor place."""
-    variable = data.variables[order.provider.variables[0]]
-    size = next((v.sizes[dim] for v in (variable, *data.variables.values()) if dim in v.sizes), 0)
+    size = next(v.sizes[dim] for v in data.variables.values() if dim in v.sizes)
     if size == 1 or dim in order.provider.first:
         return 0
     if str(dim) in data.variables and order.provider.level is not None:

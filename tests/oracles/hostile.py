@@ -11,9 +11,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
+import xarray as xr
 
 KINDS = {
     "i2": ("Int16", ">i4"),
@@ -44,6 +46,18 @@ def dds(variables: dict[str, Variable], parts: dict[str, tuple[slice, ...]] | No
         along = "".join(f"[{dim} = {size}]" for dim, size in zip(one.dims, sizes, strict=True))
         lines.append(f"    {KINDS[one.values.dtype.str[1:]][0]} {name}{along};\n")
     return f"Dataset {{\n{''.join(lines)}}} sea;\n".encode()
+
+
+def held(path: Path) -> dict[str, Variable]:
+    """Return what a netCDF file holds, but for attributes of several numbers."""
+    found = {}
+    with xr.open_dataset(path, decode_cf=False) as data:
+        for name, one in data.variables.items():
+            values = one.values.astype(np.int32) if one.dtype == np.int64 else one.values
+            kept = {k: v if isinstance(v, str) else np.asarray(v)[()] for k, v in one.attrs.items() if np.ndim(v) == 0}
+            kept = {k: np.int32(v) if isinstance(v, np.int64) else v for k, v in kept.items()}
+            found[str(name)] = Variable(tuple(map(str, one.dims)), values, kept)
+    return found
 
 
 def das(variables: dict[str, Variable]) -> bytes:
@@ -83,7 +97,7 @@ def _parts(variables: dict[str, Variable], constraint: str) -> dict[str, tuple[s
 
 
 def _xdr(values: np.ndarray) -> bytes:
-    length = np.array([values.size, values.size], ">u4").tobytes()
+    length = np.array([values.size, values.size], ">u4").tobytes() if values.ndim else b""
     return length + values.astype(KINDS[values.dtype.str[1:]][1]).tobytes()
 
 

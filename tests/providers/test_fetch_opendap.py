@@ -14,7 +14,10 @@ from pathlib import Path
 import hostile
 import netCDF4
 import numpy as np
+import pyproj
 import pytest
+import writers
+import xarray as xr
 from hostile import Variable
 from places import ROOT
 
@@ -133,6 +136,92 @@ def test_a_subset_is_the_source_to_the_bit(
     assert edges[3] >= north
     source = sources.open_source("current", [str(path) for path in files])
     assert source.times.size == len(hours)
+
+
+def by_component(served: list[dict[str, Variable]]) -> hostile.Answer:
+    """Serve several datasets, each under its number."""
+    return lambda connection, target: connection.sendall(hostile.good(served[int(target[1])], target[2:]))
+
+
+def two(folder: Path, address: str, names: tuple[str, str], level: float) -> Path:
+    """Write a catalogue of one product whose components have an address each."""
+    root = address.rpartition("/")[0]
+    text = TABLE.format(address="", protocol="opendap").replace(
+        'address = ""', f'address = ["{root}/0/a", "{root}/1/b"]'
+    )
+    text = text.replace('["u", "v"]', f'["{names[0]}", "{names[1]}"]')
+    path = folder / "two.toml"
+    path.write_text(f"{text}level = {level}\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("level", [0, 2.4, -15])
+def test_components_at_two_addresses_at_a_level(tmp_path: Path, level: float) -> None:
+    """As HYCOM has them: each address holds one component, at depths of which the nearest is taken."""
+    lon, lat, box = AXES["plain"]
+    rng = np.random.default_rng(11)
+    depths = np.array([0.0, 2.0, 4.0, 12.0])
+    values = {name: rng.uniform(-1, 1, (72, 4, lat.size, lon.size)).astype(np.float32) for name in "uv"}
+    sea = ocean(lon, lat)
+    sea["depth"] = Variable(("depth",), depths, {"units": "m", "positive": "down", "standard_name": "depth"})
+    served = [
+        {n: v for n, v in sea.items() if n not in "uv"}
+        | {name: Variable(("time", "depth", "lat", "lon"), values[name], sea["v"].attributes)}
+        for name in "uv"
+    ]
+    with hostile.serving(by_component(served)) as address:
+        got = drift.fetch(
+            box=box, begin=BEGIN, end=END, providers=["trial"], out=tmp_path / "out", timeout=5.0,
+            catalogue=two(tmp_path, address, ("u", "v"), level),
+        )  # fmt: skip
+    (path,) = (path for path in got.files if path.suffix == ".nc")
+    wanted = {0: 0, 2.4: 1, -15: 3}[level]
+    assert ('depth = "15 m"' in got.tables) == (level == -15)  # a run takes nothing so deep for the surface by itself
+    with netCDF4.Dataset(path) as data:
+        t, rows, columns = (
+            data["time"][:].astype(int), np.searchsorted(lat, data["lat"][:]), np.searchsorted(lon, data["lon"][:]),
+        )  # fmt: skip
+        assert list(data["depth"][:]) == [depths[wanted]]
+        for name in "uv":
+            assert np.array_equal(data[name][:, 0], values[name][np.ix_(t, [wanted], rows, columns)][:, 0])
+
+
+def test_a_curvilinear_grid_whose_components_lie_along_it(tmp_path: Path) -> None:
+    """As MEPS has them: longitudes and latitudes in two dimensions, components along a projection's axes."""
+    whole = writers.projected(tmp_path / "whole.nc")
+    with xr.open_dataset(whole, decode_times=False) as data:
+        to = pyproj.Proj(writers.STEREO)
+        lon, lat = to(*np.meshgrid(data["X"].values, data["Y"].values), inverse=True)
+        more = data.load().assign_coords(
+            longitude=(("Y", "X"), lon, {"units": "degrees_east", "standard_name": "longitude"}),
+            latitude=(("Y", "X"), lat, {"units": "degrees_north", "standard_name": "latitude"}),
+        )
+    more.to_netcdf(tmp_path / "both.nc")
+    west, south, east, north = box = (3.2, 58.4, 4.7, 59.3)
+    with hostile.serving(hostile.speaking_dap(hostile.held(tmp_path / "both.nc"))) as address:
+        got = fetched(tmp_path, address, box, begin="2024-03-05T00:00Z", end="2024-03-05T05:00Z")
+    files = [str(path) for path in got.files if path.suffix == ".nc"]
+    source = sources.open_source("current", files, variables={"east": "u", "north": "v"})
+    assert source.times.size == 3
+    lon, lat = np.meshgrid(source.grid.lon, source.grid.lat)
+    inside = (lon > west) & (lon < east) & (lat > south) & (lat < north)
+    assert inside.sum() > 500
+    assert inside.mean() > 0.2  # of the grid, which is larger than the box by its turn and two cells
+    for k in range(3):
+        got_there = source.read(k)
+        for axis, expected in enumerate(writers.field(lon, lat, 3.0 * k)):
+            assert np.abs(got_there[..., axis] - expected)[inside].max() < writers.tolerance()
+
+
+def test_components_at_other_points_are_refused(tmp_path: Path) -> None:
+    """NEMO's grid_U and grid_V hold their own points under the same names."""
+    served = [hostile.held(path) for path in writers.nemo(tmp_path)]
+    names = [next(name for name, one in held.items() if one.values.ndim == 4) for held in served]
+    with hostile.serving(by_component(served)) as address, pytest.raises(UserError, match="stand at other points"):
+        drift.fetch(
+            box=(3.2, 58.4, 4.7, 59.3), begin="2024-03-05T00:00Z", end="2024-03-05T05:00Z", providers=["trial"],
+            out=tmp_path / "out", timeout=5.0, catalogue=two(tmp_path, address, (names[0], names[1]), 0),
+        )  # fmt: skip
 
 
 def test_a_run_reads_what_was_fetched(tmp_path: Path) -> None:
