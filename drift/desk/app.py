@@ -18,6 +18,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from drift.case import file as case_file
+from drift.case import template
 from drift.desk import names, shelf
 from drift.desk.gate import Gate, Secret
 from drift.desk.jobs import KINDS, Jobs
@@ -59,7 +60,7 @@ class Desk:
             cases = await run_in_threadpool(shelf.cases, self.folder)
         except OSError as error:
             return _refusal(500, f"the folder cannot be read: {error.strerror}")
-        shipped = [{"name": name, "title": title} for name, title in _shipped()]
+        shipped = [{"name": name, "title": title} for name, title in _shipped().items()]
         runs = [{**run, "key": self.secret.key(run["name"])} for run in runs]
         called = self.folder.name or str(self.folder)
         return JSONResponse({"folder": called, "cases": cases, "runs": runs, "shipped": shipped})
@@ -76,11 +77,11 @@ class Desk:
         return JSONResponse({"name": name, "text": text, "digest": digest})
 
     async def copied(self, request: Request) -> Response:
-        """Lay a copy of a case that ships with the project into the folder, under a free name."""
+        """Lay a copy of a story, or of a case that ships with the project, into the folder, under a free name."""
         name = request.path_params["name"]
-        if name not in {shipped for shipped, _ in _shipped()}:
+        if name not in _shipped():
             return _refusal(404, "no such case")
-        text = _asset("cases", f"{name}.toml")
+        text = template.text(name) if name in template.STORIES else _asset("cases", f"{name}.toml")
         try:
             for beside in set(re.findall(r'"(networks/[\w.-]+)"', text)):  # files that it names are copied with it
                 shelf.lay_beside(self.folder, beside, resources.files("cases").joinpath(beside).read_text("utf-8"))
@@ -181,7 +182,10 @@ def _refusal(status: int, line: str) -> Response:
     return JSONResponse({"error": line}, status)
 
 
-_shipped = lru_cache(case_file.shipped)
+@lru_cache
+def _shipped() -> dict[str, str]:
+    """Return the titles of what a case may begin with, by name: commented stories, then cases."""
+    return {name: f"a commented case: {words}" for name, words in template.STORIES.items()} | dict(case_file.shipped())
 
 
 @lru_cache

@@ -236,6 +236,7 @@ def test_the_list_holds_whole_runs_and_cases_of_the_folder(served: Server) -> No
     assert {case["name"] for case in told["cases"]} == {"case.toml", "nasty.toml"}
     assert {case["title"] for case in told["cases"]} == {"trial", NASTY}
     assert len(told["shipped"]) >= 10
+    assert [one["name"] for one in told["shipped"]][:4] == ["position", "passage", "spill", "search"]
 
 
 @pytest.mark.parametrize("name", ["a.toml", "Bergen båt 2.toml", "x_1-b (2)+.toml"])
@@ -282,6 +283,12 @@ def test_many_writers_at_once_one_wins(served: Server) -> None:
         thread.join(20)
     assert sorted(status) == [200] + [409] * 7
     (served.folder / "race.toml").unlink()
+
+
+def test_a_story_is_what_drift_new_writes(served: Server, tmp_path: Path) -> None:
+    assert served.json("POST", "/api/shipped/passage", {})["name"] == "passage.toml"
+    assert commands.main(["new", "passage", str(tmp_path / "own.toml")]) == 0
+    assert (served.folder / "passage.toml").read_bytes() == (tmp_path / "own.toml").read_bytes()
 
 
 def test_a_copy_of_a_shipped_case_brings_its_network(served: Server) -> None:
