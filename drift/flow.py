@@ -177,7 +177,11 @@ def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
     """
     if case.spill or not (case.sorties or any(scenario.survival for scenario in case.scenarios)):
         return None
-    return standing(case.start, ensemble, ensemble.log_weight.to_numpy(), None, record.weighed(ensemble).ess)
+    weights, duration = (
+        ensemble.log_weight.to_numpy(),
+        float((case.end - case.start).astype("timedelta64[s]").astype(int)),
+    )
+    return standing(case.start, ensemble, weights, None, record.weighed(ensemble).ess, duration)
 
 
 def _drifted(

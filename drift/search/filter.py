@@ -396,7 +396,7 @@ class Search:
     def _standing(self, time: np.datetime64, log_weight: Array, ess: float) -> Standing:
         """Return how the search stands at a time, by log weights (n,) and their effective number."""
         self._least = min(self._least, ess)
-        return standing(time, self.ensemble, log_weight, self._never, self._least)
+        return standing(time, self.ensemble, log_weight, self._never, self._least, self._spec.period.duration)
 
     def _note(self, update: Update, before: Array, log_weight: Array) -> None:
         """Take an update down, with the log weights (n,) before and after it."""

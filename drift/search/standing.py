@@ -12,7 +12,9 @@ from drift.particles import weights
 from drift.particles.ensemble import Ensemble
 from geo.array import Array
 
-BINS = 400  # bins of release times: of a window of 40 h each has 6 minutes, and its own mean
+# Bins of release times, each with its own mean: those within the run (of a window of 40 h each has 6 minutes), those in
+# the month after it, of which what lies ahead is told, and what is later still or never goes adrift.
+WITHIN, AFTER, MONTH = 400, 99, 30 * 86_400.0
 
 
 @dataclass(frozen=True)
@@ -27,13 +29,18 @@ class Standing:
 
 
 def standing(
-    time: np.datetime64, ensemble: Ensemble, log_weight: Array, never: Array | None, effective: float
+    time: np.datetime64, ensemble: Ensemble, log_weight: Array, never: Array | None, effective: float, duration: float
 ) -> Standing:
-    """Return how a search stands by its particles' log weights, release times, and shares never searched (n,)."""
+    """Return how a search stands by its particles' log weights, release times, and shares never searched (n,).
+
+    duration: of the run [s].
+    """
     weight, release = weights.normalised(log_weight, ensemble.blocks), ensemble.release.to_numpy()
-    first, last = float(release.min()), float(release.max())
-    bins = np.minimum(((release - first) / max(last - first, 1.0) * BINS).astype(np.int64), BINS - 1)
-    mass, when = np.moveaxis(ensemble.blocks.partial(weight, weight * release, code=bins, many=BINS).by_scenario, -1, 0)
+    first, last = float(release.min()), float(release.max(initial=0, where=release <= duration))
+    inside = np.minimum((release - first) / max(last - first, 1.0) * WITHIN, WITHIN - 1)
+    beyond = WITHIN + np.minimum((release - duration) / MONTH * AFTER, AFTER)
+    bins, many = np.where(release <= duration, inside, beyond).astype(np.int64), WITHIN + AFTER + 1
+    mass, when = np.moveaxis(ensemble.blocks.partial(weight, weight * release, code=bins, many=many).by_scenario, -1, 0)
     when = np.divide(when, mass, out=np.full_like(when, first), where=mass > 0)
     share, free = mass.sum(axis=1), np.ones(len(mass))
     if never is not None:

@@ -159,11 +159,49 @@ def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, mor
     for time, alive, alive_error in suspension.ahead:
         age = float((time - np.datetime64("2026-06-01T06:00")) / np.timedelta64(1, "h"))
         each = np.array([chance_alive(m, s, w, age) for m, s, w in zip(median, (3, 1.7), (4.0, 2.0), strict=True)])
-        assert (np.abs(alive[:-1] - each) <= 3 * alive_error[:-1] + 1e-5).all()  # of bins of 36 s: see standing.BINS
+        assert (np.abs(alive[:-1] - each) <= 3 * alive_error[:-1] + 1e-5).all()  # of bins of 36 s: see standing.WITHIN
         assert abs(alive[-1] - posterior @ each) <= 3 * alive_error[-1] + 1e-5
     later = [alive[-1] for _, alive, _ in suspension.ahead]
     assert (np.diff(later) < 0).all()
     assert later[-1] >= further.GONE
+
+
+@pytest.mark.parametrize("distress", ["", 'distress = { rate = "0.02/h" }'])
+def test_who_never_goes_adrift_does_not_blur_when_others_did(tmp_path: Path, distress: str) -> None:
+    """A yacht that is under way throughout, or goes adrift weeks after the run: the others' chances are what they were."""
+    late = f"""
+[[scenario]]
+name = "late"
+weight = 0.5
+{distress and 'object = "water"'}
+{distress and 'survival = { median = "20 h", spread = 1.7 }'}
+{distress}
+[[scenario.phase]]
+[scenario.phase.voyage]
+waypoints = [[-17.0, 45.5], [-10.0, 46.5]]
+departure = "+0 h"
+speed = "5 kn"
+"""
+    path = tmp_path / "case.toml"
+    path.write_text(CASE.format(particles=20_000, more=late).replace("raft = 0.8 }", "raft = 0.8, late = 0 }"))
+    suspension = flow.suspension(drift.run(drift.load(path)))
+    assert suspension is not None
+    median = [(15 + 7.2 / (0.0785 - 0.0034 * 11)) / 60, 20.0]
+    binned = (
+        1e-5 * (30 / 4 if distress else 1) ** 2
+    )  # an error of second order in the bins' width: 36 s in a window of 4 h
+    for time, alive, error in suspension.ahead:
+        age = float((time - np.datetime64("2026-06-01T06:00")) / np.timedelta64(1, "h"))
+        each = np.array([chance_alive(m, s, w, age) for m, s, w in zip(median, (3, 1.7), (4.0, 2.0), strict=True)])
+        assert (np.abs(alive[:2] - each) <= 3 * error[:2] + binned).all()
+        if not distress:
+            assert alive[2] == 1.0
+        elif age <= 35:  # until the yacht is there: distress at a constant rate, then a lognormal time
+            t = np.linspace(0, age, 20_001)[:-1] + age / 40_000
+            lost = (
+                (0.02 * np.exp(-0.02 * t) * stats.norm.cdf(np.log((age - t) / 20.0) / np.log(1.7))).sum() * age / 20_000
+            )
+            assert abs(alive[2] - (1 - lost)) <= 3 * error[2] + binned
 
 
 def uniform(coverage: float, cells: int = 50) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
