@@ -119,6 +119,8 @@ class Desk:
         body = request.scope["body"]
         if body.keys() != {"kind", "case", "digest"} or not all(isinstance(value, str) for value in body.values()):
             return _refusal(400, "give kind, case and digest")
+        if not re.fullmatch("[0-9a-f]{64}", body["digest"]):
+            return _refusal(400, "the digest is that of the case as it was read")
         if body["kind"] not in KINDS or not names.case(body["case"]):
             return _refusal(400, f"kinds are {', '.join(KINDS)}, on a case of this folder")
         job = self.jobs.add(body["kind"], body["case"], body["digest"])

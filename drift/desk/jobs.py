@@ -128,7 +128,7 @@ class Jobs:
             job.state, job.started = "running", time.monotonic()
             try:
                 status = await self._carry_out(job)
-            except (OSError, ValueError) as error:
+            except Exception as error:  # one job must not end the lane of all
                 job.lines.append(f"drift: {error.strerror if isinstance(error, OSError) else error}")
                 status = 1
             if job.state == "running":
@@ -181,9 +181,11 @@ def _take(job: Job, line: str) -> None:
     if not line.startswith(MARK):
         job.lines.append("".join(letter if letter.isprintable() else " " for letter in line)[:LONGEST_LINE].rstrip())
         return
-    with contextlib.suppress(ValueError, KeyError, TypeError):
-        told = json.loads(line[1:])
-        job.phase, job.share = str(told["phase"])[:100], min(max(float(told["share"]), 0.0), 1.0)
+    with contextlib.suppress(ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        told = json.loads(line[1:LONGEST_LINE])
+        share = float(told["share"])
+        if 0 <= share <= 1:  # neither is NaN
+            job.phase, job.share = "".join(letter for letter in str(told["phase"]) if letter.isprintable())[:100], share
 
 
 async def _read(stream: asyncio.StreamReader, take: Callable[[str], None]) -> None:

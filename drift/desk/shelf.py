@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import json
+import math
 import os
 import re
 import secrets
@@ -155,7 +156,8 @@ def _run(folder: Path, name: str, changed: int) -> dict[str, Any] | None:
         run, warnings = told.get("run", {}), told.get("warnings", [])
         seconds = told.get("wall_time_s", {})
         took = sum(float(part) for part in seconds.values()) if isinstance(seconds, dict) else None
-    except (OSError, ValueError, RecursionError, AttributeError, TypeError):
+        took = took if took is not None and math.isfinite(took) else None
+    except (OSError, ValueError, OverflowError, RecursionError, AttributeError, TypeError):
         return None
     sizes = {entry.name: entry.size for entry in listed.files if names.plain(entry.name)}
     return {
@@ -183,8 +185,8 @@ def _whole(place: Path, sizes: dict[str, int]) -> bool:
 
 
 def _words(value: Any) -> str:
-    """Return a text that a list may show: one line, not endless."""
-    return " ".join(str(value).split())[:300]
+    """Return a text that a list may show: one line, not endless, and no half letters, which cannot be sent."""
+    return " ".join(str(value).encode("utf-8", "replace").decode("utf-8").split())[:300]
 
 
 def _entries(folder: Path) -> Iterator["os.DirEntry[str]"]:

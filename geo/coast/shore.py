@@ -9,9 +9,11 @@ rings of a file's own polygons, or a file of lake polygons. A .bna marks lakes b
 those that the sea reaches (Pontchartrain, Maurepas): these are always water. GSHHG comes without lakes.
 """
 
+import glob
 import gzip
 import hashlib
 import importlib.metadata
+import json
 import os
 import re
 import tempfile
@@ -33,6 +35,9 @@ VAST = 4_000.0  # [deg2] the coast of a larger box is thinned for a preview
 ISLET = 0.05  # [deg] extent; smaller islands are left out of such a preview
 THIN, FEWEST = 16, 12  # every THIN-th vertex of a ring is kept, but at least about FEWEST vertices
 MARGIN = 0.25  # [deg] kept beyond the rounded box, so that the cut lines lie outside every grid of geo.coast.edges
+
+SHAPEFILE = b"\x00\x00\x27\x0a"  # its first bytes
+SHAPES = ("Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon", "GeometryCollection")
 
 Polygons = npt.NDArray[Any]  # of shapely.Polygon
 
@@ -272,28 +277,74 @@ def _read(path: Path, word: str, wanted: str) -> _Contents:
         raise UserError(f"{label}: no such file; give {wanted}")
     if path.suffix.lower() == ".bna":
         return _read_bna(path, word, label)
-    import pyogrio
     import pyproj
 
-    fence.check_shapes(path)
     try:
-        with warnings.catch_warnings():
-            # GDAL's warnings are about what is refused or repaired below.
-            warnings.simplefilter("ignore", RuntimeWarning)
-            meta, _, wkb, _ = pyogrio.raw.read(path, layer=0, columns=[], force_2d=True)
-        # A table without shapes has None.
-        geometries = shapely.from_wkb(wkb if wkb is not None else np.empty(0, object))
-    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, shapely.errors.GEOSException) as error:
-        reason = str(error).splitlines()[0]
+        with open(path, "rb") as file:
+            start = file.read(16)
+        geometries, crs = _read_shapefile(path) if start.startswith(SHAPEFILE) else _read_geojson(path)
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        KeyError,
+        AttributeError,
+        RecursionError,
+        shapely.errors.GEOSException,
+        pyproj.exceptions.CRSError,
+    ) as error:
+        reason = " ".join(str(error).split())[:200]
         raise UserError(f"{label}: cannot be read ({reason}); give a .bna, GeoJSON or shapefile") from None
     notes: tuple[str, ...] = ()
-    if meta["crs"] and pyproj.CRS(meta["crs"]).is_projected:
-        turn = pyproj.Transformer.from_crs(meta["crs"], "EPSG:4326", always_xy=True).transform
+    if crs is not None and crs.is_projected:
+        turn = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform
         geometries = shapely.transform(geometries, turn, interleaved=False)
-        notes = (f"{word} converted from {pyproj.CRS(meta['crs']).name} to longitude and latitude",)
+        notes = (f"{word} converted from {crs.name} to longitude and latitude",)
     polygons = _polygonal(geometries[~shapely.is_missing(geometries)])
     _refuse_impossible(polygons, label)
     return _Contents(polygons, np.empty(0, object), notes, label)
+
+
+def _read_shapefile(path: Path) -> tuple[Polygons, Any]:
+    """Return the shapes of a shapefile, whose files name no others, and its reference system."""
+    import pyogrio
+    import pyproj
+
+    if path.suffix.lower() != ".shp" or "!" in str(path):  # GDAL goes by names too: x.zip!y is y in an archive
+        raise ValueError('the name of a shapefile ends in .shp, and has no "!"')
+    for beside in path.parent.glob(f"{glob.escape(path.stem)}.*"):
+        fence.check(beside)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # GDAL's are about what is refused or repaired later
+            meta, _, wkb, _ = pyogrio.raw.read(path, layer=0, columns=[], force_2d=True)
+    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
+        raise ValueError(str(error).splitlines()[0]) from None
+    # A table without shapes has None.
+    return shapely.from_wkb(wkb if wkb is not None else np.empty(0, object)), meta["crs"] and pyproj.CRS(meta["crs"])
+
+
+def _read_geojson(path: Path) -> tuple[Polygons, Any]:
+    """Return the shapes of a GeoJSON file, and its reference system where it names one, as GDAL and those before RFC 7946 do.
+
+    GDAL itself is not asked: it opens by what a text holds, which may be a program or a list of other files.
+    """
+    import pyproj
+
+    whole = json.loads(path.read_bytes().decode("utf-8-sig"))
+    if not isinstance(whole, dict):
+        raise ValueError("this is no GeoJSON")
+    held = whole["features"] if whole.get("type") == "FeatureCollection" else [whole]
+    shapes = [one.get("geometry") if one.get("type") == "Feature" else one for one in held]
+    if any(shape is not None and shape.get("type") not in SHAPES for shape in shapes):
+        raise ValueError("this is no GeoJSON")
+    crs = None
+    if (named := whole.get("crs")) is not None:
+        name = named["properties"]["name"]
+        fence.check_crs(name)
+        crs = pyproj.CRS(name)
+    written = [json.dumps(shape) for shape in shapes if shape is not None]
+    return shapely.force_2d(np.atleast_1d(shapely.from_geojson(written))), crs
 
 
 def _refuse_impossible(polygons: Polygons, label: str) -> None:

@@ -73,8 +73,11 @@ def check_store(folder: str) -> None:
     check(folder)
     for place, folders, files in os.walk(folder):
         for name in (*folders, *files):
-            if os.path.islink(os.path.join(place, name)):
-                check(os.path.join(place, name))
+            path = os.path.join(place, name)
+            if os.path.islink(path) and os.path.isdir(path):  # whose links would have to be followed in turn
+                raise _refusal(path)
+            if os.path.islink(path):
+                check(path)
 
 
 def check_pattern(pattern: str) -> None:
@@ -112,22 +115,9 @@ def check_address(address: str) -> None:
 
 
 def check_crs(written: object) -> None:
-    """Raise UserError where a reference system in a case has PROJ open a file."""
+    """Raise UserError where a reference system, of a case or a file, has PROJ open a file."""
     if raised() is not None and re.search(r"[/\\]|init|grids|file|catalog", str(written), re.IGNORECASE):
         raise UserError("a reference system that names files may not be used here; give an EPSG code")
-
-
-def check_shapes(path: Path) -> None:
-    """Raise UserError unless a file's first bytes are those of a format whose files name no others.
-
-    GDAL goes by contents: a file of any name may be a virtual one, which has it read files and addresses of its choice.
-    """
-    if raised() is None:
-        return
-    with open(path, "rb") as file:
-        start = file.read(16).lstrip(b"\xef\xbb\xbf \t\r\n")
-    if not start.startswith((b"{", b"\x00\x00\x27\x0a")):
-        raise UserError(f'shoreline "{path.name}": only GeoJSON, a shapefile or .bna may be read here')
 
 
 def _inside(fence: Fence, real: str) -> bool:

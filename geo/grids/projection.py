@@ -1,5 +1,6 @@
 """Grids in a projection's plane: x and y axes, and the grid mapping (CF, PROJ or WKT text) that defines it."""
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +15,7 @@ from geo.errors import UserError
 from geo.files import fence, reference_system
 from geo.grids.layout import Plane, points
 
+WKT = re.compile(r"\s*[A-Z]\w*\s*\[", re.IGNORECASE)
 MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "epsg_code")
 
 
@@ -68,6 +70,9 @@ def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str
         notes.append(f'grid mapping "{described[0]}" taken, the only one in the file')
         mapping = described[0]
     attributes = dict(data[mapping].attrs)
+    for key in MAPPINGS:
+        if not WKT.match(str(attributes.get(key, ""))):
+            fence.check_crs(attributes.get(key, ""))
     try:
         return reference_system.of(attributes)
     except (KeyError, ValueError, TypeError, pyproj.exceptions.CRSError):

@@ -3,6 +3,7 @@
 import http.client
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -40,7 +41,8 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     (folder / "nasty.toml").write_text(f'title = "{NASTY}"', encoding="utf-8")
     (folder / ".hidden.toml").write_text("title = 1", encoding="utf-8")
     (folder / "link.toml").symlink_to(outer / "secret.toml")
-    (folder / "pipe.toml").mkdir()
+    os.mkfifo(folder / "pipe.toml")  # who opens it waits for one who writes
+    (folder / "folder.toml").mkdir()
     finished(folder / "done", NASTY, a_txt="words", b_html="<script>alert(1)</script>", c_nc="x")
     (folder / "done" / "extra.txt").write_text("no manifest names it", encoding="utf-8")
     finished(folder / "half")
@@ -153,9 +155,26 @@ def test_a_slow_body_is_given_up(served: Server, monkeypatch: pytest.MonkeyPatch
     assert served.ask("POST", "/api/cases/x.toml", b"{", Content_Length="10")[0] == 408
 
 
+def test_a_part_of_a_key_is_no_key(served: Server) -> None:
+    """Neither an empty value of our own cookie, nor the beginning of the right one, nor of the token."""
+    secret = served.secret
+    for value in ("", "x", secret.cookie[:-1], f"{secret.cookie}x", secret.token):
+        assert served.ask("GET", "/api/folder", Cookie=f"drift-{served.port}={value}")[0] == 401
+    for value in ("", "x", secret.token[:-1], f"{secret.token}x", secret.cookie):
+        assert served.ask("GET", f"/?token={value}", Cookie=None)[0] == 401
+    for value in ("x", secret.key("done")[:-1], secret.key("half")):
+        assert served.ask("GET", f"/runs/done/{value}/report.html")[0] == 401
+
+
+@pytest.mark.parametrize("digest", ["", "\ud800", "x" * 64, "a" * 65, "a" * 1_000_000])
+def test_a_digest_that_is_none_asks_for_nothing(served: Server, digest: str) -> None:
+    assert served.ask("POST", "/api/jobs", {"kind": "check", "case": "case.toml", "digest": digest})[0] == 400
+    assert served.json("GET", "/api/jobs") == {"jobs": []}
+
+
 def test_too_many_jobs_are_refused(served: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jobs, "MOST_WAITING", 0)
-    assert served.ask("POST", "/api/jobs", {"kind": "run", "case": "case.toml", "digest": ""})[0] == 429
+    assert served.ask("POST", "/api/jobs", {"kind": "run", "case": "case.toml", "digest": "0" * 64})[0] == 429
 
 
 # --- which files are meant -------------------------------------------------------------------------------------------
@@ -164,7 +183,7 @@ WAYS_OUT = (
     "../secret.toml", "..%2fsecret.toml", "..%2Fsecret.toml", "%2e%2e/secret.toml", "%2e%2e%2fsecret.toml", "..%5csecret.toml", "..\\secret.toml",
     "%252e%252e%252fsecret.toml", "....//secret.toml", "./../secret.toml", "%c0%ae%c0%ae%c0%afsecret.toml", "..%00/secret.toml", "case.toml%00.toml",
     "%00secret.toml", "%2fetc%2fpasswd", "//etc/passwd", "done%2f..%2f..%2fsecret.toml", "link.toml", ".hidden.toml", "%20.toml", "-x.toml",
-    "nul.toml", "COM1.toml", "aux.x.toml", "C:secret.toml", "case.toml:stream", "case.toml.", "case.toml%20", "pipe.toml", "x" * 101 + ".toml",
+    "nul.toml", "COM1.toml", "aux.x.toml", "C:secret.toml", "case.toml:stream", "case.toml.", "case.toml%20", "pipe.toml", "folder.toml", "x" * 101 + ".toml",
     "~root.toml", "%e2%80%ae.toml", "case.TOML%0a", "done", "%ff.toml", "*.toml", "case.txt",
 )  # fmt: skip
 
@@ -176,7 +195,7 @@ def test_no_spelling_reads_another_file(served: Server, way: str) -> None:
     assert b'secret"' not in data
 
 
-@pytest.mark.parametrize("way", [way for way in WAYS_OUT if way not in ("link.toml", "pipe.toml")])
+@pytest.mark.parametrize("way", [way for way in WAYS_OUT if way not in ("link.toml", "pipe.toml", "folder.toml")])
 def test_no_spelling_writes_another_file(served: Server, way: str) -> None:
     before = {path: path.stat().st_mtime_ns for path in served.folder.parent.rglob("*")}
     status, _, data = served.ask("POST", f"/api/cases/{way}", GOOD)
@@ -184,7 +203,7 @@ def test_no_spelling_writes_another_file(served: Server, way: str) -> None:
     assert {path: path.stat().st_mtime_ns for path in served.folder.parent.rglob("*")} == before
 
 
-@pytest.mark.parametrize("name", ["link.toml", "pipe.toml"])
+@pytest.mark.parametrize("name", ["link.toml", "pipe.toml", "folder.toml"])
 def test_what_is_in_the_way_is_not_followed(served: Server, name: str) -> None:
     assert served.ask("POST", f"/api/cases/{name}", GOOD)[0] == 409
     assert served.ask("POST", f"/api/cases/{name}", {"text": "x", "digest": shelf.digest(b'title = "secret"')})[0] in (409, 500)  # fmt: skip
@@ -215,6 +234,8 @@ def test_pages_of_runs_stand_apart(served: Server) -> None:
         f"<title>{NASTY}</title>".encode(),
     )
     assert "sandbox allow-scripts allow-downloads" in policy
+    for method in ("GET", "HEAD"):  # browsers send the cookie along
+        assert served.ask(method, path)[1]["content-security-policy"] == policy
     assert "allow-same-origin" not in policy
     assert "default-src 'none'" in policy
     assert headers["cross-origin-resource-policy"] == "same-origin"
@@ -283,6 +304,34 @@ def test_many_writers_at_once_one_wins(served: Server) -> None:
         thread.join(20)
     assert sorted(status) == [200] + [409] * 7
     (served.folder / "race.toml").unlink()
+
+
+@pytest.mark.parametrize(
+    "summary",
+    [
+        '{"wall_time_s": {"a": NaN}}', '{"wall_time_s": {"a": Infinity}}', f'{{"wall_time_s": {{"a": 1{"0" * 400}}}}}',
+        '{"title": "\\ud800"}', '{"title": "x", "warnings": ["\\udfff"]}', '{"date_created": "\\ud800"}',
+    ],
+)  # fmt: skip
+def test_a_hostile_entry_leaves_the_list_to_the_others(served: Server, summary: str) -> None:
+    finished(served.folder / "bad", summary_json=summary)
+    (served.folder / "bad.toml").write_text(r'title = "\ud800"', encoding="utf-8")
+    try:
+        told = served.json("GET", "/api/folder")
+    finally:
+        shutil.rmtree(served.folder / "bad")
+        (served.folder / "bad.toml").unlink()
+    assert "done" in {run["name"] for run in told["runs"]}
+    assert {"bad.toml", "case.toml"} <= {case["name"] for case in told["cases"]}
+
+
+@pytest.mark.parametrize("share", ["NaN", "-1", "1e999", "1" + "0" * 400, "[" * 50_000, '"x"'])
+def test_progress_that_is_none_is_left_out(share: str) -> None:
+    job = jobs.Job(1, "run", "case.toml", "0" * 64)
+    jobs._take(job, f'{jobs.MARK}{{"phase": "drift", "share": 0.5}}')
+    jobs._take(job, f'{jobs.MARK}{{"phase": "\\ud800", "share": {share}}}')
+    jobs._take(job, f'{jobs.MARK}{{"phase": "\\ud800drift", "share": 0.75}}')
+    assert (job.phase, job.share, list(job.lines)) == ("drift", 0.75, [])
 
 
 def test_a_story_is_what_drift_new_writes(served: Server, tmp_path: Path) -> None:

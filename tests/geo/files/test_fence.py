@@ -3,11 +3,16 @@
 import os
 import re
 import shutil
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pyogrio
 import pytest
+import shapely
 import small_case
+import xarray as xr
 from places import ROOT
 
 import drift
@@ -17,6 +22,7 @@ from geo.box import Box
 from geo.coast import shore
 from geo.errors import UserError
 from geo.files import dataset, digest, fence, small
+from geo.grids import projection
 
 BOX = Box(-90.0, 25.0, -86.0, 29.0)
 OUT = "outside the folders|may not be"
@@ -36,7 +42,6 @@ def fenced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (secret / "x.zarr").mkdir()
     (inside / "x.zarr").mkdir()
     (inside / "x.zarr" / "zarr.json").symlink_to(secret / "wind.txt")
-    (inside / "virtual.geojson").write_text("<OGRVRTDataSource></OGRVRTDataSource>", encoding="utf-8")
     monkeypatch.setenv("A_SECRET", "hunter2")
     held = fence.Fence((inside.resolve(),), frozenset({"thredds.example.org", "localhost:8080"}))
     monkeypatch.setenv(fence.NAME, fence.text(held))
@@ -111,10 +116,77 @@ def test_a_file_exchanged_while_it_is_opened_is_refused(fenced: Path, monkeypatc
         small.contents(path)
 
 
-def test_a_virtual_file_is_no_shoreline(fenced: Path) -> None:
-    """GDAL would open what it names."""
-    with pytest.raises(UserError, match=r"only GeoJSON, a shapefile or \.bna"):
-        shore.land(str(fenced / "virtual.geojson"), BOX)
+SQUARE = '{"type": "Polygon", "coordinates": [[[-88, 26], [-87, 26], [-87, 27], [-88, 26]]]}'
+VIRTUAL = (
+    '<OGRVRTDataSource><OGRVRTLayer name="l"><SrcDataSource>{secret}</SrcDataSource></OGRVRTLayer></OGRVRTDataSource>'
+)
+PROGRAM = '{{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline ! read {secret} ! {more}"}}'
+PROGRAMS = {
+    "a virtual file": ("coast.geojson", VIRTUAL),
+    "a virtual file in an archive that is none": ("x.zip!v.vrt", SQUARE.replace("{", "{{").replace("}", "}}")),
+    "a program that reads": ("coast.toml", PROGRAM.replace("! {more}", "")),
+    "a program that writes": ("coast.json", PROGRAM.replace("{more}", "partition {out} --field x --format CSV")),
+    "a program further down": ("coast.json", " " * 900 + PROGRAM.replace("! {more}", "")),
+    "a program as a shape": ("coast.json", '{{"type": "FeatureCollection", "features": [' + PROGRAM.replace("! {more}", "") + "]}}"),
+    "another service": ("coast.json", '{{"type": "TopoJSON", "objects": {{}}}}'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", PROGRAMS)
+@pytest.mark.parametrize("raised", [True, False])
+def test_no_shoreline_is_a_program(
+    fenced: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, raised: bool
+) -> None:
+    """GDAL would open what it names, run what it says, or look into an archive; with a fence or without."""
+    name, content = PROGRAMS[kind]
+    out = tmp_path / "written"
+    (tmp_path / "secret" / "land.geojson").write_text(SQUARE, encoding="utf-8")
+    (fenced / "v.vrt").write_text(VIRTUAL.format(secret=tmp_path / "secret" / "land.geojson"), encoding="utf-8")
+    with zipfile.ZipFile(fenced / "x.zip", "w") as archive:
+        archive.write(fenced / "v.vrt", "v.vrt")
+    (fenced / name).write_text(content.format(secret=tmp_path / "secret" / "land.geojson", out=out, more=""), "utf-8")
+    if not raised:
+        monkeypatch.delenv(fence.NAME)
+    if name.endswith("!v.vrt"):  # read for what it is
+        assert len(shore.land(str(fenced / name), BOX).polygons) == 1
+    else:
+        with pytest.raises(UserError, match="cannot be read"):
+            shore.land(str(fenced / name), BOX)
+    assert not out.exists()
+
+
+def test_a_shapefile_s_files_are_inside(fenced: Path) -> None:
+    pyogrio.raw.write(
+        fenced / "a.shp", np.array([shapely.to_wkb(shapely.from_geojson(SQUARE))]), [], [], geometry_type="Polygon",
+        crs="EPSG:4326",
+    )  # fmt: skip
+    assert len(shore.land(str(fenced / "a.shp"), BOX).polygons) == 1
+    (fenced / "a.dbf").unlink()
+    (fenced / "a.dbf").symlink_to(fenced.parent / "secret" / "wind.txt")
+    with pytest.raises(UserError, match=OUT):
+        shore.land(str(fenced / "a.shp"), BOX)
+
+
+def test_a_store_whose_folders_are_links(fenced: Path) -> None:
+    """A link to a folder of links: what these lead to would be read."""
+    store, inner = fenced / "y.zarr", fenced / "inner"
+    store.mkdir()
+    inner.mkdir()
+    (store / "zarr.json").write_text("{}", encoding="utf-8")
+    (store / "u").symlink_to(inner)
+    (inner / "0").symlink_to(fenced.parent / "secret" / "wind.txt")
+    for opener in (lambda: dataset.open_one(str(store), "current"), lambda: digest.of(str(store))):
+        with pytest.raises(UserError, match=OUT):
+            opener()
+
+
+@pytest.mark.parametrize("key", ["proj4", "crs_wkt", "spatial_ref"])
+def test_a_reference_system_inside_a_file(fenced: Path, key: str) -> None:
+    """One that a netCDF file brings along is asked too."""
+    data = xr.Dataset({"m": ((), 0, {key: f"+init={fenced.parent}/secret/wind.txt:x"})})
+    data["u"] = (("y", "x"), np.zeros((2, 2)), {"grid_mapping": "m"})
+    with pytest.raises(UserError, match=OUT):
+        projection._crs(data, "u", {}, [])
 
 
 @pytest.mark.parametrize("crs", ["+init=/etc/passwd:root", "+proj=utm +nadgrids=/etc/passwd", "/etc/passwd", "c:\\x"])
