@@ -90,7 +90,7 @@ class Result:
         try:
             import geopandas
         except ImportError:
-            raise UserError("geopandas is not installed: pip install 'casp-drift[notebook]'") from None
+            raise UserError("geopandas is not installed: pip install -e '.[notebook]' where drift lies") from None
         rows = [(c.time, c.share, c.area / NMI**2, c.polygon) for c in self.forecast.contours]
         columns = ["time", "share", "area_nmi2", "geometry"]
         return geopandas.GeoDataFrame(rows, columns=columns, geometry="geometry", crs="EPSG:4326")

@@ -17,7 +17,7 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
     try:
         import shtab
     except ImportError:
-        raise UserError('--print-completion needs shtab: pip install "casp-drift[completion]"') from None
+        raise UserError('--print-completion needs shtab: pip install -e ".[completion]" where drift lies') from None
 
     cases = _words("cases", [name for name, _ in case_file.shipped()], files="toml")
     known = {

@@ -41,7 +41,7 @@ def serve(
         from drift.desk import app as desk_app
         from drift.desk.gate import Secret
     except ImportError as error:
-        raise UserError(f"drift serve needs {error.name}; pip install 'casp-drift[serve]'") from None
+        raise UserError(f"drift serve needs {error.name}; pip install -e '.[serve]' where drift lies") from None
     place = _folder(folder)
     allowed = _allowed(place, allow, allow_host)
     listening = _listen(host, port)

@@ -24,7 +24,7 @@ def files(run: Finished) -> dict[str, bytes]:
     try:
         import rasterio  # noqa: F401 (an extra)
     except ImportError:
-        raise UserError("geotiff needs rasterio: pip install 'casp-drift[geotiff]'") from None
+        raise UserError("geotiff needs rasterio: pip install -e '.[geotiff]' where drift lies") from None
     if "lon_bnds" not in run.forecast:
         raise UserError(
             f"results {run.folder}: are of an older version, which wrote no edges of cells; run the case again"

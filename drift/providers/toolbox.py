@@ -1,4 +1,4 @@
-"""Subsets by the Copernicus Marine toolbox, a program of its own (`pip install 'casp-drift[fetch]'`).
+"""Subsets by the Copernicus Marine toolbox, a program of its own (`pip install -e '.[fetch]' where drift lies`).
 
 It alone knows the user's name and password (`copernicusmarine login`): they never pass through this process.
 """
@@ -22,7 +22,7 @@ from geo.errors import UserError
 from geo.files.web import Passing
 
 PROGRAM = "copernicusmarine"
-ADVICE = "pip install 'casp-drift[fetch]'"
+ADVICE = "pip install -e '.[fetch]' where drift lies"
 DAY = np.timedelta64(86_400, "s")
 SECOND = np.timedelta64(1, "s")
 AROUND = np.timedelta64(3 * 3600, "s")  # before and after the span: the longest step of its products

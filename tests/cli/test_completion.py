@@ -74,4 +74,6 @@ def test_without_shtab_a_line_says_what_to_install(
 
     monkeypatch.setattr(builtins, "__import__", without)
     assert cli.main(["--print-completion", "bash"]) == 2
-    assert capsys.readouterr().err == ('drift: --print-completion needs shtab: pip install "casp-drift[completion]"\n')
+    assert capsys.readouterr().err == (
+        'drift: --print-completion needs shtab: pip install -e ".[completion]" where drift lies\n'
+    )

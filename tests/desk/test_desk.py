@@ -223,6 +223,12 @@ def test_of_a_run_only_what_its_manifest_names(served: Server, run: str, name: s
     assert served.ask("GET", f"/runs/{run}/{key}/{name}", Cookie=None)[0] in ({200} if status == 200 else {404, 401})
 
 
+def test_a_file_behind_a_linked_folder_is_not_opened(served: Server) -> None:
+    with pytest.raises(OSError, match="Not a directory|symbolic links"):
+        names.opened(served.folder, "linked", "report.html")
+    os.close(names.opened(served.folder, "done", "report.html"))
+
+
 def test_pages_of_runs_stand_apart(served: Server) -> None:
     """Their scripts run in an origin of their own: they can neither ask us for anything nor see our page."""
     path = f"/runs/done/{served.secret.key('done')}/report.html"
