@@ -224,7 +224,7 @@ def test_of_a_run_only_what_its_manifest_names(served: Server, run: str, name: s
 
 
 def test_a_file_behind_a_linked_folder_is_not_opened(served: Server) -> None:
-    with pytest.raises(OSError, match="Not a directory|symbolic links"):
+    with pytest.raises(OSError, match=r"Not a directory|symbolic links"):
         names.opened(served.folder, "linked", "report.html")
     os.close(names.opened(served.folder, "done", "report.html"))
 
