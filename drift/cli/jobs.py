@@ -118,7 +118,8 @@ def check(given: argparse.Namespace) -> Answer:
         from drift.preview import check
 
         understood = check.check(case)
-    return Answer(f"{case.title}: ready to run", understood, numbers={"ready": True})
+    ready = "warning" not in understood
+    return Answer(f"{case.title}: {'ready to run' if ready else 'not ready'}", understood, numbers={"ready": ready})
 
 
 @contextmanager

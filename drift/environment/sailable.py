@@ -21,7 +21,7 @@ from geo.coast.edges import Coast
 from geo.errors import UserError
 
 SPREADS = 4.0  # standard deviations of a cross-track error: 1 target in 16,000 keeps farther off its voyage
-OTHERWISE = 'say vessel.land = "stop" or "ignore"'
+OTHERWISE = 'set vessel = { land = "stop" } (or "ignore") in its [[scenario]]'
 ROOM = 0.1  # [deg] of coast that must be known beyond what is held against it
 
 

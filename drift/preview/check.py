@@ -33,7 +33,7 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
 
     datasets: the xarray.Datasets that its sources name.
 
-    Raises UserError for all that a run would refuse at its start.
+    Raises UserError for all that a run would refuse at its start; "warning" tells of what it would refuse at its end.
     """
     runtime.start()
     where = start.open_for(case, datasets, shore.thinned)
@@ -44,11 +44,12 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
     try:
         stretches = start.stretches(few, where, begin)
         work = outlook.work(case, begin.clock.step) + outlook.advised(case, where, begin)
-        ends = outlook.ends(case, begin)
+        ends, refused = outlook.ends(case, begin)
     finally:
         begin.scene.forcing.close()
     box, span = where.box, f"{notation.group(case.start)} to {notation.group(case.end)}"
     lines = {
+        "warning": refused,
         "run": f"{span}, {case.particles:,} particles, step {begin.clock.step} s",
         "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
         "work": work,

@@ -82,10 +82,10 @@ def holes(case: Case, source: Source) -> str:
     )
 
 
-def ends(case: Case, begin: Start) -> str:
+def ends(case: Case, begin: Start) -> tuple[str, str]:
     """Return what becomes of a sample of particles by the end of the run, and when the first leave it.
 
-    They are moved by a coarse step.
+    They are moved by a coarse step. The second is why a run would be refused at its end, "" where it would not.
     """
     ensemble = begin.ensemble
     chosen = np.unique(np.linspace(0, ensemble.n - 1, min(FOLLOWED, ensemble.n)).astype(np.int64))
@@ -108,12 +108,12 @@ def ends(case: Case, begin: Start) -> str:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
         when = case.period.time(int(max(some.status_since.to_numpy()[gone].min(), 0)))
         text += f"; the first is lost about {notation.group(when)}"
-    if lost > case.max_lost:
-        text += (
-            f"; at most {case.max_lost:.0%} may be (max_lost): a run would be refused at its end. Shorten it, add a "
-            "source, or widen [domain]"
-        )
-    return f"{text} (roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))})"
+    refused = (
+        f"a run would be refused at its end: about {lost:.0%} are lost, at most {case.max_lost:.0%} may be (max_lost). "
+        "Shorten it, add a source, or widen [domain]"
+    )
+    rough = f"roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))}"
+    return f"{text} ({rough})", refused if lost > case.max_lost else ""
 
 
 def _grids(begin: Start) -> list[Any]:
