@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.path import Path as Outline
 
-from drift.forecast import beyond, effective, layers, mapped
+from drift.forecast import beyond, coastal, effective, layers, mapped
 from drift.forecast import words as forecast_words
 from drift.forecast.build import Contour, Forecast
 from drift.maps import chart, labels, sheet
@@ -245,6 +245,7 @@ def _rows(
         size = labels.number(outline.area / NMI**2)
         words = f"{notation.percent(outline.share)} % area: {'rough, ' if few else ''}{size} nmi²"
         rows.append((Line2D([], [], **layers.line(outline.share, forecast, few)), words))
+    rows += layers.bands(forecast, [time], forecast.shares, few)
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))
     style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}
@@ -272,7 +273,9 @@ def _rows(
         triangle = Line2D(
             [], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white"
         )
-        rows.append((triangle, f"Ashore, {labels.percent(ashore)} in all; size by\nprobability"))
+        where = coastal.words(forecast.data.isel(time=time))
+        told = f"Ashore, {labels.percent(ashore)} in all, size by probability{'; ' if where else ''}{where}"
+        rows.append((triangle, told))
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
     return rows
@@ -289,7 +292,7 @@ def _legend(figure: Figure, rows: Sequence[tuple[Any, str]]) -> None:
         wide = int(34 * 9.5 / size)
         legend = sheet.legend(
             figure,
-            [(symbol, textwrap.fill(text, wide) if "\n" not in text else text) for symbol, text in rows],
+            [(symbol, textwrap.fill(text, wide)) for symbol, text in rows],
             loc="upper left",
             bbox_to_anchor=(0.735, 0.875),
             fontsize=size,

@@ -104,6 +104,4 @@ def span(times: Sequence[Any], ends: Sequence[float]) -> str:
     """Return in words which times are drawn, and what the numbers over each panel are."""
     to = "back to" if times[-1] < times[0] else "to"
     held = " and ".join(notation.percent(share) for share in ends)
-    return (
-        f"{notation.group(times[0])} {to} {notation.group(times[-1])}, UTC; areas that hold {held} % (lines), in nmi²"
-    )
+    return f"{notation.group(times[0])} {to} {notation.group(times[-1])}, UTC; areas that hold {held} % (lines; bands on the coast), in nmi²"
