@@ -260,8 +260,9 @@ def _coast(ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contou
     time = int(np.flatnonzero(forecast.data["time"].values == contours[0].time)[0])
     found = coastal.strips(forecast.data.isel(time=time), sorted(contour.share for contour in contours))
     for share in sorted(found, reverse=True):
-        lines = [np.array(part.coords).T for part in found[share].geoms]
-        path = Outline.make_compound_path(*(Outline(np.column_stack(frame.project(*line))) for line in lines))
+        points, part = shapely.get_coordinates(list(found[share].geoms), return_index=True)
+        codes = np.where(np.diff(part, prepend=-1) > 0, Outline.MOVETO, Outline.LINETO)
+        path = Outline(np.column_stack(frame.project(*points.T)), codes)
         ax.add_patch(PathPatch(path, fill=False, zorder=5.5, **band(share, forecast, few, width**2)))
 
 
@@ -313,12 +314,13 @@ def beside(frame: Frame, at: Any, count: effective.Count) -> list[str]:
     return [*notes, out] if out else notes
 
 
-def prior_line(ax: Axes, frame: Frame, line: Line, which: int) -> None:
-    """Draw a scenario's area or trackline in the style of its number among them."""
+def prior_line(ax: Axes, frame: Frame, line: Line, which: int, scale: float = 1.0) -> None:
+    """Draw a scenario's area or trackline in the style of its number among them; scale: of its width."""
     lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
     if line.closed:
         lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
-    ax.plot(*frame.project(lon, lat), zorder=8, **prior_style(which))
+    style = prior_style(which)
+    ax.plot(*frame.project(lon, lat), zorder=8, **{**style, "linewidth": scale * style["linewidth"]})
 
 
 def others(ax: Axes, frame: Frame, places: Sequence[tuple[float, float]]) -> None:
