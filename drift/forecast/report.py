@@ -32,11 +32,11 @@ def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
             "Areas", "contours.geojson", "area", when=leaves.AT, frame=True,
             told=[("level", "Holds", "share"), ("area_nmi2", "Area", "nmi2"), ("effective_particles", "Particles that count", "count")],
         ),
-        *_on_coast(forecast),
         leaves.points(
             "Ashore at the end", "ashore.csv", "ashore", since="first_time", weight="probability_ashore", shown="effective_worlds" not in data,
             told=[("position", "Position", "words"), ("probability_ashore", "Probability", "share"), ("first_time", "By", "time")],
         ),
+        *_on_coast(forecast),
         leaves.sample("Tracks of a sample", tracks.time, lon, sphere.to_degrees(tracks.lat), tracks.status,
                       [status.name.lower() for status in sorted(Status)], tracks.scenario),
         leaves.track("Datum", "track.csv", "datum_lon", "datum_lat", "datum", shown=False),
