@@ -3,8 +3,8 @@
 import base64
 import html
 import io
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -13,6 +13,7 @@ import pandas
 import xarray as xr
 
 from drift.case.record import Case
+from drift.environment.ambient import Flow
 from drift.forecast import effective
 from drift.forecast import tables as forecast_tables
 from drift.forecast import tracks as forecast_tracks
@@ -47,6 +48,7 @@ class Result:
     updates: Updates | None = None  # what sorties and contacts did
     begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
     posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
+    flows: Mapping[str, Flow] = field(default_factory=dict)  # winds and currents of the likeliest story, for arrows
 
     @property
     def probability(self) -> xr.DataArray:
