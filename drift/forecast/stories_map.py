@@ -68,10 +68,10 @@ def draw(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence
             chart.scale_bar(ax, frame, chart.free_corner(frame, *layers.occupied(frame, forecast, [now])), small=True)
     sheet.head(on, imprint, _contents(forecast, setting, found))
     if few:
-        names = ", ".join(few[:3]) + (f" and {len(few) - 3} more" if len(few) > 3 else "")
+        names = "; ".join(few[:3]) + (f" and {len(few) - 3} more" if len(few) > 3 else "")
         sheet.rough(on, f"TOO FEW PARTICLES COUNT, areas are rough: {names}")
     place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (SIDE / width, 0.3 / height)}
-    key = _key(panels, setting)
+    key = _key(panels, setting) + [row for overlay in overlays for row in overlay(now).key]
     sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)
     forecast_map.log_bar(on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh)
     sheet.end(on, path, imprint)
@@ -111,13 +111,11 @@ def _contents(forecast: Forecast, setting: Setting, found: Sequence[Story]) -> s
     classes = "effective_worlds" in forecast.data
     parts = [
         notation.group(forecast.data["time"].values[-1]),
-        "each map of its class alone, over it the class's share"
-        if classes
-        else "each map as if its story were true, over it the story's probability",
+        "each class by itself, with its share" if classes else "each as if it were true, with its probability",
         held,
     ]
     if many > len(found):
-        parts.insert(1, f"the likeliest {len(found) - 1} of {many} stories and the others together")
+        parts.insert(1, f"the likeliest {len(found) - 1} of {many} and the others together")
     if setting.particles is not None:
         parts.append(f"{setting.particles:,} particles")
     return "; ".join(parts)
