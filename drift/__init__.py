@@ -4,6 +4,7 @@ import drift
 case = drift.load("case.toml")      # or the name of a shipped case
 result = drift.run(case)            # or drift.run(case, out=Path("results"))
 drift.run(case, datasets={"roms": data})  # xarray.Datasets for the sources with dataset = "roms"
+with drift.progress(case) as report: drift.run(case, report=report)  # a bar on a terminal or in a notebook
 result.probability                  # xarray.DataArray (time, lat, lon)
 cases = [drift.vary(case, {"seed": k}) for k in range(100)]
 for one in drift.run_many(cases): ...  # many forecasts, forcing and coast opened once
@@ -29,6 +30,7 @@ from geo.errors import UserError
 _HOMES = {
     "case.file": ["load", "vary"],
     "case.record": ["Case"],
+    "cli.progress": ["progress"],
     "contrast.contrast": ["compare"],
     "desk.server": ["serve"],
     "drifters.fitting": ["fit_errors"],

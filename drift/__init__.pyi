@@ -3,6 +3,7 @@
 from drift.case.file import load as load
 from drift.case.file import vary as vary
 from drift.case.record import Case as Case
+from drift.cli.progress import progress as progress
 from drift.contrast.contrast import compare as compare
 from drift.desk.server import serve as serve
 from drift.drifters.fitting import fit_errors as fit_errors

@@ -54,7 +54,6 @@ from geo.errors import UserError
 from kernels import deposit
 
 REPORT = "report.html"
-ARROWS = {"current": 12, "wind": 4}  # along the longer side of a map
 
 
 @in_turn
@@ -147,15 +146,10 @@ def made(job: Job, run: Moved) -> Result:
         summary |= {"posteriors": posterior_tables.numbers(posteriors)}
     on = facts.with_coast(facts.setting(case, where, dataset.shown(forecast.data)))
     flown = updates.sorties if updates else ()
-    over = (
-        partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors),
-        # What flows is kept, and not its sources: a dataset that was handed in is let go.
-        partial(
-            _flows,
-            ambient.over(_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values, ARROWS),
-        ),
-    )
-    return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors)
+    # What flows is kept, and not its sources: a dataset that was handed in is let go.
+    flows = ambient.over(_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values)
+    over = (partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors), partial(_flows, flows))
+    return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors, flows)
 
 
 def _of_likeliest(case: Case, where: Environment) -> Sources:
@@ -222,7 +216,7 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
         if planned is not None:
             failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
         chapters = [facts.chapter(case, where, result.summary)]
-        chapters.append(Chapter(leaves=(partial(_surroundings, result, where, on),)))
+        chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
         if after is not None:
             chapters.append(spill_chapter.chapter(spill_chapter.Matter(after, on)))
         if updates is not None:
@@ -245,15 +239,14 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
         publish(job.out, chapters, failed, overwrite=job.overwrite)
 
 
-def _surroundings(result: Result, where: Environment, on: Setting) -> list[Any]:
+def _surroundings(result: Result, on: Setting) -> list[Any]:
     """Return what the report shows of where the run began, of ways, winds and currents."""
     from drift.environment import report as environment_report  # here: Matplotlib takes a second to import
     from drift.report import leaves
 
-    scenarios, times = result.case.scenarios, result.forecast.data["time"].values
     begun = [leaves.marked("Where it began", on.marks, on.lines, "start")] if on.marks or on.lines else []
-    flows = environment_report.flows(_of_likeliest(result.case, where), times, mapped.box(result.forecast.data))
-    return [*begun, *environment_report.itineraries(scenarios), *flows]
+    ways, flows = environment_report.itineraries(result.case.scenarios), environment_report.flows(result.flows)
+    return [*begun, *ways, *flows]
 
 
 def publish(out: Path, chapters: Sequence[Chapter], on: Setting, *, overwrite: bool) -> None:

@@ -3,8 +3,9 @@
 import base64
 import html
 import io
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pandas
 import xarray as xr
 
 from drift.case.record import Case
+from drift.environment.ambient import Flow
 from drift.forecast import effective
 from drift.forecast import tables as forecast_tables
 from drift.forecast import tracks as forecast_tracks
@@ -46,6 +48,7 @@ class Result:
     updates: Updates | None = None  # what sorties and contacts did
     begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
     posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
+    flows: Mapping[str, Flow] = field(default_factory=dict)  # winds and currents of the likeliest story, for arrows
 
     @property
     def probability(self) -> xr.DataArray:
@@ -98,13 +101,15 @@ class Result:
     def plot(self, time: Any = None) -> Any:
         """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or text, by default the last.
 
-        Raises UserError for a time that is no output's.
+        A notebook shows it, whether pyplot has been imported or not. Raises UserError for a time that is no output's.
         """
         from drift.forecast import map as forecast_map  # here: Matplotlib takes a second to import
         from drift.maps import page
 
         with page.literal():
-            return forecast_map.figure(self.forecast, self.setting, time=self._output(time), overlays=self.overlays)
+            figure = forecast_map.figure(self.forecast, self.setting, time=self._output(time), overlays=self.overlays)
+        figure._repr_png_ = partial(_png, figure)  # type: ignore[attr-defined]  # only pyplot tells a notebook how to show one
+        return figure
 
     def _output(self, time: Any) -> int:
         """Return the number of an output time."""
@@ -143,14 +148,19 @@ class Result:
         warned = "".join(
             f"<p style='color:#c62828;font-weight:bold'>{html.escape(words)}</p>" for words in cautions if words
         )
-        picture = io.BytesIO()
-        self.plot().savefig(picture, format="png", dpi=80)
-        image = base64.b64encode(picture.getvalue()).decode("ascii")
+        image = base64.b64encode(_png(self.plot())).decode("ascii")
         title = html.escape(self.case.title)
         return (
             f"<h4>{title}</h4>{warned}<table>{cells}</table>"
             f"<img alt='Map: {html.escape(self.case.title, quote=True)}' style='max-width:100%' src='data:image/png;base64,{image}'>"
         )
+
+
+def _png(figure: Any) -> bytes:
+    """Return a figure as a notebook shows it."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=80)
+    return picture.getvalue()
 
 
 def _frame(text: str) -> pandas.DataFrame:

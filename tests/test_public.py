@@ -13,8 +13,8 @@ from places import ROOT
 import drift
 
 NAMES = {
-    "Brief", "Case", "Result", "UserError", "__version__", "check", "compare", "export", "fetch", "fit_errors", "load", "origin", "patrol", "plan", "results",
-    "run", "run_many", "serve", "trace", "vary", "verify",
+    "Brief", "Case", "Result", "UserError", "__version__", "check", "compare", "export", "fetch", "fit_errors", "load", "origin", "patrol", "plan", "progress",
+    "results", "run", "run_many", "serve", "trace", "vary", "verify",
 }  # fmt: skip
 
 

@@ -15,6 +15,8 @@ from drift.providers.fetching import Fetched
 case = drift.load(Path("case.toml"))
 assert_type(case, drift.Case)
 assert_type(drift.vary(case, {"seed": 3}), drift.Case)
+with drift.progress(case) as report:
+    drift.run(case, report=report)
 result = drift.run(case, out="results", datasets={"roms": xr.Dataset()})
 assert_type(result, drift.Result)
 assert_type(result.probability, xr.DataArray)

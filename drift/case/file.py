@@ -31,7 +31,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-FILES = ("files", "source", "lakes", "file", "track", "actual")  # keys that name input files
+FILES = ("files", "source", "lakes", "file", "network", "track", "actual")  # keys that name input files
 LARGEST = 16 * 2**20  # [bytes] of a case file: a thousand times those that ship
 
 

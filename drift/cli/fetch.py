@@ -100,7 +100,7 @@ def run(given: argparse.Namespace) -> Answer:
     if not given.yes and (left > fetching.LARGEST or not all(s.size for s in shipments)):
         _agree(left, asked=aloud)
     try:
-        with progress.shown(quiet=not aloud) as report:
+        with progress.progress(quiet=not aloud) as report:
             fetched = fetching.carry_out(out, shipments, overwrite=given.overwrite, report=report, tell=_tell)
     except BaseException as error:
         if not isinstance(error, Exception):  # Ctrl-C, or a request to end

@@ -141,7 +141,7 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
 
     if worth := outlook.caution(case):
         print(f"drift: {worth}", file=sys.stderr)
-    with progress.shown(case, quiet=given.quiet) as show:
+    with progress.progress(case, quiet=given.quiet) as show:
 
         def report(phase: str, share: float) -> None:
             interrupt.heed()

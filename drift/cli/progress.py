@@ -1,8 +1,9 @@
-"""Progress of a run: a bar with rate and time left on a terminal, nothing where the output is piped.
+"""Progress of a run: a bar with rate and time left on a terminal, a bar in a notebook, nothing where the output is piped.
 
 With the environment variable DRIFT_PROGRESS=lines, which `drift serve` sets, lines of JSON for another program.
 """
 
+import html
 import json
 import os
 import sys
@@ -13,31 +14,67 @@ from contextlib import contextmanager
 from drift.case.record import Case
 
 Report = Callable[[str, float], None]  # (what is being done, share of it that is done)
+OFTEN = 0.2  # [s] between what other programs and notebooks are told of one phase
 
 
 def silent(phase: str, share: float) -> None:
     """Report nothing."""
 
 
-def lines() -> Report:
-    """Return a function that writes progress on standard error, a line each: a mark (RS) and JSON, five a second."""
+def sparing(tell: Report) -> Report:
+    """Return a function that reports each phase at once, and its share five times a second at most."""
     last = ("", 0.0)
 
     def report(phase: str, share: float) -> None:
         nonlocal last
         now = time.monotonic()
-        if phase != last[0] or now - last[1] >= 0.2:
+        if phase != last[0] or now - last[1] >= OFTEN:
             last = (phase, now)
-            print(f"\x1e{json.dumps({'phase': phase, 'share': share})}", file=sys.stderr, flush=True)
+            tell(phase, share)
 
     return report
 
 
+def line(phase: str, share: float) -> None:
+    """Write progress on standard error as a line: a mark (RS) and JSON."""
+    print(f"\x1e{json.dumps({'phase': phase, 'share': share})}", file=sys.stderr, flush=True)
+
+
+def _in_notebook() -> bool:
+    """Whether what runs this is a Jupyter kernel, which shows HTML."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    return getattr(shell, "kernel", None) is not None
+
+
 @contextmanager
-def shown(case: Case | None = None, *, quiet: bool = False) -> Iterator[Report]:
-    """Give a function that shows progress, of a case with its rate, on standard error, unless it is to be quiet."""
+def _beneath_cell() -> Iterator[Report]:
+    """Give a function that shows progress beneath a notebook's cell, where nothing of it stays."""
+    from IPython.display import HTML, display
+
+    shown = display(HTML(""), display_id=True)
+
+    def report(phase: str, share: float) -> None:
+        done = f" value='{share:.3f}'" if share > 0 else ""  # none: a pulse
+        shown.update(HTML(f"<progress{done}></progress> {html.escape(phase)}"))
+
+    try:
+        yield sparing(report)
+    finally:
+        shown.update(HTML(""))
+
+
+@contextmanager
+def progress(case: Case | None = None, *, quiet: bool = False) -> Iterator[Report]:
+    """Give a function that shows how far a job is, for its `report`, where somebody sees it and it is not to be quiet.
+
+    That is a terminal, by standard error, or a notebook. case: of which hours a second are told on a terminal.
+    """
     if os.environ.get("DRIFT_PROGRESS") == "lines":
-        yield lines()
+        yield sparing(line)
+        return
+    if not quiet and _in_notebook():
+        with _beneath_cell() as tell:
+            yield tell
         return
     if quiet or not sys.stderr.isatty():
         yield silent
@@ -45,7 +82,7 @@ def shown(case: Case | None = None, *, quiet: bool = False) -> Iterator[Report]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-    hours = 0.0 if case is None else abs((case.end - case.start).astype(int)) / 3600
+    hours = abs((case.end - case.start).astype(int)) / 3600 if case else 0.0
     bar = Progress(
         TextColumn("{task.description:<12}"),
         BarColumn(),
@@ -62,7 +99,7 @@ def shown(case: Case | None = None, *, quiet: bool = False) -> Iterator[Report]:
                 bar.update(done, completed=1.0, visible=False)
             tasks[phase] = bar.add_task(phase, total=None, rate="")  # a pulse until a share is known
         speed = next(task.speed for task in bar.tasks if task.id == tasks[phase])
-        rate = f"{speed * hours:.1f} h/s" if speed and phase.endswith("drift") else ""
+        rate = f"{speed * hours:.1f} h/s" if hours and speed and phase.endswith("drift") else ""
         if share > 0:
             bar.update(tasks[phase], total=1.0, completed=share, rate=rate)
 

@@ -1,6 +1,6 @@
 """What a comparison hands out: maps and figures as netCDF, figures as a table, words, and a picture."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -64,11 +64,11 @@ def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
         f"{name}: {words}" for name, result in (("A", found.a), ("B", found.b)) for words in result.summary["warnings"]
     )
     numbers = {"compare": text.numbers(found), "a": found.a.summary, "b": found.b.summary, "warnings": list(warnings)}
-    told = (partial(_leaves, found),)
+    told = (partial(_leaves, found, [facts.setting(job.case, job.where) for job in jobs]),)
     return [Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), _attributes(found, jobs), warnings, told)]
 
 
-def _leaves(found: Contrast) -> list[Leaf]:
+def _leaves(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
     from drift.contrast import report
 
-    return report.of(found)
+    return report.of(found, begun)

@@ -1,16 +1,19 @@
 """What report.html shows of a comparison: where each case has more, and every figure with its standard error."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from drift.contrast.record import Contrast
+from drift.maps.imprint import Setting
 from drift.report import leaves
 from drift.report.leaves import Leaf
 
 TENTH = 0.1  # share of the probability in the cells that end the colours of its map
 
 
-def of(found: Contrast) -> list[Leaf]:
-    """Return the leaves of a comparison."""
+def of(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
+    """Return the leaves of a comparison; begun: where A and where B began."""
     data = found.data
     a, b, more = (data[name].values.astype(np.float64) for name in ("probability_a", "probability_b", "difference"))
     stories = {"A": a, "B": b, "More in B than in A": np.maximum(more, 0), "More in A than in B": np.maximum(-more, 0)}
@@ -25,10 +28,18 @@ def of(found: Contrast) -> list[Leaf]:
             "Probability", np.array(found.times), data["lon"].values, data["lat"].values, stories, area,
             [_top(values / area, values) for values in a],
         ),
+        *_begun(begun),
         leaves.table("The two cases", [("", "Case", "words"), ("", "What it is", "words")], rows=names),
         leaves.table("Differences", columns, file="compare.csv", by_time="time", note="Errors are of chance alone, on common random numbers."),
         leaves.text("In words", file="compare.txt"),
     ]  # fmt: skip
+
+
+def _begun(begun: Sequence[Setting]) -> list[Leaf]:
+    """Return where the cases began, once where they began alike."""
+    places = [(on.marks, on.lines) for on in begun]
+    named = {"it": places[0]} if places[0] == places[1] else dict(zip("AB", places, strict=True))
+    return [leaves.marked(f"Where {name} began", *where, "start") for name, where in named.items() if any(where)]
 
 
 def _top(density: np.ndarray, mass: np.ndarray) -> float:

@@ -16,7 +16,8 @@ from drift.maps.sheet import Row, Sheet
 from geo.notation import NMI
 
 BLUE, RED, SAND = "#0b4f8a", "#a33b20", "#b9802a"
-MARKS = (("#5b8db8", "s"), (BLUE, "o"), (RED, "^"), (SAND, "D"))  # colours and marks of areas, in order of their shares
+# Colours and marks of areas, in order of their shares: ten marks, which are told apart in grey too.
+MARKS = tuple(zip(itertools.cycle(("#5b8db8", BLUE, RED, SAND)), "so^DvPX<>*", strict=False))
 SHEET = Sheet(
     11.7, 8.3, 120, left=0.05, title=sheet.heading(0.955, 15, 90), lines=(Row(0.922, 12), sheet.small(0.895, 9, 150)),
     footer=sheet.small(0.02, 7, 170),

@@ -3,7 +3,7 @@
 Particles are moved by the same slices on the device (drift.motion.forcing); here they are read for some hundred places.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -14,9 +14,12 @@ from drift.motion.forcing import Sources
 from geo import notation
 from geo.array import Array
 from geo.box import Box
+from geo.forcing.quantity import QUANTITIES
 from geo.forcing.sources import Source
 from geo.forcing.stream import Bracket, Slices
 from geo.grids.grid import Grid, sample
+
+ACROSS = 14  # arrows along the longer side of a map
 
 
 def at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: Array, lat: Array) -> Array:
@@ -49,14 +52,11 @@ class Flow:
     velocity: Array
 
 
-def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64], across: Mapping[str, int]) -> dict[str, Flow]:
-    """Return what flows over a box, at places spread over it: so many along its longer side, by quantity."""
-    found = {}
-    for quantity, many in across.items():
-        if sources.of(quantity):
-            lon, lat = lattice(box, many)
-            found[quantity] = Flow(times, lon, lat, at(sources, quantity, times, lon, lat))
-    return found
+def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64]) -> dict[str, Flow]:
+    """Return what flows over a box, at places spread over it: ACROSS along its longer side, by quantity."""
+    lon, lat = lattice(box, ACROSS)
+    there = [quantity for quantity in QUANTITIES if sources.of(quantity)]
+    return {quantity: Flow(times, lon, lat, at(sources, quantity, times, lon, lat)) for quantity in there}
 
 
 def lattice(box: Box, across: int) -> tuple[Array, Array]:

@@ -117,9 +117,13 @@ def key(areas: bool = True) -> list[tuple[Any, str]]:
 def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
     """Return current and wind at a time as a layer of a chart: arrows, and barbs in knots."""
     drawn: list[tuple[str, Array, Array, Array]] = []
-    for quantity, flow in found.items():
+    for quantity in ("current", "wind"):
+        if quantity not in found:
+            continue
+        flow = found[quantity]
+        some = _some(flow) if quantity == "wind" else np.ones(len(flow.lon), bool)  # barbs take more room than arrows
         for velocity in flow.velocity[flow.time == time]:
-            there = np.isfinite(velocity).all(axis=1)
+            there = some & np.isfinite(velocity).all(axis=1)
             if there.any():
                 drawn.append((quantity, flow.lon[there], flow.lat[there], velocity[there]))
 
@@ -151,6 +155,12 @@ def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
                 )
             )
     return Overlay(draw, {}, rows)
+
+
+def _some(flow: Flow) -> Array:
+    """Return which of the places of a flow are in every third row and column, bool (m,)."""
+    column, row = (np.unique(place, return_inverse=True)[1] for place in (flow.lon, flow.lat))
+    return np.asarray((column % 3 == min(1, column.max())) & (row % 3 == min(1, row.max())))
 
 
 def _turned(frame: Frame, lon: Array, lat: Array, velocity: Array) -> tuple[Array, Array]:

@@ -1,35 +1,26 @@
 """What report.html shows of where a run drifts: arrows of winds and currents, and the ways of what steers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-import numpy as np
-import numpy.typing as npt
 import shapely
 
-from drift.environment import ambient, layers
-from drift.motion.forcing import Sources
+from drift.environment import layers
+from drift.environment.ambient import Flow
 from drift.motion.scenario import Scenario
 from drift.output import geojson
 from drift.report import leaves
 from drift.report.leaves import Leaf
 from geo import sphere
-from geo.box import Box
 from geo.forcing.quantity import QUANTITIES
 
-ACROSS = 14  # arrows along the longer side of the map
 
-
-def flows(sources: Sources, times: npt.NDArray[np.datetime64], box: Box) -> list[Leaf]:
-    """Return arrows of what a scenario drifts in, at places spread over a box."""
-    x, y = ambient.lattice(box, ACROSS)
+def flows(found: Mapping[str, Flow]) -> list[Leaf]:
+    """Return arrows of what a scenario drifts in, by quantity."""
     shown: list[Leaf] = []
-    for quantity in QUANTITIES:
-        if sources.of(quantity):
-            velocity = ambient.at(sources, quantity, times, x, y)
-            title, look = QUANTITIES[quantity].spoken.capitalize(), "wind" if QUANTITIES[quantity].in_air else "current"
-            shown.append(
-                leaves.arrows(title, times, sphere.wrap_degrees(x), y, velocity, look, shown=quantity == "current")
-            )
+    for quantity, flow in found.items():
+        title, look = QUANTITIES[quantity].spoken.capitalize(), "wind" if QUANTITIES[quantity].in_air else "current"
+        lon, visible = sphere.wrap_degrees(flow.lon), quantity == "current"
+        shown.append(leaves.arrows(title, flow.time, lon, flow.lat, flow.velocity, look, shown=visible))
     return shown
 
 

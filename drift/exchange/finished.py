@@ -59,9 +59,7 @@ class Finished:
 
     def search(self) -> list[dict[str, Any]]:
         """Return the features of what was searched and told; of a plan without its own sorties, which are not flown."""
-        planned = tuple(f"{feature['properties']['unit']}, planned" for feature in self.features("plan.geojson"))
-        every = self.features("sorties.geojson")
-        return [f for f in every if not (planned and str(f["properties"]["name"]).startswith(planned))]
+        return [f for f in self.features("sorties.geojson") if f["properties"].get("status") != "planned"]
 
     def areas(self) -> list[tuple[np.datetime64, float, dict[str, Any], dict[str, Any]]]:
         """Return (time, share, geometry, properties) of each area at the outputs that are wanted, in their order."""

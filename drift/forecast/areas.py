@@ -234,6 +234,18 @@ def containment(mass: Array, area: Array, calibration: density.Calibration) -> t
     )
 
 
+def outlined(cells: Cells, mass: Array, shares: Sequence[float]) -> tuple[Array, Array, list[shapely.MultiPolygon]]:
+    """Return the containment of a map's cells, and sizes [m2] and outlines [deg] of the areas that hold some shares.
+
+    mass: (nlat, nlon), not all 0. Nothing calibrates them: they hold their shares of this map.
+    """
+    area = cells.area()
+    contained, levels, sizes, heights = containment(mass, area, density.Calibration(density.KNOTS))
+    wanted, least = np.interp(shares, levels, sizes), np.interp(shares, levels[1:], np.log(heights))
+    each = zip(least.tolist(), wanted.tolist(), strict=True)
+    return contained, wanted, [_contour(cells, mass / area[:, None], *one) for one in each]
+
+
 def contours(area: Area) -> list[shapely.MultiPolygon]:
     """Return the outlines [deg, unwrapped] of the areas that hold the shares, with their holes."""
     height = area.probability.sum(axis=(0, 1)) / area.cells.area()[:, None]

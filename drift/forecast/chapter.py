@@ -40,6 +40,12 @@ def _snapshots(matter: Matter, path: Path) -> None:
     forecast_map.draw_snapshots(matter.forecast, path, matter.setting, overlays=matter.small)
 
 
+def _stories(matter: Matter, path: Path) -> None:
+    from drift.forecast import stories_map
+
+    stories_map.draw(matter.forecast, path, matter.setting, overlays=matter.small)
+
+
 def _leaves(matter: Matter) -> list[Any]:
     from drift.forecast import report
 
@@ -57,13 +63,17 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
     "map.png": _map,
     "snapshots.png": _snapshots,
 }
+STORIES: dict[str, Callable[[Matter, Path], None]] = {  # of several scenarios
+    "stories.png": _stories,
+}
 
 
 def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a forecast."""
+    several = matter.forecast.data.sizes["scenario"] > 1
     return Chapter(
         tables.numbers(matter.forecast),
         bound(FILES, matter),
-        bound(PICTURES, matter),
+        bound(PICTURES | STORIES if several else PICTURES, matter),
         leaves=(partial(_leaves, matter),),
     )

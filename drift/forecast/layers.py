@@ -10,12 +10,12 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.colors import Colormap, ListedColormap, to_hex, to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from drift.forecast import beyond, effective
+from drift.forecast import beyond, coastal, effective
 from drift.forecast.build import Contour, Forecast
 from drift.forecast.mapped import SHOWN
 from drift.maps import chart, gazetteer, labels
@@ -29,6 +29,7 @@ INNERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": 
 BETWEEN: tuple[Any, ...] = ((0, (6, 2)), (0, (6, 2, 1.5, 2)), (0, (10, 3)), (0, (4, 1.5, 1.5, 1.5, 1.5, 1.5)))
 OUTERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))}
 ROUGH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#55606b", "hatch": "////", "linewidth": 0.0, "alpha": 0.55}
+BAND = 2.8  # width of the coast in an area [typographic points], without its edges
 LARGER = 1.6  # factor by which a frame may grow to show a place that is far off
 TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", chart.RED
 ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
@@ -241,12 +242,52 @@ def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
 def outline(
     ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contour], few: bool, width: float = 1.0
 ) -> None:
-    """Draw the outlines of a time's areas, `width` times as wide as usual; hatch where few particles count."""
+    """Draw the outlines of a time's areas, `width` times as wide as usual; hatch where few particles count.
+
+    The coast in them is a band: there the outline, a cell or two across, is lost under the shoreline.
+    """
+    if contours:
+        _coast(ax, frame, forecast, contours, few, width)
     if few:
         rough(ax, frame, widest(contours))
     for contour in contours:
         style = line(contour.share, forecast, few)
         rings(ax, frame, contour.polygon, {**style, "linewidth": width * style["linewidth"]})
+
+
+def _coast(ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contour], few: bool, width: float) -> None:
+    """Draw the coast in the areas of a time as bands over the land; see `outline`."""
+    time = int(np.flatnonzero(forecast.data["time"].values == contours[0].time)[0])
+    found = coastal.strips(forecast.data.isel(time=time), sorted(contour.share for contour in contours))
+    for share in sorted(found, reverse=True):
+        points, part = shapely.get_coordinates(list(found[share].geoms), return_index=True)
+        codes = np.where(np.diff(part, prepend=-1) > 0, Outline.MOVETO, Outline.LINETO)
+        path = Outline(np.column_stack(frame.project(*points.T)), codes)
+        ax.add_patch(PathPatch(path, fill=False, zorder=5.5, **band(share, forecast, few, width**2)))
+
+
+def band(share: float, forecast: Forecast, few: bool = False, width: float = 1.0) -> dict[str, Any]:
+    """Return the style of the coast in an area: dark for the innermost, light as paper for the outermost."""
+    style, light = line(share, forecast, few), forecast.shares.index(share) / max(len(forecast.shares) - 1, 1)
+    ink = np.array(to_rgb(style["color"]))
+    middle = to_hex(tuple(ink + light * (1 - ink)))
+    strokes = [
+        patheffects.Stroke(linewidth=(BAND + more) * width, foreground=colour)
+        for more, colour in ((2.6, "white"), (1.2, style["color"]), (0.0, middle))
+    ]
+    return {"capstyle": "round", "joinstyle": "round", "path_effects": strokes}
+
+
+def bands(
+    forecast: Forecast, times: Sequence[int], shares: Sequence[float], few: bool = False
+) -> list[tuple[Any, str]]:
+    """Return the row of a legend for the coast in areas at some times (indices), or no row where there is none."""
+    found = sorted({share for time in times for share in coastal.strips(forecast.data.isel(time=time), shares)})
+    if not found:
+        return []
+    effects = [band(share, forecast, few, 0.9)["path_effects"] for share in found]
+    symbols = [Line2D([], [], solid_capstyle="butt", path_effects=effect) for effect in effects]
+    return [(symbols, f"On the coast: {', '.join(map(notation.percent, found))} %")]
 
 
 def note(ax: Axes, texts: Sequence[str], **style: Any) -> None:
@@ -273,12 +314,13 @@ def beside(frame: Frame, at: Any, count: effective.Count) -> list[str]:
     return [*notes, out] if out else notes
 
 
-def prior_line(ax: Axes, frame: Frame, line: Line, which: int) -> None:
-    """Draw a scenario's area or trackline in the style of its number among them."""
+def prior_line(ax: Axes, frame: Frame, line: Line, which: int, scale: float = 1.0) -> None:
+    """Draw a scenario's area or trackline in the style of its number among them; scale: of its width."""
     lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
     if line.closed:
         lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
-    ax.plot(*frame.project(lon, lat), zorder=8, **prior_style(which))
+    style = prior_style(which)
+    ax.plot(*frame.project(lon, lat), zorder=8, **{**style, "linewidth": scale * style["linewidth"]})
 
 
 def others(ax: Axes, frame: Frame, places: Sequence[tuple[float, float]]) -> None:
@@ -321,7 +363,7 @@ def ashore_marks(ax: Axes, frame: Frame, forecast: Forecast, time: int, scale: f
     order = np.lexsort((-weight, member))  # a symbol stands at the likeliest cell of its mesh
     x, y = (v[order[np.searchsorted(member[order], np.arange(len(sums)))]] for v in (x, y))
     keep = sums > 1e-3 * total
-    size = scale**2 * (14 + 170 * sums[keep] / max(sums.max(), 0.02))
+    size = scale**2 * (9 + 50 * sums[keep] / max(sums.max(), 0.02))  # the coast in areas shows between them
     ax.scatter(x[keep], y[keep], size, marker="^", color=ASHORE, edgecolor="white", linewidth=0.5, zorder=9)
     return total
 

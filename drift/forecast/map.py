@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.path import Path as Outline
 
-from drift.forecast import beyond, effective, layers, mapped
+from drift.forecast import beyond, coastal, effective, layers, mapped
 from drift.forecast import words as forecast_words
 from drift.forecast.build import Contour, Forecast
 from drift.maps import chart, labels, sheet
@@ -149,7 +149,11 @@ def draw_snapshots(forecast: Forecast, path: Path, setting: Setting, *, overlays
         row, column = divmod(k, columns)
         left, bottom = side + column * (wide + gap), height - head - (row + 1) * (wide + 0.28) + 0.28
         ax = on.figure.add_axes((left / width, bottom / height, wide / width, wide / height))
-        mesh = _small_map(ax, frame, forecast, i, top, land, setting, overlays)
+        at, waiting = forecast.data.isel(time=i), forecast_words.waiting(forecast.data)
+        notes = [_off_map(at, waiting)] if forecast_words.missing(at) and np.isfinite(at["mean_lat"]) else []
+        mesh = small_map(ax, frame, forecast, i, top, land, setting, overlays, notes)
+        ax.set_title(notation.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
+        ax.set_title(sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
         chart.graticule(ax, frame, lines=3, size=7, labels=(k + columns >= len(picks), column == 0))
         if k == 0:
             chart.scale_bar(ax, frame, chart.free_corner(frame, *layers.occupied(frame, forecast, times)), small=True)
@@ -160,16 +164,17 @@ def draw_snapshots(forecast: Forecast, path: Path, setting: Setting, *, overlays
     if key:
         place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (side / width, 0.3 / height)}
         sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)
-    _log_bar(on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh)
+    log_bar(on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh)
     sheet.end(on, path, imprint)
 
 
-def _small_map(
+def small_map(
     ax: Axes, frame: Frame, forecast: Forecast, i: int, top: float, land: Outline | None, setting: Setting,
-    overlays: Sequence[AtTime],
+    overlays: Sequence[AtTime], notes: Sequence[str] = (),
 ) -> Any:  # fmt: skip
     """Draw one output with its smallest and its largest area; return the shading.
 
+    notes: what it warns of, besides few particles and what the frame leaves out.
     top: density [% per nmi2] at the upper end of the colour scale, which spans three powers of ten.
     """
     at, density = forecast.data.isel(time=i), layers.density(forecast, i)
@@ -186,15 +191,11 @@ def _small_map(
     layers.ashore_marks(ax, frame, forecast, i, scale=0.5)
     for mark in setting.marks:
         layers.mark_point(ax, frame, mark, 6)
-    waiting = forecast_words.waiting(forecast.data)
-    ax.set_title(notation.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
-    ax.set_title(_sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
-    notes = [_off_map(at, waiting)] if forecast_words.missing(at) and np.isfinite(at["mean_lat"]) else []
     layers.note(ax, [*notes, *layers.beside(frame, at, count)], fontsize=7)
     return mesh
 
 
-def _log_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -> None:
+def log_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -> None:
     """Draw a logarithmic colour scale of density with powers of ten.
 
     box: left, bottom, width, height of the page.
@@ -213,7 +214,7 @@ def _joined(text: str, particles: int | None) -> str:
     return text if particles is None else f"{text}; {particles:,} particles"
 
 
-def _sizes(at: Any, waiting: str) -> str:
+def sizes(at: Any, waiting: str) -> str:
     """Return what stands over a panel: the areas, or why there are none."""
     areas = list(zip(at["share"].values, at["containment_area"].values / NMI**2, strict=True))
     if np.isfinite(areas[0][1]):
@@ -245,6 +246,7 @@ def _rows(
         size = labels.number(outline.area / NMI**2)
         words = f"{notation.percent(outline.share)} % area: {'rough, ' if few else ''}{size} nmi²"
         rows.append((Line2D([], [], **layers.line(outline.share, forecast, few)), words))
+    rows += layers.bands(forecast, [time], forecast.shares, few)
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))
     style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}
@@ -272,7 +274,9 @@ def _rows(
         triangle = Line2D(
             [], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white"
         )
-        rows.append((triangle, f"Ashore, {labels.percent(ashore)} in all; size by\nprobability"))
+        where = coastal.words(forecast.data.isel(time=time))
+        told = f"Ashore, {labels.percent(ashore)} in all, size by probability{'; ' if where else ''}{where}"
+        rows.append((triangle, told))
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
     return rows
@@ -289,7 +293,7 @@ def _legend(figure: Figure, rows: Sequence[tuple[Any, str]]) -> None:
         wide = int(34 * 9.5 / size)
         legend = sheet.legend(
             figure,
-            [(symbol, textwrap.fill(text, wide) if "\n" not in text else text) for symbol, text in rows],
+            [(symbol, textwrap.fill(text, wide)) for symbol, text in rows],
             loc="upper left",
             bbox_to_anchor=(0.735, 0.875),
             fontsize=size,

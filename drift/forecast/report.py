@@ -2,9 +2,10 @@
 
 from typing import Any
 
-from drift.forecast import layers, mapped
+from drift.forecast import coastal, layers, mapped
 from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
+from drift.output import geojson
 from drift.particles.status import Status
 from drift.report import leaves
 from drift.report.leaves import Leaf
@@ -35,12 +36,29 @@ def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
             "Ashore at the end", "ashore.csv", "ashore", since="first_time", weight="probability_ashore", shown="effective_worlds" not in data,
             told=[("position", "Position", "words"), ("probability_ashore", "Probability", "share"), ("first_time", "By", "time")],
         ),
+        *_on_coast(forecast),
         leaves.sample("Tracks of a sample", tracks.time, lon, sphere.to_degrees(tracks.lat), tracks.status,
                       [status.name.lower() for status in sorted(Status)], tracks.scenario),
         leaves.track("Datum", "track.csv", "datum_lon", "datum_lat", "datum", shown=False),
         leaves.track("Mean position", "track.csv", "mean_lon", "mean_lat", "mean"),
         leaves.table("By time", _columns(data), file="track.csv", by_time="time", note="Press a row to see its map."),
     ]  # fmt: skip
+
+
+def _on_coast(forecast: Forecast) -> list[Leaf]:
+    """Return the coast in each area by time, where its outline is lost under the shoreline."""
+    data = forecast.data
+    drawn = [
+        geojson.feature(geojson.lines([lines]), {"time": notation.iso(at["time"].values[()]), "level": share})
+        for at in (data.isel(time=k) for k in range(data.sizes["time"]))
+        for share, lines in sorted(coastal.strips(at, forecast.shares).items(), reverse=True)
+    ]
+    told = [("level", "Coast, of the area that holds", "share")]
+    # Of a spill, stretches of coast tell more.
+    shown = "effective_worlds" not in data
+    return (
+        [leaves.features("Areas on the coast", drawn, "coast", when=leaves.AT, told=told, shown=shown)] if drawn else []
+    )
 
 
 def _columns(data: Any) -> list[tuple[str, str, str]]:

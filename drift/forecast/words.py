@@ -103,7 +103,10 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
 def span(times: Sequence[Any], ends: Sequence[float]) -> str:
     """Return in words which times are drawn, and what the numbers over each panel are."""
     to = "back to" if times[-1] < times[0] else "to"
-    held = " and ".join(notation.percent(share) for share in ends)
-    return (
-        f"{notation.group(times[0])} {to} {notation.group(times[-1])}, UTC; areas that hold {held} % (lines), in nmi²"
-    )
+    return f"{notation.group(times[0])} {to} {notation.group(times[-1])}, UTC; {held(ends)}"
+
+
+def held(ends: Sequence[float]) -> str:
+    """Return in words what the numbers over a small map are."""
+    shares = " and ".join(notation.percent(share) for share in ends)
+    return f"areas that hold {shares} % (lines; bands on the coast), in nmi²"

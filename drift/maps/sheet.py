@@ -12,6 +12,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
 
 from drift.maps import labels, page
 from drift.maps.chart import GREY, INK, RED
@@ -130,10 +131,11 @@ def end(on: Page, path: Path, imprint: Imprint, title: str = "") -> None:
 
 
 def legend(figure: Figure, rows: Sequence[tuple[Any, str]], **style: Any) -> Any:
-    """Write what symbols mean, without a frame."""
-    return figure.legend(
-        [symbol for symbol, _ in rows], [text for _, text in rows], frameon=False, labelcolor=INK, **style
-    )
+    """Write what symbols mean, without a frame; those of a list stand side by side, those of a tuple on each other."""
+    abreast = {tuple(symbol): HandlerTuple(ndivide=None) for symbol, _ in rows if isinstance(symbol, list)}
+    symbols: list[Any] = [tuple(symbol) if isinstance(symbol, list) else symbol for symbol, _ in rows]
+    texts = [text for _, text in rows]
+    return figure.legend(symbols, texts, handler_map=abreast, frameon=False, labelcolor=INK, **style)
 
 
 def density_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -> tuple[Axes, str]:

@@ -67,7 +67,7 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
     for way in ways:
         way.draw(ax, frame)
     outlines = layers.areas_of(forecast, at["time"].values[()], forecast.ends)
-    _areas(ax, frame, forecast, outlines, count.few)
+    layers.outline(ax, frame, forecast, outlines, count.few, width=0.7)
     ashore = layers.ashore_marks(ax, frame, forecast, i)
     _plan(ax, on.canvas, frame, forecast, plan, i, setting.marks)
     _words(on, plan, notation.group(at["time"].values[()]), setting)
@@ -75,7 +75,8 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
         sheet.rough(on, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):
         sheet.say(on, sheet.warning(0.875 - ROW * k, 9), text)
-    more = [(symbol, page.fit(text, 34)) for way in ways for symbol, text in way.key]
+    more = layers.bands(forecast, [i], forecast.ends, count.few)
+    more += [(symbol, page.fit(text, 34)) for way in ways for symbol, text in way.key]
     _legend(on.figure, plan, forecast, outlines, len(setting.marks), ashore, land is not None, count.few, more)
     _panel(on.figure, plan)
     _bar(on.figure, mesh)
@@ -94,15 +95,6 @@ def _framed(
         frame = _extent(forecast, plan, i, marks, high)
         out = textwrap.wrap(beyond.left_out(frame, at), 110)
     return frame, high, out
-
-
-def _areas(ax: Axes, frame: Frame, forecast: Forecast, outlines: Sequence[Any], few: bool) -> None:
-    """Draw the outlines of the areas by share, thin; few: too few particles count for certain ones."""
-    if few:
-        layers.rough(ax, frame, layers.widest(outlines))
-    for outline in outlines:
-        style = layers.line(outline.share, forecast, few)
-        layers.rings(ax, frame, outline.polygon, {**style, "linewidth": 0.7 * style["linewidth"]})
 
 
 def _words(on: Page, plan: Plan, time: str, setting: Setting) -> None:

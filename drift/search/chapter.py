@@ -90,7 +90,7 @@ def chapter(matter: Matter, *, mapped: bool) -> Chapter:
 
         more = range(2, 1 + search_map.pages(matter.updates.sorties))
         pictures |= bound(MAPS, matter) | {f"search-{page}.png": partial(_search, matter, page=page) for page in more}
-    sorties = matter.updates.sorties if mapped else ()  # where they are planned, the plan shows them
+    sorties = [sortie for sortie in matter.updates.sorties if not sortie.planned]  # the plan shows those
     leaves = (partial(report.of, matter.updates, sorties, matter.contacts, matter.sensors),) if told else ()
     return Chapter({"search": search_tables.numbers(matter.updates)}, files, pictures, leaves=leaves)
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import blended_transform_factory
@@ -187,7 +186,7 @@ def _legend(figure: Figure, updates: Updates, top: float) -> None:
         colour, dashes, marker = STROKES[j % len(STROKES)]
         bar = Patch(edgecolor=INK, linewidth=0.6, **FILLS[j % len(FILLS)])
         line = Line2D([], [], color=colour, linestyle=dashes, marker=marker, markersize=5, markeredgecolor="white")
-        rows.append(((bar, line), page.fit(name, 34)))
+        rows.append(([bar, line], page.fit(name, 34)))
     columns = min(A_LINE, len(rows))
     order = [i for c in range(columns) for i in range(c, len(rows), columns)]  # legends fill column by column
     sheet.legend(
@@ -201,7 +200,6 @@ def _legend(figure: Figure, updates: Updates, top: float) -> None:
         borderpad=0,
         handlelength=5.0,
         columnspacing=2.0,
-        handler_map={tuple: HandlerTuple(None)},
     )
 
 

@@ -112,7 +112,8 @@ def draw(
         forecast,
         search_layers.key(on_page, every_seen, 0.9)
         + search_layers.sensor_key([*chain(*heard)], 0.9)
-        + [(symbol, paper.fit(text, 44)) for way in ways for symbol, text in way.key],
+        + [(symbol, paper.fit(text, 44)) for way in ways for symbol, text in way.key]
+        + layers.bands(forecast, np.unique(outputs).tolist(), forecast.ends),
         bool(setting.marks),
     )
     _bar(on.figure, size, mesh)

@@ -64,6 +64,12 @@ class Sortie:
     spacing: float = math.nan  # [m]
     width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
     coverage_under_way: tuple[float, ...] = ()  # as coverage, while it is under way
+    planned: bool = False  # it is still to be flown
+
+    @property
+    def status(self) -> str:
+        """Whether it has been flown, in a word."""
+        return "planned" if self.planned else "flown"
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ SEEN = [
 
 
 def of(updates: Updates, sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sensors) -> list[Leaf]:
-    """Return the leaves of a search; sorties: those that are drawn, not all that have been flown where others are planned."""
+    """Return the leaves of a search; sorties: those that have been flown."""
     shown: list[Leaf] = []
     if sorties:
         of_sortie = {"kind": "sortie", "name": [sortie.name for sortie in sorties]}
@@ -49,13 +49,15 @@ def of(updates: Updates, sorties: Sequence[Sortie], contacts: Sequence[Contact],
         told = [("probability", "Crossed, in the end", "share")]
         shown.append(leaves.shapes("Lines asked about", FILE, "line", where={"kind": "line"}, label="name", told=told))
     if updates.all:
-        shown += [_updates(), _scenarios(updates)]
+        shown += [_updates(any(sortie.planned for sortie in updates.sorties)), _scenarios(updates)]
     return shown
 
 
-def _updates() -> Leaf:
+def _updates(planned: bool) -> Leaf:
+    """Return what each has done; planned: whether some sorties are still to be flown."""
     columns = [
-        ("time", "Time", "time"), ("name", "What", "words"), ("kind", "Kind", "words"), ("pod", "POD", "share"), ("poc", "POC", "share"),
+        ("time", "Time", "time"), ("name", "What", "words"), ("kind", "Kind", "words"),
+        *([("status", "Status", "words")] if planned else []), ("pod", "POD", "share"), ("poc", "POC", "share"),
         ("pos", "POS", "share"), ("pos_cumulative", "POS so far", "share"), ("log_evidence", "ln evidence", "number"),
         ("ess_after", "Particles that count after", "count"),
     ]  # fmt: skip

@@ -23,6 +23,7 @@ HEADER = [
     "update",
     "name",
     "kind",
+    "status",
     "time",
     "date_time_group",
     "scenario",
@@ -49,10 +50,10 @@ def csv(updates: Updates, run: str) -> str:
 
     run: the run_id for the last column.
 
-    prior and posterior are a scenario's probability before and after the update, bayes_factor its odds after over its
+    status: of a sortie, "flown" or "planned"; prior and posterior are a scenario's probability before and after the update, bayes_factor its odds after over its
     odds before. A contact or a sensor has no POD, POC and POS; empty: does not apply, or nothing known.
     """
-    rows = []
+    rows, status = [], _statuses(updates)
     for number, (update, before) in enumerate(steps(updates), 1):
         factors, pod = bayes_factors(update, before), update.pod
         columns = [pod, update.poc, update.pos, update.alive, update.cumulative, update.log_evidence]
@@ -63,6 +64,7 @@ def csv(updates: Updates, run: str) -> str:
                     number,
                     update.name,
                     update.kind,
+                    status.get(update.name, "") if update.kind == "sortie" else "",
                     notation.iso(update.time),
                     notation.group(update.time),
                     scenario,
@@ -79,6 +81,11 @@ def csv(updates: Updates, run: str) -> str:
                 ]
             )
     return formats.csv_text(HEADER, rows)
+
+
+def _statuses(updates: Updates) -> dict[str, str]:
+    """Return of each sortie whether it has been flown or is planned, by its name."""
+    return {sortie.name: sortie.status for sortie in updates.sorties}
 
 
 def steps(updates: Updates) -> list[tuple[Update, Array]]:
@@ -149,6 +156,7 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
     }
     if update.kind == "sortie":
         row |= {
+            "status": _statuses(updates).get(update.name),
             "pod": _by_scenario(names, update.pod),
             "poc": _by_scenario(names, update.poc),
             "pos": _by_scenario(names, update.pos),
@@ -255,6 +263,7 @@ def _sortie(
     properties = {
         "name": sortie.name,
         "kind": "sortie",
+        "status": sortie.status,
         "unit": sortie.kind,
         "start": notation.iso(sortie.start),
         "end": notation.iso(sortie.end),

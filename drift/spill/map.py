@@ -20,7 +20,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
@@ -386,7 +385,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
 def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     """Write under the chart what its bars and the marks on the maps are."""
     shape: dict[str, Any] = {"linestyle": "none", "marker": "D", "markersize": 5, "markeredgecolor": INK}
-    medians = (Line2D([], [], markerfacecolor="white", **shape), Line2D([], [], markerfacecolor=INK, **shape))
+    medians = [Line2D([], [], markerfacecolor=colour, **shape) for colour in ("white", INK)]
     rows: list[tuple[Any, str]] = [
         (Patch(**FIRST), "first object arrives, 10 to 90 %"),
         (Patch(**BULK), "bulk (median of a spill's objects there), 10 to 90 %"),
@@ -406,7 +405,6 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
         fontsize=8,
         borderaxespad=0,
         columnspacing=1.4,
-        handler_map={medians: HandlerTuple(None)},
     )
     figure.text(
         0.7,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import drift
 from cases import __file__ as cases
 from drift.case import network
 from drift.case.network import Chart
@@ -286,6 +287,11 @@ def test_the_mediterranean_network(mediterranean: Chart) -> None:
     assert "Tarifa, eastbound" in lanes.shortest(found, "Cape Spartel", "Oran")
     assert "Tarifa, westbound" in lanes.shortest(found, "Oran", "Cape Spartel")
     assert {"Scilla, northbound", "Reggio, northbound"} <= {*lanes.shortest(found, "Capo Spartivento", "Stromboli")}
+
+
+def test_a_network_is_an_input_of_its_case() -> None:
+    """So that summary.json records its digest; named by twelve scenarios, it is one file."""
+    assert drift.load("medsearch_transit").inputs == (str(Path(cases).parent / "networks" / "mediterranean.toml"),)
 
 
 def test_the_example_of_the_documentation(tmp_path: Path) -> None:

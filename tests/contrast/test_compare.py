@@ -15,9 +15,11 @@ from scipy import stats
 
 import drift
 from drift.cli import commands as cli
-from drift.contrast import chapter, figures, pairing, units
+from drift.contrast import chapter, figures, pairing, report, units
 from drift.contrast.maps import maps
 from drift.contrast.units import GROUPS, Units
+from drift.maps.imprint import Imprint, Setting
+from drift.maps.marks import Mark
 from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from geo import cells, sphere
@@ -149,6 +151,15 @@ def test_files_hold_what_was_found(search: drift.Case, tmp_path: Path, capsys: p
     assert cli.main([*words, "--out", str(out)]) == 2  # no result is overwritten unless asked
     assert cli.main(words[:2]) == 2
     assert "nothing to compare with" in capsys.readouterr().err
+
+
+def test_the_report_says_where_the_cases_began(search: drift.Case) -> None:
+    """Once where they began alike, else of each; the cases of `drift compare` go through facts.setting, as maps do."""
+    found = drift.compare(search, drift.vary(search, {"scenario.0.position.at": "27 40N 088 10W"}))
+    here, there = (Setting(Imprint("a"), marks=[Mark(lon, 27.5, "LKP")]) for lon in (-88.0, -88.1))
+    for begun, names in (((here, here), ["it"]), ((here, there), ["A", "B"]), ((Setting(Imprint("a")),) * 2, [])):
+        titles = [leaf["title"] for leaf in report.of(found, begun)]
+        assert [title for title in titles if "began" in title] == [f"Where {name} began" for name in names]
 
 
 def test_steps_that_end_elsewhere_share_no_errors_and_this_is_said(tmp_path: Path) -> None:

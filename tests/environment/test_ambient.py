@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drift.environment import ambient
+from drift.environment import ambient, layers, report
 from drift.motion.forcing import Sources
 from geo.box import Box
 from geo.forcing.sources import Source
@@ -82,3 +82,19 @@ def test_places_are_spread_over_a_box(box):
     assert (lat >= box.south).all()
     assert (lat <= box.north).all()
     assert max(len(np.unique(lon)), len(np.unique(lat))) in ((1,) if box.west == box.east else (9, 10))
+
+
+def test_what_flows_is_read_once_for_maps_and_report():
+    """Every quantity that has sources, at the same places; of the wind a map shows a third of the rows and columns."""
+    box = Box(178.0, -20.0, 184.0, -14.0)
+    found = ambient.over(Sources({"current": (source("a", GRID),), "wind": ()}), box, TIMES)
+    assert list(found) == ["current"]
+    flow = found["current"]
+    np.testing.assert_allclose(flow.velocity[1], exact(flow.lon, flow.lat, 3.0), atol=2e-6)
+    some = layers._some(flow)
+    rows, columns = (np.unique(place).size for place in (flow.lat, flow.lon))
+    assert max(rows, columns) == ambient.ACROSS
+    assert some.sum() == -(-(rows - 1) // 3) * -(-(columns - 1) // 3)
+    assert layers._some(ambient.Flow(TIMES, flow.lon[:1], flow.lat[:1], flow.velocity[:, :1])).tolist() == [True]
+    (leaf,) = report.flows(found)
+    assert (len(leaf["lon"]), leaf["shown"]) == (rows * columns, True)

@@ -75,5 +75,5 @@ def test_a_toolbox_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_without_the_toolbox_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch, order: Order) -> None:
     monkeypatch.setattr(toolbox, "PROGRAM", "no-such-program")
-    with pytest.raises(UserError, match=r"pip install 'casp-drift\[fetch\]'"):
+    with pytest.raises(UserError, match=r"pip install -e '\.\[fetch\]'"):
         parts.patiently(lambda: toolbox.ship(order), lambda line: None)

@@ -13,7 +13,9 @@ import pytest
 import searches
 import shapely
 
+from drift.maps.imprint import Imprint, Setting
 from drift.output import formats
+from drift.search import chapter
 from drift.search import shapes as search_shapes
 from drift.search import tables as search_tables
 from drift.search.updates import Update, Updates
@@ -185,3 +187,23 @@ def test_a_contacts_shapes_hold_what_they_say():
     away = GEOD.inv(np.full(len(middle), ring.sensor[0]), np.full(len(middle), ring.sensor[1]), *middle.T)[2]
     np.testing.assert_allclose(away, ring.range, rtol=1e-9)
     assert GEOD.polygon_area_perimeter(*search_shapes.contact(box)[0][1].T)[0] / NMI**2 == pytest.approx(-60, rel=1e-3)
+
+
+def test_planned_sorties_are_told_from_flown_ones(search):
+    """In every row and shape of a sortie, and in no other; the report draws those that have been flown."""
+    updates = replace(search[3], sorties=searches.sorties(-88.2, 27.8))
+    first, *others = updates.sorties
+    mixed = replace(updates, sorties=(replace(first, planned=True), *others))
+    wanted = {sortie.name: "planned" if sortie.name == first.name else "flown" for sortie in updates.sorties}
+    assert set(wanted.values()) == {"planned", "flown"}
+    assert [row["status"] for row in rows(mixed)] == [
+        wanted[row["name"]] if row["kind"] == "sortie" else "" for row in rows(mixed)
+    ]
+    told = search_tables.numbers(mixed)["updates"]
+    assert {u["name"]: u["status"] for u in told if u["kind"] == "sortie"} == wanted
+    shapes = search_tables.shapes(mixed.sorties, searches.contacts(0.0, 0.0), mixed, {"run_id": "r"})["features"]
+    for properties in (feature["properties"] for feature in shapes):
+        assert properties.get("status") == (wanted[properties["name"]] if properties["kind"] == "sortie" else None)
+    drawn = chapter.chapter(chapter.Matter(mixed, (), None, Setting(Imprint("a plan"))), mapped=False).leaves
+    names = {name for leaf in drawn[0]() if leaf["leaf"] == "shapes" for name in leaf["where"]["name"]}
+    assert names == {sortie.name for sortie in others}

@@ -76,6 +76,7 @@ function shapes(leaf, files, map, order) {
     if (leaf.label) options.label = String(feature.get(leaf.label) ?? "");
     if (levels.length) {
       const k = levels.indexOf(feature.get("level"));
+      if (leaf.look === "coast") return banded(leaf.look, now.theme, k / Math.max(levels.length - 1, 1));
       options.dash = k === levels.length - 1 && k > 0 ? [2, 3] : DASHES[k % DASHES.length];
       options.width = k ? (k === levels.length - 1 ? 1.4 : 1.8) : 2.4;
       options.label = `${Number((100 * feature.get("level")).toPrecision(6))} %`;

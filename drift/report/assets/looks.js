@@ -10,6 +10,7 @@ const INKS = {
 // ink: a name in INKS. width [px], dash [px], fill: share of the ink inside, symbol: of a point, size [px].
 const LOOKS = {
   area: { ink: "area", width: 2.2 },
+  coast: { ink: "area", width: 7 },
   searched: { ink: "search", width: 1.8, fill: 0.06, symbol: "plus", size: 6 },
   legs: { ink: "search", width: 1 },
   transit: { ink: "search", width: 1, dash: [1, 4] },
@@ -66,6 +67,14 @@ function symbol(kind, size, stroke, fill) {
   if (kind === "plus" || kind === "cross")
     return new ol.style.RegularShape({ points: 4, radius: size, radius2: 0, angle: kind === "cross" ? Math.PI / 4 : 0, ...shared });
   return new ol.style.RegularShape({ points: 4, radius: size, angle: kind === "square" ? Math.PI / 4 : 0, ...shared });
+}
+
+// A band whose middle is the ink (share 0) to the halo (1): what is thin under it stays seen.
+function banded(look, theme, share) {
+  const made = LOOKS[look], inks = INKS[theme], [ink, halo] = [inks[made.ink], inks.halo].map(rgb);
+  const middle = `rgb(${ink.map((value, k) => Math.round(value + share * (halo[k] - value))).join(",")})`;
+  return [[made.width + 2, inks.halo], [made.width, inks[made.ink]], [made.width - 2, middle]]
+    .map(([width, color]) => new ol.style.Style({ stroke: new ol.style.Stroke({ color, width }) }));
 }
 
 // The styles of a shape. now: {theme, strong: drawn bolder, pale: drawn lighter, label, dash, width, colour, size: of its symbol, as a share}.

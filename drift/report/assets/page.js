@@ -37,7 +37,8 @@
 
   const grid = graticule(map, view, chart);
   const ORDER = { maps: 1, shapes: 10, points: 12, arrows: 14, sample: 13, track: 16 };
-  const layers = data.leaves.filter(leaf => LAYERS[leaf.leaf]).map((leaf, k) => LAYERS[leaf.leaf](leaf, files, map, ORDER[leaf.leaf] + (leaf.label ? 5 : 0) + k / 100))
+  const over = leaf => (leaf.label ? 5 : leaf.look === "coast" ? 2.5 : 0); // names over all; the coast in areas over what is ashore
+  const layers = data.leaves.filter(leaf => LAYERS[leaf.leaf]).map((leaf, k) => LAYERS[leaf.leaf](leaf, files, map, ORDER[leaf.leaf] + over(leaf) + k / 100))
     .filter(one => one.every.length || one.ready || one.leaf === "maps");
   for (const one of layers) {
     one.layer.setVisible(one.shown);

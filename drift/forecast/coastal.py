@@ -1,0 +1,85 @@
+"""Where areas lie on the coast: their cells that hold what is ashore, as lines along the shore.
+
+What strands lies on a strip of a cell or two, whose outline is lost under the shoreline of a chart. Areas nest: a cell is
+told of the smallest that holds it.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from scipy import ndimage
+
+from geo import notation, sphere
+from geo.array import Array
+from geo.notation import NMI
+
+ASHORE = 0.5  # share of a cell's probability that is ashore in a cell of the coast
+LEAST = 0.01  # share of the probability ashore under which nothing is told of where it lies
+NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns to half of the eight round a cell
+
+
+def strips(at: Any, shares: Sequence[float]) -> dict[float, shapely.MultiLineString]:
+    """Return the coast in each share's area and in no smaller one, as lines [deg, unwrapped] from cell to cell.
+
+    at: a forecast's data (drift.forecast.dataset) at one time. shares: ascending; those without coast are left out.
+    """
+    held = np.nan_to_num(at["containment"].values, nan=np.inf)
+    which = np.where(_on_coast(at), np.searchsorted(shares, held), len(shares))
+    found = np.unique(which[which < len(shares)]).tolist()
+    return {shares[k]: _lines(which, k, at["lon"].values, at["lat"].values) for k in found}
+
+
+def _on_coast(at: Any) -> Array:
+    """Return which cells hold more ashore than adrift, bool (nlat, nlon)."""
+    ashore = at["probability_ashore"].values
+    return np.asarray((ashore > 0) & (ashore > ASHORE * at["probability"].values))
+
+
+def _lines(which: Array, k: int, lon: Array, lat: Array) -> shapely.MultiLineString:
+    """Return lines from each cell of number k to its neighbours of the same or a smaller number, aslant only round corners.
+
+    A cell without neighbours is a line of half its width. which: (nlat, nlon); lon, lat: of their middles [deg].
+    """
+    there, own = np.pad(which <= k, 1), np.pad(which == k, 1)
+
+    def beside(mask: Array, down: int, right: int) -> Array:
+        return np.roll(mask, (-down, -right), axis=(0, 1))
+
+    ends: list[Array] = []
+    for down, right in NEIGHBOURS:
+        joined = there & beside(there, down, right) & (own | beside(own, down, right))
+        if down and right:
+            joined &= ~(beside(there, down, 0) | beside(there, 0, right))
+        begin = np.argwhere(joined)
+        ends.append(np.stack([begin, begin + np.array([down, right])], axis=1))
+    alone = np.argwhere(own & (ndimage.convolve(there.astype(int), np.ones((3, 3), int)) == 1))
+    quarter = np.array([0.0, 0.25])
+    ends.append(np.stack([alone - quarter, alone + quarter], axis=1))
+    rows, columns = (np.concatenate(ends) - 1).transpose(2, 0, 1)
+    step = [float(axis[1] - axis[0]) if len(axis) > 1 else 0.01 for axis in (lon, lat)]  # cells are even
+    x, y = lon[0] + step[0] * columns, lat[0] + step[1] * rows
+    merged = shapely.line_merge(shapely.multilinestrings(np.stack([x, y], axis=-1)))
+    parts = shapely.get_parts(shapely.simplify(merged, min(step) / 20))
+    return shapely.multilinestrings(parts)
+
+
+def words(at: Any) -> str:
+    """Return in a few words where the densest half of what is ashore lies; empty if little is ashore."""
+    ashore = at["probability_ashore"].values.astype(np.float64)
+    if ashore.sum() < LEAST:
+        return ""
+    order = np.argsort(-(ashore / at["cell_area"].values).ravel(), kind="stable")
+    inside = np.cumsum(ashore.ravel()[order])
+    row, column = np.divmod(order[: int(np.searchsorted(inside, inside[-1] / 2)) + 1], ashore.shape[1])
+    places = np.column_stack([at["lon"].values[column], at["lat"].values[row]])
+    places = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(places)))
+    one, other = (np.radians(places[k]).T for k in np.indices((len(places), len(places))))
+    apart = sphere.distance(*one, *other)
+    ends = [places[k] for k in np.unravel_index(int(np.argmax(apart)), apart.shape)]
+    named = [notation.position(*end) for end in sorted(ends, key=lambda end: (-end[1], end[0]))]
+    reach = float(apart.max()) / NMI
+    if reach < 1:
+        return f"half of it at {named[0]}"
+    return f"half of it within {reach:.0f} nmi, from {named[0]} to {named[1]}"

@@ -1,0 +1,115 @@
+"""Areas on the coast: which cells they are, how they are joined, what is said of them, and that they are seen on a picture."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapely
+import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from pyproj import Geod
+
+from drift.forecast import coastal, layers, report
+from drift.forecast.build import Contour
+from drift.maps import chart
+
+SHARES = (0.5, 0.75, 0.95)
+# 1: half ashore, of the 50 % area; 2: of the 75 % area; 3: of the 95 % area; 4: beyond; 5: of the 50 % area, but mostly adrift.
+CELLS = np.array([
+    [0, 0, 0, 0, 0, 0, 0, 3],
+    [1, 1, 1, 2, 2, 0, 0, 0],
+    [0, 5, 5, 0, 0, 3, 4, 0],
+])  # fmt: skip
+STEP = (0.02, 0.01)  # [deg] of longitude and latitude
+
+
+def at(lon=10.0, lat=40.0, cells=CELLS):
+    held = np.select([np.isin(cells, (1, 5)), cells == 2, cells == 3, cells == 4], [0.5, 0.75, 0.95, 0.97], 1.0)
+    mass = (cells > 0) / np.maximum(cells, 1.0) / 20
+    rows, columns = (np.arange(size) for size in cells.shape)
+    return xr.Dataset(
+        {
+            "containment": (("lat", "lon"), held),
+            "probability": (("lat", "lon"), mass),
+            "probability_ashore": (("lat", "lon"), np.where(cells == 5, 0.4, 0.6) * mass),
+            "cell_area": (("lat", "lon"), np.ones(cells.shape)),
+        },
+        {"lon": lon + STEP[0] * columns, "lat": lat + STEP[1] * rows, "time": np.datetime64("2026-11-21T18:00:00", "ns")},
+    )  # fmt: skip
+
+
+def test_each_cell_of_the_coast_is_told_of_its_smallest_area():
+    found = coastal.strips(at(), SHARES)
+    assert list(found) == [0.5, 0.75, 0.95]
+    # Three cells in a row, and two that go on from them; what is mostly adrift is sea, and what is beyond is not told.
+    assert shapely.equals(found[0.5], shapely.LineString([(10.0, 40.01), (10.04, 40.01)]).normalize())
+    assert found[0.75].bounds == pytest.approx((10.04, 40.01, 10.08, 40.01))
+    # One goes on aslant round a corner; the other stands alone, and is half a cell wide.
+    lengths = sorted(part.length for part in found[0.95].geoms)
+    assert lengths == pytest.approx([STEP[0] / 2, np.hypot(*STEP)])
+    assert list(coastal.strips(at(), (0.5, 0.95))) == [0.5, 0.95]
+    assert coastal.strips(at(), (0.4,)) == {}
+
+
+def test_a_patch_of_cells_is_joined_without_slanting_lines():
+    """Every pair of neighbours by a side is joined once: 3 x 4 cells have 3 x 3 and 2 x 4 such pairs."""
+    lines = coastal.strips(at(cells=np.ones((3, 4), int)), SHARES)[0.5]
+    assert lines.length == pytest.approx(9 * STEP[0] + 8 * STEP[1])
+
+
+def test_where_half_of_what_is_ashore_lies_is_said_with_its_extent():
+    """Of five cells the densest that hold half are two, their ends told and their distance by pyproj; then others, farther apart."""
+    data = at(cells=np.where(CELLS == 0, 0, 1))
+    weight = np.zeros(CELLS.shape)
+    weight[1, :5] = [3, 2.5, 1, 1, 2]
+    data["probability_ashore"].values[:] = weight / 20
+    data = data.assign_coords(lon=10 + 0.1 * np.arange(8))
+    wide = Geod(ellps="sphere").inv(10.0, 40.01, 10.1, 40.01)[2] / 1852
+    assert coastal.words(data) == f"half of it within {wide:.0f} nmi, from 40-00.6N 010-00.0E to 40-00.6N 010-06.0E"
+    data["probability_ashore"].values[1, 4] = 4 / 20
+    wide = Geod(ellps="sphere").inv(10.0, 40.01, 10.4, 40.01)[2] / 1852
+    assert coastal.words(data) == f"half of it within {wide:.0f} nmi, from 40-00.6N 010-00.0E to 40-00.6N 010-24.0E"
+    assert (
+        coastal.words(at(cells=np.where(np.arange(24).reshape(3, 8) == 9, 1, 0))) == "half of it at 40-00.6N 010-01.2E"
+    )
+    assert coastal.words(at(cells=np.zeros((3, 8), int))) == ""
+
+
+@pytest.mark.parametrize("lon", [10.0, 179.95])
+def test_areas_on_the_coast_are_seen_over_the_land(lon):
+    """Over land to its very cells, each area shows its own lightness as wide as it is told to be; half a pixel of each edge is blended."""
+    data = at(lon).expand_dims("time")
+    polygon = shapely.MultiPolygon([shapely.box(lon, 40.0, lon + 0.14, 40.02)])
+    contours = [Contour(data["time"].values[0], share, 1.0, polygon) for share in SHARES]
+    made = SimpleNamespace(data=data, shares=SHARES, contours=contours)
+    frame = chart.frame(lon + np.array([-0.05, 0.2]), np.array([39.95, 40.07]), aspect=1.5)
+    figure = Figure((9, 6), dpi=140)  # [dots an inch] as map.png
+    canvas = FigureCanvasAgg(figure)
+    ax = figure.add_axes((0, 0, 1, 1))
+    chart.prepare(ax, frame)
+    chart.draw_land(ax, chart.land_path(frame, [shapely.box(lon - 1, 39, lon + 1, 41)], 900))
+    layers.outline(ax, frame, made, contours, few=False)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3] / 255
+    for share, lines in coastal.strips(data.isel(time=0), SHARES).items():
+        colour = layers.band(share, made)["path_effects"][-1]._gc["foreground"]
+        places = shapely.get_coordinates(shapely.line_interpolate_point(shapely.get_parts(lines), 0.5, normalized=True))
+        shown = ax.transData.transform(np.column_stack(frame.project(*places.T))).round().astype(int)
+        for x, y in shown:
+            up = pixels[len(pixels) - 1 - y - 12 : len(pixels) - y + 12, x]
+            assert (np.abs(up - to_rgb(colour)).max(axis=1) < 0.02).sum() >= layers.BAND / 72 * 140 - 2
+
+
+def test_the_report_tells_each_area_of_the_coast_at_its_times():
+    data = xr.concat(
+        [at(179.95).assign_coords(time=np.datetime64(day, "ns")) for day in ("2026-11-21", "2026-11-22")], "time"
+    )
+    (leaf,) = report._on_coast(SimpleNamespace(data=data, shares=SHARES))
+    told = [(one["properties"]["time"], one["properties"]["level"]) for one in leaf["features"]]
+    assert told == [(f"2026-11-{day}T00:00:00Z", share) for day in (21, 22) for share in sorted(SHARES, reverse=True)]
+    lon = [x for one in leaf["features"] for line in one["geometry"]["coordinates"] for x, _ in line]
+    assert min(lon) < -179.9
+    assert max(lon) > 179.9
+    assert max(map(abs, lon)) <= 180
