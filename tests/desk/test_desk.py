@@ -551,7 +551,7 @@ def test_the_next_free_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_without_its_library_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    with pytest.raises(UserError, match=r"pip install 'casp-drift\[serve\]'"):
+    with pytest.raises(UserError, match=r"pip install -e '\.\[serve\]'"):
         drift.serve(tmp_path)
 
 

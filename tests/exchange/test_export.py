@@ -327,7 +327,7 @@ def test_without_rasterio_a_line_says_what_to_install(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "rasterio", None)
-    with pytest.raises(UserError, match=r"geotiff needs rasterio: pip install 'casp-drift\[geotiff\]'"):
+    with pytest.raises(UserError, match=r"geotiff needs rasterio: pip install -e '\.\[geotiff\]'"):
         drift.export(run, "geotiff", tmp_path / "out")
     assert not (tmp_path / "out").exists()
     assert raster.BANDS
