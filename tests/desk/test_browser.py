@@ -1,8 +1,6 @@
 """The page of drift serve in a real browser: the story of a first case, and what hostile files may do there."""
 
-import os
 import re
-import shutil
 import socket
 from collections.abc import Iterator
 from contextlib import closing
@@ -16,20 +14,7 @@ from drift.output import manifest
 
 pytestmark = pytest.mark.browser
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 PATIENCE = 120_000  # [ms] for a run of a small case on a busy machine
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    if CHROMIUM is None and not os.environ.get("CI"):
-        pytest.skip("no Chromium is installed")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
 
 
 class Page:

@@ -1,9 +1,6 @@
 """report.html in a real browser, Chromium without a window: what it shows against forecast.nc and cartopy's projections."""
 
-import os
 import re
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +15,6 @@ from geo import notation, sphere
 
 pytestmark = pytest.mark.browser
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
 NASTY = "</script><img src=x onerror=alert(1)>"
 
@@ -77,18 +73,6 @@ name = "ice floe"
 object = "water"
 position = { at = [41.0, 87.3], error = "4 nmi" }
 """
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    if CHROMIUM is None and not os.environ.get("CI"):
-        pytest.skip("no Chromium is installed")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
 
 
 def ran(folder: Path, text: str) -> Path:
