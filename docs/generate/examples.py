@@ -18,6 +18,7 @@ import io
 import os
 import re
 import shlex
+import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +27,9 @@ from typing import Any
 from drift.cli import commands
 
 FENCE = re.compile(
-    r"^(?P<ticks>`{3,})(?P<kind>[\w-]*)[^\n]*\n(?P<text>.*?)^(?P=ticks)\s*$|^<!-- (?P<word>file|append|hidden|not run): (?P<said>.*?) -->",
-    re.M | re.S,
+    r"^ *(?P<ticks>`{3,})(?P<kind>[\w-]*)[^\n]*\n(?P<text>.*?)^ *(?P=ticks)[ \t]*$"
+    r"|^ *<!-- (?P<word>file|append|hidden|not run): (?P<said>.*?) -->",
+    re.MULTILINE | re.DOTALL,
 )
 CHECKER = doctest.OutputChecker()
 LOOSE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
@@ -71,7 +73,7 @@ def blocks(page: Path) -> Iterator[Block]:
         elif match["word"] == "hidden":
             yield Block("sh", match["said"], line)
         else:
-            yield Block(match["kind"], match["text"], line, file, appended, skipped)
+            yield Block(match["kind"], textwrap.dedent(match["text"]), line, file, appended, skipped)
             file, appended, skipped = "", False, ""
 
 

@@ -21,7 +21,9 @@ import drift
 
 case = drift.load("overdue_boat")
 result = drift.run(case)
-```"""
+```
+
+Guides: [for scientists](../tutorials/scientist.md), [read results in Python](../howto/results.md), [many forecasts](../howto/many.md)."""
 
 
 def _tree(thing: Any) -> Any:
