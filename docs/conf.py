@@ -18,8 +18,9 @@ exclude_patterns = ["generate", "generated/runs", "generated/tutorials", "genera
 nitpicky = True
 nitpick_ignore_regex = [("py:class", ".*")]  # types of other projects, and of our own that are not public
 myst_heading_anchors = 4
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist"]
 highlight_language = "text"
+smartquotes = False  # what is quoted is typed
 
 html_theme = "furo"
 html_title = "casp-drift"

@@ -1,7 +1,7 @@
 """The reference of commands: what the grammar of the command line says of each."""
 
 import argparse
-import re
+import textwrap
 
 from drift.cli import grammar
 
@@ -19,12 +19,12 @@ def subcommands(whole: argparse.ArgumentParser) -> dict[str, tuple[argparse.Argu
 
 
 def _usage(command: argparse.ArgumentParser) -> str:
-    words = command.format_usage().removeprefix("usage: ")
-    return re.sub(r"\s+", " ", words).strip()
+    return textwrap.dedent(" " * 7 + command.format_usage().removeprefix("usage: ")).strip()
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
+def _sentence(text: str) -> str:
+    text = text.replace("%%", "%").strip()
+    return text[:1].upper() + text[1:]
 
 
 def _names(action: argparse.Action) -> str:
@@ -38,22 +38,15 @@ def _names(action: argparse.Action) -> str:
 def section(name: str, command: argparse.ArgumentParser, said: str) -> str:
     """Return the section of a command."""
     actions = [action for action in command._actions if action.dest != "help"]
-    rows = [f"| {_cell(_names(action))} | {_cell((action.help or '').replace('%%', '%'))} |" for action in actions]
-    head = "| argument | what |\n|---|---|"
-    return "\n\n".join(
-        [
-            f"## `drift {name}`",
-            f"{said[:1].upper()}{said[1:]}.",
-            f"```text\n{_usage(command)}\n```",
-            "\n".join([head, *rows]),
-        ]
-    )
+    entries = [f"{_names(action)}\n: {_sentence(action.help or '')}" for action in actions]
+    usage = f"```text\n{_usage(command)}\n```"
+    return "\n\n".join([f"## `drift {name}`", f"{_sentence(said)}.", usage, *entries])
 
 
 def page() -> str:
     """Return the page of all commands."""
     whole = grammar.parser()
     for command, _ in subcommands(whole).values():
-        command.formatter_class = lambda prog: argparse.HelpFormatter(prog, width=10_000)  # the page folds lines itself
+        command.formatter_class = lambda prog: argparse.HelpFormatter(prog, width=92)  # of the page
     parts = [section(name, *told) for name, told in subcommands(whole).items()]
     return "\n\n".join([INTRODUCTION, *parts]) + "\n"

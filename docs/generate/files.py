@@ -74,7 +74,7 @@ def told() -> dict[str, Any]:
 
 def variables(path: Path) -> str:
     """Return the table of a netCDF file's variables and the names of its attributes."""
-    rows = ["| variable | dimensions | unit | what |", "|---|---|---|---|"]
+    entries = []
     with xr.open_dataset(path, decode_cf=False) as data:
         for name, values in data.variables.items():
             about = values.attrs
@@ -88,11 +88,13 @@ def variables(path: Path) -> str:
                 )
             if "comment" in about:
                 what += f"; {about['comment']}"
-            rows.append(
-                f"| `{name}` | {', '.join(map(str, values.dims))} | {about.get('units', '')} | {what or 'edges of the cells'} |"
-            )
+            where = f"({', '.join(map(str, values.dims))})" if values.dims else "(one value)"
+            unit = about.get("units", "")
+            unit = f", {unit}" if unit not in ("", "1") else ""
+            what = what or "edges of the cells"
+            entries.append(f"`{name}` {where}{unit}\n: {what[:1].upper()}{what[1:]}")
         names = ", ".join(f"`{name}`" for name in data.attrs if not EXTENT.match(str(name)))
-    return "\n".join(rows) + f"\n\nAttributes, besides those of extent and conventions: {names}."
+    return "\n\n".join(entries) + f"\n\nAttributes, besides those of extent and conventions: {names}."
 
 
 def columns(path: Path, said: Mapping[str, Mapping[str, str]]) -> str:
@@ -109,9 +111,7 @@ def columns(path: Path, said: Mapping[str, Mapping[str, str]]) -> str:
     for pattern, words in said.get(path.stem, {}).items():
         if words not in rows:
             raise LookupError(f"{TOLD.name}: {path.name} has no column {pattern}")
-    return "\n".join(
-        ["| column | what |", "|---|---|", *(f"| {', '.join(found)} | {what} |" for what, found in rows.items())]
-    )
+    return "\n\n".join(f"{', '.join(found)}\n: {what[:1].upper()}{what[1:]}" for what, found in rows.items())
 
 
 def names(path: Path) -> str:

@@ -34,7 +34,7 @@ def write(folder: Path, extra: Path, results: Mapping[str, Path]) -> int:
     (extra / "reports").mkdir(parents=True)
     titles, said = dict(case_file.shipped()), about()
     cards = []
-    for case, title in titles.items():
+    for case, title in sorted(titles.items(), key=lambda one: one[0] not in results):  # those with pictures first
         shown = case in results
         (folder / f"{case}.md").write_text(_page(case, title, said[case], folder, extra, results), encoding="utf-8")
         picture = "washup.png" if shown and (results[case] / "washup.png").exists() else "map.png"
@@ -58,16 +58,16 @@ def _page(case: str, title: str, said: str, folder: Path, extra: Path, results: 
         parts.append(
             "Its winds and currents are real ones, from files that do not come along: it is run where `DRIFT_DATA` names their folder."
         )
-    for one in runs.every() if case in results else []:
-        if one.name == case or one.name.startswith(f"{case}-"):
-            parts += _shown(one, folder, extra, results[one.name])
+    own = [one for one in runs.every() if one.name == case or one.name.startswith(f"{case}-")]
+    for one in sorted(own, key=lambda one: one.name):  # the forecast before the plan
+        parts += _shown(one, folder, extra, results[one.name])
     parts += ["## The case", f"```toml\n{text.strip()}\n```"]
     return "\n\n".join(parts) + "\n"
 
 
 def _shown(one: runs.Run, folder: Path, extra: Path, result: Path) -> list[str]:
     printed = (result.parent / f"{result.name}.txt").read_text(encoding="utf-8").strip()
-    printed = re.sub(r"\nResults in .*", "", printed)
+    printed = re.sub(r"\n[^\n]* in results/.*", "", printed)
     parts = [f"## `drift {one.words[0]}`", f"```console\n$ {one.command}\n{printed}\n```"]
     if (result / "report.html").exists():
         shutil.copyfile(result / "report.html", extra / "reports" / f"{one.name}.html")

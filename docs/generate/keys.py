@@ -8,6 +8,7 @@ import inspect
 import re
 import types
 import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -297,23 +298,45 @@ def _first(model: Model) -> str:
     return re.sub(r"^(?:An?|The) \[.*?\]* ?(?:table|about table)? as written[.;:] *", "", told)
 
 
-def _table(model: Model, docs: Path) -> str:
-    lines = ["| key | value | default | what |", "|---|---|---|---|"]
-    return "\n".join([*lines, *(f"| `{key}` | {' | '.join(rest)} |" for key, *rest in rows(model, docs))])
+def anchor(path: str) -> str:
+    """Return the anchor of a table's section, by its first place."""
+    return f"table-{path or 'case'}"
 
 
-def section(model: Model, paths: list[str], listed: bool, docs: Path) -> str:
+def _table(model: Model, docs: Path, path: str, sections: Mapping[Model, list[str]]) -> str:
+    """Return the keys of a table as a list of definitions, which a narrow page can show too; each key has an anchor."""
+    parts = []
+    for (key, taken, otherwise, what), field in zip(rows(model, docs), model.model_fields.values(), strict=True):
+        held = [one for one in inner(field.annotation) if one in sections]
+        if taken in ("a table", "tables") and held:
+            taken = f"[{taken}](#{anchor(sections[held[0]][0])})"
+        told = "; ".join(
+            part for part in (taken, "" if otherwise in ("", "needed") else f"default {otherwise}") if part
+        )
+        told = f"{told} (needed)" if otherwise == "needed" else told
+        words = (what[:1].upper() + what[1:]).replace("\\|", "|") if what else ""
+        told = told.replace("\\|", "|")
+        name = f"{path or 'case'}-{key}".replace(".", "-")
+        parts.append(f"`{key}`{{#{name}}}\n: {f'{told}. {words}' if words else told}")
+    return "\n\n".join(parts)
+
+
+def section(model: Model, sections: Mapping[Model, list[str]], listed: bool, docs: Path) -> str:
     """Return the section of a table of the case file; listed: whether it may come several times."""
+    paths = sections[model]
     deep = "." in paths[0]
     names = [f"`{path}`" if deep else f"`[[{path}]]`" if listed else f"`[{path}]`" for path in paths]
-    parts = [f"{'###' if deep else '##'} {names[0] if deep else ', '.join(names)}", _first(model)]
+    parts = [
+        f"({anchor(paths[0])})=\n{'###' if deep else '##'} {names[0] if deep else ', '.join(names)}",
+        _first(model),
+    ]
     if deep and len(paths) > 1:
         parts.append("The same: " + ", ".join(f"`{other}`" for other in paths[1:]) + ".")
     if model in PAGES:
         page, _ = PAGES[model]
         title = (docs / page).read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
         parts.append(f"More: [{title}](../{page}).")
-    return "\n\n".join(part for part in [*parts, _table(model, docs)] if part)
+    return "\n\n".join(part for part in [*parts, _table(model, docs, paths[0], sections)] if part)
 
 
 def many(top: Model, path: str) -> bool:
@@ -336,26 +359,25 @@ These stand at the head of the file, before the first table."""
 def page(docs: Path) -> str:
     """Return the page of all keys."""
     top = schema.CaseTable
-    parts = [INTRODUCTION, _table(top, docs)]
-    for model, paths in places(top).items():
+    sections = places(top)
+    parts = [INTRODUCTION, _table(top, docs, "", sections)]
+    for model, paths in sections.items():
         if model is not top:
-            parts.append(section(model, paths, "." not in paths[0] and many(top, paths[0]), docs))
-    # How units and sorties see stands in tables that are read apart.
-    parts.append(
-        f"### `sortie.sweep_width`, `unit.sweep_width`\n\n{_first(sensor.ConditionsTable)}\n\n{_table(sensor.ConditionsTable, docs)}"
-    )
+            parts.append(section(model, sections, "." not in paths[0] and many(top, paths[0]), docs))
+    # How units and sorties see stands in a table that is read apart.
+    width = sensor.ConditionsTable
+    parts += ["### `sortie.sweep_width`, `unit.sweep_width`", _first(width), _table(width, docs, "sweep_width", {})]
     for title, words, model in (
-        (
-            "Lane networks",
-            "The file that `network` of lanes names ([Targets that steer](../targets.md#lane-networks)).",
-            network.NetworkTable,
-        ),
+        ("Lane networks", "The file that `network` of lanes names ([Targets that steer](../targets.md#lane-networks)).", network.NetworkTable),
         ("Bridge files", "The file of `drift bridge` ([Bridges](../bridges.md)).", bridge.BridgeTable),
-    ):
-        parts.append(f"## {title}\n\n{words}\n\n{_table(model, docs)}")
-        for one, paths in places(model).items():
-            if one is not model and one.__module__ == model.__module__:
-                parts.append(f"### `[[{paths[0]}]]` of {title.lower()}\n\n{_first(one)}\n\n{_table(one, docs)}")
+    ):  # fmt: skip
+        name = title.split()[0].lower().removesuffix("s")
+        own = {one: [f"{name}-{path[0]}"] for one, path in places(model).items() if one.__module__ == model.__module__}
+        parts += [f"## {title}", words, _table(model, docs, name, own)]
+        for one, (path,) in own.items():
+            if one is not model:
+                heading = f"({anchor(path)})=\n### `{path.partition('-')[2]}` of {title.lower()}"
+                parts += [heading, _first(one), _table(one, docs, path, own)]
     return "\n\n".join(parts) + "\n"
 
 

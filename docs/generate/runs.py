@@ -23,7 +23,6 @@ RESULTS = "results"  # apart from the cases, lest a folder bear the name of one
 AT_ONCE = 2  # processes
 PARTICLES = 20_000  # a build is to take minutes
 SPILL = {"spill.worlds": "500", "spill.per_world": "100", "spill.redraws": "1"}
-PLAN = {"particles": str(PARTICLES), "plan.particles": "5000"}
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ def needs_data(case: str) -> bool:
 
 def _of(case: str, command: str = "run") -> Run:
     spilled = "[spill]" in (ROOT / "cases" / f"{case}.toml").read_text(encoding="utf-8")
-    fewer = SPILL if spilled else PLAN if command == "plan" else {"particles": str(PARTICLES)}
+    fewer = SPILL if spilled else {"particles": str(PARTICLES)}
     changes = (word for key, value in fewer.items() for word in ("--set", f"{key}={value}"))
     return Run(case if command == "run" else f"{case}-{command}", (command, case, *changes))
 
