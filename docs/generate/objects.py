@@ -6,6 +6,7 @@ import inspect
 import re
 import textwrap
 import tokenize
+from collections.abc import Iterable, Iterator
 from io import StringIO
 from typing import Any, get_args
 
@@ -23,6 +24,13 @@ case = drift.load("overdue_boat")
 result = drift.run(case)
 ```
 
+What many of them take:
+
+- `out`: a folder, which is written completely or not at all; without it nothing is written. `overwrite`: whether results that it holds are replaced.
+- `datasets`: the xarray.Datasets that the case's sources name, by their names there.
+- `threads`: of the processor, all by default; `backend`: `"cpu"`, `"cuda"`, `"vulkan"` or `"metal"`.
+- `report`: a function that is told what is being done and how much of it is done, as a share.
+
 Guides: [for scientists](../tutorials/scientist.md), [read results in Python](../howto/results.md), [many forecasts](../howto/many.md)."""
 
 
@@ -30,9 +38,23 @@ def _tree(thing: Any) -> Any:
     return ast.parse(textwrap.dedent(inspect.getsource(thing))).body[0]
 
 
+def _defaults(arguments: ast.arguments) -> Iterator[tuple[str, tuple[list[Any], int]]]:
+    """Give each argument that has a default by name, with the list and the place where that stands."""
+    plain = [*arguments.posonlyargs, *arguments.args]
+    for k, argument in enumerate(plain[len(plain) - len(arguments.defaults) :]):
+        yield argument.arg, (arguments.defaults, k)
+    for k, argument in enumerate(arguments.kwonlyargs):
+        if arguments.kw_defaults[k] is not None:
+            yield argument.arg, (arguments.kw_defaults, k)
+
+
 def signature(function: Any) -> str:
     """Return arguments and result as the source has them."""
     node = _tree(function)
+    for argument, kept in _defaults(node.args):
+        value = inspect.signature(function).parameters[argument].default
+        if isinstance(value, int | float):  # a constant of its module says less than its value
+            kept[0][kept[1]] = ast.Constant(value)
     arguments = ast.unparse(node.args)
     if arguments.split(",")[0] == "self":
         arguments = arguments.partition("self")[2].lstrip(", ")
@@ -40,9 +62,19 @@ def signature(function: Any) -> str:
     return f"({arguments}){result}"
 
 
-def _docstring(thing: Any) -> str:
-    """Return a docstring as Markdown: `name: meaning` keeps its line."""
-    return re.sub(r"(?<![`\w])\*(?![\s*])", r"\*", inspect.getdoc(thing) or "").replace("[[", "\\[[")
+def _docstring(thing: Any, names: Iterable[str] = ()) -> str:
+    """Return a docstring as Markdown, with an item for each "name: meaning" of a parameter or field."""
+    text = re.sub(r"(?<![`\w])\*(?![\s*])", r"\*", inspect.getdoc(thing) or "").replace("[[", "\\[[")
+    listed = "|".join(map(re.escape, names))
+    if listed:
+        found = re.compile(rf"(?:^|(?<=[.;]\s))((?:{listed})(?:,\s(?:{listed}))*):\s", re.MULTILINE)
+        text = found.sub(
+            lambda match: "\n- " + ", ".join(f"`{name}`" for name in re.split(r",\s", match[1])) + ": ", text
+        )
+        head, *items = re.split(r"\n+(?=- `)", text)
+        items = [re.sub(r"\s*\n(?!\n)", " ", item) if "\n\n" not in item else item for item in items]
+        text = "\n".join([head, "", *items]) if items else head
+    return re.sub(r"(?<=[.;]) (?=Raises )", "\n\n", text)
 
 
 def _comments(cls: type) -> dict[str, str]:
@@ -73,12 +105,14 @@ def _cell(text: str) -> str:
 
 def function(name: str, thing: Any, of: str = "py:function") -> str:
     """Return the entry of a function or method."""
-    return f"::::{{{of}}} {name}{signature(thing)}\n{_docstring(thing)}\n::::"
+    said = _docstring(thing, inspect.signature(thing).parameters)
+    return f"::::{{{of}}} {name}{signature(thing)}\n{said}\n::::"
 
 
 def record(name: str, cls: type) -> str:
     """Return the entry of a class: its fields, its properties and methods."""
-    parts = [f":::::{{py:class}} {name}", _docstring(cls)]
+    fields = [field.name for field in dataclasses.fields(cls)] if dataclasses.is_dataclass(cls) else []
+    parts = [f":::::{{py:class}} {name}", _docstring(cls, fields)]
     if dataclasses.is_dataclass(cls):
         rows = [f"| `{field}` | `{_cell(kind)}` | {_cell(words)} |" for field, (kind, words) in _comments(cls).items()]
         parts.append("\n".join(["| field | type | what |", "|---|---|---|", *rows]))

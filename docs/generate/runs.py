@@ -22,7 +22,7 @@ DRIFTERS = "drifters.csv"  # made up: two that go straight on
 RESULTS = "results"  # apart from the cases, lest a folder bear the name of one
 AT_ONCE = 2  # processes
 PARTICLES = 20_000  # a build is to take minutes
-SPILL = {"spill.worlds": "500", "spill.per_world": "100", "spill.redraws": "1"}
+SPILL = {"spill.worlds": "1000", "spill.per_world": "60", "spill.redraws": "2"}
 
 
 @dataclass(frozen=True)

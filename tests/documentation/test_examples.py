@@ -1,4 +1,4 @@
-"""Every example of the documentation: how-to pages are run, all are held against grammar, schema and names.
+"""Every example of the documentation: how-to pages and that of bridges are run, all are held against grammar, schema and names.
 
 Tutorials are run when the site is built, for the pictures that they show: test_site.py.
 """
@@ -26,9 +26,10 @@ else:
 pytestmark = pytest.mark.documentation
 
 DOCS = ROOT / "docs"
-RUN = sorted((DOCS / "howto").glob("*.md"))
+HOWTO = sorted((DOCS / "howto").glob("*.md"))
+RUN = [*HOWTO, DOCS / "bridges.md"]
 PAGES = sorted(
-    [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md"), *(DOCS / "tutorials").glob("*.md"), *RUN]
+    [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md"), *(DOCS / "tutorials").glob("*.md"), *HOWTO]
 )
 FILES: tuple[type[BaseModel], ...] = (schema.CaseTable, network.NetworkTable, bridge.BridgeTable)
 
