@@ -43,7 +43,7 @@ def site() -> Path:
     out = ROOT / "build" / "site"
     shutil.rmtree(out, ignore_errors=True)
     words = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(out)]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=900)
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=1500)
     assert done.returncode == 0, done.stderr
     return out
 
