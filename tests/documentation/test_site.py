@@ -95,3 +95,14 @@ def test_pages_ask_nobody(pages: dict[Path, Page], site: Path) -> None:
 
 def test_reports_of_the_gallery_are_there(site: Path) -> None:
     assert len(list((site / "reports").glob("*.html"))) >= 7
+
+
+def test_tutorials_were_run(site: Path, capsys: Any) -> None:
+    """When the site was built: their pictures are those of their runs."""
+    for page in (ROOT / "docs" / "tutorials").glob("*.md"):
+        count = int(
+            (ROOT / "docs" / "generated" / "tutorials" / page.stem / "examples.txt").read_text(encoding="utf-8")
+        )
+        with capsys.disabled():
+            print(f"\n{page.name}: {count} examples run")
+        assert count >= 5
