@@ -34,14 +34,14 @@ def write(folder: Path, extra: Path, results: Mapping[str, Path]) -> int:
     (extra / "reports").mkdir(parents=True)
     titles, said = dict(case_file.shipped()), about()
     cards = []
-    for case, title in sorted(titles.items(), key=lambda one: one[0] not in results):  # those with pictures first
+    for case, title in sorted(titles.items(), key=lambda one: (one[0] not in results, one[0] != "overdue_boat")):
         shown = case in results
         (folder / f"{case}.md").write_text(_page(case, title, said[case], folder, extra, results), encoding="utf-8")
         picture = "washup.png" if shown and (results[case] / "washup.png").exists() else "map.png"
         image = f"[![{title}]({case}-{picture})]({case}.md)\n\n" if shown else ""
         cards.append(f"## {title}\n\n{image}[`{case}`]({case}.md): {said[case]}.\n")
     note = (
-        f"The shipped cases, run when these pages were built, with {runs.PARTICLES:,} particles each so that a build takes minutes: areas are "
+        f"The shipped cases, run when these pages were built, with {runs.PARTICLES:,} particles each (spills: 1,000 worlds of 60) so that a build takes minutes: areas are "
         "rougher than those of the full cases. Winds and currents are synthetic where the title says so. `drift cases` lists them; `drift run NAME` runs one."
     )
     (folder / "index.md").write_text(
