@@ -40,7 +40,7 @@ else:
     import tomli as tomllib
 
 DOCS = ROOT / "docs"
-PAGES = ("search.md", "search_keys.md")
+PAGES = ("searches.md", "search_keys.md")
 HEADINGS: dict[str, type[BaseModel]] = {  # sections of search_keys.md, "chapter / section", and what they describe
     "[[sortie]]": SortieTable,
     "[[sortie]] / area": RegionTable,
@@ -74,7 +74,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
         *search_chapter.LINE_FILES, *search_chapter.LINE_PICTURES,
         *posterior_chapter.FILES, *posterior_chapter.PICTURES,
     },
-    "docs/search.md": {*planner_chapter.FILES, *planner_chapter.PICTURES},
+    "docs/searches.md": {*planner_chapter.FILES, *planner_chapter.PICTURES},
     "docs/spill.md": {
         *spill_chapter.FILES, *spill_chapter.PICTURES, *patrols_chapter.FILES, *patrols_chapter.PICTURES,
         *backtrack_chapter.FILES, *backtrack_chapter.PICTURES,

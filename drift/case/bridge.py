@@ -65,13 +65,21 @@ class PointTable(fields.Table):
     """A way point: where, when, and how well that is known."""
 
     at: fields.Position
+    """Where."""
     time: fields.Time
+    """When; relative times count from the first point's."""
     name: fields.Label | None = None
+    """What it is called."""
     error: fields.Length | None = None
+    """Radius that holds half of the probability; known exactly without any error."""
     std: fields.LengthPair | None = None
+    """Standard deviation; of two, along `orientation` and across it."""
     orientation: fields.Direction | None = None
+    """Of two standard deviations."""
     ellipse: EllipseTable | None = None
+    """An ellipse that holds a probability."""
     correlation: Annotated[Any, BeforeValidator(_correlation)] = None
+    """Of its error with that of the point before; a number, or a matrix of two rows."""
 
     @model_validator(mode="after")
     def proper(self) -> "PointTable":
@@ -102,7 +110,9 @@ class LineTable(fields.Table):
     """A line: the great circle through two positions."""
 
     name: fields.Label
+    """What it is called."""
     through: Annotated[list[fields.Position], Field(min_length=2, max_length=2)]
+    """Two positions; the great circle through them, all the way round."""
 
     def line(self) -> crossing.Line:
         """Return the line."""
@@ -119,10 +129,15 @@ class OutputTable(fields.Table):
     """What is asked for."""
 
     times: list[fields.Time] | None = None
+    """Times that are told."""
     every: fields.Duration | None = None
+    """Or one every so often; by default five in between."""
     areas: Annotated[tuple[float, ...], BeforeValidator(_percents)] = (0.5, 0.9)
+    """Per cent whose ellipses are told."""
     percentiles: Annotated[tuple[float, ...], BeforeValidator(_percents)] = (0.05, 0.5, 0.95)
+    """Per cent of the time of the first touch."""
     coast: str = "gshhg"
+    """Shoreline on the picture: `"gshhg"`, `"none"` or a file."""
 
     @model_validator(mode="after")
     def one_kind(self) -> "OutputTable":
@@ -136,10 +151,15 @@ class BridgeTable(fields.Table):
     """The whole file."""
 
     title: fields.Label
+    """What it is called."""
     k: fields.SpreadRate
+    """The spread rate K, like `"12 nmi/sqrt(h)"`."""
     point: Annotated[list[PointTable], Field(min_length=2)]
+    """Two or more, in order of time."""
     line: list[LineTable] = Field(default_factory=list)
+    """Of which the first touch is asked."""
     output: OutputTable = OutputTable()
+    """What is told, and when."""
 
 
 def load(path: str | os.PathLike[str], spread_rate: str | None = None) -> Study:

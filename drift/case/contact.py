@@ -130,7 +130,9 @@ class CourseSeenTable(fields.Table):
     """The course with which something was seen to move, and its error."""
 
     value: fields.Direction
+    """The course over ground."""
     std: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "deg", "angle", "10 deg"))]
+    """Its standard deviation, to 90 degrees."""
 
     @model_validator(mode="after")
     def proper(self) -> "CourseSeenTable":
@@ -144,7 +146,9 @@ class SpeedSeenTable(fields.Table):
     """The speed with which something was seen to move, and its error."""
 
     value: fields.Speed
+    """The speed over ground."""
     std: Annotated[fields.Speed, Field(gt=0)]
+    """Its standard deviation."""
 
 
 class ContactTable(fields.Table):

@@ -18,7 +18,9 @@ class PlaceWithin(fields.Table):
     """A position and the distance within which the forecast's mean is expected."""
 
     of: fields.Position
+    """A position."""
     distance: fields.Length
+    """How far from it the mean may be."""
 
 
 def _percent(value: object) -> float:
@@ -35,16 +37,27 @@ class Expect(fields.Table):
     """Ranges at the end of the run: shares by what became of the object, containment areas, the mean position."""
 
     adrift: fields.ShareRange | None = None
+    """Share adrift, as [least, most]."""
     ashore: fields.ShareRange | None = None
+    """Share ashore."""
     outside: fields.ShareRange | None = None
+    """Share that left the forcing."""
     left: fields.ShareRange | None = None
+    """Share that left the domain."""
     under_way: fields.ShareRange | None = None
+    """Share under way."""
     arrived: fields.ShareRange | None = None
+    """Share that arrived."""
     aground: fields.ShareRange | None = None
+    """Share that ran aground."""
     area_50: fields.AreaRange | None = None  # [m2]
+    """Of the 50 % area, as [least, most]."""
     area_95: fields.AreaRange | None = None
+    """Of the 95 % area."""
     areas: dict[Percent, fields.AreaRange] = Field(default_factory=dict)  # of any shares of output.areas [%]
+    """Of areas by their percentage, `{ 90 = ["100 nmi2", "200 nmi2"] }`."""
     mean_position_within: PlaceWithin | None = None
+    """Where the mean position is."""
 
     def by_percent(self) -> dict[float, tuple[float, float]]:
         """Return the ranges of areas [m2] by the percentage that they hold."""

@@ -35,10 +35,15 @@ class GridTable(fields.Table):
     """The output.grid table: its edges, and how wide and high cells are."""
 
     west: fields.Longitude
+    """Western edge."""
     south: fields.Latitude
+    """Southern edge."""
     east: fields.Longitude
+    """Eastern edge."""
     north: fields.Latitude
+    """Northern edge; none beyond 89 degrees."""
     spacing: Annotated[Spacing, BeforeValidator(_spacing)]
+    """Width and height of a cell, in degrees or as a length; at most a million cells."""
 
     @model_validator(mode="after")
     def proper(self) -> "GridTable":

@@ -116,11 +116,17 @@ class Times(fields.Table):
     """An uncertain time: a time, [earliest, latest], a truncated triangle, or a normal law."""
 
     earliest: fields.Time | None = None
+    """With `latest`; all in between alike unless `best` is given."""
     best: fields.Time | None = None
+    """The likeliest, with `ratio`."""
     latest: fields.Time | None = None
+    """With `earliest`."""
     ratio: float = 1.0
+    """How many times likelier the best is than the ends."""
     at: fields.Time | None = None
+    """The time itself, or the mean with `std`."""
     std: fields.Duration | None = None
+    """Standard deviation of a normal law."""
 
     @model_validator(mode="after")
     def one_law(self) -> "Times":
@@ -491,11 +497,17 @@ class PhaseTable(fields.Table):
     """A [[scenario.phase]] table as written: one of the kinds of motion."""
 
     course: CourseTable | None = None
+    """A constant course, or one that changes."""
     track: TrackTable | None = None
+    """Places at times after a start."""
     lanes: LanesTable | None = None
+    """Along lanes of a network."""
     voyage: VoyageTable | None = None
+    """By way points at a speed."""
     loiter: LoiterTable | None = None
+    """To and fro in a polygon."""
     bridge: BridgeTable | None = None
+    """Brownian bridges from way point to way point."""
 
     @property
     def kind(self) -> str:

@@ -47,17 +47,24 @@ class NodeTable(fields.Table):
     """A [[node]]: where lanes begin, meet and end."""
 
     name: fields.Label
+    """What lanes and routes call it."""
     at: fields.Position
+    """Where it is."""
 
 
 class LaneTable(fields.Table):
     """A [[lane]]: from one node to another, or several of one width, through a list of nodes."""
 
     from_: fields.Label | None = Field(None, alias="from")
+    """The node at one end, with `to`."""
     to: fields.Label | None = None
+    """The node at the other end."""
     through: list[fields.Label] | None = None
+    """Or nodes in order: a lane between each two."""
     width: fields.Width
+    """From side to side."""
     one_way: bool = False
+    """Whether it may be followed from the first to the last node alone."""
 
     @model_validator(mode="after")
     def complete(self) -> "LaneTable":
@@ -79,7 +86,9 @@ class PatrolAreaTable(fields.Table):
     """An [[area]]: a polygon to patrol."""
 
     name: fields.Label
+    """What it is called."""
     polygon: list[fields.Position]
+    """Its corners in order."""
 
     @model_validator(mode="after")
     def simple(self) -> "PatrolAreaTable":
@@ -96,9 +105,13 @@ class NetworkTable(fields.Table):
     """The whole of a file."""
 
     title: fields.Label | None = None
+    """What the network is called."""
     node: Annotated[list[NodeTable], Field(min_length=1)]
+    """Where lanes begin, meet and end."""
     lane: Annotated[list[LaneTable], Field(min_length=1)]
+    """From node to node."""
     area: list[PatrolAreaTable] = Field(default_factory=list)
+    """Polygons to patrol."""
 
     @model_validator(mode="after")
     def consistent(self) -> "NetworkTable":

@@ -18,8 +18,11 @@ class LineTable(fields.Table):
     """A leeway line as written."""
 
     slope: fields.Slope
+    """Share of the wind speed."""
     offset: fields.SignedSpeed = 0.0
+    """Speed in no wind."""
     std: fields.Speed = 0.0
+    """Standard deviation about the line."""
 
     def line(self) -> Line:
         """Return the line."""
@@ -30,12 +33,19 @@ class ObjectTable(fields.Table):
     """An object: a class by name, own leeway lines, or plain windage."""
 
     name: str | None = None
+    """A leeway class, or `"water"`; with other keys, what the object is called."""
     downwind: LineTable | None = None
+    """Its leeway line along the wind."""
     right: LineTable | None = None
+    """Its crosswind line to the right of the wind; with `left`."""
     left: LineTable | None = None
+    """Its crosswind line to the left."""
     windage: fields.Windage | None = None
+    """In place of lines: a share of the wind speed, straight downwind."""
     spread: fields.Windage = 0.0
+    """Standard deviation of `windage` among objects."""
     immersion: fields.ShareRange | None = None
+    """In place of lines: share under water, 5 to 100 %, or a range; leeway follows from it."""
 
     @model_validator(mode="after")
     def one_kind(self) -> "ObjectTable":

@@ -17,7 +17,9 @@ class WindowTable(fields.Table):
     """When it went adrift: a time (default: the start), or unknown between time and until."""
 
     time: fields.Time = np.timedelta64(0, "s")
+    """When it went adrift, at the earliest where `until` is given."""
     until: fields.Time | None = None
+    """The latest time; all in between are equally likely."""
 
     def window(self, start: np.datetime64) -> tuple[np.datetime64, np.datetime64]:
         """Return the first and the last time of release."""
@@ -32,9 +34,13 @@ class EllipseTable(fields.Table):
     """An error ellipse: semi-axes, orientation of the major one, probability of being inside."""
 
     major: fields.Length
+    """Longer semi-axis."""
     minor: fields.Length
+    """Shorter semi-axis."""
     orientation: fields.Direction
+    """Of the longer one."""
     probability: fields.Share = 0.5
+    """Of being inside."""
 
     @model_validator(mode="after")
     def proper(self) -> "EllipseTable":
@@ -50,16 +56,22 @@ class DisplacementTable(fields.Table):
     """An unknown move before drifting: distance range and direction sector (toward, degrees true)."""
 
     distance: fields.LengthRange
+    """How far it moved, or [least, most]."""
     direction: fields.Sector = (0.0, 360.0)
+    """Toward which directions, clockwise from the first to the second."""
 
 
 class ErrorTable(fields.Table):
     """The error of a position: std, ellipse, or the radius that holds 50 %."""
 
     std: fields.LengthPair | None = None
+    """Standard deviation; of two, along `orientation` and across it."""
     orientation: fields.Direction | None = None
+    """Of two standard deviations."""
     ellipse: EllipseTable | None = None
+    """An ellipse that holds a probability."""
     error: fields.Length | None = None
+    """Radius that holds half of the probability."""
 
     @model_validator(mode="after")
     def one_error(self) -> "ErrorTable":
@@ -91,7 +103,9 @@ class PositionTable(ErrorTable, WindowTable):
     """A position report with its error, and an unknown move before drifting."""
 
     at: fields.Position
+    """The position reported."""
     displacement: DisplacementTable | None = None
+    """An unknown move between the report and going adrift."""
 
     def prior(self, start: np.datetime64) -> PositionPrior:
         """Return the prior for a case that starts at `start`."""
@@ -107,6 +121,7 @@ class AreaTable(WindowTable):
     """An area: corners in order, without crossing."""
 
     polygon: list[fields.Position]
+    """Three corners or more, in order; edges straight in longitude and latitude."""
 
     @model_validator(mode="after")
     def simple(self) -> "AreaTable":

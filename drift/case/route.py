@@ -14,9 +14,13 @@ class RouteTable(fields.Table):
     """Nodes in order; or from, to and, where these do not say it all, via: the shortest way through them."""
 
     nodes: list[fields.Label] | None = None
+    """Nodes in order."""
     from_: fields.Label | None = Field(None, alias="from")
+    """The first node, with `to`."""
     via: list[fields.Label] = Field(default_factory=list)
+    """Nodes on the way."""
     to: fields.Label | None = None
+    """The last node."""
 
     @model_validator(mode="after")
     def complete(self) -> "RouteTable":

@@ -32,13 +32,16 @@ class TriangularTable(fields.Table):
     """Distress most likely at one share of the voyage, never before its start or after its end."""
 
     mode: fields.Share
+    """Share of the voyage at which distress is likeliest."""
 
 
 class DistressTable(fields.Table):
     """When on the voyage: uniform (both absent), triangular, or between two times."""
 
     triangular: TriangularTable | None = None
+    """Likeliest at one share of the voyage."""
     between: Annotated[list[fields.Time], Field(min_length=2, max_length=2)] | None = None
+    """Earliest and latest time."""
 
     @model_validator(mode="after")
     def one_kind(self) -> "DistressTable":
@@ -63,10 +66,15 @@ class TracklineTable(fields.Table):
     """A voyage: waypoints, departure, speed, and when on it the distress may have come."""
 
     waypoints: Annotated[list[fields.Position], Field(min_length=2)]
+    """The voyage, two positions or more."""
     departure: fields.Time = np.timedelta64(0, "s")
+    """When it begins."""
     speed: fields.ShipSpeed
+    """Over the ground."""
     cross_track: fields.Length
+    """Standard deviation to each side of the way."""
     distress: Annotated[DistressTable, BeforeValidator(_distress)] = DistressTable()
+    """When on the voyage: `"uniform"`, triangular, or between two times."""
 
     def prior(self, start: np.datetime64) -> TracklinePrior:
         """Return the prior for a case that starts at `start`."""
@@ -115,9 +123,13 @@ class SurvivalTable(fields.Table):
     """
 
     median: fields.Duration | None = None
+    """Time by which half are no longer alive."""
     spread: Annotated[float, Field(gt=1, le=20)] | None = None
+    """Factor of one standard deviation; 1.5 with `median`, 2 with `water`."""
     water: Annotated[float, BeforeValidator(survival.celsius)] | None = None
+    """Temperature of the water, from which the median follows."""
     clothing: str | None = None
+    """With `water`: `"light"`, the only one that a formula is known for."""
 
     @model_validator(mode="after")
     def one_way(self) -> "SurvivalTable":
@@ -152,24 +164,39 @@ class ScenarioTable(fields.Table):
     """A [[scenario]] table as written."""
 
     name: fields.Label
+    """What maps and tables call this story."""
     weight: fields.Weight = 1.0
+    """How likely it is, beside the others; they need not add up to 1."""
     object: Annotated[
         ObjectTable | None, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)
     ] = None
+    """What drifts: a leeway class (`drift objects`), or a table of its own."""
     motion: Annotated[str, BeforeValidator(_motion)] = "drift"
+    """The model of motion; `drift` is all there is."""
     jibe: fields.Rate | None = None
+    """How often its drift changes sides, a bare number per hour; 0.04 of classes that do."""
     currents: list[str] | None = None
+    """Names of the current's sources that hold in this story; all without it."""
     winds: list[str] | None = None
+    """Names of the wind's sources."""
     stokes: list[str] | None = None
+    """Names of the Stokes drift's sources."""
     position: PositionTable | None = None
+    """Where it went adrift: a reported position."""
     area: AreaTable | None = None
+    """Or anywhere in an area."""
     trackline: TracklineTable | None = None
+    """Or somewhere on a voyage."""
     search_object: SearchObject | None = None
     survival: SurvivalTable | None = None
     phase: list[PhaseTable] = Field(default_factory=list)
+    """How it steers before it drifts, one phase after another."""
     vessel: VesselTable | None = None
+    """What it is while under way."""
     distress: DistressLaw | None = None
+    """When it goes adrift; without this it stays under way."""
     overdue: fields.Time | None = None
+    """By when its arrival would be known: what has arrived by then has no weight."""
 
     @model_validator(mode="after")
     def whole(self) -> "ScenarioTable":

@@ -35,13 +35,19 @@ class OutputTable(fields.Table):
     """The [output] table as written."""
 
     every: fields.Duration | None = None
+    """Time between outputs from the start on; 6 h unless this or `times` is given."""
     times: list[fields.Time] | None = None
+    """The outputs themselves, within the run."""
     trajectories: fields.Count = 200
+    """How many tracks `particles.nc` and the maps show."""
     grid: GridTable | None = None
+    """One grid for all outputs, on which runs can be subtracted; without it a grid is chosen for each."""
     areas: Annotated[tuple[float, ...], BeforeValidator(shares.percents)] = tuple(
         100 * share for share in shares.SHARES
     )
+    """Shares of the probability, in per cent, whose smallest areas are told everywhere."""
     about: AboutTable = AboutTable()
+    """Who made this and how it may be used; stands in every file."""
 
     @model_validator(mode="after")
     def one_way(self) -> "OutputTable":
@@ -70,17 +76,24 @@ class ClockTable(fields.Table):
     """The [clock] table as written."""
 
     step: Annotated[int | None, BeforeValidator(_step)] = None
+    """Length of a step, `"auto"` or a whole number of seconds; `auto` halves steps until `tolerance` is met."""
     scheme: Literal["rk2", "rk4"] = "rk4"
+    """Runge-Kutta of order 4, or of order 2."""
     tolerance: Annotated[fields.Length, Field(gt=0)] = 20.0
+    """How far a day's drift with the chosen step may be from that with half of it."""
 
 
 class DomainTable(fields.Table):
     """The [domain] table as written."""
 
     west: fields.Longitude
+    """Western edge."""
     south: fields.Latitude
+    """Southern edge."""
     east: fields.Longitude
+    """Eastern edge; may lie across the antimeridian."""
     north: fields.Latitude
+    """Northern edge."""
 
     @model_validator(mode="after")
     def proper(self) -> "DomainTable":
@@ -105,10 +118,15 @@ class CoastTable(fields.Table):
     """The [coast] table as written."""
 
     source: str = "gshhg"
+    """`"gshhg"`, the full-resolution shoreline that comes along, `"none"`, or a file of a shoreline of your own."""
     lakes: Annotated[Any, BeforeValidator(_lakes)] = False
+    """`true` where lakes of `source` are water, or a file of lakes; else they are land."""
     behaviour: Literal["strand", "refloat", "slide"] = "strand"
+    """What reaches the shore stays for good, refloats with a half-life, or slides along it."""
     half_life: fields.Duration | None = None
+    """Of what lies ashore, with `refloat`."""
     offing: Annotated[fields.Length, Field(gt=0, le=2000)] = 100.0
+    """How far off the shore what refloats begins again."""
 
     @model_validator(mode="after")
     def one_behaviour(self) -> "CoastTable":
@@ -144,37 +162,69 @@ class CaseTable(fields.Table):
     """The case file as written."""
 
     title: fields.Label | None = None
+    """What maps and files are called; without it the file's name."""
     start: fields.Time
+    """When the run begins, with its zone; all relative times of the case count from here."""
     duration: fields.Duration | None = None
+    """How long the run lasts; give this or `end`."""
     end: fields.Time | None = None
+    """When the run ends; before `start` in a backward run."""
     direction: Literal["forward", "backward"] = "forward"
+    """`backward` asks where something found came from: time runs from `start` to the past."""
     particles: Annotated[int, BeforeValidator(_particles)] = 100_000
+    """How many guesses of where the object is are moved; more make maps smoother and rarer things visible."""
     seed: fields.Count = 1
+    """The number from which all chance of the run follows: the same case and seed give the same bits."""
     max_lost: fields.Share = 0.2
+    """The largest share of the probability that may be lost at the edges of the forcing; more is refused."""
     output: OutputTable = OutputTable()
+    """When there are maps, of what areas, and on which grid."""
     clock: ClockTable = ClockTable()
+    """How time is stepped."""
     domain: DomainTable | None = None
+    """A box beyond which what drifts is no longer followed; without it, as far as anything can get."""
     coast: CoastTable = CoastTable()
+    """Shoreline, lakes, and what becomes of what reaches the shore."""
     depth: DepthTable | None = None
+    """Where boats of a plan have too little water."""
     current: list[SourceTable] = Field(default_factory=list)
+    """Sources of the current, in order of priority."""
     wind: list[SourceTable] = Field(default_factory=list)
+    """Sources of the wind."""
     stokes: list[SourceTable] = Field(default_factory=list)
+    """Sources of the Stokes drift."""
     uncertainty: Uncertainty = UncertaintyTable()
+    """How wrong winds and currents may be; `"none"` switches all of it off."""
     scenario: list[ScenarioTable] = Field(default_factory=list)
+    """Stories of one object, each with its weight; give these or a `[spill]`."""
     spill: SpillTable | None = None
+    """Many objects from one cause."""
     find: list[FindTable] = Field(default_factory=list)
+    """Objects of a spill that were found."""
     patrol: list[PatrolTable] = Field(default_factory=list)
+    """Patrols that walked stretches of coast."""
     patrol_unit: list[PatrolUnitTable] = Field(default_factory=list)
+    """Who can walk the shore next: `drift plan` of a spill sends them."""
     sortie: list[SortieTable] = Field(default_factory=list)
+    """Searches that found nothing, or were flown."""
     contact: list[ContactTable] = Field(default_factory=list)
+    """What was seen or heard and may be ours."""
     look: list[LookTable] = Field(default_factory=list)
+    """A sensor that looked once, at one time."""
     presence: list[PresenceTable] = Field(default_factory=list)
+    """A field that was watched over a time."""
     barrier: list[BarrierTable] = Field(default_factory=list)
+    """A line that was manned and reports who crosses it."""
     line: list[LineTable] = Field(default_factory=list)
+    """A line of which the first crossing is asked."""
     unit: list[UnitTable] = Field(default_factory=list)
+    """Who can search next: `drift plan` sends them."""
     plan: PlanTable = PlanTable()
+    """The time and the aim of the next search."""
     resampling: ResamplingTable = ResamplingTable()
+    """How particles are drawn anew after searches."""
     expect: Expect = Expect()
+    """Ranges that the tests hold the end of a shipped case against; a run takes no notice."""
 
     @field_validator("seed")
     @classmethod

@@ -33,10 +33,15 @@ class Vector(fields.Table):
     """A reported wind or current: speed with the direction it comes from or goes toward, or east and north."""
 
     speed: fields.Speed | None = None
+    """With `from` or `toward`."""
     from_: fields.Direction | None = Field(None, alias="from")
+    """Where it comes from, as winds are named."""
     toward: fields.Direction | None = None
+    """Where it goes, as currents are named."""
     east: fields.SignedSpeed | None = None
+    """Component toward the east; with `north`."""
     north: fields.SignedSpeed | None = None
+    """Component toward the north."""
 
     @model_validator(mode="after")
     def complete(self) -> "Vector":
@@ -61,13 +66,16 @@ class TimedVector(Vector):
     """A row of a table by time."""
 
     time: fields.Time
+    """When the row holds; in between, straight lines."""
 
 
 class StatedTimes(fields.Table):
     """Times in place of a file's own."""
 
     start: fields.Time
+    """Time of the first slice."""
     every: fields.Duration
+    """Time from slice to slice."""
 
     def stated(self, start: np.datetime64) -> Slices:
         """Return the record, for a case that starts at `start`."""
@@ -112,7 +120,9 @@ class SourceTable(fields.Table):
     constant: Vector | None = None
     table: list[TimedVector] | None = None
     analytic: str | None = None
+    """Name of a built-in flow: synthetic, and the maps say so."""
     parameters: Annotated[dict[str, float], BeforeValidator(_parameters)] = Field(default_factory=dict)
+    """Parameters of the built-in flow, in SI or with a unit."""
     variables: Annotated[dict[str, str] | None, BeforeValidator(_indices)] = None
     units: str | None = None
     depth: fields.Depth | None = None

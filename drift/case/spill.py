@@ -35,8 +35,11 @@ class SinkingTable(fields.Table):
     """
 
     half_life: fields.DurationRange | None = None
+    """Of a constant hazard; one value, or [lowest, highest]."""
     waterlogged: fields.DurationRange | None = None
+    """Median time until it is waterlogged and sinks."""
     spread: Annotated[float, Field(ge=1, le=20)] = 1.5
+    """Factor of one standard deviation of `waterlogged`."""
 
     @model_validator(mode="after")
     def one_law(self) -> "SinkingTable":
@@ -58,10 +61,15 @@ class KindTable(fields.Table):
     """A [[spill.class]] table as written."""
 
     name: fields.Label
+    """What tables call the class."""
     share: fields.Weight = 1.0
+    """Of the objects, beside the other classes."""
     object: Annotated[ObjectTable, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)]
+    """What drifts, as of a scenario."""
     jibe: fields.Rate | None = None
+    """As of a scenario."""
     sinking: SinkingTable | None = None
+    """How objects sink; without it they do not."""
 
     def kind(self, total: float) -> Kind:
         """Return the record; total: of all classes' shares."""
@@ -82,10 +90,15 @@ class ReportingTable(fields.Table):
     rate: Annotated[dict[str, float], BeforeValidator(_rates)] = Field(
         default_factory=lambda: {"town": 1 / DAY, "road": 0.2 / DAY, "wild": 0.02 / DAY}
     )
+    """Reports of an object lying there, by kind of shore."""
     removal: Annotated[float, BeforeValidator(fields.rate)] = 0.0
+    """Rate at which objects are buried or taken away unreported."""
     bias: Annotated[float, Field(ge=0, le=3)] = 0.0
+    """Standard deviation of the logarithm of a factor on all rates: how unsure they are."""
     coast: str = "wild"
+    """Kind of the stretches that no file names."""
     until: fields.Time | None = None
+    """Until when reports are known; without it, the last find or patrol."""
 
     @model_validator(mode="after")
     def whole(self) -> "ReportingTable":
@@ -99,7 +112,9 @@ class StretchTable(fields.Table):
     """The [spill.stretches] table as written."""
 
     length: Annotated[fields.Length, Field(ge=100, le=1_000_000)] = 10_000.0
+    """Of stretches, where no file names them."""
     file: str | None = None
+    """GeoJSON of lines or polygons with `name`, and `access`, the kind of shore."""
 
 
 def _number(value: object) -> tuple[int, int]:
@@ -122,20 +137,35 @@ class SpillTable(fields.Table):
     old_keys: ClassVar = {"scatter": "release_std", "lasting": "release_duration", "renewals": "redraws"}
 
     objects: Annotated[tuple[int, int], BeforeValidator(_number)]
+    """How many were lost, or [fewest, most]."""
     kinds: Annotated[list[KindTable], Field(min_length=1, max_length=MOST_CLASSES, alias="class")]
+    """Classes of objects, one to four."""
     position: PositionTable | None = None
+    """Where, as of a scenario."""
     area: AreaTable | None = None
+    """Or anywhere in an area."""
     trackline: TracklineTable | None = None
+    """Or somewhere on a voyage."""
     release_std: fields.Length = 0.0
+    """Standard deviation of an object's release about its world's, east and north each."""
     release_duration: Annotated[float, BeforeValidator(_release_duration)] = 0.0
+    """Over which the objects of a world go adrift."""
     worlds: fields.Count = 2000
+    """How many complete spills are simulated, each with its own unknowns."""
     per_world: fields.Count | None = None
+    """Particles of a world; without it as many as objects, 500 to 2,000."""
     destroyed: fields.ShareRange = (0.0, 0.0)
+    """Share lost at once, or a range."""
     windage_bias: Annotated[fields.Share, Field(le=1)] = 0.2
+    """Standard deviation of the logarithm of a world's factor on all leeway."""
     current_bias: fields.CurrentError | None = None  # in place of uncertainty.current.bias
+    """In place of `uncertainty.current.bias`: of each component in a world."""
     redraws: Annotated[fields.Count, Field(ge=0, le=20)] = 3
+    """How often worlds are drawn anew at most, where finds leave too few."""
     stretches: StretchTable = StretchTable()
+    """Into what the coast is divided."""
     reporting: ReportingTable = ReportingTable()
+    """How readily what lies ashore is reported."""
 
     @model_validator(mode="after")
     def whole(self) -> "SpillTable":
@@ -179,15 +209,25 @@ class FindTable(fields.Table):
     """A [[find]] table as written."""
 
     name: fields.Label | None = None
+    """What tables call it."""
     at: fields.Position | None = None
+    """Where it lay; or `stretch`."""
     stretch: str | None = None
+    """Name of the stretch it lay on."""
     time: fields.Time | None = None
+    """When it was found."""
     by_time: fields.Time | None = None
+    """Found at an unknown time, not later than this."""
     at_sea: bool = False
+    """`true` for what was found afloat."""
     radius: Annotated[fields.Length, Field(gt=0)] = 5000.0
+    """Of a find at sea: how close counts as there."""
     kind: str | None = Field(default=None, alias="class")
+    """Its class, where known."""
     by: str | None = None
+    """Name of the patrol that found it; the public without it."""
     false: fields.Share = 0.0
+    """Probability that it is none of ours."""
 
     @model_validator(mode="after")
     def placed(self) -> "FindTable":
@@ -210,10 +250,15 @@ class PatrolTable(fields.Table):
     """A [[patrol]] table as written."""
 
     name: fields.Label
+    """What finds call it by."""
     stretches: list[str] = Field(default_factory=list)
+    """Names of the stretches walked; or `between`."""
     between: Annotated[list[fields.Position], Field(min_length=2, max_length=2)] | None = None
+    """Two positions on the shore, and all between them."""
     time: fields.Time
+    """When."""
     detection: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))]
+    """Probability to find an object lying there."""
 
     @model_validator(mode="after")
     def proper(self) -> "PatrolTable":
@@ -229,13 +274,21 @@ class PatrolUnitTable(fields.Table):
     """A [[patrol_unit]] table as written."""
 
     name: fields.Label
+    """What the plan calls it."""
     length: Annotated[fields.Length, Field(gt=0)]
+    """Of shore that it walks in a day."""
     detection: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))]
+    """Probability to find an object lying there."""
     first: fields.Time
+    """Time of its first patrol; then every 24 h."""
     days: Annotated[fields.Count, Field(ge=1, le=MOST_DAYS)] = 1
+    """Number of patrols."""
     stretches: list[str] = Field(default_factory=list)
+    """Names of the stretches that it can reach; or `base`."""
     base: fields.Position | None = None
+    """Where it sets out, with `reach`; with neither it goes anywhere."""
     reach: Annotated[fields.Length, Field(gt=0)] | None = None
+    """How far from `base` its patrols may lie."""
 
     @model_validator(mode="after")
     def proper(self) -> "PatrolUnitTable":

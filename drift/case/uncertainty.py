@@ -53,7 +53,9 @@ class UncertaintyTable(fields.Table):
     current: Annotated[
         CurrentErrorTable | None, BeforeValidator(lambda value: _table(value, {"std": 0, "bias": 0}))
     ] = None
+    """The current's error, or `"none"`."""
     wind: Annotated[WindErrorTable | None, BeforeValidator(lambda value: _table(value, {"std": 0}))] = None
+    """The wind's error, or `"none"`."""
     diffusivity: fields.Diffusivity | None = None
 
 

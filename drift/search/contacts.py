@@ -3,7 +3,7 @@
 The fit is the logarithm of the probability density of what was seen, given where the object was.
 
 Contacts are Gaussian fixes, bearings, ranges and areas, each with the sensor's chance of detection by range
-(docs/search.md, "Contacts").
+(docs/searches.md, "Contacts").
 """
 
 import math

@@ -18,7 +18,7 @@ Kind = Literal["sortie", "contact", "look", "presence", "barrier", "overdue"]  #
 
 @dataclass(frozen=True)
 class Law:
-    """How likely a sweep detects what it passes (Koopman 1980, Search and Screening; docs/search.md)."""
+    """How likely a sweep detects what it passes (Koopman 1980, Search and Screening; docs/searches.md)."""
 
     kind: str = "inverse_cube"  # an entry of drift.search.laws.LAWS
     beta: float = 1.0  # m_beta: chance of detection within M = W / (2 beta)

@@ -186,7 +186,7 @@ watch = {{{{ at = [{lon}, {lat}], zones = [["0 nmi", "25 nmi", 0.83]] }}}}
 def test_a_failed_sortie_on_the_time_of_distress(tmp_path: Path) -> None:
     """A ship keeps watch in still water where a boat may have gone adrift on its voyage, and sees nothing.
 
-    What is inside its zone for a share of the watch is missed with a chance of (1 - POD) to that power: docs/search.md.
+    What is inside its zone for a share of the watch is missed with a chance of (1 - POD) to that power: docs/searches.md.
     """
     at = (179.77, 43.55)
     text = CALM.replace("0.9 kn", "0 kn").format(n=60_000) + VOYAGE.format(lon=at[0], lat=at[1]).format(weight=1)
