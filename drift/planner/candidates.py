@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.planner import availability, courses, joint, rectangle
+from drift.planner import availability, courses, joint, rectangle, swept
 from drift.planner.joint import Find
 from drift.planner.records import Tasking
 from drift.planner.rectangle import Crew, Sweeps
+from drift.planner.swept import Swept
+from drift.search import patterns
 from drift.search.records import Sortie
 from geo import polyline
 from geo.array import Array
@@ -99,13 +101,18 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     laid = rectangle.laid(crew, choice.row, flown, 0)
     spacing, length, width = (float(v[0]) for v in (flown.spacing, flown.length, flown.width))
     legs, cut = laid.pattern.legs, tuple[int, ...]()
+    searched = Swept(laid.centre, length, width, laid.turn, int(flown.legs[0]), 0, 1.0)
     start = float(legs.time[0])
     if flown.sailed[0] is not None:
         (sailed,) = rectangle.cut(crew, [laid])
         assert sailed is not None  # the same legs could be sailed before
         legs = polyline.through(start + sailed.elapsed, sailed.lon, sailed.lat, sailed.searching.tolist())
-        # Every other leg of a pattern is a cross leg, which is not counted.
-        cut = tuple(sorted({k // 2 + 1 for k in sailed.cut if k % 2 == 0}))
+        assert crew.course is not None
+        searched = swept.area(laid, sailed, length, spacing, crew.course.share)
+        # Every other leg of a pattern is a cross leg, which is not counted, nor are legs outside the area.
+        across = round(searched.width / spacing)
+        numbers = {k // 2 + 1 - searched.first for k in sailed.cut if k % 2 == 0}
+        cut = tuple(sorted(number for number in numbers if 0 < number <= across))
     end = min(start + float(flown.duration[0]), crew.available.spans[-1][1]) if crew.random else legs.time[-1]
     coverage, under_way = (
         tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in widths)
@@ -115,7 +122,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     sortie = Sortie(
         name=unit.name, kind=unit.kind, start=first, end=last, law=unit.law,
         sweep_width=unit.sweep_width, width_under_way=unit.width_under_way, shape=unit.shape, group=unit.group,
-        area=laid.pattern.area,
+        area=patterns.rectangle(searched.centre, searched.length, searched.width, searched.orientation),
         coverage=coverage if crew.random else (),
         coverage_under_way=under_way if crew.random else (), legs=None if crew.random else legs,
         speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
@@ -132,7 +139,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     home = availability.moment(math.ceil(end + way_home))
     return Tasking(
         unit=unit, round=1, sortie=sortie, takeoff=takeoff, on_scene=sortie.start, off_scene=sortie.end, home=home,
-        centre=laid.centre, length=length, width=width,
-        orientation=laid.turn, creep=(laid.turn - laid.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
-        legs=int(flown.legs[0]), pos=pos, out=ways[0], back=ways[1], cut=cut,
+        centre=searched.centre, length=searched.length, width=searched.width, orientation=searched.orientation,
+        creep=(searched.orientation - laid.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
+        legs=searched.legs, pos=pos, out=ways[0], back=ways[1], cut=cut, swept=searched.share,
     )  # fmt: skip

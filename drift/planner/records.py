@@ -22,16 +22,17 @@ class Tasking:
     off_scene: np.datetime64
     home: np.datetime64
     centre: LonLat  # [deg] of the sub-area
-    length: float  # [m] along the legs
+    length: float  # [m] along the legs; of legs cut at the coast the area is what they search
     width: float  # [m] across them
     orientation: float  # [rad] of the legs, clockwise from north
     creep: float  # [rad] direction in which the legs follow each other, clockwise from north
     spacing: float  # [m] between tracks
-    legs: int
+    legs: int  # those that are counted, which are not the cross legs between them
     pos: float  # probability that it finds the object, given that all before it in the plan failed
     out: tuple[LonLat, ...] = ()  # a boat's way by sea to where it commences [deg]; (): straight from its base
     back: tuple[LonLat, ...] = ()  # and from where its search ends
     cut: tuple[int, ...] = ()  # numbers of the legs, from 1, that are cut at the coast, or go round it
+    swept: float = 1.0  # share of the sub-area's sea that its legs search, cut as they are
 
 
 @dataclass(frozen=True)

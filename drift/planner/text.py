@@ -112,6 +112,11 @@ def chance(value: float, digits: int = 2) -> str:
     return f">{1 - 10.0**-digits:.{digits}f}" if value < 1 and float(rounded) == 1 else rounded
 
 
+def _share(value: float) -> str:
+    """Return a share in whole percent; what is not all of it is not written as 100."""
+    return "all" if value == 1 else f"{min(round(100 * value), 99)} %"
+
+
 def _up(value: float, digits: int) -> float:
     """Return a number rounded up to so many digits: a bound does not get lower by being written."""
     return float(math.ceil(round(value * 10.0**digits, 6)) / 10.0**digits)
@@ -175,7 +180,8 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
         rows.append(("Pattern", f"search of the whole area, {subareas.track_length(tasking) / NMI:.0f} nmi of track"))
     if tasking.cut:
         ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round it search nothing"
-        rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {ways}"))
+        swept = f"{subareas.track_length(tasking) / NMI:.1f} nmi search {_share(tasking.swept)} of the sea in the area"
+        rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {swept}; {ways}"))
     rows.append(("Speed", f"{unit.search_speed / KNOT:.0f} kn search, {unit.transit_speed / KNOT:.0f} kn transit"))
     if math.isfinite(unit.altitude):
         what = "Height of eye" if unit.kind == "Boat" else "Altitude"
