@@ -79,6 +79,16 @@ def too_near(choice: Choice, rows: Array, flown: Sweeps, stage: Stage) -> Array:
     return np.maximum(stage.separation - rectangle.apart(rows, flown, choice.row, choice.flown), 0.0)
 
 
+def apart(plan: Plan, stage: Stage) -> bool:
+    """Return whether all units keep apart, those that search at the same time."""
+    chosen = [choice for choice in plan if choice is not None]
+    return not any(
+        too_near(other, choice.row[None, :], choice.flown, stage)[0] > 0
+        for k, choice in enumerate(chosen)
+        for other in chosen[:k]
+    )
+
+
 def taskings(chosen: Sequence[Choice], weight: Array, nodes: Array) -> tuple[Tasking, ...]:
     """Return taskings in order of the middle of their search.
 

@@ -82,14 +82,16 @@ def plan(
     best = _as_flown(smeared, crews, executed, rng)
     tell(0.9)
     best = candidates.at_stage(best, full)
-    chosen = [choice for choice in best if choice is not None]
-    if not chosen:
+    if not any(best):
         return Proposal((), 0.0, ())
-    gain = joint.worth([choice.find for choice in chosen], nodes)
     alone = _alone(crews, coarse, executed, rng)
     ignoring = [("each unit where it alone finds most, ignoring the others", candidates.at_stage(alone, full))]
     others = [*(ignoring if len(crews) > 1 else []), *baselines.by_hand(crews, executed, full)]
-    alternatives = tuple(baselines.alternative(name, rival, gain, tracks.weight, nodes) for name, rival in others)
+    for _, rival in others:
+        best = _better(best, rival, crews, executed, full, rng)
+    chosen = [choice for choice in best if choice is not None]
+    gain = joint.worth([choice.find for choice in chosen], nodes)
+    alternatives = tuple(baselines.alternative(name, rival, gain, full) for name, rival in others)
     tell(1.0)
     return Proposal(candidates.taskings(chosen, tracks.weight, nodes), float(tracks.weight @ gain), alternatives)
 
@@ -163,6 +165,23 @@ def _as_flown(plan: Plan, crews: list[Crew], executed: Stage, rng: np.random.Gen
             if best[u] is None:
                 best = _improve(best, u, crews, executed, rng, DRAWN // 3, 3)
     return best
+
+
+def _better(plan: Plan, rival: Plan, crews: list[Crew], executed: Stage, full: Stage, rng: np.random.Generator) -> Plan:
+    """Return the better of a plan and what becomes of a rival in which units need not keep apart.
+
+    Where the rival finds more of all particles its best sorties stay, those too near to them are tasked anew, and all
+    are improved. The plan is never worse on these particles than a rival that may be flown.
+    """
+    if candidates.value(rival, full) <= candidates.value(plan, full):
+        return plan
+    kept: Plan = [None] * len(crews)
+    alone = [0.0 if choice is None else candidates.value([choice], full) for choice in rival]
+    for u in np.argsort(alone)[::-1].tolist():
+        tried: Plan = [*kept[:u], rival[u], *kept[u + 1 :]]
+        kept = tried if candidates.apart(tried, full) else kept
+    improved = candidates.at_stage(_as_flown(kept, crews, executed, rng), full)
+    return max([plan, kept, improved], key=lambda made: candidates.value(made, full))
 
 
 def _alone(crews: list[Crew], coarse: Stage, executed: Stage, rng: np.random.Generator) -> Plan:

@@ -37,12 +37,13 @@ class Tasking:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another plan, scored on the same particles and random numbers."""
+    """Another plan, scored on the particles that the plan was made on."""
 
     name: str
     value: float  # of the objective
     difference: float  # plan - alternative
     standard_error: float  # of the difference
+    apart: bool = True  # whether it keeps the separation that the plan keeps
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Plan:
     seen: float  # on the particles that it was made on; the excess over `value` is optimism
     bound: float | None  # estimated: no plan of these units, laws and times should find more of those particles
     bound_error: float  # standard error of `bound` less `value`, each of which is a mean over particles of its own
-    alternatives: tuple[Alternative, ...]
+    alternatives: tuple[Alternative, ...]  # their values are of the particles that `seen` is of
     scenarios: tuple[str, ...]
     shares: Array | None = None  # (scenarios,) probability of each before the plan; None: not known
     idle: tuple[str, ...] = ()  # units that are not sent

@@ -211,6 +211,7 @@ def numbers(plan: Plan) -> dict[str, Any]:
                 "value": other.value,
                 "difference": other.difference,
                 "standard_error": other.standard_error,
+                "keeps_separation": other.apart,
             }
             for other in plan.alternatives
         ],

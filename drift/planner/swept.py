@@ -3,6 +3,7 @@
 A leg that is left out, or ends early, would otherwise lie in an area that nobody searches and count as searched.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -38,11 +39,12 @@ def area(laid: Laid, sailed: Sailed, length: float, spacing: float, sea: Callabl
     """
     legs = len(laid.pattern.legs.lon) // 2
     lon, lat = np.radians(sailed.lon), np.radians(sailed.lat)
-    east, north = sphere.offset(*np.radians(laid.centre), lon, lat)
+    east, north = sphere.offset(math.radians(laid.centre[0]), math.radians(laid.centre[1]), lon, lat)
     sin, cos = np.sin(laid.turn), np.cos(laid.turn)
     along, across = east * sin + north * cos, east * cos - north * sin
     # Cross legs search too, but are none of the legs that a pattern is counted by.
     own = np.flatnonzero(sailed.searching & (np.abs(np.diff(along)) > np.abs(np.diff(across))))
+    own = own if own.size else np.flatnonzero(sailed.searching)  # where all legs lie on land
     middle = (across[own] + across[own + 1]) / 2
     number = np.rint(-laid.corner[1] * middle / spacing + (legs - 1) / 2).astype(int)
     ends = np.stack([along[own], along[own + 1]])

@@ -60,7 +60,7 @@ def text(
         ("NOTES", [line for note in (*notes, *_standing(plan)) for line in _fill(f"- {note}", 3, 5)]),
     ]
     if plan.alternatives:
-        rest.insert(0, ("ALTERNATIVES, on the same particles and random numbers", _alternatives(plan)))
+        rest.insert(0, ("ALTERNATIVES, all on the particles that the plan was made on", _alternatives(plan)))
     for section, (head, body) in enumerate(rest, 4):
         lines += ["", f"{section}  {head}", *body]
     return "\n".join(lines) + "\n"
@@ -76,6 +76,12 @@ def warnings(plan: Plan, synthetic: bool) -> list[str]:
             f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: "
             "it fits chance. Plan with more particles."
         )
+    lines += [
+        f"{other.name}: finds {-other.difference:.3f} +- {other.standard_error:.3f} more than this plan, of the particles "
+        f"that it was made on, but its areas come nearer than {plan.spec.separation / NMI:.3g} nmi to each other."
+        for other in plan.alternatives
+        if -other.difference > 2 * other.standard_error and not other.apart
+    ]
     return lines + rough(plan)
 
 
@@ -254,11 +260,12 @@ def _expected(plan: Plan, tasking: Tasking) -> list[str]:
 
 
 def _alternatives(plan: Plan) -> list[str]:
-    lines = []
+    lines = [f"   {plan.seen:.3f}  this plan"]
     for other in plan.alternatives:
         gap = "better" if other.difference >= 0 else "WORSE"
         by = f"{abs(other.difference):.3f} +- {other.standard_error:.3f}"
-        lines += _fill(f"{other.value:.3f}  {other.name}; the plan is {gap} by {by}", 3, 10)
+        near = "" if other.apart else f" (nearer to each other than {plan.spec.separation / NMI:.3g} nmi)"
+        lines += _fill(f"{other.value:.3f}  {other.name}{near}; the plan is {gap} by {by}", 3, 10)
     return lines
 
 
