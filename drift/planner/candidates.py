@@ -136,6 +136,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
         coverage=coverage if crew.random else (),
         coverage_under_way=under_way if crew.random else (), legs=None if crew.random else legs,
         speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
+        crossed=not crew.random and flown.sailed[0] is None,
     )  # fmt: skip
     ends = [(legs.lon[k], legs.lat[k]) for k in (0, -1)]
     ways: tuple[tuple[LonLat, ...], tuple[LonLat, ...]] = ((), ())

@@ -64,6 +64,12 @@ class Sortie:
     spacing: float = math.nan  # [m]
     width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
     coverage_under_way: tuple[float, ...] = ()  # as coverage, while it is under way
+    crossed: bool = False  # whether every other leg, from the second on, is a cross leg, which crews do not count
+
+    @property
+    def search_legs(self) -> int:
+        """Number of its legs as crews count them: those that search, without cross legs."""
+        return 0 if self.legs is None else sum(self.legs.searching[:: 1 + self.crossed])
 
 
 @dataclass(frozen=True)
