@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from geo import polyline
 from geo.array import Array
 from geo.polyline import LonLat
 from kernels import rectangles, sweeps
+
+PART = 0.2  # of a wait; what makes a smaller part of it is not told as its reason
 
 
 @dataclass(frozen=True)
@@ -89,20 +91,50 @@ def apart(plan: Plan, stage: Stage) -> bool:
     )
 
 
-def taskings(chosen: Sequence[Choice], weight: Array, nodes: Array) -> tuple[Tasking, ...]:
+def taskings(chosen: Sequence[Choice], stage: Stage) -> tuple[Tasking, ...]:
     """Return taskings in order of the middle of their search.
 
     Each POS is given that the searches before failed.
     """
     ordered = sorted(chosen, key=lambda choice: choice.find.time)
-    undetected = np.broadcast_to(nodes, ordered[0].find.chance.shape).copy()
+    undetected = np.broadcast_to(stage.nodes, ordered[0].find.chance.shape).copy()
     result = []
     for choice in ordered:
         missed = undetected * (1 - choice.find.chance)
-        before = float(weight @ undetected.sum(axis=1))
-        result.append(_tasking(choice, 1 - float(weight @ missed.sum(axis=1)) / before if before > 0 else 0.0))
+        before = float(stage.weight @ undetected.sum(axis=1))
+        pos = 1 - float(stage.weight @ missed.sum(axis=1)) / before if before > 0 else 0.0
+        result.append(replace(_tasking(choice, pos), waits=waits(choice, chosen, stage)))
         undetected = missed
     return tuple(result)
+
+
+def waits(choice: Choice, chosen: Sequence[Choice], stage: Stage) -> str:
+    """Return why a unit searches later than it could: at night it cannot, others would be too near, or else by choice."""
+    crew, start = choice.crew, float(choice.flown.start[0])
+    row = choice.row.copy()
+    row[rectangle.WAIT] = 0.0
+    spans = crew.available.spans
+    any_hour = replace(crew, available=replace(crew.available, spans=((-math.inf, spans[-1][1]),)))
+    earliest = float(rectangle.fly(any_hour, row[None, :], stage.executed).start[0])
+    at_once = rectangle.fly(crew, row[None, :], stage.executed)
+    light = float(at_once.start[0])
+    near = [
+        other.crew.unit.name
+        for other in chosen
+        if other is not choice and too_near(other, row[None, :], at_once, stage)[0] > 0
+    ]
+    if start - earliest < 1:
+        return ""
+    reasons = ["for daylight"] * (light - earliest >= PART * (start - earliest))
+    if start - light >= PART * (start - earliest):
+        night = any(light < begin - crew.zero <= start for begin, _ in spans)
+        if night and at_once.duration[0] < (1 - PART) * choice.flown.duration[0]:  # dark comes too soon
+            reasons.append("for daylight")
+        elif near:
+            reasons.append(f"to keep clear of {' and '.join(near)}")
+        else:
+            reasons.append("more is found then")
+    return ", then ".join(dict.fromkeys(reasons))
 
 
 def _tasking(choice: Choice, pos: float) -> Tasking:

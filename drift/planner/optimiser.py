@@ -93,7 +93,7 @@ def plan(
     gain = joint.worth([choice.find for choice in chosen], nodes)
     alternatives = tuple(baselines.alternative(name, rival, gain, full) for name, rival in others)
     tell(1.0)
-    return Proposal(candidates.taskings(chosen, tracks.weight, nodes), float(tracks.weight @ gain), alternatives)
+    return Proposal(candidates.taskings(chosen, full), float(tracks.weight @ gain), alternatives)
 
 
 def _crews(

@@ -33,6 +33,7 @@ class Tasking:
     back: tuple[LonLat, ...] = ()  # and from where its search ends
     cut: tuple[int, ...] = ()  # numbers of the legs, from 1, that are cut at the coast, or go round it
     swept: float = 1.0  # share of the sub-area's sea that its legs search, cut as they are
+    waits: str = ""  # why it searches later than it could, if it does
 
 
 @dataclass(frozen=True)

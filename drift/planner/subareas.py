@@ -233,6 +233,7 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
         "on_scene": tasking.on_scene,
         "off_scene": tasking.off_scene,
         "home": tasking.home,
+        "waits": tasking.waits,
         "corners": [_place(*corner) for corner in corners(tasking)],
         "centre": _place(*tasking.centre),
         "commence_search_point": _place(*begin(tasking)),

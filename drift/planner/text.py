@@ -194,9 +194,8 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
         rows.append((what, f"{unit.altitude / FOOT:.0f} ft"))
     waits = float((tasking.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
     if waits >= LONG_WAIT:
-        reasons = ["for daylight"] * unit.daylight + ["to keep clear of others"] * (plan.spec.separation > 0)
-        why = ", ".join([*reasons, "or because more is found then" if reasons else "more is found then"])
-        rows.append(("Waits", f"{waits:.1f} h after it is ready: {why}"))
+        why = f": {tasking.waits}" if tasking.waits else ""
+        rows.append(("Waits", f"{waits:.1f} h after it is ready{why}"))
     rows += [
         ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.position(*unit.base)}"),
         ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),

@@ -185,8 +185,40 @@ def test_a_unit_that_comes_when_all_is_found_finds_nothing() -> None:
     )
     stage = candidates.Stage(50, swarm, np.full(50, 0.02), np.ones(1), True, 0.0)
     rows = [np.array([300.0, -200, 0.4, math.log(5 * NMI), math.log(1.5), wait, 1, -1]) for wait in (0.0, 1800.0)]
-    made = candidates.taskings([candidates.choose(crew, row, stage) for row in rows], stage.weight, stage.nodes)
+    made = candidates.taskings([candidates.choose(crew, row, stage) for row in rows], stage)
     assert [one.pos for one in made] == [1, 0]
+
+
+def test_a_wait_is_told_with_its_own_reason() -> None:
+    """All three that might apply were told. At 180 E the sun sets at 06:17 UTC; the plan begins at 06:00."""
+    place = record.Plane(*np.radians(PLACE))
+    x, y = np.random.default_rng(6).normal(0, 3 * NMI, (2, 50))
+    swarm = rectangles.swarm(
+        np.array([0, 20 * HOUR]), x + np.zeros((2, 1)), y + np.zeros((2, 1)), np.ones((2, 50)), np.zeros(50)
+    )
+
+    stage = candidates.Stage(50, swarm, np.full(50, 0.02), np.ones(1), True, 2 * NMI)
+
+    def chosen(name: str, wait: float, daylight: bool, ready: int) -> candidates.Choice:
+        one = unit(30.0, 2, NMI, Law(), name=name, daylight=daylight, ready=BEGIN + np.timedelta64(ready, "h"))
+        can = availability.of_unit(one, spec(20), (place.lon, place.lat))
+        crew = rectangle.crew(one, can, place, float(BEGIN.astype(int)), np.ones(1))
+        row = np.array([300.0, -200, 0.4, math.log(NMI), math.log(1.5), wait, 1, -1])
+        return candidates.choose(crew, row, stage)
+
+    def told(wait: float, daylight: bool = False, other: bool = False, ready: int = 0) -> str:
+        company = [chosen("one", wait, daylight, ready), *([chosen("the helicopter", 0.0, False, 0)] * other)]
+        return next(task.waits for task in candidates.taskings(company, stage) if task.unit.name == "one")
+
+    assert told(0) == ""
+    assert told(3 * HOUR) == "more is found then"
+    assert told(3 * HOUR, other=True) == "to keep clear of the helicopter"
+    assert told(3 * HOUR, daylight=True) == "for daylight"
+    assert (
+        told(3 * HOUR, daylight=True, other=True) == "for daylight"
+    )  # the quarter of an hour until dusk is not enough
+    assert told(0, daylight=True, ready=3) == "for daylight"
+    assert told(14 * HOUR, daylight=True, ready=3) == "for daylight, then more is found then"
 
 
 def test_alive_is_worth_going_at_once() -> None:

@@ -148,6 +148,18 @@ def test_what_else_could_be_done_stands_beside_the_plan_on_the_same_particles():
     assert plan_text.warnings(chance, synthetic=False) == []
 
 
+def test_one_reason_of_a_wait_is_told():
+    plan = searches.plan()
+    first = plan.taskings[0]
+    ready = first.takeoff - np.timedelta64(3, "h")
+    plan = replace(plan, spec=replace(plan.spec, begin=ready))
+    late = replace(first, unit=replace(first.unit, ready=ready), waits="for daylight")
+    told = block(plan_text.text(replace(plan, taskings=(late,)), "Overdue boat", "run-s1"), "A-1")
+    assert line(told, "Waits").split("Waits")[1].strip() == "3.0 h after it is ready: for daylight"
+    soon = replace(late, unit=replace(first.unit, ready=first.takeoff))
+    assert "Waits" not in plan_text.text(replace(plan, taskings=(soon,)), "Overdue boat", "run-s1")
+
+
 def test_pod_is_a_table_with_whole_names():
     plan = replace(searches.plan(), scenarios=("swamped while fishing", "a", "adrift with engine failure"))
     told = block(plan_text.text(plan, "Overdue boat", "run-s1"), "A-1").split("Expected POD")[1].splitlines()

@@ -132,7 +132,7 @@ def test_a_box_that_is_half_land_is_handed_out_as_what_is_sailed() -> None:
     row = np.array([0.0, 0.0, math.radians(80), math.log(NMI), math.log(4.0), 0.0, -1.0, -1.0])
     choice = candidates.choose(crew, row, stage)
     assert choice.flown.possible[0]
-    (task,) = candidates.taskings([choice], stage.weight, stage.nodes)
+    (task,) = candidates.taskings([choice], stage)
     assert task.cut
     assert task.length < 0.8 * float(choice.flown.length[0])
     corners = np.array(subareas.corners(task))
