@@ -35,6 +35,7 @@ DRAWN = 768  # rectangles drawn at the beginning of a search
 PATIENCE = 5e-3  # share of what is found that an hour of waiting must add
 PRICES = (0.0, 0.1, 0.3, 1.0)  # prices of being too near to another unit, used one after the other
 NEAR = 0.998  # a new rectangle that saves waiting may lower the plan's worth to this share
+FILLED = 0.9  # a boat that uses less of its search time is tasked anew
 SLACK = rectangle.SHORTEST  # [s] waiting leaves at least this time for search
 CHILDREN, PARENTS = 96, 12  # rectangles in each generation
 
@@ -157,14 +158,26 @@ def _polished(plans: list[Plan], crews: list[Crew], finer: Stage, rng: np.random
 
 
 def _as_flown(plan: Plan, crews: list[Crew], executed: Stage, rng: np.random.Generator) -> Plan:
-    """Return a plan improved with its legs as flown."""
+    """Return a plan improved with its legs as flown.
+
+    Smeared out, legs are searched over land too. A boat whose legs end at the coast with time left is tasked anew.
+    """
     best = candidates.at_stage(plan, executed)
     for turn in range(2):
         for u in range(len(crews)):
             best = _settle(best, u, crews, executed, rng, 3 if turn == 0 else 2)
-            if best[u] is None:
+            if best[u] is None or (turn == 0 and _filled(best[u]) < FILLED):
                 best = _improve(best, u, crews, executed, rng, DRAWN // 3, 3)
     return best
+
+
+def _filled(choice: Choice | None) -> float:
+    """Return the share of its search time that a unit uses."""
+    if choice is None or choice.flown.sailed[0] is None:
+        return 1.0
+    crew, flown = choice.crew, choice.flown
+    _, room = crew.available.slot(crew.zero + float(flown.start[0]))
+    return float(flown.duration[0]) / float(room)
 
 
 def _better(plan: Plan, rival: Plan, crews: list[Crew], executed: Stage, full: Stage, rng: np.random.Generator) -> Plan:

@@ -12,12 +12,12 @@ import shapely
 from plans import BEGIN, NMI, PLACE
 from scipy import special
 
-from drift.planner import availability, candidates, courses, planning_tracks, rectangle, subareas, swept
+from drift.planner import availability, candidates, courses, optimiser, planning_tracks, rectangle, subareas, swept
 from drift.planner import text as plan_text
 from drift.planner.courses import Sailed
 from drift.planner.records import Plan, Tasking
 from drift.search import patterns
-from drift.search.records import Law, Unit
+from drift.search.records import Law
 from geo import sphere
 from geo.array import Array
 from kernels import rectangles
@@ -111,24 +111,53 @@ def test_the_pod_of_cut_legs_is_off_by_no_more_than_that_of_whole_ones() -> None
     assert coverage == pytest.approx(width * track / (made.length * made.width - SPACING**2), rel=1e-6)
 
 
-def test_a_box_that_is_half_land_is_handed_out_as_what_is_sailed() -> None:
-    """Land from a meridian on to the east: legs end there, and the area with them."""
-    shore = PLACE[0] + 0.03
-    land = np.array([shapely.box(shore, -43.0, shore + 2.0, -39.0)])
+SHORE = PLACE[0] + 0.03
+
+
+def boat_off_a_coast() -> rectangle.Crew:
+    """Return a boat west of land that begins at a meridian."""
+    land = np.array([shapely.box(SHORE, -43.0, SHORE + 2.0, -39.0)])
     base = (PLACE[0] - 0.2, PLACE[1])
     boat = plans.unit(
         5.0, 4.0, NMI, Law(), kind="Boat", base=base, return_to=base, transit_speed=8.0, name="boat", ready=BEGIN
     )
-    assert isinstance(boat, Unit)
     course, _ = courses.prepare(boat, lambda box: land, np.array([PLACE, (PLACE[0] - 0.5, PLACE[1] + 0.3)]))
     assert course is not None
     place = planning_tracks.Plane(*np.radians(PLACE))
     available = replace(availability.of_unit(boat, plans.spec(), (place.lon, place.lat)), way=course.arrival)
-    crew = rectangle.crew(boat, available, place, float(BEGIN.astype(int)), np.ones(1), course)
+    return rectangle.crew(boat, available, place, float(BEGIN.astype(int)), np.ones(1), course)
+
+
+def stage_of(x: Array, y: Array) -> candidates.Stage:
+    """Return particles that stand still at x, y [m]."""
+    m = len(x)
     swarm = rectangles.swarm(
-        np.array([0.0, 4 * 3600]), np.zeros((2, 8)), np.zeros((2, 8)), np.ones((2, 8)), np.zeros(8)
+        np.array([0.0, 4 * 3600]), x + np.zeros((2, 1)), y + np.zeros((2, 1)), np.ones((2, m)), np.zeros(m)
     )
-    stage = candidates.Stage(8, swarm, np.full(8, 1 / 8), np.ones(1), True, 0.0)
+    return candidates.Stage(m, swarm, np.full(m, 1 / m), np.ones(1), True, 0.0)
+
+
+def test_a_boat_whose_legs_end_ashore_with_time_left_is_tasked_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A yacht search of one leg, up to where it met the coast, POS 2 %, with 4.5 h left."""
+    monkeypatch.setattr(optimiser, "DRAWN", 192)
+    monkeypatch.setattr(optimiser, "CHILDREN", 32)
+    crew = boat_off_a_coast()
+    x, y = np.random.default_rng(12).normal(0, 5_000, (2, 800)) + np.array([[-12_000], [3_000]])
+    stage = stage_of(x, y)
+    # two legs, less than half of them at sea
+    inland = candidates.choose(crew, np.array([5_000.0, -12_000, 1.5, math.log(NMI), 2.0, 0, -1, -1]), stage)
+    assert inland.flown.possible[0]
+    assert optimiser._filled(inland) < 0.5
+    (made,) = optimiser._as_flown([inland], [crew], stage, np.random.default_rng(13))
+    assert made is not None
+    assert optimiser._filled(made) > 0.9
+    assert candidates.value([made], stage) > 0.4 > 10 * candidates.value([inland], stage)
+
+
+def test_a_box_that_is_half_land_is_handed_out_as_what_is_sailed() -> None:
+    """Land from a meridian on to the east: legs end there, and the area with them."""
+    shore, crew = SHORE, boat_off_a_coast()
+    stage = stage_of(np.zeros(8), np.zeros(8))
     row = np.array([0.0, 0.0, math.radians(80), math.log(NMI), math.log(4.0), 0.0, -1.0, -1.0])
     choice = candidates.choose(crew, row, stage)
     assert choice.flown.possible[0]
