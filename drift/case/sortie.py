@@ -207,6 +207,7 @@ class SortieTable(SensorTable):
             speed=speed,
             altitude=self.height(),
             spacing=self._given_spacing(),
+            crossed=self.actual is None and self.pattern is not None and self.pattern.kind in {"parallel", "creeping"},
         )
         return self._drifting(sortie, run)
 

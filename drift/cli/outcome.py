@@ -103,7 +103,7 @@ def plan(planned: Plan) -> Facts:
     for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True):
         facts[f"{name} {tasking.unit.name}"] = (
             f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, "
-            f"{tasking.legs} legs {tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to "
+            f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to "
             f"{group(tasking.off_scene)[:6]}Z, POS {_percent(tasking.pos)}{_at_sea(tasking)}"
         )
     if planned.idle:

@@ -45,10 +45,10 @@ def by_hand(crews: Sequence[Crew], stage: Stage, whole: Stage) -> list[tuple[str
     return [("one square round the mean position, shared out by effort", candidates.at_stage(best, whole))]
 
 
-def alternative(name: str, other_plan: Plan, gain: Array, weight: Array, nodes: Array) -> Alternative:
+def alternative(name: str, other_plan: Plan, gain: Array, stage: Stage) -> Alternative:
     """Return what another plan finds beside this one; gain: what this plan finds of each particle, (m,)."""
     finds = [choice.find for choice in other_plan if choice is not None]
-    other_gain = joint.worth(finds, nodes) if finds else np.zeros_like(gain)
-    difference = float(weight @ (gain - other_gain))
-    error = math.sqrt(float(weight**2 @ (gain - other_gain - difference) ** 2))
-    return Alternative(name, float(weight @ other_gain), difference, error)
+    other_gain = joint.worth(finds, stage.nodes) if finds else np.zeros_like(gain)
+    difference = float(stage.weight @ (gain - other_gain))
+    error = math.sqrt(float(stage.weight**2 @ (gain - other_gain - difference) ** 2))
+    return Alternative(name, float(stage.weight @ other_gain), difference, error, candidates.apart(other_plan, stage))

@@ -2,19 +2,23 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drift.planner import availability, courses, joint, rectangle
+from drift.planner import availability, courses, joint, rectangle, swept
 from drift.planner.joint import Find
 from drift.planner.records import Tasking
 from drift.planner.rectangle import Crew, Sweeps
+from drift.planner.swept import Swept
+from drift.search import patterns
 from drift.search.records import Sortie
 from geo import polyline
 from geo.array import Array
 from geo.polyline import LonLat
 from kernels import rectangles, sweeps
+
+PART = 0.2  # of a wait; what makes a smaller part of it is not told as its reason
 
 
 @dataclass(frozen=True)
@@ -77,20 +81,60 @@ def too_near(choice: Choice, rows: Array, flown: Sweeps, stage: Stage) -> Array:
     return np.maximum(stage.separation - rectangle.apart(rows, flown, choice.row, choice.flown), 0.0)
 
 
-def taskings(chosen: Sequence[Choice], weight: Array, nodes: Array) -> tuple[Tasking, ...]:
+def apart(plan: Plan, stage: Stage) -> bool:
+    """Return whether all units keep apart, those that search at the same time."""
+    chosen = [choice for choice in plan if choice is not None]
+    return not any(
+        too_near(other, choice.row[None, :], choice.flown, stage)[0] > 0
+        for k, choice in enumerate(chosen)
+        for other in chosen[:k]
+    )
+
+
+def taskings(chosen: Sequence[Choice], stage: Stage) -> tuple[Tasking, ...]:
     """Return taskings in order of the middle of their search.
 
     Each POS is given that the searches before failed.
     """
     ordered = sorted(chosen, key=lambda choice: choice.find.time)
-    undetected = np.broadcast_to(nodes, ordered[0].find.chance.shape).copy()
+    undetected = np.broadcast_to(stage.nodes, ordered[0].find.chance.shape).copy()
     result = []
     for choice in ordered:
         missed = undetected * (1 - choice.find.chance)
-        before = float(weight @ undetected.sum(axis=1))
-        result.append(_tasking(choice, 1 - float(weight @ missed.sum(axis=1)) / before if before > 0 else 0.0))
+        before = float(stage.weight @ undetected.sum(axis=1))
+        pos = 1 - float(stage.weight @ missed.sum(axis=1)) / before if before > 0 else 0.0
+        result.append(replace(_tasking(choice, pos), waits=waits(choice, chosen, stage)))
         undetected = missed
     return tuple(result)
+
+
+def waits(choice: Choice, chosen: Sequence[Choice], stage: Stage) -> str:
+    """Return why a unit searches later than it could: at night it cannot, others would be too near, or else by choice."""
+    crew, start = choice.crew, float(choice.flown.start[0])
+    row = choice.row.copy()
+    row[rectangle.WAIT] = 0.0
+    spans = crew.available.spans
+    any_hour = replace(crew, available=replace(crew.available, spans=((-math.inf, spans[-1][1]),)))
+    earliest = float(rectangle.fly(any_hour, row[None, :], stage.executed).start[0])
+    at_once = rectangle.fly(crew, row[None, :], stage.executed)
+    light = float(at_once.start[0])
+    near = [
+        other.crew.unit.name
+        for other in chosen
+        if other is not choice and too_near(other, row[None, :], at_once, stage)[0] > 0
+    ]
+    if start - earliest < 1:
+        return ""
+    reasons = ["for daylight"] * (light - earliest >= PART * (start - earliest))
+    if start - light >= PART * (start - earliest):
+        night = any(light < begin - crew.zero <= start for begin, _ in spans)
+        if night and at_once.duration[0] < (1 - PART) * choice.flown.duration[0]:  # dark comes too soon
+            reasons.append("for daylight")
+        elif near:
+            reasons.append(f"to keep clear of {' and '.join(near)}")
+        else:
+            reasons.append("more is found then")
+    return ", then ".join(dict.fromkeys(reasons))
 
 
 def _tasking(choice: Choice, pos: float) -> Tasking:
@@ -99,13 +143,18 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     laid = rectangle.laid(crew, choice.row, flown, 0)
     spacing, length, width = (float(v[0]) for v in (flown.spacing, flown.length, flown.width))
     legs, cut = laid.pattern.legs, tuple[int, ...]()
+    searched = Swept(laid.centre, length, width, laid.turn, int(flown.legs[0]), 0, 1.0)
     start = float(legs.time[0])
     if flown.sailed[0] is not None:
         (sailed,) = rectangle.cut(crew, [laid])
         assert sailed is not None  # the same legs could be sailed before
         legs = polyline.through(start + sailed.elapsed, sailed.lon, sailed.lat, sailed.searching.tolist())
-        # Every other leg of a pattern is a cross leg, which is not counted.
-        cut = tuple(sorted({k // 2 + 1 for k in sailed.cut if k % 2 == 0}))
+        assert crew.course is not None
+        searched = swept.area(laid, sailed, length, spacing, crew.course.share)
+        # Every other leg of a pattern is a cross leg, which is not counted, nor are legs outside the area.
+        across = round(searched.width / spacing)
+        numbers = {k // 2 + 1 - searched.first for k in sailed.cut if k % 2 == 0}
+        cut = tuple(sorted(number for number in numbers if 0 < number <= across))
     end = min(start + float(flown.duration[0]), crew.available.spans[-1][1]) if crew.random else legs.time[-1]
     coverage, under_way = (
         tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in widths)
@@ -115,10 +164,11 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     sortie = Sortie(
         name=unit.name, kind=unit.kind, start=first, end=last, law=unit.law,
         sweep_width=unit.sweep_width, width_under_way=unit.width_under_way, shape=unit.shape, group=unit.group,
-        area=laid.pattern.area,
+        area=patterns.rectangle(searched.centre, searched.length, searched.width, searched.orientation),
         coverage=coverage if crew.random else (),
         coverage_under_way=under_way if crew.random else (), legs=None if crew.random else legs,
-        speed=unit.search_speed, altitude=unit.altitude, spacing=spacing, planned=True,
+        speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
+        crossed=not crew.random and flown.sailed[0] is None, planned=True,
     )  # fmt: skip
     ends = [(legs.lon[k], legs.lat[k]) for k in (0, -1)]
     ways: tuple[tuple[LonLat, ...], tuple[LonLat, ...]] = ((), ())
@@ -132,7 +182,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     home = availability.moment(math.ceil(end + way_home))
     return Tasking(
         unit=unit, round=1, sortie=sortie, takeoff=takeoff, on_scene=sortie.start, off_scene=sortie.end, home=home,
-        centre=laid.centre, length=length, width=width,
-        orientation=laid.turn, creep=(laid.turn - laid.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
-        legs=int(flown.legs[0]), pos=pos, out=ways[0], back=ways[1], cut=cut,
+        centre=searched.centre, length=searched.length, width=searched.width, orientation=searched.orientation,
+        creep=(searched.orientation - laid.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
+        legs=searched.legs, pos=pos, out=ways[0], back=ways[1], cut=cut, swept=searched.share,
     )  # fmt: skip

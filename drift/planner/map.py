@@ -329,7 +329,8 @@ def _panel(figure: Figure, plan: Plan) -> None:
         say(f"{plan_text.chance(pos)}  {page.fit(scenario, 40)}")
     if plan.alternatives:
         say("", 0.3)
-        say("Instead", 1.05, "bold")
+        say("Compared, on the particles that it was made on", 1.05, "bold")
+        say(f"{plan_text.chance(plan.seen)}  this plan")
         for other in plan.alternatives:
             first, *rest = textwrap.wrap(other.name, 46) or [""]
             say(f"{plan_text.chance(other.value)}  {first}")

@@ -35,6 +35,7 @@ DRAWN = 768  # rectangles drawn at the beginning of a search
 PATIENCE = 5e-3  # share of what is found that an hour of waiting must add
 PRICES = (0.0, 0.1, 0.3, 1.0)  # prices of being too near to another unit, used one after the other
 NEAR = 0.998  # a new rectangle that saves waiting may lower the plan's worth to this share
+FILLED = 0.9  # a boat that uses less of its search time is tasked anew
 SLACK = rectangle.SHORTEST  # [s] waiting leaves at least this time for search
 CHILDREN, PARENTS = 96, 12  # rectangles in each generation
 
@@ -82,16 +83,18 @@ def plan(
     best = _as_flown(smeared, crews, executed, rng)
     tell(0.9)
     best = candidates.at_stage(best, full)
-    chosen = [choice for choice in best if choice is not None]
-    if not chosen:
+    if not any(best):
         return Proposal((), 0.0, ())
-    gain = joint.worth([choice.find for choice in chosen], nodes)
     alone = _alone(crews, coarse, executed, rng)
     ignoring = [("each unit where it alone finds most, ignoring the others", candidates.at_stage(alone, full))]
     others = [*(ignoring if len(crews) > 1 else []), *baselines.by_hand(crews, executed, full)]
-    alternatives = tuple(baselines.alternative(name, rival, gain, tracks.weight, nodes) for name, rival in others)
+    for _, rival in others:
+        best = _better(best, rival, crews, executed, full, rng)
+    chosen = [choice for choice in best if choice is not None]
+    gain = joint.worth([choice.find for choice in chosen], nodes)
+    alternatives = tuple(baselines.alternative(name, rival, gain, full) for name, rival in others)
     tell(1.0)
-    return Proposal(candidates.taskings(chosen, tracks.weight, nodes), float(tracks.weight @ gain), alternatives)
+    return Proposal(candidates.taskings(chosen, full), float(tracks.weight @ gain), alternatives)
 
 
 def _crews(
@@ -155,14 +158,43 @@ def _polished(plans: list[Plan], crews: list[Crew], finer: Stage, rng: np.random
 
 
 def _as_flown(plan: Plan, crews: list[Crew], executed: Stage, rng: np.random.Generator) -> Plan:
-    """Return a plan improved with its legs as flown."""
+    """Return a plan improved with its legs as flown.
+
+    Smeared out, legs are searched over land too. A boat whose legs end at the coast with time left is tasked anew.
+    """
     best = candidates.at_stage(plan, executed)
     for turn in range(2):
         for u in range(len(crews)):
             best = _settle(best, u, crews, executed, rng, 3 if turn == 0 else 2)
-            if best[u] is None:
+            if best[u] is None or (turn == 0 and _filled(best[u]) < FILLED):
                 best = _improve(best, u, crews, executed, rng, DRAWN // 3, 3)
     return best
+
+
+def _filled(choice: Choice | None) -> float:
+    """Return the share of its search time that a unit uses."""
+    if choice is None or choice.flown.sailed[0] is None:
+        return 1.0
+    crew, flown = choice.crew, choice.flown
+    _, room = crew.available.slot(crew.zero + float(flown.start[0]))
+    return float(flown.duration[0]) / float(room)
+
+
+def _better(plan: Plan, rival: Plan, crews: list[Crew], executed: Stage, full: Stage, rng: np.random.Generator) -> Plan:
+    """Return the better of a plan and what becomes of a rival in which units need not keep apart.
+
+    Where the rival finds more of all particles its best sorties stay, those too near to them are tasked anew, and all
+    are improved. The plan is never worse on these particles than a rival that may be flown.
+    """
+    if candidates.value(rival, full) <= candidates.value(plan, full):
+        return plan
+    kept: Plan = [None] * len(crews)
+    alone = [0.0 if choice is None else candidates.value([choice], full) for choice in rival]
+    for u in np.argsort(alone)[::-1].tolist():
+        tried: Plan = [*kept[:u], rival[u], *kept[u + 1 :]]
+        kept = tried if candidates.apart(tried, full) else kept
+    improved = candidates.at_stage(_as_flown(kept, crews, executed, rng), full)
+    return max([plan, kept, improved], key=lambda made: candidates.value(made, full))
 
 
 def _alone(crews: list[Crew], coarse: Stage, executed: Stage, rng: np.random.Generator) -> Plan:

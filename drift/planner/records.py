@@ -22,26 +22,29 @@ class Tasking:
     off_scene: np.datetime64
     home: np.datetime64
     centre: LonLat  # [deg] of the sub-area
-    length: float  # [m] along the legs
+    length: float  # [m] along the legs; of legs cut at the coast the area is what they search
     width: float  # [m] across them
     orientation: float  # [rad] of the legs, clockwise from north
     creep: float  # [rad] direction in which the legs follow each other, clockwise from north
     spacing: float  # [m] between tracks
-    legs: int
+    legs: int  # those that are counted, which are not the cross legs between them
     pos: float  # probability that it finds the object, given that all before it in the plan failed
     out: tuple[LonLat, ...] = ()  # a boat's way by sea to where it commences [deg]; (): straight from its base
     back: tuple[LonLat, ...] = ()  # and from where its search ends
     cut: tuple[int, ...] = ()  # numbers of the legs, from 1, that are cut at the coast, or go round it
+    swept: float = 1.0  # share of the sub-area's sea that its legs search, cut as they are
+    waits: str = ""  # why it searches later than it could, if it does
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another plan, scored on the same particles and random numbers."""
+    """Another plan, scored on the particles that the plan was made on."""
 
     name: str
     value: float  # of the objective
     difference: float  # plan - alternative
     standard_error: float  # of the difference
+    apart: bool = True  # whether it keeps the separation that the plan keeps
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Plan:
     seen: float  # on the particles that it was made on; the excess over `value` is optimism
     bound: float | None  # estimated: no plan of these units, laws and times should find more of those particles
     bound_error: float  # standard error of `bound` less `value`, each of which is a mean over particles of its own
-    alternatives: tuple[Alternative, ...]
+    alternatives: tuple[Alternative, ...]  # their values are of the particles that `seen` is of
     scenarios: tuple[str, ...]
     shares: Array | None = None  # (scenarios,) probability of each before the plan; None: not known
     idle: tuple[str, ...] = ()  # units that are not sent

@@ -161,21 +161,26 @@ def widths(tasking: Tasking, under_way: bool = False) -> Array:
 
 
 def coverages(tasking: Tasking, under_way: bool = False) -> Array:
-    """Return the coverage of the sub-area by scenario, W / S, as its crews would compute it."""
+    """Return the coverage of the sub-area by scenario, W / S, as its crews would compute it.
+
+    Of legs cut at the coast it is W times the track that searches over the sea in the sub-area.
+    """
     sortie = tasking.sortie
     if sortie.coverage:
         return np.array(sortie.coverage_under_way if under_way and sortie.coverage_under_way else sortie.coverage)
     width = widths(tasking, under_way)
-    return width / tasking.spacing if tasking.spacing > 0 else np.zeros(len(width))
+    return tasking.swept * width / tasking.spacing if tasking.spacing > 0 else np.zeros(len(width))
 
 
 def pods(tasking: Tasking, under_way: bool = False) -> Array:
     """Return the POD of the sub-area by scenario for an object that stays in it.
 
-    It is averaged over what is unknown of the sweep width.
+    It is averaged over what is unknown of the sweep width, and over the sub-area: where its legs are cut out nothing
+    is found. (What is seen from the ends of legs beyond their own strips is left out: it is too low by that.)
     """
     factors, chances = laws.factors(tasking.sortie.shape)
-    return np.asarray(laws.pod(tasking.sortie.law, np.outer(coverages(tasking, under_way), factors)) @ chances)
+    along = coverages(tasking, under_way) / tasking.swept
+    return np.asarray(tasking.swept * laws.pod(tasking.sortie.law, np.outer(along, factors)) @ chances)
 
 
 def degrees(angle: float) -> int:
@@ -206,6 +211,7 @@ def numbers(plan: Plan) -> dict[str, Any]:
                 "value": other.value,
                 "difference": other.difference,
                 "standard_error": other.standard_error,
+                "keeps_separation": other.apart,
             }
             for other in plan.alternatives
         ],
@@ -227,6 +233,7 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
         "on_scene": tasking.on_scene,
         "off_scene": tasking.off_scene,
         "home": tasking.home,
+        "waits": tasking.waits,
         "corners": [_place(*corner) for corner in corners(tasking)],
         "centre": _place(*tasking.centre),
         "commence_search_point": _place(*begin(tasking)),
@@ -239,6 +246,7 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
         "leg_length_nmi": leg_length(tasking) / NMI,
         "track_nmi": track_length(tasking) / NMI,
         "legs_cut": list(tasking.cut),
+        "swept": tasking.swept,
         "round_nmi": round_length(tasking) / NMI,
         "transit": [
             {"way": which, "by_sea_nmi": way / NMI, "straight_nmi": straight / NMI}

@@ -60,7 +60,7 @@ def text(
         ("NOTES", [line for note in (*notes, *_standing(plan)) for line in _fill(f"- {note}", 3, 5)]),
     ]
     if plan.alternatives:
-        rest.insert(0, ("ALTERNATIVES, on the same particles and random numbers", _alternatives(plan)))
+        rest.insert(0, ("ALTERNATIVES, all on the particles that the plan was made on", _alternatives(plan)))
     for section, (head, body) in enumerate(rest, 4):
         lines += ["", f"{section}  {head}", *body]
     return "\n".join(lines) + "\n"
@@ -76,6 +76,12 @@ def warnings(plan: Plan, synthetic: bool) -> list[str]:
             f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: "
             "it fits chance. Plan with more particles."
         )
+    lines += [
+        f"{other.name}: finds {-other.difference:.3f} +- {other.standard_error:.3f} more than this plan, of the particles "
+        f"that it was made on, but its areas come nearer than {plan.spec.separation / NMI:.3g} nmi to each other."
+        for other in plan.alternatives
+        if -other.difference > 2 * other.standard_error and not other.apart
+    ]
     return lines + rough(plan)
 
 
@@ -110,6 +116,11 @@ def chance(value: float, digits: int = 2) -> str:
     """Return a probability in so many digits; what is not certain is not written as 1."""
     rounded = f"{value:.{digits}f}"
     return f">{1 - 10.0**-digits:.{digits}f}" if value < 1 and float(rounded) == 1 else rounded
+
+
+def _share(value: float) -> str:
+    """Return a share in whole percent; what is not all of it is not written as 100."""
+    return "all" if value == 1 else f"{min(round(100 * value), 99)} %"
 
 
 def _up(value: float, digits: int) -> float:
@@ -175,16 +186,16 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
         rows.append(("Pattern", f"search of the whole area, {subareas.track_length(tasking) / NMI:.0f} nmi of track"))
     if tasking.cut:
         ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round it search nothing"
-        rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {ways}"))
+        swept = f"{subareas.track_length(tasking) / NMI:.1f} nmi search {_share(tasking.swept)} of the sea in the area"
+        rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {swept}; {ways}"))
     rows.append(("Speed", f"{unit.search_speed / KNOT:.0f} kn search, {unit.transit_speed / KNOT:.0f} kn transit"))
     if math.isfinite(unit.altitude):
         what = "Height of eye" if unit.kind == "Boat" else "Altitude"
         rows.append((what, f"{unit.altitude / FOOT:.0f} ft"))
     waits = float((tasking.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
     if waits >= LONG_WAIT:
-        reasons = ["for daylight"] * unit.daylight + ["to keep clear of others"] * (plan.spec.separation > 0)
-        why = ", ".join([*reasons, "or because more is found then" if reasons else "more is found then"])
-        rows.append(("Waits", f"{waits:.1f} h after it is ready: {why}"))
+        why = f": {tasking.waits}" if tasking.waits else ""
+        rows.append(("Waits", f"{waits:.1f} h after it is ready{why}"))
     rows += [
         ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.position(*unit.base)}"),
         ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),
@@ -248,11 +259,12 @@ def _expected(plan: Plan, tasking: Tasking) -> list[str]:
 
 
 def _alternatives(plan: Plan) -> list[str]:
-    lines = []
+    lines = [f"   {plan.seen:.3f}  this plan"]
     for other in plan.alternatives:
         gap = "better" if other.difference >= 0 else "WORSE"
         by = f"{abs(other.difference):.3f} +- {other.standard_error:.3f}"
-        lines += _fill(f"{other.value:.3f}  {other.name}; the plan is {gap} by {by}", 3, 10)
+        near = "" if other.apart else f" (nearer to each other than {plan.spec.separation / NMI:.3g} nmi)"
+        lines += _fill(f"{other.value:.3f}  {other.name}{near}; the plan is {gap} by {by}", 3, 10)
     return lines
 
 

@@ -148,7 +148,7 @@ def _field(field: Field) -> str:
 
 def _sortie(sortie: Sortie) -> str:
     """Return what a sortie searched, when, and how well."""
-    kind = "a watch" if sortie.watch else "an area" if sortie.legs is None else f"{len(sortie.legs.searching)} legs"
+    kind = "a watch" if sortie.watch else "an area" if sortie.legs is None else _legs(sortie.search_legs)
     law = sortie.law.kind.replace("_", " ")
     if sortie.watch:
         zones = zip(sortie.watch.inner, sortie.watch.outer, sortie.watch.pod, strict=True)
@@ -158,6 +158,10 @@ def _sortie(sortie: Sortie) -> str:
     else:
         how = f"{law}, W {_widths(sortie.sweep_width)}"
     return f"{kind}, {notation.group(sortie.start)} to {notation.group(sortie.end)}, {how}"
+
+
+def _legs(number: int) -> str:
+    return f"{number} leg{'s' * (number != 1)}"
 
 
 def _widths(widths: Sequence[float]) -> str:

@@ -65,11 +65,17 @@ class Sortie:
     width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
     coverage_under_way: tuple[float, ...] = ()  # as coverage, while it is under way
     planned: bool = False  # it is still to be flown
+    crossed: bool = False  # whether every other leg, from the second on, is a cross leg, which crews do not count
 
     @property
     def status(self) -> str:
         """Whether it has been flown, in a word."""
         return "planned" if self.planned else "flown"
+
+    @property
+    def search_legs(self) -> int:
+        """Number of its legs as crews count them: those that search, without cross legs."""
+        return 0 if self.legs is None else sum(self.legs.searching[:: 1 + self.crossed])
 
 
 @dataclass(frozen=True)

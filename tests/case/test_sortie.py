@@ -10,6 +10,7 @@ import pytest
 
 from drift.case import file as case_file
 from drift.case.record import Case
+from drift.preview import check
 from drift.search import patterns
 from drift.search.records import Contact, Law, Sortie, Unit
 from geo import polyline
@@ -205,6 +206,19 @@ def test_percent_completed_cuts_the_legs(tmp_path: Path) -> None:
     assert polyline.lengths(legs(sortie)).sum() == pytest.approx(SWEPT / 2, rel=1e-4)
     assert sortie.end == hour(7)
     assert sortie.area == patterns.rectangle((-88.0, 27.5), 20 * NMI, 6 * NMI, 0.0)
+
+
+def test_cross_legs_are_not_counted(tmp_path: Path) -> None:
+    """Crews are told of 6 legs by the plan; `drift check` told them of 11."""
+    legs_of = 'start = "+6 h"\n' + WIDTH + FAST
+    assert one(tmp_path, legs_of, SWEEP).search_legs == 6
+    assert check._sortie(one(tmp_path, legs_of, SWEEP)).startswith("6 legs, ")
+    assert one(tmp_path, legs_of, SWEEP.replace("parallel", "creeping")).search_legs == 20
+    assert one(tmp_path, legs_of, SWEEP, "completed = 0.5\n").search_legs == 3
+    assert one(tmp_path, legs_of, SQUARE).search_legs == 6
+    single = one(tmp_path, legs_of, SWEEP.replace("6 nmi", "1 nmi"))
+    assert check._sortie(single).startswith("1 leg, ")
+    assert one(tmp_path, WHEN, WIDTH, FAST, BOX).search_legs == 0
 
 
 def test_the_corner_at_which_it_commences(tmp_path: Path) -> None:

@@ -269,8 +269,8 @@ def plan(lon=-88.2, lat=27.8, objective="pos", rounds=1):
         0.37 if alive else 0.528,
         0.004,
         (
-            Alternative("squares of the same effort round the mean position", 0.342, 0.121, 0.003),
-            Alternative("each unit on its own best, ignoring the others", 0.421, 0.042, 0.002),
+            Alternative("squares of the same effort round the mean position", 0.350, 0.121, 0.003),
+            Alternative("each unit on its own best, ignoring the others", 0.429, 0.042, 0.002),
         ),
         NAMES,
     )  # fmt: skip

@@ -124,11 +124,12 @@ def scored(case: Case, tracks: Tracks, name: str) -> tuple[np.ndarray, Sortie]:
     x, y, turn, spacing, aspect, wait = AREAS[name]
     row = np.array([x * NMI, y * NMI, turn, np.log(spacing * NMI), aspect, wait * HOUR, 1.0, -1.0])
     swarm = optimiser._swarm(tracks, case.plan, [None] * 3, plane)
-    choice = candidates.choose(crew, row, Stage(tracks.m, swarm, tracks.weight, np.ones(1), True, 0.0))
+    stage = Stage(tracks.m, swarm, tracks.weight, np.ones(1), True, 0.0)
+    choice = candidates.choose(crew, row, stage)
     assert choice.flown.possible[0]
     found = tracks.weight * joint.worth([choice.find], np.ones(1))
     pos = np.bincount(tracks.scenario, found) / np.bincount(tracks.scenario, tracks.weight)
-    (tasking,) = candidates.taskings([choice], tracks.weight, np.ones(1))
+    (tasking,) = candidates.taskings([choice], stage)
     return pos, tasking.sortie
 
 

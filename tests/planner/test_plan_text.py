@@ -127,6 +127,39 @@ def test_one_unit_may_have_one_alternative_only():
     assert "4  ALTERNATIVES" in text
 
 
+def test_what_else_could_be_done_stands_beside_the_plan_on_the_same_particles():
+    """The plan's figure was of other particles than those of the alternatives; one that is better is warned of."""
+    plan = searches.plan()
+    text = plan_text.text(plan, "Overdue boat", "run-s1")
+    told = text.split("4  ALTERNATIVES")[1].split("\n5  ")[0]
+    assert told.splitlines()[0].endswith("all on the particles that the plan was made on")
+    assert told.splitlines()[1] == "   0.471  this plan"
+    values = [float(row.split()[0]) for row in told.splitlines() if re.match(r" +0\.\d{3}  ", row)]
+    gaps = [float(gap) for gap in re.findall(r"better\s+by (\S+)", told)]
+    assert [values[0] - value for value in values[1:]] == pytest.approx(gaps)
+    spec = replace(plan.spec, separation=2 * NMI)
+    near = replace(plan.alternatives[1], difference=-0.03, value=0.501, standard_error=0.01, apart=False)
+    better = replace(plan, spec=spec, alternatives=(plan.alternatives[0], near))
+    head, tail = plan_text.text(better, "Overdue boat", "run-s1").split("1  WORTH")
+    assert "finds 0.030 +- 0.010 more than this plan" in " ".join(head.split())
+    assert "nearer than 2 nmi to each other" in " ".join(head.split())
+    assert "the plan is WORSE by 0.030 +- 0.010" in " ".join(tail.split())
+    chance = replace(better, alternatives=(replace(near, standard_error=0.02),))
+    assert plan_text.warnings(chance, synthetic=False) == []
+
+
+def test_one_reason_of_a_wait_is_told():
+    plan = searches.plan()
+    first = plan.taskings[0]
+    ready = first.takeoff - np.timedelta64(3, "h")
+    plan = replace(plan, spec=replace(plan.spec, begin=ready))
+    late = replace(first, unit=replace(first.unit, ready=ready), waits="for daylight")
+    told = block(plan_text.text(replace(plan, taskings=(late,)), "Overdue boat", "run-s1"), "A-1")
+    assert line(told, "Waits").split("Waits")[1].strip() == "3.0 h after it is ready: for daylight"
+    soon = replace(late, unit=replace(first.unit, ready=first.takeoff))
+    assert "Waits" not in plan_text.text(replace(plan, taskings=(soon,)), "Overdue boat", "run-s1")
+
+
 def test_pod_is_a_table_with_whole_names():
     plan = replace(searches.plan(), scenarios=("swamped while fishing", "a", "adrift with engine failure"))
     told = block(plan_text.text(plan, "Overdue boat", "run-s1"), "A-1").split("Expected POD")[1].splitlines()
