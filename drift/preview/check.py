@@ -195,6 +195,13 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
     }
     for find in spill.finds:
         lines[find.name] = f"{find.kind or 'class unknown'}, {notation.group(find.time)}, by {find.by or 'the public'}"
+    if spill.finds or spill.patrols:
+        last = max(event.time for event in (*spill.finds, *spill.patrols))
+        lines["besides, none reported"] = (
+            f"until {notation.group(spill.reporting.until)} (spill.reporting.until)"
+            if spill.reporting.until is not None
+            else f"until {notation.group(last)}, the last find or patrol; say otherwise by spill.reporting.until"
+        )
     for patrol in renewal.patrols(spill, stretches):
         lines[f'patrol "{patrol["name"]}"'] = f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
     for team in spill.teams:
