@@ -17,6 +17,8 @@ from pydantic import BaseModel, ConfigDict, create_model
 import drift
 from drift.case import bridge, network, schema
 from drift.cli import grammar
+from drift.providers import catalogue
+from geo.errors import UserError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -70,7 +72,16 @@ def test_tables_are_understood(page: Path) -> None:
     """Each key of a block is one of a case, of a network or of a bridge, and what it holds is taken there."""
     for block in tables(page):
         parsed: dict[str, Any] = tomllib.loads(block.text)
-        assert any(understood(parsed, model) for model in FILES), f"{name(page)}, line {block.line}"
+        known = any(understood(parsed, model) for model in FILES) or is_catalogue(block.text)
+        assert known, f"{name(page)}, line {block.line}"
+
+
+def is_catalogue(text: str) -> bool:
+    """Return whether a block is one of providers, as `drift fetch --catalogue` takes it."""
+    try:
+        return bool(catalogue._parsed(text, "page"))
+    except UserError:
+        return False
 
 
 def understood(parsed: dict[str, Any], model: type[BaseModel]) -> bool:
