@@ -196,7 +196,7 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
     for find in spill.finds:
         lines[find.name] = f"{find.kind or 'class unknown'}, {notation.group(find.time)}, by {find.by or 'the public'}"
     if spill.finds or spill.patrols:
-        last = max(event.time for event in (*spill.finds, *spill.patrols))
+        last = max([find.time for find in spill.finds] + [patrol.time for patrol in spill.patrols])
         lines["besides, none reported"] = (
             f"until {notation.group(spill.reporting.until)} (spill.reporting.until)"
             if spill.reporting.until is not None
