@@ -233,7 +233,7 @@ def test_a_setting_that_is_not_text(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 SHORES: dict[str, tuple[str, str, str]] = {
-    "a table": ("shore.csv", "a,b\n1,2\n", "no land polygon"),
+    "a table": ("shore.csv", "a,b\n1,2\n", "cannot be read"),
     "a ring of two points": (
         "shore.geojson",
         '{"type": "Polygon", "coordinates": [[[1, 1], [2, 2]]]}',
