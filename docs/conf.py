@@ -13,7 +13,7 @@ project = "casp-drift"
 copyright = "the casp-drift contributors"
 version = release = of("casp-drift")
 
-extensions = ["myst_parser", "generate"]
+extensions = ["myst_parser", "generate.site"]
 exclude_patterns = ["generate", "generated/runs", "generated/tutorials", "generated/extra"]
 nitpicky = True
 nitpick_ignore_regex = [("py:class", ".*")]  # types of other projects, and of our own that are not public

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
-from sphinx.pycode import ModuleAnalyzer
 
 from drift.case import (
     barrier,
@@ -127,6 +126,8 @@ TYPES = {str: "text", bool: "`true` or `false`", int: "whole number", float: "nu
 
 def attributes(model: Model) -> dict[str, str]:
     """Return what the strings below the fields of a model, and of those it extends, say of its keys."""
+    from sphinx.pycode import ModuleAnalyzer  # here: the suite is collected without the extra `docs`
+
     found: dict[str, str] = {}
     for parent in reversed(model.__mro__):
         if issubclass(parent, BaseModel) and parent.__module__.startswith("drift."):
