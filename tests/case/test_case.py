@@ -510,6 +510,15 @@ def test_files_that_are_no_case(tmp_path: Path) -> None:
         case_file.load(tmp_path / "folder.toml")
 
 
+def test_a_folder_hides_no_shipped_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "overdue_boat").mkdir()
+    assert case_file.load("overdue_boat").title.startswith("Overdue boat")
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(UserError, match='no case "mine": neither a file nor a shipped case'):
+        case_file.load("mine")
+
+
 def test_shipped_cases_are_valid(monkeypatch: pytest.MonkeyPatch) -> None:
     data = DATA
     names = [name for name, title in case_file.shipped() if title]
