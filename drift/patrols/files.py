@@ -12,7 +12,7 @@ from drift.forecast import effective
 from drift.output import formats
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan, Slot, Visit
-from drift.spill import renewal
+from drift.spill import tables as washup_tables
 from drift.spill.renewal import Aftermath
 from geo import notation
 
@@ -39,7 +39,7 @@ def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bo
         head = f"{notation.group(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
         lines += ["", *_fill(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6)]
         for visit in sorted(visits, key=lambda visit: -visit.found):
-            name = renewal.stretch(after.segments, visit.segment)
+            name = washup_tables.stretch(after.segments, visit.segment)
             size = float(after.segments.length[visit.segment]) / 1000
             figures = f"{visit.found:.2g} +- {visit.error:.1g} found of {visit.lying:.2g}   {size:.1f} km   {name}"
             lines += _fill(figures, 6, 10)
@@ -140,7 +140,7 @@ def facts(plan: PatrolPlan, after: Aftermath) -> dict[str, str]:
     """Return what a terminal shows."""
     lines = {"plan": worth(plan)}
     for slot, visits in patrol_planner.by_patrol(plan):
-        names = "; ".join(renewal.stretch(after.segments, visit.segment) for visit in visits)
+        names = "; ".join(washup_tables.stretch(after.segments, visit.segment) for visit in visits)
         lines[_key(slot)] = f"{sum(visit.found for visit in visits):.2g} found: {names}"
     if plan.idle:
         lines["not sent"] = ", ".join(plan.idle)

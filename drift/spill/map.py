@@ -6,8 +6,9 @@ Colours differ by lightness alone and lines are wider for larger numbers, so tha
 is more, and sooner. Land comes from the polygons handed in; nothing is downloaded.
 """
 
+import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,9 @@ from geo.coast.segments import Segments
 WORST = 10
 LEAST = 0.01  # least probability of any arrival with which a stretch is drawn; less where hardly any has more
 DECADES = 2.5  # decades of the expected number on the colour scale
+LETTERS = 210  # of a line of warnings
+MOST_WARNED = 6  # lines of warnings
+LINE = 0.0125  # height of a further line of warnings, as a share of the figure
 ROW = 0.032  # height of a row of warnings over the maps, as a share of the figure
 SHEET = Sheet(
     13.0, 9.4, 140, left=0.03, title=sheet.heading(0.966, 15, 95), lines=(Row(0.939, 11.5), Row(0.9155, 9)),
@@ -108,18 +112,22 @@ def draw(
     finds: Sequence[Mark] = (),
     patrols: Patrols = NO_PATROLS,
     warning: str | None = None,
+    silence: str | None = None,
 ) -> None:
     """Draw a washup (see drift.spill.washup.build) at its last output time.
 
     setting: its marks are where the objects were released. finds: where objects were found, each labelled by its
     number; the figures are then of the objects not yet found. patrols: drawn beside the coast, the last of them with
-    name, day, time and detection. warning: printed on the page, in red.
+    name, day, time and detection. warning: printed on the page, in red. silence: what is taken for granted about what was
+    not found, at the foot.
     """
-    on = sheet.begin(SHEET)
+    warned = textwrap.wrap(warning, LETTERS)[:MOST_WARNED] if warning else []
+    lower = LINE * max(len(warned) - 1, 0)
+    on = sheet.begin(replace(SHEET, rough=Badge(0.0325, 0.878 - ROW - lower)))
     near = patrols.near and any(patrol.segments for patrol in patrols.all)
     shown = _shown(data, segments, {int(k) for patrol in patrols.all for k in patrol.segments} if near else None)
     count = _count(data)
-    height = MAP[1] - ROW * count.few
+    height = MAP[1] - ROW * count.few - lower
     walked = [[part for k in patrol.segments for part in _parts(segments, k)] for patrol in patrols.all]
     frame = _extent(segments, shown, setting.marks, walked, MAP[0] * SHEET.width / (height * SHEET.height), near)
     land = chart.land_path(frame, setting.polygons(frame.box()), 1000)
@@ -153,8 +161,10 @@ def draw(
     _words(on, data, setting.imprint, len(finds))
     if count.few:
         sheet.rough(on, effective.banner(count, "numbers, ranges and times are rough"))
-    if warning:
-        sheet.say(on, sheet.warning(0.879, 7.5, 210, "center"), warning)
+    for k, line in enumerate(warned):
+        sheet.say(on, sheet.warning(0.879 - LINE * k, 7.5, LETTERS, "center"), line)
+    if silence:
+        sheet.say(on, sheet.small(0.0245, 7.5, 230), f"Taken for granted: {silence}")
     sheet.end(on, path, setting.imprint)
 
 
@@ -363,7 +373,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
         (-0.025, "right", "Middle", middle),
         (0.0, "left", "When, day and time UTC", []),
         (1.125, "right", "Expected", [labels.number(v) for v in at["expected"].values[-1]]),
-        (1.225, "right", "± error", [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]]),
+        (1.225, "right", "± MC error", [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]]),
         (
             1.40,
             "right",
@@ -410,7 +420,8 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
         0.7,
         0.044,
         "Times: of the simulated spills in which any arrives there.\n"
-        "± error: standard error. Stretches that any object reaches\n"
+        "± MC error: Monte Carlo error of the mean, no spread: that is\n"
+        "10 - 90 %. Stretches that any object reaches\n"
         f"with under {100 * LEAST:g} % are not drawn, unless few have more.",
         fontsize=7.5,
         color=GREY,

@@ -68,6 +68,12 @@ def called(number: int, name: str, place: str) -> str:
     return f"stretch {number}, {name}" if name == place else name
 
 
+def stretch(segments: Segments, number: int) -> str:
+    """Return what a stretch of the coast is called."""
+    place = notation.position(float(segments.lon[number]), float(segments.lat[number])) or ""
+    return called(number, segments.name[number], place)
+
+
 def times(data: xr.Dataset, run: str) -> str:
     """Return the stretches that anything has come to at each output time, worst first, as CSV."""
     rows: list[list[Any]] = []
