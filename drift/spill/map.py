@@ -39,7 +39,7 @@ from geo.coast.segments import Segments
 WORST = 10
 LEAST = 0.01  # least probability of any arrival with which a stretch is drawn; less where hardly any has more
 DECADES = 2.5  # decades of the expected number on the colour scale
-LETTERS = 210  # of a line of warnings
+LETTERS = 170  # of a line of warnings
 MOST_WARNED = 6  # lines of warnings
 LINE = 0.0125  # height of a further line of warnings, as a share of the figure
 ROW = 0.032  # height of a row of warnings over the maps, as a share of the figure
@@ -129,7 +129,9 @@ def draw(
     count = _count(data)
     height = MAP[1] - ROW * count.few - lower
     walked = [[part for k in patrol.segments for part in _parts(segments, k)] for patrol in patrols.all]
-    frame = _extent(segments, shown, setting.marks, walked, MAP[0] * SHEET.width / (height * SHEET.height), near)
+    frame = _extent(
+        segments, shown, [*setting.marks, *finds], walked, MAP[0] * SHEET.width / (height * SHEET.height), near
+    )
     land = chart.land_path(frame, setting.polygons(frame.box()), 1000)
     numbers, times = _scales(shown)
     norm, when = LogNorm(*numbers, clip=True), Normalize(*times)
@@ -372,13 +374,18 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
         (-0.635, "left", "Stretch", names),
         (-0.025, "right", "Middle", middle),
         (0.0, "left", "When, day and time UTC", []),
-        (1.125, "right", "Expected", [labels.number(v) for v in at["expected"].values[-1]]),
-        (1.225, "right", "± MC error", [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]]),
         (
-            1.40,
+            1.145,
             "right",
             "10 - 50 - 90 %",
             [" - ".join(f"{v:,.0f}" for v in row) for row in at["number"].values[:, -1].T],
+        ),
+        (1.245, "right", "Expected", [labels.number(v) for v in at["expected"].values[-1]]),
+        (
+            1.385,
+            "right",
+            "± MC error",
+            [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]],
         ),
         (1.56, "right", "At least one", [labels.percent(v) for v in at["probability"].values[-1]]),
         (1.72, "right", "Ever arrived", [labels.number(v) for v in at["arrived"].values[-1]]),
@@ -419,10 +426,9 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     figure.text(
         0.7,
         0.044,
-        "Times: of the simulated spills in which any arrives there.\n"
-        "± MC error: Monte Carlo error of the mean, no spread: that is\n"
-        "10 - 90 %. Stretches that any object reaches\n"
-        f"with under {100 * LEAST:g} % are not drawn, unless few have more.",
+        "Times: of the simulated spills in which any arrives there. MC\n"
+        "error: Monte Carlo error of the expected number, no range.\n"
+        f"Not drawn: what any object reaches with under {100 * LEAST:g} %, but of few.",
         fontsize=7.5,
         color=GREY,
         va="center",

@@ -112,10 +112,7 @@ def silence(period: Period, spill: Spill, until: float) -> str | None:
     time = period.start + np.timedelta64(round(until), "s")
     which = "spill.reporting.until" if spill.reporting.until is not None else "the last find or patrol"
     what = "nothing besides these finds was reported" if spill.finds else "nothing was found or reported"
-    return (
-        f"{what} up to {notation.group(time)} ({which}): that silence is evidence, and lowers what is thought to lie where "
-        "people report and patrols went"
-    )
+    return f"{what} up to {notation.group(time)} ({which}): that silence is evidence too"
 
 
 def percent(share: float) -> str:
