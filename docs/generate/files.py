@@ -39,7 +39,7 @@ CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and
     ),
     "Plans of a search": ("`drift plan`.", (*planner.FILES, *planner.PICTURES, "plan-A-1.png")),
     "Spills": ("Where a case has a `[spill]`.", (*spill.FILES, *spill.FIND_FILES, *spill.PICTURES)),
-    "Plans of patrols": ("`drift plan` of a spill.", (*patrols.FILES, *patrols.PICTURES)),
+    "Plans of patrols": ("`drift plan` of a spill.", (*patrols.FILES, *patrols.LEFT_OUT_FILES, *patrols.PICTURES)),
     "Origins": ("`drift origin`.", (*backtrack.FILES, *backtrack.PICTURES)),
     "Comparisons": ("`drift compare`.", (*contrast.FILES, *contrast.PICTURES)),
     "Verifications": ("`drift verify`.", (*drifters.FILES, *drifters.PICTURES)),
@@ -50,7 +50,7 @@ WHERE = {  # the run whose file is looked at
     "washup.nc": "gulf_containers", "washup.csv": "gulf_containers", "washup_times.csv": "gulf_containers",
     "totals.csv": "gulf_containers", "finds.csv": "gulf_containers", "unknowns.csv": "gulf_containers",
     "origin.nc": "small-origin", "origin.csv": "small-origin",
-    "patrols.csv": "small-patrols", "compare.nc": "small-compare", "compare.csv": "small-compare", "verify.nc": "small-verify", "verify.csv": "small-verify",
+    "patrols.csv": "small-patrols", "patrols_left_out.csv": "small-patrols", "compare.nc": "small-compare", "compare.csv": "small-compare", "verify.nc": "small-verify", "verify.csv": "small-verify",
 }  # fmt: skip
 EXTENT = re.compile(r"geospatial_|time_coverage_|Conventions|keywords|standard_name_vocabulary")
 
