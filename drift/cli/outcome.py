@@ -16,6 +16,7 @@ from geo.notation import NMI, group, position
 
 WORTH_A_WARNING = 0.01  # share of the probability lost from which a line says so
 WORST = 5  # stretches of coast that are listed
+DENSEST = 3  # of those with most objects per km
 
 TIMES = ("time", "time_10", "time_50", "time_90")  # in the summary of an origin
 
@@ -199,6 +200,12 @@ def spill(numbers: dict[str, Any]) -> Facts:
         facts[f"{place['rank']} {name}"] = (
             f"{place['number_10']:.0f} to {place['number_90']:.0f} ashore (10 to 90 %), {place['expected']:.1f} on average, "
             f"at least one {_percent(place['probability'])}, the first about {_group(place['first_50'])}"
+            f"{_near(place)}"
+        )
+    if dense := washup["densest_stretches"][:DENSEST]:
+        facts["most per km"] = "; ".join(
+            f"{washup_tables.called(place['segment'], place['name'], place['position'])} ({place['expected_per_km']:.2g} a km)"
+            for place in dense
         )
     for find in washup["finds"]:
         odd = "; ODD, check it" if find["odd"] else ""
@@ -222,6 +229,15 @@ def spill(numbers: dict[str, Any]) -> Facts:
     for number, note in enumerate(washup["notes"], 1):
         facts[f"note {number}"] = note
     return facts | _lost(numbers)
+
+
+def _near(place: dict[str, Any]) -> str:
+    """Return the nearest town of a stretch that has no name of its own."""
+    return (
+        f", {place['near_km']:.0f} km from {place['near']}"
+        if place["near"] and place["position"] in place["name"]
+        else ""
+    )
 
 
 def _number(figure: dict[str, float]) -> str:

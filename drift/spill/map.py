@@ -26,7 +26,7 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
 from drift.forecast import effective, layers
-from drift.maps import chart, labels, page, sheet
+from drift.maps import chart, gazetteer, labels, page, sheet
 from drift.maps.chart import GREY, INK, Frame
 from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
@@ -363,12 +363,13 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
     """Write each stretch's rank, name and place left of the chart, and its figures right of it."""
     place = ax.get_yaxis_transform()
     middle = [notation.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)]
+    towns = gazetteer.nearest(at["lon"].values, at["lat"].values)
     names = []
     for i, name in enumerate(map(str, at["name"].values)):
         unnamed = middle[i] in name  # the name of a stretch without one is its place
-        names.append(
-            f"stretch {at['segment'].values[i]}" if name == middle[i] else page.fit(name, 44 if unnamed else 27)
-        )
+        town = f", {towns[i][0]}" if towns[i][0] else ""
+        near = page.fit(f"stretch {at['segment'].values[i]}{town}", 27)
+        names.append(near if name == middle[i] else page.fit(name, 44 if unnamed else 27))
         middle[i] = "" if unnamed and name != middle[i] else middle[i]
     columns: list[tuple[float, str, str, list[str]]] = [
         (-0.635, "left", "Stretch", names),
@@ -388,7 +389,12 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
             [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]],
         ),
         (1.56, "right", "At least one", [labels.percent(v) for v in at["probability"].values[-1]]),
-        (1.72, "right", "Ever arrived", [labels.number(v) for v in at["arrived"].values[-1]]),
+        (
+            1.72,
+            "right",
+            "Ever, unfound" if at["total"].sel(fate="found").values[-1] > 0 else "Ever arrived",
+            [labels.number(v) for v in at["arrived"].values[-1]],
+        ),
     ]
     for x, side, head, texts in columns:
         ax.text(x, -0.85, head, transform=place, ha=side, va="bottom", fontsize=8, color=GREY)

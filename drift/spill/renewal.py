@@ -36,6 +36,7 @@ NARROWING = (
 )
 ENOUGH = 10.0  # least effective worlds per latent from which a proposal is made
 WORST = 10  # stretches in the summary
+SOME = 0.1  # objects, least expected on a stretch that is ranked by its number per km in the summary: a rock with few is none
 REALISATIONS = 4  # most complete spills that are drawn in every world
 
 
@@ -195,7 +196,8 @@ def numbers(after: Aftermath) -> dict[str, Any]:
     data, spill = after.washup, after.spill
     end = data.isel(time=-1)
     columns = washup_tables.records(data)
-    worst = list(zip(*(list(column)[:WORST] for column in columns.values()), strict=True))
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    dense = sorted((row for row in rows if row["expected"] >= SOME), key=lambda row: row["rank_per_km"])
     return {
         "spill": {
             "objects": list(spill.objects),
@@ -217,7 +219,8 @@ def numbers(after: Aftermath) -> dict[str, Any]:
                 }
                 for k, fate in enumerate(data["fate"].values)
             },
-            "worst_stretches": [dict(zip(columns, row, strict=True)) for row in worst],
+            "worst_stretches": rows[:WORST],
+            "densest_stretches": dense[:WORST],
             "patrols": patrols(spill, after.segments),
             "silence": silence(after),
             "finds": told(after),

@@ -9,7 +9,7 @@ from drift.report.leaves import Leaf
 TOLD = [
     ("name", "Stretch", "words"), ("access", "Access", "words"), ("number_10", "Objects at the end: 10 % chance of at most", "number"),
     ("number_90", "90 % chance of at most", "number"), ("expected", "On average", "number"), ("expected_se", "± (Monte Carlo error of the average)", "number"),
-    ("ever", "Any ever", "share"),
+    ("ever", "Any ever, of those not found", "share"),
     ("first_50", "First arrival, median", "time"),
 ]  # fmt: skip
 
@@ -40,9 +40,13 @@ def of(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
         *quiet,
         leaves.table(
             "Washup by stretch, at the end",
-            [("rank", "Rank", "count"), ("position", "Position", "words"), *TOLD, ("length_km", "Length, km", "number")],
+            [
+                ("rank", "Rank", "count"), ("rank_per_km", "Rank per km", "count"), ("position", "Position", "words"), ("near", "Nearest town", "words"),
+                *TOLD, ("length_km", "Length, km", "number"), ("expected_per_km", "On average per km", "number"),
+            ],
             file="washup.csv",
-            note="Worst first.",
+            note="Worst first, by the average number; a long stretch gets much for its length alone: beside it stands the rank by the number per km."
+            + (" All numbers are of objects not yet found." if finds else ""),
         ),
         leaves.table(
             "Account of all objects",

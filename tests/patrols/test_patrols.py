@@ -220,7 +220,10 @@ def test_what_is_longer_than_a_teams_day_is_told(tmp_path: Path, monkeypatch) ->
     from matplotlib.figure import Figure
 
     case = case_of(tmp_path, duration="3 d", worlds=100)
-    line = {"type": "LineString", "coordinates": [[0, -0.15], [0, 0.15]]}  # 33.4 km and the ends of edges, where most comes ashore
+    line = {
+        "type": "LineString",
+        "coordinates": [[0, -0.15], [0, 0.15]],
+    }  # 33.4 km and the ends of edges, where most comes ashore
     feature = {"type": "Feature", "properties": {"name": "Long beach"}, "geometry": line}
     (tmp_path / "beaches.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
     text = case.path.read_text().replace('stretches.length = "10 km"', 'stretches = { file = "beaches.geojson" }')

@@ -114,3 +114,42 @@ def test_a_range_is_told_before_the_mean_and_its_own_error(told) -> None:
         f"{low:.0f} to {high:.0f} objects (10 to 90 %), {mean:.1f} on average (Monte Carlo error of that mean {error:.2g})"
     )
     assert np.isclose(result.summary["spill"]["totals"]["ashore"]["number_90"], high)
+
+
+def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
+    """Off the Gulf of Guinea nothing is near but what lies within 100 km: by the great circle, the list's nearest."""
+    from drift.maps import gazetteer
+    from geo import sphere
+
+    _, folder = told
+    with open(folder / "washup.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        dense = float(row["expected"]) / float(row["length_km"])
+        assert float(row["expected_per_km"]) == pytest.approx(dense, rel=2e-5, abs=1e-9)
+        assert row["near"] == row["near_km"] == ""  # 0 N, 0 E: the nearest town is 600 km off
+    ranks = [int(row["rank_per_km"]) for row in sorted(rows, key=lambda row: -float(row["expected_per_km"]))]
+    assert ranks == list(range(1, len(rows) + 1))
+    names, lons, lats, _, _ = gazetteer._all()
+    rng = np.random.default_rng(4)
+    lon, lat = rng.uniform(-10, 6, 40), rng.uniform(36, 60, 40)
+    for x, y, (name, away) in zip(lon, lat, gazetteer.nearest(lon, lat), strict=True):
+        a, b, east = np.radians(y), np.radians(lats), np.radians(lons - x)
+        cos = np.sin(a) * np.sin(b) + np.cos(a) * np.cos(b) * np.cos(east)
+        distance = sphere.RADIUS * np.arccos(np.clip(cos, -1, 1))
+        k = int(np.argmin(distance))
+        assert away == pytest.approx(distance[k], abs=1.0)
+        assert name == (names[k] if distance[k] <= gazetteer.FARTHEST else "")
+
+
+def test_finds_and_washup_go_along_to_other_programs(told, tmp_path: Path) -> None:
+    _, folder = told
+    (kml,) = (path for path in drift.export(folder, "kml", tmp_path / "kml") if path.suffix == ".kml")
+    text = kml.read_text()
+    assert "<name>find 2 stray (odd)</name>" in text
+    assert "<name>find 1 one</name>" in text
+    assert "<name>Coast</name>" in text
+    pytest.importorskip("rasterio")
+    names = {path.name for path in drift.export(folder, "geotiff", tmp_path / "tif", times=["+72 h"])}
+    assert "washup.geojson" in names
+    assert (tmp_path / "tif" / "washup.geojson").read_bytes() == (folder / "washup.geojson").read_bytes()
